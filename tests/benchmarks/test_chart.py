@@ -172,7 +172,7 @@ def test_the_sentence_names_who_is_quicker_and_who_never_comes_to_it():
     ],
 )
 def test_a_grid_is_refined_until_it_bends_up_or_is_fine(errors, tried):
-    method = Method("m", "m", "", "", singles(*range(len(errors))), lambda setting: lambda: setting[0])
+    method = Method("m", "m", lambda setting: lambda: setting[0], "", "", singles(*range(len(errors))))
     stage = Stage("s", "", "", "", (method,), lambda m, s, r: Judged(errors[int(r)]), goals=(1e-6,))
     assert len(rows_of(stage, Effort(1, 1.0, 99))) == tried
 

@@ -172,10 +172,7 @@ class ExactMotion:
 
     def law(self, t: Decimal, order: int = 0) -> Decimal:
         """s or its derivative [1/s^order]."""
-        return sum(
-            (c * _slope(t, k, order) for k, c in enumerate(self.powers)),
-            Decimal(0),
-        )
+        return sum((c * _slope(t, k, order) for k, c in enumerate(self.powers)), Decimal(0))
 
     def platform(self, times: Iterable[float]) -> Array:
         """Payload (T, 2) [m] at times (T,) [s]."""
@@ -196,8 +193,7 @@ class ExactMotion:
             return self._torque(t + BESIDE)
         way = on_line(s, 1)
         found = motor_torques(
-            load(on_line(s), _sum((ds, way)), _sum((dds, way)), self.mass, self.payload),
-            self.mass,
+            load(on_line(s), _sum((ds, way)), _sum((dds, way)), self.mass, self.payload), self.mass
         )
         return float(found[0]), float(found[1])
 

@@ -217,38 +217,22 @@ def _reach(rows: Sequence[Row]) -> float | None:
 
 _GIVEN = "exact derivatives"
 _BARE = "equations by pinocchio and numpy alone (chart/bare.py), pose by pose"
+_declared = partial(Method, given=_GIVEN, unit="iterations", settings=ITERATIONS)
 STAGE = Stage(
     name="closing",
     title="Closing the loops, platform given",
     reference="closed form of the 5R in fifty digits (chart/closed_form.py)",
     error="largest error of the cranks  [rad]",
     methods=(
-        Method(
-            "stacked_newton",
-            "ours, Newton on all poses at once",
-            _GIVEN,
-            "iterations",
-            ITERATIONS,
-            _ours,
-            "ours",
-        ),
-        Method(
-            "newton",
-            "Newton, Pinocchio pose by pose",
-            _GIVEN,
-            "iterations",
-            ITERATIONS,
-            _one_by_one(newton),
-            source=_BARE,
-        ),
+        _declared("stacked_newton", "ours, Newton on all poses at once", _ours, kind="ours"),
+        _declared("newton", "Newton, Pinocchio pose by pose", _one_by_one(newton), source=_BARE),
         *(
-            Method(
+            _declared(
                 f"scipy_{name}",
                 f"scipy {words}",
-                _GIVEN,
-                "tolerance",
-                TOLERANCES,
                 _one_by_one(solver),
+                unit="tolerance",
+                settings=TOLERANCES,
                 source=_BARE,
             )
             for name, words, solver in (
@@ -257,8 +241,14 @@ STAGE = Stage(
                 ("trf", "least squares, trust region", scipy_least_squares),
             )
         ),
-        Method(
-            "formula", "the robot's own formula", "nothing", "evaluations", singles(1), _formula, "frontier"
+        _declared(
+            "formula",
+            "the robot's own formula",
+            _formula,
+            given="nothing",
+            unit="evaluations",
+            settings=singles(1),
+            kind="frontier",
         ),
     ),
     judge=judge,

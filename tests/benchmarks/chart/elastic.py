@@ -165,40 +165,23 @@ def _remark(rows: Sequence[Row]) -> str:
 
 
 _GIVEN = "law through the deformed robot's point"
+_declared = partial(Method, given="path, duration, time, speed", unit="stiffness", settings=SCALES)
 STAGE = Stage(
     name="elastic",
     title="Deflections of the deformed robot",
     reference="two equations in two unknowns at each instant, fifty digits (chart/elastic_form.py)",
     error="largest error of the rods over their largest",
     methods=(
-        Method(
-            "planned",
-            "ours, planned and proved",
-            "path, duration, time, speed",
-            "stiffness",
-            SCALES,
-            partial(_planned, geometry="deformed"),
-            "ours",
-        ),
-        Method(
-            "small",
-            "ours, small displacements",
-            "path, duration, time, speed",
-            "stiffness",
-            SCALES,
-            partial(_planned, geometry="rigid"),
-            "ours",
-        ),
-        Method("repeated", "plain repetition", _GIVEN, "stiffness", SCALES, partial(_repeated, moved=True)),
-        Method(
+        _declared("planned", "ours, planned and proved", partial(_planned, geometry="deformed"), kind="ours"),
+        _declared("small", "ours, small displacements", partial(_planned, geometry="rigid"), kind="ours"),
+        _declared("repeated", "plain repetition", partial(_repeated, moved=True), given=_GIVEN),
+        _declared(
             "rigid_point",
             "plain repetition, rigid point",
-            "law through the rigid point",
-            "stiffness",
-            SCALES,
             partial(_repeated, moved=False),
+            given="law through the rigid point",
         ),
-        Method("differences", f"finite differences, {FEW} passes", _GIVEN, "stiffness", SCALES, _differences),
+        _declared("differences", f"finite differences, {FEW} passes", _differences, given=_GIVEN),
     ),
     judge=judge,
     remark=_remark,

@@ -146,8 +146,10 @@ def methods(cells: tuple[Setting, ...], unit: str, variant_of: VariantOf) -> tup
             variant = variant_of(setting)
             return lambda: run(variant)
 
-        kind = "ours" if name in ("planned", "simulated") else "peer"
-        return Method(name, label, given, unit, cells, prepare, kind, source, package or None)  # type: ignore[arg-type]
+        ours = name in ("planned", "simulated")
+        return Method(
+            name, label, prepare, given, unit, cells, "ours" if ours else "peer", source, package or None
+        )
 
     rk4 = _integrated(integrators.contact_runge_kutta)
     dop853 = _integrated(integrators.scipy_contacts, "DOP853", tolerance=TOLERANCE)

@@ -90,12 +90,12 @@ def _row(
     return Method(
         f"squeezer_{name}" if squeezer else name,
         label,
-        _TORQUES,
-        unit,
-        settings,
         lambda setting: made(case(), *options)(setting[0]),
-        kind,
-        source,
+        given=_TORQUES,
+        unit=unit,
+        settings=settings,
+        kind=kind,
+        source=source,
         panel=SQUEEZER if squeezer else CROSSING,
     )
 
@@ -187,25 +187,25 @@ METHODS = (
     Method(
         "mujoco",
         "MuJoCo, RK4",
-        _TORQUES,
-        "step [s]",
-        singles(2e-2, 1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4, 5e-5),
         _simulator("mujoco_forward"),
+        given=_TORQUES,
+        unit="step [s]",
+        settings=singles(2e-2, 1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4, 5e-5),
+        source="rollout, solref of two steps and the hardest solimp, control callback from a table",
         package="mujoco",
         panel=CROSSING,
-        source="rollout, solref of two steps and the hardest solimp, control callback from a table",
     ),
     *(
         Method(
             f"exudyn_{name}",
             f"Exudyn, {words}",
-            _TORQUES,
-            "step [s]",
-            singles(2e-2, 1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4, 5e-5),
             _simulator("exudyn_five_bar", solver=solver),
+            given=_TORQUES,
+            unit="step [s]",
+            settings=singles(2e-2, 1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4, 5e-5),
+            source="redundant coordinates, modified Newton to 1e-10, loads from a table",
             package="exudyn",
             panel=CROSSING,
-            source="redundant coordinates, modified Newton to 1e-10, loads from a table",
         )
         for name, words, solver in (
             ("alpha", "generalised alpha", "GeneralizedAlpha"),

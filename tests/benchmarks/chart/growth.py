@@ -216,21 +216,15 @@ def _growth(rows: Sequence[Row], panel: str) -> str:
 
 
 ROWS, TURNS = "Loops, row of four-bars", "Crossings, 3-RPR"
-_LAW, _TO = "path followed; s, s', s\" exact", f"to {GOAL:.0e}"
+_LAW = "path followed; s, s', s\" exact"
 
 
 def _method(name: str, label: str, prepare: Any, *, given: str = _LAW, source: str = "") -> Method:
-    is_row = name.startswith("loops")
+    unit, settings, panel = (
+        ("loops", LOOPS, ROWS) if name.startswith("loops") else ("crossings", CROSSINGS, TURNS)
+    )
     return Method(
-        name,
-        label,
-        given,
-        "loops" if is_row else "crossings",
-        LOOPS if is_row else CROSSINGS,
-        prepare,
-        "peer" if source else "ours",
-        source,
-        panel=ROWS if is_row else TURNS,
+        name, label, prepare, given, unit, settings, "peer" if source else "ours", source, panel=panel
     )
 
 

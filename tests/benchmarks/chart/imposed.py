@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from decimal import Decimal, localcontext
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 
@@ -114,40 +114,32 @@ def _cut(law: MotionLaw, times: Array) -> Array:
 
 _GIVEN = "path followed; s, s', s\" exact"
 _UNIT = "offset, step [s]"
+_declared = partial(Method, given=_GIVEN, unit=_UNIT, settings=CELLS)
 STAGE = Stage(
     name="imposed",
     title="Distance to Type 2, and the step",
     reference="closed form of the 5R in fifty digits (chart/closed_form.py)",
     error="largest error over the largest torque",
     methods=(
-        Method("proved", "ours, proved", "path and law", _UNIT, PROVED, _proved, "ours"),
-        Method(
+        _declared("proved", "ours, proved", _proved, given="path and law", settings=PROVED, kind="ours"),
+        _declared(
             "nodes",
             "ours, nodes, not proved",
-            _GIVEN,
-            _UNIT,
-            tuple((offset, step) for step in MEAN_STEPS for offset in OFFSETS),
             _nodes,
-            "ours",
+            settings=tuple((offset, step) for step in MEAN_STEPS for offset in OFFSETS),
+            kind="ours",
         ),
-        Method("table", "pointwise", _GIVEN, _UNIT, CELLS, _tabulated(_direct), source="splines of degree 9"),
-        Method(
-            "pseudo_inverse",
-            f"pseudo-inverse, cut {CUT:.0e}",
-            _GIVEN,
-            _UNIT,
-            CELLS,
-            _tabulated(_cut),
-            source="splines of degree 9",
+        _declared("table", "pointwise", _tabulated(_direct), source="splines of degree 9"),
+        _declared(
+            "pseudo_inverse", f"pseudo-inverse, cut {CUT:.0e}", _tabulated(_cut), source="splines of degree 9"
         ),
-        Method("differences", "central differences", "path followed; s alone", _UNIT, CELLS, _differences),
-        Method(
+        _declared("differences", "central differences", _differences, given="path followed; s alone"),
+        _declared(
             "doubled",
             "Pinocchio's tables, doubled",
-            "path and law",
-            _UNIT,
-            PROVED,
             _doubled,
+            given="path and law",
+            settings=PROVED,
             source=f"as in the stage torque, until tables agree to {AGREEMENT} N m",
         ),
     ),

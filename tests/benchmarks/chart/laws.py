@@ -59,14 +59,7 @@ def crossings(conditions: float) -> tuple[Asked, ...]:
     turn = 2 * np.pi / T
     times = [T * (k + 1) / (count + 1) for k in range(count)]
     return tuple(
-        Asked(
-            t,
-            (
-                float(t / T - np.sin(turn * t) / (2 * np.pi)),
-                float((1 - np.cos(turn * t)) / T),
-                0.0,
-            ),
-        )
+        Asked(t, (float(t / T - np.sin(turn * t) / (2 * np.pi)), float((1 - np.cos(turn * t)) / T), 0.0))
         for t in times
     )
 
@@ -225,41 +218,31 @@ def _at(rows: Sequence[Row], name: str, conditions: float) -> Row | None:
 
 
 _GIVEN = "s, s', s\" at each crossing"
+_declared = partial(Method, given=_GIVEN, unit="conditions", settings=COUNTS)
 STAGE = Stage(
     name="laws",
     title="What is asked at the crossings",
     reference="the conditions themselves, and the same polynomial in a hundred digits (closed_form.py)",
     error='largest miss of s, and of s" over its largest',
     methods=(
-        Method("chebyshev", "ours, Chebyshev basis", _GIVEN, "conditions", COUNTS, _chebyshev, "ours"),
-        Method(
+        _declared("chebyshev", "ours, Chebyshev basis", _chebyshev, kind="ours"),
+        _declared(
             "optimal",
             "ours, optimal law",
-            's" where it crosses',
-            "conditions",
-            COUNTS[1::3],
             _optimal,
-            "ours",
+            given='s" where it crosses',
+            settings=COUNTS[1::3],
+            kind="ours",
         ),
-        Method("monomials", "powers of t in seconds", _GIVEN, "conditions", COUNTS, _powers(1.0)),
-        Method("normalised", "powers of t/T", _GIVEN, "conditions", COUNTS, _powers(T)),
-        Method(
+        _declared("monomials", "powers of t in seconds", _powers(1.0)),
+        _declared("normalised", "powers of t/T", _powers(T)),
+        _declared(
             "chebyshev_printed",
             f"Chebyshev basis, {PRINTED} digits printed",
-            _GIVEN,
-            "conditions",
-            COUNTS,
             partial(_chebyshev, printed=True),
         ),
-        Method(
-            "printed",
-            f"powers of t, {PRINTED} digits printed",
-            _GIVEN,
-            "conditions",
-            COUNTS,
-            _powers(1.0, printed=True),
-        ),
-        Method("newton", "Newton's form, scipy's Krogh", _GIVEN, "conditions", COUNTS[:9], _newton),
+        _declared("printed", f"powers of t, {PRINTED} digits printed", _powers(1.0, printed=True)),
+        _declared("newton", "Newton's form, scipy's Krogh", _newton, settings=COUNTS[:9]),
     ),
     judge=judge,
     remark=_remark,

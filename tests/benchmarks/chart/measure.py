@@ -50,9 +50,9 @@ class Method:
     """One way to an answer.
 
     name: as in a row; label: as in a figure.
+    prepare: makes ready, and gives what is timed and leaves a result for the stage to judge.
     given: what it is given besides the robot, for readers of the chart.
     unit: of a setting; `settings` go from cheap to dear in each series.
-    prepare: makes ready, and gives what is timed and leaves a result for the stage to judge.
     kind: a frontier is the formula of the one robot, written for it.
     source: where the setting of a peer's method comes from.
     package: that may not be installed.
@@ -61,10 +61,10 @@ class Method:
 
     name: str
     label: str
+    prepare: Callable[[Setting], Callable[[], Any]]
     given: str
     unit: str
     settings: tuple[Setting, ...]
-    prepare: Callable[[Setting], Callable[[], Any]]
     kind: Literal["ours", "peer", "frontier"] = "peer"
     source: str = ""
     package: str | None = None

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from decimal import Decimal, localcontext
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 from scipy import optimize
@@ -161,24 +161,17 @@ def _remark(rows: Sequence[Row]) -> str:
 
 
 _GIVEN, _UNIT, _CELLS = "path and law", "load over stiffness, misfit", pairs(LOADS, MISFITS)
+_declared = partial(Method, given=_GIVEN, unit=_UNIT, settings=_CELLS)
 STAGE = Stage(
     name="misfit",
     title="Beside the loaded condition",
     reference="two equations in two unknowns at each instant, fifty digits (chart/elastic_form.py)",
     error="largest error of the rods over their largest",
     methods=(
-        Method(
-            "proved",
-            "ours, proved",
-            _GIVEN,
-            _UNIT,
-            _CELLS,
-            lambda cell: _proved(cell, geometry="deformed"),
-            "ours",
-        ),
-        Method("root", "scipy root at each instant", _GIVEN, _UNIT, _CELLS, _root),
-        Method("repeated", "plain repetition", _GIVEN, _UNIT, _CELLS, _repeated),
-        Method("differences", f"differences, {FEW} passes", _GIVEN, _UNIT, _CELLS, _differences),
+        _declared("proved", "ours, proved", lambda cell: _proved(cell, geometry="deformed"), kind="ours"),
+        _declared("root", "scipy root at each instant", _root),
+        _declared("repeated", "plain repetition", _repeated),
+        _declared("differences", f"differences, {FEW} passes", _differences),
     ),
     judge=judge,
     remark=_remark,

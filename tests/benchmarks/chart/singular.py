@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from decimal import Decimal
-from functools import cache
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -181,45 +181,45 @@ def _remark(rows: Sequence[Row]) -> str:
 
 
 _GIVEN = "P(s) on [0.6, 0.75]"
+_declared = partial(Method, given=_GIVEN, unit="tolerance", settings=TOLERANCES)
 STAGE = Stage(
     name="singular",
     title="The singular point of a path",
     reference="closed form of the 5R in fifty digits (chart/closed_form.py)",
     error="error of the path coordinate",
     methods=(
-        Method(
-            "bordered_steps", "ours, Newton on bordered g", _GIVEN, "steps", STEPS, _bordered_steps, "ours"
+        _declared(
+            "bordered_steps",
+            "ours, Newton on bordered g",
+            _bordered_steps,
+            unit="steps",
+            settings=STEPS,
+            kind="ours",
         ),
-        Method(
+        _declared(
             "bordered_root",
             "ours, root of g to rounding",
-            _GIVEN,
-            "longest step",
-            singles(0.2),
             _root,
-            "ours",
+            unit="longest step",
+            settings=singles(0.2),
+            kind="ours",
         ),
-        Method(
+        _declared(
             "located",
             "ours, all points of the path",
-            "path followed",
-            "points",
-            singles(1),
             _located,
-            "ours",
+            given="path followed",
+            unit="points",
+            settings=singles(1),
+            kind="ours",
         ),
-        Method("svd_minimum", "least singular value, its minimum", _GIVEN, "tolerance", TOLERANCES, _minimum),
-        Method(
+        _declared("svd_minimum", "least singular value, its minimum", _minimum),
+        _declared(
             "determinant",
             "determinant, Brent",
-            _GIVEN,
-            "tolerance",
-            TOLERANCES,
             _sign_change(lambda s: float(np.linalg.det(_matrix(s))), by_inverse_iteration),
         ),
-        Method(
-            "qr", "last entry of R, Brent", _GIVEN, "tolerance", TOLERANCES, _sign_change(_last_of_r, by_qr)
-        ),
+        _declared("qr", "last entry of R, Brent", _sign_change(_last_of_r, by_qr)),
     ),
     judge=judge,
     goals=(1e-6, 1e-12),

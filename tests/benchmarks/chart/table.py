@@ -151,11 +151,7 @@ def read_rows(document: dict[str, Any]) -> list[Row]:
 def summary(made: dict[str, Any]) -> list[str]:
     """A document of a stage in a few lines, as a command prints it."""
     left_out = [f"  left out, not installed: {', '.join(made['missing'])}"] if made["missing"] else []
-    return [
-        f"{made['stage']}: {made['title']}, {len(made['rows'])} rows",
-        f"  {made['sentence']}",
-        *left_out,
-    ]
+    return [f"{made['stage']}: {made['title']}, {len(made['rows'])} rows", f"  {made['sentence']}", *left_out]
 
 
 def line(stage: Stage, row: Row) -> str:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -316,113 +316,98 @@ EVALUATED, PROVED = "evaluated", "located and proved"
 _GIVEN = "path followed; s, s', s\" exact"
 _TABLE = "samples, degree"
 _CUTS = singles(*(10.0**-k for k in range(1, 13)))
+_declared = partial(Method, given=_GIVEN, unit=_TABLE, settings=TABLES, panel=EVALUATED)
 STAGE = Stage(
     name="torque",
     title="Motor torques along a crossing",
     reference="closed form of the 5R in fifty digits (chart/closed_form.py)",
     error="largest error of the torques  [N m]",
     methods=(
-        Method(
-            "chebyshev", "ours, Chebyshev nodes", _GIVEN, "nodes", NODES, _chebyshev, "ours", panel=EVALUATED
+        _declared(
+            "chebyshev", "ours, Chebyshev nodes", _chebyshev, unit="nodes", settings=NODES, kind="ours"
         ),
-        Method(
+        _declared(
             "pointwise",
             "pointwise in stacks, our kinematics",
-            _GIVEN,
-            _TABLE,
-            TABLES,
             _tables(lambda law, t: pointwise(law, t, direct)),
             source="poses closed in one stack by the framework, everything else numpy; table by spline",
-            panel=EVALUATED,
         ),
-        Method(
+        _declared(
             "pinocchio",
             "pointwise, Pinocchio and numpy alone",
-            "path; s, s', s\" exact",
-            _TABLE,
-            TABLES,
             _tables(bare_torques),
+            given="path; s, s', s\" exact",
             source="chart/bare.py: Newton from pose to pose, rnea, one stacked solve; table by spline",
-            panel=EVALUATED,
         ),
-        Method(
+        _declared(
             "differences",
             "central differences",
-            "path followed; s alone",
-            "step [s]",
-            singles(*(10.0 ** (-0.5 * k) for k in range(4, 15))),
             _differences,
+            given="path followed; s alone",
+            unit="step [s]",
+            settings=singles(*(10.0 ** (-0.5 * k) for k in range(4, 15))),
             source="step as in the table, the pointwise solve in stacks; 257 samples, degree 9",
-            panel=EVALUATED,
         ),
-        Method(
+        _declared(
             "pseudo_inverse",
             "pseudo-inverse",
-            _GIVEN,
-            "cut of singular values",
-            _CUTS,
             _regularised(pseudo_inverse),
+            unit="cut of singular values",
+            settings=_CUTS,
             source="numpy's pinv, relative cut as in the table; 257 samples, degree 9",
-            panel=EVALUATED,
         ),
-        Method(
+        _declared(
             "damped",
             "damped least squares",
-            _GIVEN,
-            "damping over the size of P",
-            _CUTS,
             _regularised(damped),
+            unit="damping over the size of P",
+            settings=_CUTS,
             source="normal equations with mu^2, damping as in the table; 257 samples, degree 9",
-            panel=EVALUATED,
         ),
-        Method(
+        _declared(
             "mujoco",
             "MuJoCo, inverse",
-            "all joints' q, q', q\" exact",
-            _TABLE,
-            TABLES,
             _mujoco,
+            given="all joints' q, q', q\" exact",
             source="mj_inverse of the open tree, loop force by least squares (peers/mujoco_inverse.py)",
             package="mujoco",
-            panel=EVALUATED,
         ),
-        Method(
+        _declared(
             "formula",
             "the robot's own formula, nodes",
-            "s, s', s\" exact",
-            "nodes",
-            NODES,
             _formula_series,
-            "frontier",
-            panel=EVALUATED,
+            given="s, s', s\" exact",
+            unit="nodes",
+            settings=NODES,
+            kind="frontier",
         ),
-        Method(
+        _declared(
             "certified",
             "ours, located and proved",
-            "path and law",
-            "tolerance",
-            singles(1e-6, 1e-9, 1e-12),
             _certified,
-            "ours",
+            given="path and law",
+            unit="tolerance",
+            settings=singles(1e-6, 1e-9, 1e-12),
+            kind="ours",
             panel=PROVED,
         ),
-        Method(
+        _declared(
             "planned",
             "ours, law found too",
-            "path, duration, time, speed",
-            "plans",
-            singles(1),
             _planned,
-            "ours",
+            given="path, duration, time, speed",
+            unit="plans",
+            settings=singles(1),
+            kind="ours",
             panel=PROVED,
         ),
-        Method(
+        _declared(
             "doubled",
             "Pinocchio's tables, doubled",
-            "path and law",
-            "agreement [N m]",
-            singles(1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-12),
             lambda setting: doubled(given.law(), setting[0]),
+            given="path and law",
+            unit="agreement [N m]",
+            settings=singles(1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-12),
             source="determinant's sign on 33 poses, Brent, condition (8) there, splines of degree 9",
             panel=PROVED,
         ),

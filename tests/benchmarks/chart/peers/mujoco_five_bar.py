@@ -17,11 +17,7 @@ from typing import Any
 
 import mujoco
 
-from tests.benchmarks.chart.peers.five_bar import (
-    GEAR_RATIO,
-    SIDES,
-    FiveBar,
-)
+from tests.benchmarks.chart.peers.five_bar import GEAR_RATIO, SIDES, FiveBar
 
 NEGLIGIBLE = 1e-12  # [kg]
 SHAPELESS = 1e-14  # moment of inertia of what has none [kg m^2]: MuJoCo refuses less than 1e-15
