@@ -16,19 +16,26 @@ from framework.dynamics.forces import motor_torque, tree_forces
 from framework.dynamics.inverse_dynamics import inverse_dynamics
 from framework.kinematics.continuation.tracking import Branch, track_path
 from framework.kinematics.inverse_kinematics import close_loops
-from framework.kinematics.motion_rates import motion_at
+from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.chebyshev import TimeGrid
-from framework.motion.law import Condition, Law
+from framework.motion.law import Condition, Law, MotionLaw
 from framework.motion.path import Line, along
 from tests.benchmarks.chart import robot as given
 from tests.benchmarks.chart.bare import FLAT, IN_SPACE, BareRobot
+from tests.benchmarks.chart.bare import Motion as BareMotion
 from tests.benchmarks.chart.measure import relative_error
 from tests.benchmarks.chart.virtual_work import Crossings, crossings
 
 PLATFORMS = {"delta": (0, 1, 2), "gough_stewart": (0, 1, 2, 3, 4, 5), "three_rpr": (0, 1, 5)}
 
 Torque = Callable[[Array], Array]  # times (T,) [s] -> motor torques (T, n_a) [N m]
+Solve = Callable[[Array, Array], Array]  # P' (T, m, m) and r (T, m) -> lambda (T, m) with P' lambda = r
+
+
+def direct(matrix: Array, right: Array) -> Array:
+    """Gauss's elimination."""
+    return np.asarray(np.linalg.solve(matrix, right[..., None])[..., 0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +46,7 @@ class Along:
     """
 
     branch: Branch
-    law: Law
+    law: MotionLaw
     singular: tuple[float, ...]
     exact: Torque
     bare: BareRobot
@@ -77,24 +84,37 @@ class Along:
 
     def stacks(self, samples: float, degree: float) -> Torque:
         """Pointwise in stacks: loops closed by ours, a dense solve at each instant."""
-        return self.table(self._pointwise, samples, degree)
+        return self.table(self.pointwise, samples, degree)
 
     def pinocchio(self, samples: float, degree: float) -> Torque:
         """Pointwise by pinocchio and numpy alone."""
-        return self.table(lambda t: self.bare.torques(self.bare.motion(*self.platform(t))), samples, degree)
+        return self.table(self.bare_torques, samples, degree)
+
+    def bare_motion(self, times: Array, start: Array | None = None) -> BareMotion:
+        """The joints by pinocchio and numpy alone, from `start` if not from where the path starts."""
+        x, dx, ddx = self.platform(times)
+        return self.bare.motion(x, dx, ddx, start)
+
+    def bare_torques(self, times: Array) -> Array:
+        """(T, n_a) at each instant for itself, by pinocchio and numpy alone."""
+        return self.bare.torques(self.bare_motion(times))
 
     def table(self, torque: Torque, samples: float, degree: float) -> Torque:
         """Read by a spline."""
         times = np.linspace(0.0, self.law.duration, round(samples))
         return make_interp_spline(times, torque(times), k=round(degree))
 
-    def _pointwise(self, times: Array) -> Array:
-        robot = self.robot
+    def motion(self, times: Array) -> Motion:
+        """All joints, loops closed in one stack."""
         x, dx, ddx = self.platform(times)
-        motion = motion_at(robot, close_loops(robot, x, self.branch.guess(self.law(times))), dx, ddx)
+        closed = close_loops(self.robot, x, self.branch.guess(self.law(times)))
+        return motion_at(self.robot, closed, dx, ddx)
+
+    def pointwise(self, times: Array, solve: Solve = direct) -> Array:
+        """Torques (T, n_a) at each instant for itself: tau = r_a - J_a' lambda, P' lambda = r_p."""
+        robot, motion = self.robot, self.motion(times)
         r, rows = tree_forces(robot, motion), motion.linearised.closures
-        passive = rows[:, :, robot.following].transpose(0, 2, 1)
-        multipliers = np.linalg.solve(passive, r[:, robot.following][..., None])[..., 0]
+        multipliers = solve(rows[:, :, robot.following].transpose(0, 2, 1), r[:, robot.following])
         joint = r[:, robot.actuated] - np.einsum("tma,tm->ta", rows[:, :, robot.actuated], multipliers)
         return motor_torque(robot, motion, joint)
 

@@ -14,24 +14,19 @@ from functools import cache, partial
 import numpy as np
 
 from framework.arrays import Array
-from framework.dynamics.elasticity import solve_deflections
-from framework.dynamics.forces import motor_torque
-from framework.dynamics.inverse_dynamics import inverse_dynamics
-from framework.motion.chebyshev import TimeGrid
 from framework.motion.law import MotionLaw
 from tests.benchmarks.chart import closed_form
 from tests.benchmarks.chart import robot as given
+from tests.benchmarks.chart.along import Torque, direct
 from tests.benchmarks.chart.measure import Judged, Method, Row, Setting, Stage
 from tests.benchmarks.chart.reading import counts
 from tests.benchmarks.chart.torque import (
-    ENDS,
-    T_C,
     DifferencedLaw,
     T,
-    direct,
     doubled,
     pointwise,
     pseudo_inverse,
+    scene_c,
     tabulated,
 )
 
@@ -42,8 +37,6 @@ NEAREST = 5  # decades of seconds to the pole
 DEGREE, CUT, AGREEMENT = 9, 1e-3, 1e-9  # of splines; of singular values; of tables [N m]
 PROVED = tuple((offset, 1e-10) for offset in OFFSETS)  # with a tolerance in place of a step
 CELLS = tuple((offset, step) for step in STEPS for offset in OFFSETS)
-
-Torque = Callable[[Array], Array]
 
 
 def _tabulated(torque: Callable[[MotionLaw, Array], Array]) -> Callable[[Setting], Callable[[], Torque]]:
@@ -65,19 +58,13 @@ def _doubled(setting: Setting) -> Callable[[], Torque]:
 
 
 def _nodes(setting: Setting) -> Callable[[], Torque]:
-    branch, law = given.branch(), given.law(offset=setting[0])
-
-    def run() -> Torque:
-        grid = TimeGrid.clear_of(np.array([T_C]), ENDS, round(T / setting[1]))
-        state = solve_deflections(branch, grid, lambda *_: law, "rigid", None, law)
-        return grid.fit(motor_torque(branch.robot, state.motion, state.forces.joint_torque))
-
-    return run
+    case = scene_c(given.law(offset=setting[0]))
+    return lambda: case.nodes(T / setting[1])
 
 
 def _proved(setting: Setting) -> Callable[[], Torque]:
-    law = given.law(offset=setting[0])
-    return lambda: inverse_dynamics(given.robot(), given.path(), law).torque
+    case = scene_c(given.law(offset=setting[0]))
+    return lambda: case.proved(setting[1])
 
 
 @cache

@@ -21,18 +21,11 @@ from scipy.interpolate import make_interp_spline
 
 from framework.arrays import Array, ArrayLike
 from framework.crossing.plan import plan_crossing
-from framework.dynamics.elasticity import solve_deflections
-from framework.dynamics.forces import motor_torque, tree_forces
-from framework.dynamics.inverse_dynamics import inverse_dynamics
-from framework.kinematics.inverse_kinematics import close_loops
-from framework.kinematics.motion_rates import Motion as JointMotion
-from framework.kinematics.motion_rates import motion_at
-from framework.motion.chebyshev import TimeGrid
 from framework.motion.law import MotionLaw
-from framework.motion.path import along
 from tests.benchmarks.chart import closed_form
 from tests.benchmarks.chart import robot as given
-from tests.benchmarks.chart.bare import FLAT, BareRobot, Motion
+from tests.benchmarks.chart.along import Along, Solve, direct
+from tests.benchmarks.chart.bare import FLAT, BareRobot
 from tests.benchmarks.chart.formula import torques
 from tests.benchmarks.chart.measure import Judged, Method, Row, Setting, Stage, pairs, singles
 from tests.benchmarks.chart.reading import best, short
@@ -48,8 +41,6 @@ NODES = singles(16, 20, 24, 32, 40, 48, 56, 64, 80, 96, 128)
 THRESHOLD = (257.0, 9.0)  # samples and degree of the table where the setting is a threshold
 LEAST_COUNT, MOST_COUNT = 33, 4097  # samples of tables that are doubled
 BALANCED = 1e-6  # condition (8) over the size of the forces, for a table to be trusted
-
-Solve = Callable[[Array, Array], Array]  # P' (T, m, m) and r (T, m) -> lambda (T, m) with P' lambda = r
 
 
 class Torques(NamedTuple):
@@ -76,27 +67,14 @@ class DifferencedLaw:
         return (middle, (ahead - back) / (2 * h), (ahead - 2 * middle + back) / h**2)[order]
 
 
-def motion_of(law: MotionLaw, times: Array, name: str = "five_bar") -> JointMotion:
-    """All joints along scene C."""
-    branch = given.branch(name)
-    s = [law(times, order) for order in range(3)]
-    x, dx, ddx = along(branch.path, s)
-    return motion_at(branch.robot, close_loops(branch.robot, x, branch.guess(s[0])), dx, ddx)
+def scene_c(law: MotionLaw) -> Along:
+    """The 5R along scene C under that law."""
+    return Along(given.branch(), law, (T_C,), reference, bare())
 
 
 def pointwise(law: MotionLaw, times: Array, solve: Solve) -> Array:
-    """Motor torques (T, n_a) [N m], at each instant for itself: tau = r_a - J_a' lambda, P' lambda = r_p."""
-    robot = given.robot()
-    motion = motion_of(law, times)
-    r, rows = tree_forces(robot, motion), motion.linearised.closures
-    multipliers = solve(rows[:, :, robot.following].transpose(0, 2, 1), r[:, robot.following])
-    joint = r[:, robot.actuated] - np.einsum("tma,tm->ta", rows[:, :, robot.actuated], multipliers)
-    return motor_torque(robot, motion, joint)
-
-
-def direct(matrix: Array, right: Array) -> Array:
-    """Gauss's elimination."""
-    return np.asarray(np.linalg.solve(matrix, right[..., None])[..., 0])
+    """Motor torques (T, n_a) [N m], at each instant for itself."""
+    return scene_c(law).pointwise(times, solve)
 
 
 def pseudo_inverse(cut: float) -> Solve:
@@ -122,17 +100,6 @@ def damped(damping: float) -> Solve:
 def bare() -> BareRobot:
     """The 5R without the framework."""
     return BareRobot(given.robot(), given.branch().guess(np.zeros(1))[0], FLAT, (0, 1))
-
-
-def bare_motion(law: MotionLaw, times: Array, start: Array | None = None) -> Motion:
-    """The joints along scene C, by pinocchio and numpy alone."""
-    x, dx, ddx = along(given.path(), [law(times, order) for order in range(3)])
-    return bare().motion(x, dx, ddx, start)
-
-
-def bare_torques(law: MotionLaw, times: Array) -> Array:
-    """Motor torques (T, 2) [N m] by pinocchio and numpy alone."""
-    return bare().torques(bare_motion(law, times))
 
 
 def formula(law: MotionLaw, times: Array) -> Array:
@@ -169,12 +136,10 @@ def _regularised(kind: Callable[[float], Solve]) -> Callable[[Setting], Callable
 
 
 def _chebyshev(setting: Setting) -> Callable[[], Torques]:
-    branch, law = given.branch(), given.law()
+    case = scene_c(given.law())
 
     def run() -> Torques:
-        grid = TimeGrid.clear_of(np.array([T_C]), ENDS, round(setting[0]))
-        state = solve_deflections(branch, grid, lambda *_: law, "rigid", None, law)
-        series = grid.fit(motor_torque(branch.robot, state.motion, state.forces.joint_torque))
+        series = case.nodes(setting[0])
         return Torques(series, series)
 
     return run
@@ -198,11 +163,11 @@ def _formula_series(setting: Setting) -> Callable[[], Torques]:
 
 
 def _certified(setting: Setting) -> Callable[[], Torques]:
-    law = given.law()
+    case = scene_c(given.law())
 
     def run() -> Torques:
-        proved = inverse_dynamics(given.robot(), given.path(), law, tolerance=setting[0])
-        return Torques(proved.torque, proved.torque)
+        torque = case.proved(setting[0])
+        return Torques(torque, torque)
 
     return run
 
@@ -219,7 +184,7 @@ def _planned(setting: Setting) -> Callable[[], Torques]:
 
 def doubled(law: MotionLaw, agreement: float) -> Callable[[], Torques]:
     """Point located by Brent on the determinant, condition (8) checked, table doubled until it stays."""
-    robot = bare()
+    robot, case = bare(), scene_c(law)
 
     def measure(s: float) -> float:
         rows = robot.close((given.path()(s), None), near[np.searchsorted(places, s) - 1])[1]
@@ -232,20 +197,20 @@ def doubled(law: MotionLaw, agreement: float) -> Callable[[], Torques]:
         nonlocal near
         near, rows = robot.joints([(x, None) for x in given.path()(places)])
         signs = np.sign(np.linalg.det(robot.passive(np.array(rows))))
-        size = np.abs(robot.forces(bare_motion(law, np.linspace(0.0, T, LEAST_COUNT)))).max()
+        size = np.abs(robot.forces(case.bare_motion(np.linspace(0.0, T, LEAST_COUNT)))).max()
         for k in np.flatnonzero(signs[:-1] != signs[1:]):
             s_c = optimize.brentq(measure, places[k], places[k + 1], xtol=1e-15)
             t_c = optimize.brentq(lambda t, s=s_c: float(law(t)) - s, 0.0, T, xtol=1e-15)
-            there = bare_motion(law, np.array([t_c]), near[k])
+            there = case.bare_motion(np.array([t_c]), near[k])
             free = np.linalg.svd(robot.passive(there.rows[0]))[2][-1]
             if abs(free @ robot.forces(there)[0, robot.others]) > BALANCED * size:
                 raise ArithmeticError(f"unbounded torque at t = {t_c:.6g} s")
         samples, before = LEAST_COUNT, None
         while samples <= MOST_COUNT:
             times = np.linspace(0.0, T, samples)
-            values = bare_torques(law, times)
+            values = case.bare_torques(times)
             if before is not None and np.abs(before(times) - values).max() < agreement:
-                return Torques(make_interp_spline(times, values, k=9), lambda t: bare_torques(law, t))
+                return Torques(make_interp_spline(times, values, k=9), case.bare_torques)
             samples, before = 2 * samples - 1, make_interp_spline(times, values, k=9)
         raise ArithmeticError(f"tables differ by more than {agreement:g} N m up to {MOST_COUNT} samples")
 
@@ -261,10 +226,11 @@ def _mujoco(setting: Setting) -> Callable[[], Torques]:
         FiveBar.of("five_bar", "rigid"), [robot.coordinates.name_of(c) for c in range(robot.model.nv)]
     )
     times = np.linspace(0.0, T, round(setting[0]))
-    known = motion_of(law, times)
+    case = scene_c(law)
+    known = case.motion(times)
 
     def instant(t: Array) -> Array:
-        motion = known if len(t) == len(times) else motion_of(law, t)
+        motion = known if len(t) == len(times) else case.motion(t)
         return tree.inverse(motion.q, motion.v, motion.a).torque
 
     return lambda: tabulated(instant, setting)
@@ -335,7 +301,7 @@ STAGE = Stage(
         _declared(
             "pinocchio",
             "pointwise, Pinocchio and numpy alone",
-            _tables(bare_torques),
+            _tables(lambda law, t: scene_c(law).bare_torques(t)),
             given="path; s, s', s\" exact",
             source="chart/bare.py: Newton from pose to pose, rnea, one stacked solve; table by spline",
         ),
