@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
-import re
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,7 @@ from framework.crossing.scenes import scene, scene_path
 from framework.show.lesson import lesson_page
 from framework.singularity.points_on_path import search_path
 
+KEPT = Path(__file__).parents[2] / "notebooks" / "lesson.html"  # what the README links to
 SCENES = (("five_bar", "C"), pytest.param("five_bar_heavy", "C", marks=pytest.mark.slow))
 
 
@@ -29,9 +30,14 @@ def document(name: str, scene_name: str) -> dict[str, Any]:
     chosen = scene(robot, scene_name)
     page = lesson_page(robot, scene_path(chosen), duration=chosen.duration, name=scene_name)
     assert len(page.encode()) < 300_000
-    found = re.search(r'<script type="application/json" id="document">(.*?)</script>', page, re.DOTALL)
-    assert found is not None
-    return json.loads(found[1])
+    return parts(page)[1]
+
+
+def parts(page: str) -> tuple[str, dict[str, Any]]:
+    """The page without its document, and the document."""
+    begin, rest = page.split('<script type="application/json" id="document">')
+    text, end = rest.split("</script>", maxsplit=1)
+    return begin + end, json.loads(text)
 
 
 def along(content: dict[str, Any], key: str, s: float | np.ndarray) -> np.ndarray:
@@ -79,6 +85,32 @@ def test_the_best_law_of_the_page_threads_the_eye_within_its_peak():
         torque = np.einsum("mk,mka->ma", terms, parts) / g[:, None]
         clear = np.abs(s - content["crossing"]) > 1e-3
         assert np.abs(torque[clear]).max() == pytest.approx(best["peak"], rel=1e-3)
+
+
+def test_the_lesson_that_is_kept_is_the_one_that_is_written_today(tmp_path):
+    """If not: crossing export five_bar --scene C --to lesson --out notebooks/lesson.html"""
+    file = tmp_path / "lesson.html"
+    assert main(["export", "five_bar", "--scene", "C", "--to", "lesson", "--out", str(file)]) == 0
+    (shell, kept), (written, today) = (parts(page.read_text(encoding="utf-8")) for page in (KEPT, file))
+    assert shell == written
+    assert structure(kept) == structure(today)
+    for key in kept["slices"]:
+        before, now = (along(content, key, np.linspace(0.0, 1.0, 33)) for content in (kept, today))
+        np.testing.assert_allclose(before, now, atol=1e-9 * np.abs(now).max(), err_msg=key)
+    for gravity, best in kept["best"].items():  # flat optima: another BLAS kernel moved one by 3e-5
+        assert best["peak"] == pytest.approx(today["best"][gravity]["peak"], rel=1e-3)
+    # outlines and traced curves may have other points on them
+    outlines = [[np.ptp(shape["points"], axis=0) for shape in content["shapes"]] for content in (kept, today)]
+    np.testing.assert_allclose(*outlines, atol=1e-5)
+    loci = [[np.ptp(curve, axis=0) for curve in content["locus"]] for content in (kept, today)]
+    np.testing.assert_allclose(*loci, rtol=1e-3)
+
+
+def structure(content: dict[str, Any]) -> dict[str, Any]:
+    """What of a lesson is no series, no optimum, no outline and no traced curve, to nine digits."""
+    rest = {key: value for key, value in content.items() if key not in ("series", "shapes", "best", "locus")}
+    shapes = [(shape["node"], shape["colour"]) for shape in content["shapes"]]
+    return rest | {"shapes": shapes, "crossing": round(content["crossing"], 9)}
 
 
 def test_whom_a_lesson_is_not_for_is_told_what_it_needs():

@@ -68,7 +68,7 @@ function frame() {
 function room() {
   const around = canvas.getBoundingClientRect().top + scrollY + MARGIN.top + MARGIN.bottom;
   const below = byId("legend").getBoundingClientRect().bottom - canvas.getBoundingClientRect().bottom + 26;
-  return isOnPaper() ? 470 : Math.max(innerHeight - around - below, 300);
+  return isOnPaper() ? 400 : Math.max(innerHeight - around - below, 300);
 }
 
 function draw() {
