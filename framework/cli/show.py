@@ -47,7 +47,7 @@ def add(commands: Any) -> None:
         "--picture",
         type=not_empty,
         metavar="FILE",
-        help="write one picture of a film, moving if it is a .gif (.png, .svg, .pdf, .gif), and end",
+        help="write one picture of a film, and end: .png, .svg, .pdf, or .gif and .apng, which move",
     )
     parser.add_argument("--no-open", action="store_true", help="do not open the browser")
 

@@ -1,11 +1,13 @@
-"""Robots and plans that show themselves in Jupyter: `%load_ext framework.show.jupyter`.
+"""Pictures in Jupyter, with descriptions for those who do not see them; `%load_ext framework.show.jupyter`.
 
 The packages below know nothing of pictures, so these come as an extension of IPython: a robot is drawn at its
-reference, a plan with its path, locus and the eye of its first crossing.
+reference, a plan with its path, locus and the eye of its first crossing. Descriptions are where
+nbconvert looks for them, in the metadata of the output; films are PNGs that move: all renderers take PNGs.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from matplotlib.axes import Axes
@@ -13,25 +15,47 @@ from matplotlib.figure import Figure
 
 from framework.crossing.result import CrossingPlan
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.show.captions import film_summary, said
 from framework.show.drawing import draw_robot
-from framework.show.film import film_plan
+from framework.show.film import Film, film_plan
 from framework.show.moving import film_picture
 from framework.show.style import figure_file, styled
 
+Described = tuple[bytes, dict[str, str]]  # a PNG, and its metadata
 
-def robot_picture(robot: ParallelRobot) -> bytes:
-    """Draw a robot at its reference, as PNG."""
+
+def robot_picture(robot: ParallelRobot) -> Described:
+    """Draw a robot at its reference."""
     with styled():
         drawn: Axes = draw_robot(robot)
         drawn.set_title(robot.name.replace("_", " "), loc="left")
         drawing = drawn.figure
         assert isinstance(drawing, Figure)
-        return figure_file(drawing, "png", dpi=120)
+        return figure_file(drawing, "png", dpi=120), {"alt": f"The robot {said(robot.name)} at its reference"}
 
 
-def plan_picture(plan: CrossingPlan) -> bytes:
-    """Draw a plan as one picture, as PNG."""
-    return film_picture([film_plan(plan)], "png")
+def plan_picture(plan: CrossingPlan) -> Described:
+    """Draw a plan as one picture."""
+    film = film_plan(plan)
+    return film_picture([film], "png"), {"alt": film_summary(film)}
+
+
+def show_figure(alt: str, drawing: Figure | None = None) -> None:
+    """Show a figure, pyplot's current one when None, with a description, and close it."""
+    import matplotlib.pyplot as plt
+    from IPython.display import Image, display
+
+    shown = plt.gcf() if drawing is None else drawing
+    display(Image(figure_file(shown, "png", dpi=shown.dpi), alt=alt))  # type: ignore[no-untyped-call]
+    plt.close(shown)
+
+
+def show_film(films: Sequence[Film], alt: str) -> None:
+    """Show films as one moving picture with a description."""
+    from IPython.display import Image, display
+
+    picture = Image(film_picture(films, "apng"), format="png", alt=alt)  # type: ignore[no-untyped-call]
+    display(picture)  # type: ignore[no-untyped-call]
 
 
 def load_ipython_extension(ipython: Any) -> None:

@@ -108,7 +108,8 @@ def _draw_values(
     extend = {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}
     beside = {"ax": ax, "pad": 0.03} if scale is None else {"cax": scale}
     bar = ax.figure.colorbar(mesh, extend=extend[below, above], **beside)
-    bar.set_label(f"[{unit_of(workspace.robot, quantity)}]")
+    unit = unit_of(workspace.robot, quantity)
+    bar.set_label(f"{quantity.key.replace('_', ' ')}  [{unit}]".replace("[1]", "(no unit)"))
 
 
 def _draw_locus(workspace: WorkspaceMap, ax: Axes, halo: list[withStroke]) -> None:

@@ -1,11 +1,11 @@
-"""Films as files for slides and READMEs: one picture (PNG, SVG, PDF), or an animated GIF."""
+"""Films as files for slides and READMEs: one picture (PNG, SVG, PDF), or an animated GIF or PNG."""
 
 from __future__ import annotations
 
 import io
 from collections.abc import Callable, Sequence
 from textwrap import fill
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -28,28 +28,31 @@ from framework.show.style import ALARM, LOCUS, figure_file, line_style, styled
 GIF_FRAMES = 60
 FRAME_TIME, SINGULAR_FRAME_TIME = 100, 2000  # [ms] of a frame, and of one at a singular instant
 FRAME_DPI = 100
+COLORS_KEPT = 64  # of a moving picture: few shades of each colour, for edges
 FILM_WIDTH = 2.8  # [in] of each of several films side by side
 TITLE_LETTERS = 44  # in that width
 
 
-PICTURE_KINDS = ("png", "svg", "pdf", "gif")
+MOVING_KINDS = ("gif", "apng")
+PICTURE_KINDS = ("png", "svg", "pdf", *MOVING_KINDS)
 
 
 def film_picture(films: Sequence[Film], kind: str) -> bytes:
     """Draw the robot, and beside it the eye of the needle or, without a crossing, its torques.
 
-    A gif moves, and has several films side by side, the torques of each below its robot.
+    A gif and an apng move, and have several films side by side, the torques of each below its robot. An
+    apng is a PNG of the singular instant to all programs that cannot move it.
 
     Args:
-        films: of one robot; several go along one path, through a singularity, but for a gif.
-        kind: one of PICTURE_KINDS; all but gif show the singular instant.
+        films: of one robot; several go along one path, through a singularity, unless they move.
+        kind: one of PICTURE_KINDS; those that stand still show the singular instant.
 
     Raises:
         InvalidInput: no such kind, or the films do not share a robot and a path.
     """
     if kind not in PICTURE_KINDS:
         raise InvalidInput(choose_from("kind of picture", kind, PICTURE_KINDS))
-    return _gif(films) if kind == "gif" else _still(films, kind)
+    return _moving(films, kind) if kind in MOVING_KINDS else _still(films, kind)
 
 
 def _still(films: Sequence[Film], kind: str) -> bytes:
@@ -59,8 +62,8 @@ def _still(films: Sequence[Film], kind: str) -> bytes:
         return figure_file(drawing, kind, dpi=FRAME_DPI)
 
 
-def _gif(films: Sequence[Film]) -> bytes:
-    """Draw an animated GIF, which stands still for two seconds at the singular instants."""
+def _moving(films: Sequence[Film], kind: str) -> bytes:
+    """Draw an animated picture, which stands still for two seconds at the singular instants."""
     instants = [instant.time for film in films for instant in film.instants]
     end = max(float(film.time[-1]) for film in films)
     times = np.unique([*np.linspace(0.0, end, GIF_FRAMES), *instants])
@@ -88,11 +91,16 @@ def _gif(films: Sequence[Film]) -> bytes:
             pixels = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
             pictures.append(Image.fromarray(pixels).convert("RGB"))
     some = Image.fromarray(np.concatenate([np.asarray(picture) for picture in pictures[::8]]))  # all colours
-    palette = some.quantize(256, method=Image.Quantize.FASTOCTREE)
+    palette = some.quantize(COLORS_KEPT, method=Image.Quantize.FASTOCTREE)
     small = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     written = io.BytesIO()
     lasting = [SINGULAR_FRAME_TIME if t in instants or t == end else FRAME_TIME for t in times]
-    small[0].save(written, "GIF", save_all=True, append_images=small[1:], duration=lasting, loop=0)
+    animated: dict[str, Any] = {"save_all": True, "duration": lasting, "loop": 0}
+    if kind == "gif":
+        small[0].save(written, "GIF", append_images=small[1:], **animated)
+    else:
+        telling = small[lasting.index(SINGULAR_FRAME_TIME)]  # there is one: the end, if nothing is singular
+        telling.save(written, "PNG", default_image=True, append_images=small, **animated)
     return written.getvalue()
 
 

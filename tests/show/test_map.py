@@ -40,7 +40,7 @@ def test_a_figure_names_quantity_unit_mode_and_what_is_drawn(key):
     legend = [text.get_text() for text in ax.get_legend().get_texts()]
     assert legend == ["singular locus (Type 2)", "path", "not reached"]
     scale = next(other for other in ax.figure.axes if other is not ax)
-    assert scale.get_ylabel() == {"g": "[1]", "torque": "[N m/N]"}[key]
+    assert scale.get_ylabel() == {"g": "g  (no unit)", "torque": "torque  [N m/N]"}[key]
 
 
 def test_colours_are_those_of_the_colour_blind_and_bright_is_good():

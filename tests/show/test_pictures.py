@@ -78,7 +78,7 @@ def test_a_picture_is_of_the_kind_asked_for():
     svg = film_picture(films, "svg").decode()
     assert "misses the eye" in svg
     assert "threads the eye" in svg
-    with pytest.raises(InvalidInput, match="gif, pdf, png, svg"):
+    with pytest.raises(InvalidInput, match="apng, gif, pdf, png, svg"):
         film_picture(films, "jpg")
     with pytest.raises(InvalidInput, match="one path"):
         film_picture([films[0], filmed("five_bar", "bow")], "png")
