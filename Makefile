@@ -72,13 +72,8 @@ format: $(VENV)/.dev  ## mend style, as far as it can be mended by itself
 docs: $(VENV)/.dev  ## write the API reference from the docstrings to build/docs
 	$(BIN)/python -W error -W 'ignore:Error parsing type annotation' -m pdoc $(API) --docformat google --math --output-directory build/docs
 
-ifeq ($(NOTEBOOKS),)
-notebooks:  ## execute the notebooks
-	@echo "There are no notebooks yet."
-else
-notebooks: $(VENV)/.notebooks
-	printf '%s\n' $(NOTEBOOKS) | xargs -n 1 -P 2 $(BIN)/jupyter execute --timeout=600
-endif
+notebooks: $(VENV)/.notebooks  ## execute the notebooks, and compare what they print with what is stored
+	printf '%s\n' $(NOTEBOOKS) | xargs -n 1 -P 2 $(BIN)/python -m tests.notebook_outputs
 
 clean:  ## remove the environment, the caches and the output of the demo
 	rm -rf $(VENV) $(VENV)-lowest $(VENV)-python3.* $(DEMO) raw_B study chart crossing.html build dist .mypy_cache .pytest_cache .ruff_cache
