@@ -40,7 +40,7 @@ def _same_number(old: str, new: str, times: bool) -> bool:
     a, b = float(old), float(new)
     size = max(abs(a), abs(b))
     rounding = size < ROUNDING or min(abs(a), abs(b)) > 1.0 / ROUNDING
-    return times or rounding or abs(a - b) <= max(1.01 * _unit(old), 1.01 * _unit(new), ALIKE * size)
+    return times or rounding or abs(a - b) <= max(1.01 * min(_unit(old), _unit(new)), ALIKE * size)
 
 
 def _unit(number: str) -> float:

@@ -59,7 +59,7 @@ def left_over(offset: float) -> float:
 
 
 def right_peak() -> float:
-    """Largest torque [N m] of the right law, in fifty digits, at instants none of which is the singular one."""
+    """Largest torque [N m] of the right law, in fifty digits; none of the instants is singular."""
     law = power_law((crossing_coordinate(), mp.mpf(CROSSING_SPEED), mp.zero))
     instants = np.linspace(0.0, DURATION, 152)
     return float(max(abs(part) for t in instants for part in exact_torque(law, t)))
