@@ -76,10 +76,10 @@ def loop_wrenches(rows: LoopRows, frames: FrameStack) -> LoopWrenches:
     L: d/dt (d.d - L^2) / 2L = (d / L).(v2 - v1): the force d / L. Rotation: d/dt u.w =
     (w x u).(w2 - w1): the couple w x u.
     """
-    residual, wrench = _of_frames(rows, frames)
+    loops = _of_frames(rows, frames)
     if rows.has_couplings:
-        residual[:, rows.coupled] = rows.coupling_residual(frames.q)
-    return LoopWrenches(residual, wrench)
+        loops.residual[:, rows.coupled] = rows.coupling_residual(frames.q)
+    return loops
 
 
 def _of_frames(rows: LoopRows, frames: FrameStack) -> LoopWrenches:

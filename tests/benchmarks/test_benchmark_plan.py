@@ -1,7 +1,7 @@
 """CPU time of whole plans, and against what. Prints, asserts nothing about time: `make bench`.
 
 A whole plan, the bare pinocchio calls that it makes (the same number, on the configurations of its motion),
-and for the deformed flexible_links 5R the naive way: 1501 samples, finite differences of the motor angles,
+and for the 5R the naive way: 1501 samples, finite differences of the motor angles,
 no proof. On a shared machine the ratio to the bare calls of the same run tells more than the time.
 """
 
@@ -22,7 +22,7 @@ from tests.oracles import five_bar as oracle
 
 pytestmark = pytest.mark.benchmark
 REPEATS = 15
-GOAL = 40.0  # ms, of every plan of the catalogue
+GOAL = 60.0  # ms, of every plan of the catalogue
 
 
 def milliseconds(run: Callable[[], object], repeats: int = REPEATS) -> float:
@@ -85,10 +85,10 @@ def motion(plan: CrossingPlan) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return plan.configuration(t), plan.velocity(t), plan.velocity(t, 2)
 
 
-@pytest.mark.parametrize("name", robots.CATALOGUE)
-def test_plans_of_the_catalogue(name, capsys):
-    lines = []
-    for flexibility in FLEXIBILITIES:
+@pytest.mark.parametrize("flexibility", FLEXIBILITIES)
+def test_plans_of_the_catalogue(flexibility, capsys):
+    rows = []
+    for name in robots.CATALOGUE:
         robot = robots.load(name, flexibility=flexibility)
         for scene in robot.description.scenes:
             try:
@@ -97,19 +97,25 @@ def test_plans_of_the_catalogue(name, capsys):
                 continue
             calls, bare = bare_calls(plan, scene)
             spent = milliseconds(lambda robot=robot, scene=scene: plan_scene(robot, scene), 5)
-            floor = milliseconds(bare, 5)
-            slow = f"  above {GOAL:g}" if spent > GOAL else ""
-            lines.append(
-                f"  {name:18} {flexibility:16} {scene:14} {spent:7.1f} ms {spent / floor:6.1f} times "
-                f"{sum(calls.values()):6} bare calls{slow}"
-            )
+            rows.append((spent, spent / milliseconds(bare, 5), f"{name} {scene}", sum(calls.values())))
+    rows.sort()
+    middle = [np.median([row[k] for row in rows]) for k in range(2)]
     with capsys.disabled():
-        print("", *lines, sep="\n")
-    assert lines
+        print(
+            f"\n  {flexibility}: median {middle[0]:.1f} ms, {middle[1]:.1f} times the bare calls",
+            *(
+                f"  {scene:32} {spent:7.1f} ms {ratio:6.1f} times {count:6} bare calls"
+                f"{'  above the goal' if spent > GOAL else ''}"
+                for spent, ratio, scene, count in rows
+            ),
+            sep="\n",
+        )
+    assert rows
 
 
-def test_plan_of_the_deformed_five_bar(capsys):
-    robot = robots.load("five_bar", flexibility="flexible_links")
+@pytest.mark.parametrize("flexibility", FLEXIBILITIES)
+def test_plan_of_the_five_bar(flexibility, capsys):
+    robot = robots.load("five_bar", flexibility=flexibility)
     plan = plan_scene(robot, "C")  # also fills the caches of the robot, as a second plan finds them
     calls, bare = bare_calls(plan, "C")
     model, data = robot.model, robot.model.createData()
@@ -127,16 +133,16 @@ def test_plan_of_the_deformed_five_bar(capsys):
         milliseconds(run) for run in (lambda: plan_scene(robot, "C"), bare, once, naive)
     )
     times = np.linspace(0.0, 1.5, 1501)
-    exact = oracle.torques(oracle.solve("C", "flexible_links", "deformed"), times)
+    exact = oracle.torques(oracle.solve("C", flexibility, plan.request.geometry), times)
     error = np.abs(plan.torque(times) - exact).max()
     difference = np.abs(naive().torque - exact)
     inside = np.abs(times - 1.0) > 0.01
     with capsys.disabled():
         print(
-            f"\n  plan of the deformed flexible_links 5R, scene C, {plan.certificate.nodes} nodes, "
+            f"\n  plan of the {flexibility} 5R, scene C, {plan.certificate.nodes} nodes, "
             f"{plan.certificate.passes} passes"
-            f"\n  in process            {ours:8.2f} ms   torque error {error:.1e} N m (goal 10 ms)"
-            f"\n  its pinocchio calls   {floor:8.2f} ms   ratio {ours / floor:.1f} (goal 15): "
+            f"\n  in process            {ours:8.2f} ms   torque error {error:.1e} N m"
+            f"\n  its pinocchio calls   {floor:8.2f} ms   ratio {ours / floor:.1f}: "
             + ", ".join(f"{name} {count}" for name, count in calls.items())
             + f"\n  one pass, bare        {one_pass:8.2f} ms   ratio {ours / one_pass:.0f}: Jacobians, RNEA "
             f"once on each node"
