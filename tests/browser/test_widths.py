@@ -52,7 +52,10 @@ def test_a_report_fits_a_phone_and_its_figures_a_page(opened, report):
 
 # Text of at least some letters, with its contrast to the nearest ground that is not transparent; WCAG 2.1.
 CONTRASTS = """() => {
-  const numbers = (color) => (color.match(/[\\d.]+/g) || [0, 0, 0, 0]).map(Number);
+  const numbers = (color) => { // of rgb(247, 240, 240) and of color(srgb 0.97 0.94 0.94)
+    const [r, g, b, ...rest] = (color.match(/[\\d.]+/g) || [0, 0, 0, 0]).map(Number);
+    return [...[r, g, b].map((value) => (color.startsWith("color(") ? 255 * value : value)), ...rest];
+  };
   const light = (color) => numbers(color).slice(0, 3).map((c) => c / 255)
     .map((c) => (c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4))
     .reduce((sum, c, k) => sum + c * [0.2126, 0.7152, 0.0722][k], 0);
