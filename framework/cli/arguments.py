@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -84,6 +84,18 @@ def load_mechanism(options: argparse.Namespace) -> Mechanism:
 def parsed(options: argparse.Namespace, *, propose: Propose | None = None) -> ParsedRobot:
     """Read a robot file, or a file of a foreign dialect completed by the options."""
     return parse_any(robot_file(options.robot), propose=propose, **_missing_fields(options))
+
+
+def named_numbers(option: str, words: Sequence[str], form: str) -> dict[str, float]:
+    """Parse numbers with names, NAME=VALUE."""
+    values = {}
+    for word in words:
+        name, _, text = word.partition("=")
+        try:
+            values[name] = float(text)
+        except ValueError:
+            raise InvalidInput(f"{option}: needs {form} with a number, got {word!r}") from None
+    return values
 
 
 def _missing_fields(options: argparse.Namespace) -> dict[str, Any]:
@@ -211,6 +223,12 @@ def limits(option: str, words: Sequence[str]) -> list[float | None] | dict[str, 
     if not any(by_joint):
         return values
     return {joint: value for (joint, *_), value in zip(pairs, values, strict=True)}
+
+
+def peaks(robot: ParallelRobot, torques: Mapping[str, float], digits: int = 6) -> str:
+    """Return the torques of motors with their units, in words."""
+    units = zip(torques.items(), robot.torque_units, strict=True)
+    return ", ".join(f"{joint} {torque:.{digits}g} {unit}" for (joint, torque), unit in units)
 
 
 def share(name: str, text: str) -> float:

@@ -7,7 +7,6 @@ from typing import Any
 
 from framework.cli import arguments
 from framework.cli.parser import Report, add_out, add_robot, command
-from framework.errors import InvalidInput
 from framework.identification.calibrate import ANGLE_ERROR, LENGTH_ERROR, NOISE, Calibration, calibrate
 
 NO_CHANGE = 1e-3  # of its standard deviation: a parameter that the report leaves out
@@ -54,7 +53,7 @@ def run(options: argparse.Namespace) -> Report:
         robot,
         options.data,
         joints=options.joints,
-        noise=_noise(options.noise),
+        noise=arguments.named_numbers("--noise", options.noise, "KIND=VALUE"),
         length_error=options.length_error,
         angle_error=options.angle_error,
         progress=options.progress.start("calibrating", unit="steps"),
@@ -64,18 +63,6 @@ def run(options: argparse.Namespace) -> Report:
         document["robot_file"] = str(found.write(options.out))
         text += f"\n  written to        {document['robot_file']}"
     return document, text
-
-
-def _noise(words: list[str]) -> dict[str, float]:
-    """Parse standard deviations, as KIND=VALUE."""
-    values = {}
-    for word in words:
-        name, _, text = word.partition("=")
-        try:
-            values[name] = float(text)
-        except ValueError:
-            raise InvalidInput(f"--noise: needs KIND=VALUE with a number, got {word!r}") from None
-    return values
 
 
 def _noise_text(found: Calibration) -> str:

@@ -8,14 +8,7 @@ from typing import Any
 import numpy as np
 
 from framework.cli import arguments
-from framework.cli.parser import (
-    Report,
-    add_flexibility,
-    add_motion,
-    add_path,
-    add_robot,
-    command,
-)
+from framework.cli.parser import Report, add_path_and_motion, add_robot, command
 from framework.crossing.capacity import Capacity, capacity_request, largest_load_of
 from framework.crossing.scenes import scene
 
@@ -28,9 +21,7 @@ def add(commands: Any) -> None:
     )
     parser = command(commands, "capacity", run, details)
     add_robot(parser)
-    add_path(parser)
-    add_flexibility(parser)
-    add_motion(parser)
+    add_path_and_motion(parser)
 
 
 def run(options: argparse.Namespace) -> Report:
@@ -66,14 +57,10 @@ def _document(capacity: Capacity) -> dict[str, Any]:
 def capacity_text(capacity: Capacity) -> str:
     """Return the report on a capacity, in words."""
     plan = capacity.plan
-    peaks = ", ".join(
-        f"{joint} {value:.6g} {unit}"
-        for (joint, value), unit in zip(plan.peak_torque.items(), plan.robot.torque_units, strict=True)
-    )
     lines = [
         f"{plan.robot.name}, {plan.robot.flexibility}: {capacity.multiple:.6g} times the wrench is planned, "
         f"over {plan.duration:.6g} s",
-        f"  peak torque       {peaks}",
+        f"  peak torque       {arguments.peaks(plan.robot, plan.peak_torque)}",
     ]
     if capacity.refusal is not None:
         word = "refused, proved" if getattr(capacity.refusal, "proof", None) is not None else "refused"

@@ -14,8 +14,7 @@ from framework.cli.parser import (
     Report,
     add_flexibility,
     add_motion,
-    add_moved_robot,
-    add_robot,
+    add_robot_or_plan,
     command,
     integer_between,
 )
@@ -40,8 +39,7 @@ SUFFIXES = {"mjcf": (".xml", ".mjcf"), "ros2_control": (".yaml", ".yml", ".json"
 def add(commands: Any) -> None:
     """Add the command to the parser."""
     parser = command(commands, "export", run)
-    add_robot(parser, "catalogue name, path of a robot file, or folder that `crossing plan --out` wrote")
-    add_moved_robot(parser)
+    add_robot_or_plan(parser)
     parser.add_argument(
         "--to",
         dest="program",

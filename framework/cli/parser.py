@@ -79,6 +79,12 @@ def add_missing_fields(parser: OneLineParser) -> None:
     group.add_argument("--base", metavar="LINK", help="only what this link carries moves, such as one leg")
 
 
+def add_robot_or_plan(parser: OneLineParser) -> None:
+    """Add ROBOT, which may be a folder of `crossing plan --out`, and --robot-file."""
+    add_robot(parser, "catalogue name, path of a robot file, or folder of `crossing plan --out`")
+    add_moved_robot(parser)
+
+
 def add_moved_robot(parser: OneLineParser) -> None:
     """Add --robot-file, for commands that read a folder of `crossing plan --out`."""
     parser.topic(MOTION).add_argument(
@@ -124,8 +130,18 @@ def add_options(parser: OneLineParser, *names: str) -> None:
         parser.topic(option.topic).add_argument(option.flag, default=None, help=text, **(option.typed or {}))
 
 
+def add_path_and_motion(parser: OneLineParser, *, without: str = "", several: bool = False) -> None:
+    """Add a path, `several` scenes where they may be, springs, and what `plan_crossing` may be told.
+
+    All but one option and --keep-limits, which is for `crossing plan` alone.
+    """
+    add_path(parser, several=several)
+    add_flexibility(parser)
+    add_motion(parser, without=without)
+
+
 def add_motion(parser: OneLineParser, *, without: str = "") -> None:
-    """Add what `plan_crossing` may be told but one option; --keep-limits is for `crossing plan` alone."""
+    """Add what `plan_crossing` may be told but one option and --keep-limits."""
     add_options(parser, *(name for name in TYPED if name not in ("keep_limits", without)))
     add_wrenches(parser)
 

@@ -125,10 +125,7 @@ def _planned(
     sentence = f"by at most {far}, {100 * modified.share:.2g} % of its length, its ends kept; a spline now"
     line = f"\n  path bent         {sentence if modified.share else 'not at all: it needs none'}"
     for choice in modified.choices:
-        peaks = ", ".join(
-            f"{joint} {peak:.4g} {unit}"
-            for (joint, peak), unit in zip(choice.peak_torque.items(), robot.torque_units, strict=True)
-        )
+        peaks = arguments.peaks(robot, choice.peak_torque, 4)
         line += f"\n    --bend {100 * choice.share:.3g}%".ljust(19) + f" peak torque {peaks}"
     entry = {key: getattr(modified, key) for key in ("moved", "turned", "share")}
     choices = [choice._asdict() for choice in modified.choices]
@@ -168,11 +165,7 @@ def plan_text(plan: CrossingPlan) -> str:
         lines += _best(plan)
     lines += _wrenches(plan)
     lines += _crossings(plan)
-    peaks = ", ".join(
-        f"{joint} {value:.6g} {unit}"
-        for (joint, value), unit in zip(plan.peak_torque.items(), robot.torque_units, strict=True)
-    )
-    lines.append(f"  peak torque       {peaks}")
+    lines.append(f"  peak torque       {arguments.peaks(robot, plan.peak_torque)}")
     return "\n".join([*lines, *_certificate(plan), *_warnings(plan)])
 
 

@@ -15,12 +15,9 @@ from framework.cli import arguments
 from framework.cli.parser import (
     Report,
     add_executor,
-    add_flexibility,
-    add_motion,
-    add_moved_robot,
     add_out,
-    add_path,
-    add_robot,
+    add_path_and_motion,
+    add_robot_or_plan,
     command,
     integer_between,
 )
@@ -57,11 +54,8 @@ MAX_RUNS = 1_000_000
 def add(commands: Any) -> None:
     """Add the command to the parser."""
     parser = command(commands, "robustness", run)
-    add_robot(parser, "catalogue name, path of a robot file, or a folder of `crossing plan --out`")
-    add_path(parser)
-    add_flexibility(parser)
-    add_motion(parser, without="friction")  # which is one of the differences of the robots
-    add_moved_robot(parser)
+    add_robot_or_plan(parser)
+    add_path_and_motion(parser, without="friction")  # which is one of the differences of the robots
     group = parser.topic("the study")
     group.add_argument(
         "--controller",

@@ -10,16 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from framework.cli import arguments
 from framework.cli.console import tell
-from framework.cli.parser import (
-    Report,
-    add_flexibility,
-    add_motion,
-    add_moved_robot,
-    add_path,
-    add_robot,
-    command,
-    not_empty,
-)
+from framework.cli.parser import Report, add_path_and_motion, add_robot_or_plan, command, not_empty
 from framework.crossing.options import TYPED
 from framework.errors import InvalidInput, NoAnswer
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -32,11 +23,8 @@ if TYPE_CHECKING:
 def add(commands: Any) -> None:
     """Add the command to the parser."""
     parser = command(commands, "show", run)
-    add_robot(parser, "catalogue name, path of a robot file, or folder of `crossing plan --out`")
-    add_path(parser, several=True)
-    add_flexibility(parser)
-    add_motion(parser)
-    add_moved_robot(parser)
+    add_robot_or_plan(parser)
+    add_path_and_motion(parser, several=True)
     parser.add_argument(
         "--html",
         type=not_empty,

@@ -10,16 +10,7 @@ from typing import Any
 import numpy as np
 
 from framework.cli import arguments
-from framework.cli.parser import (
-    Report,
-    add_flexibility,
-    add_motion,
-    add_moved_robot,
-    add_out,
-    add_path,
-    add_robot,
-    command,
-)
+from framework.cli.parser import Report, add_out, add_path_and_motion, add_robot_or_plan, command
 from framework.crossing.result import CrossingPlan
 from framework.errors import InvalidInput, NoAnswer
 from framework.identification.sensors import Sensors, record_sensors, sensors_of
@@ -32,11 +23,8 @@ from framework.tolerances import MOTION_OFF_PATH
 def add(commands: Any) -> None:
     """Add the command to the parser."""
     parser = command(commands, "simulate", run)
-    add_robot(parser, "catalogue name, path of a robot file, or folder that `crossing plan --out` wrote")
-    add_path(parser)
-    add_flexibility(parser)
-    add_motion(parser)
-    add_moved_robot(parser)
+    add_robot_or_plan(parser)
+    add_path_and_motion(parser)
     group = parser.topic("the simulation")
     group.add_argument(
         "--method",
@@ -97,14 +85,7 @@ def _sensors(options: argparse.Namespace) -> Sensors | None:
         return None
     if options.out is None:
         raise InvalidInput("--sensors: writes sensors.csv into a folder; give --out").advising({"out": "run"})
-    values = {}
-    for word in options.sensors:
-        name, _, text = word.partition("=")
-        try:
-            values[name] = float(text)
-        except ValueError:
-            raise InvalidInput(f"--sensors: needs NAME=VALUE with a number, got {word!r}") from None
-    return sensors_of(values)
+    return sensors_of(arguments.named_numbers("--sensors", options.sensors, "NAME=VALUE"))
 
 
 def _unit(result: Simulation) -> tuple[str, float]:
