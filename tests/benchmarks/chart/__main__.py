@@ -19,6 +19,7 @@ from framework.output import written_together
 from tests.benchmarks.chart import repeated, stages, table
 from tests.benchmarks.chart.figures import save_chart
 from tests.benchmarks.chart.measure import FULL, QUICK, Effort, Stage, rows_of
+from tests.benchmarks.chart.reading import losses
 
 FOLDER = "chart"
 
@@ -59,7 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def write_chart(chosen: Sequence[Stage], folder: Path, effort: Effort = FULL, *, redraw: bool = False) -> str:
     """Measure the stages and write their figures and tables, all or nothing; returns a summary."""
-    summary: list[str] = []
+    summary, sentences, lost = list[str](), list[str](), list[str]()
     known = {
         stage.name: table.read_rows(json.loads((folder / f"{stage.name}.json").read_text(encoding="utf-8")))
         for stage in (chosen if redraw else ())
@@ -84,6 +85,20 @@ def write_chart(chosen: Sequence[Stage], folder: Path, effort: Effort = FULL, *,
             (temporary / f"{stage.name}.json").write_text(json.dumps(document), encoding="utf-8")
             save_chart(stage, rows, temporary / stage.name)
             summary += table.summary(document)
+            sentences.append(f"- {stage.title} (`{stage.name}.md`). {document['sentence']}")
+            lost += [f"- {line}" for line in losses(stage, rows)]
+        if len(chosen) == len(stages.NAMES):
+            lines = [
+                "# Where others are quicker",
+                "",
+                *(lost or ["- Nowhere."]),
+                "",
+                "# All",
+                "",
+                *sentences,
+                "",
+            ]
+            (temporary / "summary.md").write_text("\n".join(lines), encoding="utf-8")
     return "\n".join([*summary, f"written to {folder}/"])
 
 

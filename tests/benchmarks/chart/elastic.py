@@ -165,6 +165,7 @@ def _remark(rows: Sequence[Row]) -> str:
 
 
 _GIVEN = "law through the deformed robot's point"
+_PLAIN = f"{NODES} nodes, at most {MOST} passes, kept where a pass changes least"
 _declared = partial(Method, given="path, duration, time, speed", unit="stiffness", settings=SCALES)
 STAGE = Stage(
     name="elastic",
@@ -174,14 +175,23 @@ STAGE = Stage(
     methods=(
         _declared("planned", "ours, planned and proved", partial(_planned, geometry="deformed"), kind="ours"),
         _declared("small", "ours, small displacements", partial(_planned, geometry="rigid"), kind="ours"),
-        _declared("repeated", "plain repetition", partial(_repeated, moved=True), given=_GIVEN),
+        _declared(
+            "repeated", "plain repetition", partial(_repeated, moved=True), given=_GIVEN, source=_PLAIN
+        ),
         _declared(
             "rigid_point",
             "plain repetition, rigid point",
             partial(_repeated, moved=False),
+            source=_PLAIN,
             given="law through the rigid point",
         ),
-        _declared("differences", f"finite differences, {FEW} passes", _differences, given=_GIVEN),
+        _declared(
+            "differences",
+            f"finite differences, {FEW} passes",
+            _differences,
+            given=_GIVEN,
+            source=f"{SAMPLES} samples, central differences, cubic spline",
+        ),
     ),
     judge=judge,
     remark=_remark,

@@ -120,7 +120,13 @@ STAGE = Stage(
         _declared(
             "pseudo_inverse", f"pseudo-inverse, cut {CUT:.0e}", _tabulated(_cut), source="splines of degree 9"
         ),
-        _declared("differences", "central differences", _differences, given="path followed; s alone"),
+        _declared(
+            "differences",
+            "central differences",
+            _differences,
+            given="path followed; s alone",
+            source="step as in the map, splines of degree 9",
+        ),
         _declared(
             "doubled",
             "Pinocchio's tables, doubled",

@@ -218,6 +218,7 @@ def _at(rows: Sequence[Row], name: str, conditions: float) -> Row | None:
 
 
 _GIVEN = "s, s', s\" at each crossing"
+_SOLVED = "numpy.linalg.solve of the conditions in that basis"
 _declared = partial(Method, given=_GIVEN, unit="conditions", settings=COUNTS)
 STAGE = Stage(
     name="laws",
@@ -234,15 +235,27 @@ STAGE = Stage(
             settings=COUNTS[1::3],
             kind="ours",
         ),
-        _declared("monomials", "powers of t in seconds", _powers(1.0)),
-        _declared("normalised", "powers of t/T", _powers(T)),
+        _declared("monomials", "powers of t in seconds", _powers(1.0), source=_SOLVED),
+        _declared("normalised", "powers of t/T", _powers(T), source=_SOLVED),
         _declared(
             "chebyshev_printed",
             f"Chebyshev basis, {PRINTED} digits printed",
             partial(_chebyshev, printed=True),
+            source="ours, coefficients rounded",
         ),
-        _declared("printed", f"powers of t, {PRINTED} digits printed", _powers(1.0, printed=True)),
-        _declared("newton", "Newton's form, scipy's Krogh", _newton, settings=COUNTS[:9]),
+        _declared(
+            "printed",
+            f"powers of t, {PRINTED} digits printed",
+            _powers(1.0, printed=True),
+            source=f"{_SOLVED}, coefficients rounded",
+        ),
+        _declared(
+            "newton",
+            "Newton's form, scipy's Krogh",
+            _newton,
+            settings=COUNTS[:9],
+            source="scipy KroghInterpolator, conditions in the order of time",
+        ),
     ),
     judge=judge,
     remark=_remark,

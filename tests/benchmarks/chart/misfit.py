@@ -161,6 +161,7 @@ def _remark(rows: Sequence[Row]) -> str:
 
 
 _GIVEN, _UNIT, _CELLS = "path and law", "load over stiffness, misfit", pairs(LOADS, MISFITS)
+_TABLE = f"{SAMPLES} samples, spline of degree {DEGREE}"
 _declared = partial(Method, given=_GIVEN, unit=_UNIT, settings=_CELLS)
 STAGE = Stage(
     name="misfit",
@@ -169,9 +170,9 @@ STAGE = Stage(
     error="largest error of the rods over their largest",
     methods=(
         _declared("proved", "ours, proved", lambda cell: _proved(cell, geometry="deformed"), kind="ours"),
-        _declared("root", "scipy root at each instant", _root),
-        _declared("repeated", "plain repetition", _repeated),
-        _declared("differences", f"differences, {FEW} passes", _differences),
+        _declared("root", "scipy root at each instant", _root, source=f"hybr to 1e-14, {_TABLE}"),
+        _declared("repeated", "plain repetition", _repeated, source="as in the stage elastic"),
+        _declared("differences", f"differences, {FEW} passes", _differences, source=_TABLE),
     ),
     judge=judge,
     remark=_remark,

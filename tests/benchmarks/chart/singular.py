@@ -181,6 +181,7 @@ def _remark(rows: Sequence[Row]) -> str:
 
 
 _GIVEN = "P(s) on [0.6, 0.75]"
+_BARE = "P by pinocchio and numpy alone (chart/bare.py)"
 _declared = partial(Method, given=_GIVEN, unit="tolerance", settings=TOLERANCES)
 STAGE = Stage(
     name="singular",
@@ -213,13 +214,24 @@ STAGE = Stage(
             settings=singles(1),
             kind="ours",
         ),
-        _declared("svd_minimum", "least singular value, its minimum", _minimum),
+        _declared(
+            "svd_minimum",
+            "least singular value, its minimum",
+            _minimum,
+            source=f"{_BARE}; scipy minimize_scalar, bounded, xatol",
+        ),
         _declared(
             "determinant",
             "determinant, Brent",
             _sign_change(lambda s: float(np.linalg.det(_matrix(s))), by_inverse_iteration),
+            source=f"{_BARE}; scipy brentq, xtol",
         ),
-        _declared("qr", "last entry of R, Brent", _sign_change(_last_of_r, by_qr)),
+        _declared(
+            "qr",
+            "last entry of R, Brent",
+            _sign_change(_last_of_r, by_qr),
+            source=f"{_BARE}; scipy brentq, xtol",
+        ),
     ),
     judge=judge,
     goals=(1e-6, 1e-12),
