@@ -216,7 +216,7 @@ def _growth(rows: Sequence[Row], panel: str) -> str:
 
 
 ROWS, TURNS = "Loops, row of four-bars", "Crossings, 3-RPR"
-_LAW = "path followed; s, s', s\" exact"
+_LAW = "path followed, law exact"
 
 
 def _method(name: str, label: str, prepare: Any, *, given: str = _LAW, source: str = "") -> Method:
@@ -249,13 +249,13 @@ STAGE = Stage(
         ),
         _method(
             "loops-pinocchio",
-            "pointwise, Pinocchio and numpy",
+            "pointwise, Pinocchio, numpy",
             _fewest(row, Along.pinocchio, SAMPLES, DEGREE),
             source=BARE,
         ),
         _method(
             "loops-sparse",
-            "pointwise, Pinocchio and sparse LU",
+            "pointwise, Pinocchio, sparse LU",
             _fewest(sparse, Along.pinocchio, SAMPLES, DEGREE),
             source=f"{BARE}; scipy's splu in place of dense solves",
         ),
@@ -274,7 +274,7 @@ STAGE = Stage(
         ),
         _method(
             "crossings-pinocchio",
-            "pointwise, Pinocchio and numpy",
+            "pointwise, Pinocchio, numpy",
             _fewest(turning, Along.pinocchio, SAMPLES, DEGREE),
             source=BARE,
         ),
