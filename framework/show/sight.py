@@ -12,11 +12,7 @@ import numpy as np
 
 from framework.arrays import LEAST_DIVISOR, Array, IntArray
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.placements import (
-    joint_poses,
-    planar_normal,
-    rotated,
-)
+from framework.kinematics.placements import joint_poses, planar_normal, rotated
 from framework.locus.drawn_locus import locus_patch
 from framework.model.visuals import Shape
 from framework.show.film import Film
@@ -159,9 +155,8 @@ def _seen(areas: IntArray) -> Array:
     moving = areas[:, 1:][:, areas[:, 1:].max(axis=0) > 0]
     if not moving.shape[1]:
         return np.ones(len(areas))
-    share = np.maximum(moving, 1) / moving.max(
-        axis=0
-    )  # a cell at least: a hidden body weighs, but decides not alone
+    # one cell at least: a hidden body weighs, but does not decide alone
+    share = np.maximum(moving, 1) / moving.max(axis=0)
     weight = np.sqrt(moving.max(axis=0))
     share = np.exp(np.log(share) @ weight / weight.sum())
     filled = moving.sum(axis=1) / areas.sum(axis=1)

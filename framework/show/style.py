@@ -28,6 +28,7 @@ ALARM, WARNING, GOOD = "#c8141e", "#8a5a00", "#14504f"
 INK, SOFT = "#1d2530", "#5c6876"  # text
 LINE, GRID, AXIS = "#d8dde3", "#e7eaee", "#9aa4af"
 PAPER, GROUND = "#ffffff", "#f3f5f8"
+GOOD_GROUND, ALARM_GROUND, WARNING_GROUND = "#eef3f3", "#fcf1f2", "#f5f0e8"
 IDLE, BUSY = "#d4d7db", "#00525e"  # a motor without torque, and at its largest
 UNREAL = "#b4bcc5"  # what is drawn for comparison only
 UNREACHED, BEYOND, NOT_CARRIED = "#e4e7eb", "#bcc4ce", "#e8a48c"  # poses of a map without a value
@@ -36,7 +37,8 @@ PAGE_COLORS = (  # as the pages call them
     | {"locus": LOCUS, "twist": TWIST, "wrench": WRENCH, "world": WORLD, "trace": PATH, "path": AHEAD}
     | {"given": GIVEN, "alarm": ALARM, "warning": WARNING, "good": GOOD, "idle": IDLE, "busy": BUSY}
     | {"unreal": UNREAL, "ink": INK, "soft": SOFT, "line": LINE, "grid": GRID, "axis": AXIS}
-    | {"paper": PAPER, "ground": GROUND}
+    | {"paper": PAPER, "ground": GROUND, "good-ground": GOOD_GROUND, "alarm-ground": ALARM_GROUND}
+    | {"warning-ground": WARNING_GROUND}
 )
 COLUMN_WIDTH = 3.5  # [in] width of a journal column
 DPI = 200

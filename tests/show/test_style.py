@@ -83,6 +83,11 @@ def test_text_is_readable_on_paper_and_paper_on_it(name):
     assert contrast(name, "GROUND") >= READABLE
 
 
+@pytest.mark.parametrize("ground", ["GOOD_GROUND", "ALARM_GROUND", "WARNING_GROUND"])
+def test_words_of_the_moment_are_readable(ground):
+    assert contrast("INK", ground) >= READABLE
+
+
 def test_pages_have_no_colours_of_their_own():
     asset = files("framework.show").joinpath("page")
     for file in asset.iterdir():

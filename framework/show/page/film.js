@@ -107,12 +107,12 @@ class Film {
     const kinds = ["force", "moment"].filter((_, part) => content.world.some((wrench) => decoded(wrench[["linear", "angular"][part]]).some(Boolean)));
     if (kinds.length) key("var(--world)", `${kinds.join(" and ")} of the world, to the scale of W<sub>p</sub>`);
     if (this.g) {
-      const solid = content.polytope ? (content.polytope.flat ? ", fading where it goes on" : " (solid: its own scale)") : "", none = content.no_figure ? ` (${plain(content.no_figure)})` : "";
-      lines.push(`<div><span class="key given" style="background:var(--given)"></span>what ${plain(content.stated)} can give${solid}${none}</div>`);
+      const solid = content.polytope ? (!content.polytope.flat ? " (solid: its own scale)" : shared.dataset.columns > 1 ? "" : " (fades where it goes on)") : "", none = content.no_figure ? ` (${plain(content.no_figure)})` : "";
+      lines.push(`<div><span class="key given"></span>what ${plain(content.stated)} can give${solid}${none}</div>`);
     }
-    if (content.lines) key("var(--given)", content.turning.every(Boolean) ? "axes of the motors’ torques" : "lines of the motors’ forces");
+    if (content.lines) key("var(--given)", content.turning.every(Boolean) ? "axes of their torques" : "lines of their forces");
     if (this.trace) {
-      lines.push('<div><span class="key" style="background:linear-gradient(90deg, var(--trace) 50%, var(--path) 50%)"></span>way gone, and to go</div>');
+      lines.push('<div><span class="key" style="background:linear-gradient(90deg, var(--trace) 50%, var(--path) 50%)"></span>path: gone, ahead</div>');
     }
     const limit = content.shared_limit;
     lines.push(`<div>motor torque 0<span class="scale"></span><span class="unseen"> to </span>${rounded(limit)} ${content.motors[0].unit}</div>`);

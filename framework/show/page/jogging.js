@@ -36,7 +36,7 @@ class Hand {
     const { locus, start, turning, no_figure } = this.content, turns = turning.every(Boolean);
     if (start.g === null) return "";
     const key = (color, text) => `<div><span class="key" style="background:${color}"></span>${text}</div>`;
-    const given = `<div><span class="key given" style="background:var(--given)"></span>${turns ? "torques" : "forces"} that equal motors can give</div>`;
+    const given = `<div><span class="key given"></span>${turns ? "torques" : "forces"} that equal motors can give</div>`;
     return [
       locus ? key("var(--locus)", `singular locus${locus.whole ? "" : " (platform not turned)"}`) : "",
       key("var(--twist)", "t<sub>s</sub>: direction least held"),
