@@ -13,9 +13,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from framework.arrays import Array, BoolArray, IntArray
-from framework.crossing.optimal.speed_program import (
-    SpeedProgram,
-)
+from framework.crossing.optimal.speed_program import SpeedProgram
 from framework.errors import InvalidInput
 from framework.motion.cone_program import Affine, ConeProgram, Optimum, Unsolved, solve_cone_program
 from framework.motion.exact_duration import adjusted, blended, duration_of
