@@ -204,6 +204,7 @@ def planned(robot: ParallelRobot, scene: str, options: dict) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", robots.CATALOGUE)
+@pytest.mark.filterwarnings("ignore:invalid value encountered:RuntimeWarning")  # as on the command line
 def test_remedies_are_true_and_advise_no_law_that_was_tried(name):
     robot = robots.load(name)
     refused, advised = 0, 0
