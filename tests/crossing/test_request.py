@@ -161,7 +161,7 @@ def test_an_option_that_is_not_declared_is_no_argument(robot):
 
 def test_the_example_of_the_help_is_as_it_says():
     example = DocTestParser().get_doctest(getdoc(plan_crossing), {}, "plan_crossing", None, None)
-    assert len(example.examples) == 4
+    assert len(example.examples) == 3
     assert DocTestRunner().run(example).failed == 0
 
 

@@ -102,7 +102,7 @@ def test_a_saved_plan_is_shown(crossing, folder, tmp_path):
         (["no_robot"], "unknown robot"),
         (["five_bar", "--times", "1"], "--times: needs a motion"),
         (["five_bar", "--from", "0", "0.3"], "--from and --to"),
-        (["five_bar", "--scene", "C", "--html", ""], "--html: needs the name of a file"),
+        (["five_bar", "--scene", "C", "--html", ""], "argument --html: needs a name"),
         (["five_bar", "--scene", "C", "--html", "/dev/null/page.html"], "--html: cannot write"),
     ],
 )
