@@ -30,6 +30,7 @@ WIDTH, AXES, LOW_AXES = 7.2, 2.7, 1.9  # [in] two journal columns; height of axe
 TOP, BELOW, LINE, LEFT, BETWEEN = 0.32, 0.46, 0.145, 0.62, 0.62  # [in]
 TIME = "processor time  [ms]"
 FEW = 300.0  # largest over smallest on an axis that still takes 1, 2, 5, 10
+DECADE = 10.0
 NARROW = 1.5  # largest over smallest below which an axis of errors is not logarithmic
 MOST_TICKS = 7  # settings that are all written at the axis
 MARKERS = "os^Dv<>Pphd*X"
@@ -200,6 +201,9 @@ def _scaled(ax: Axes, label: str, *, linear: bool = False) -> None:
     low, high = ax.get_ylim()
     if high < NARROW * low:
         ax.set_yscale("linear")
+    elif high < DECADE * low:  # whole decades, so that no tick between them needs a label
+        ax.set_ylim(*(10.0 ** rounded(np.log10(end)) for rounded, end in ((np.floor, low), (np.ceil, high))))
+    ax.yaxis.set_minor_formatter(NullFormatter())
     ax.set_xlabel(label)
     if not linear:
         ax.set_xscale("log")

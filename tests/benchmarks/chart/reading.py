@@ -122,7 +122,7 @@ def compared(times: Sequence[Time]) -> str:
 
 
 def _words(time: Time) -> str:
-    return f"{time.method.label} {1e3 * time.least:.2g} ms"
+    return f"{time.method.label} {1e3 * time.least:.3g} ms"
 
 
 def short(value: float | None) -> str:
