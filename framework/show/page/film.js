@@ -143,7 +143,7 @@ class Film {
     const written = [...side.children].reduce((sum, { offsetHeight }) => sum + offsetHeight + 12, 30 * !shortNames);
     const taller = beside ? 1 : Math.min(MAX_TALLER, Math.max(1, (side.clientHeight - written - 20) / (scale * (150 + 176 + 140))));
     this.panels = [new Chart(side, {
-      title: `motor torque [${units}]`, time, seek, unreal, limit: content.shared_limit, height: beside ? 116 : 150 * taller,
+      title: `motor torque [${units}]`, time, seek, unreal, limit: content.shared_limit, height: beside ? 110 : 150 * taller,
       events: content.instants.map((instant) => mark(instant, undefined, alarm ? `${rounded(instant.time)} s: no bound` : "")),
       series: this.torque.map((values, k) => ({ values, color: PALETTE[k % 6], dash: dashes[k % 6], name: shortNames ? content.motors[k].name.replace(/_/g, " ") : "" })),
     })];
@@ -151,14 +151,14 @@ class Film {
       `<span><b style="color:${PALETTE[k % 6]}">${dashes[k % 6] ? "┄" : "━"}</b> ${name}</span>`).join("&ensp; ")}</p>`);
     if (!this.g) return;
     this.panels.push(new Chart(side, {
-      title: `${content.asked} tₛ, asked for (tₛ · Wₚ) and given [${content.unit}]`, time, seek, unreal, limit: content.shared_force, height: beside ? 103 : 176 * taller,
+      title: `${content.asked} tₛ, asked for (tₛ · Wₚ) and given [${content.unit}]`, time, seek, unreal, limit: content.shared_force, height: beside ? 97 : 176 * taller,
       events: content.instants.map((instant) => mark(instant, alarm ? instant.wrench : 0,
         alarm ? `misses the eye: ${rounded(instant.wrench)} ${content.unit}` : `through the eye: 0`)),
       series: [{ values: this.power, color: ink("wrench") }], band: this.band,
     }));
     this.panels.push(new Chart(side, {
       title: `singularity measure g: 0 ${content.locus ? `on the purple ${content.locus.kind === "patch" ? "surface" : "curve"}` : "where singular"}`, time, seek, unreal,
-      height: beside ? 103 : 140 * taller, events: content.instants.map((instant) => mark(instant, 0, "")),
+      height: beside ? 97 : 140 * taller, events: content.instants.map((instant) => mark(instant, 0, "")),
       series: [{ values: this.g, color: ink("locus") }],
     }));
   }
