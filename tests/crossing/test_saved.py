@@ -88,7 +88,11 @@ def test_an_optimal_law_on_springs_comes_back(tmp_path):
     again = load_plan(tmp_path)
     times = np.linspace(0.0, plan.duration, 301)
     np.testing.assert_array_equal(again.law(times), plan.law(times))
-    np.testing.assert_allclose(again.torque(times), plan.torque(times), atol=1e-10)  # N m
+    # torques hold two derivatives of deflections, in which rounding grows at the ends: 1e-9 of the peak there,
+    # more or less with the processor, and a hundredth of that elsewhere
+    torque, peak = plan.torque(times), np.abs(plan.torque(times)).max()
+    np.testing.assert_allclose(again.torque(times), torque, rtol=0, atol=1e-8 * peak)
+    np.testing.assert_allclose(again.torque(times)[3:-3], torque[3:-3], rtol=0, atol=1e-10 * peak)
     np.testing.assert_allclose(again.deflection(times), plan.deflection(times), atol=1e-12)
 
 
