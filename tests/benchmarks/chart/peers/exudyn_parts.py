@@ -43,6 +43,7 @@ from exudyn.itemInterface import (
 
 from framework.arrays import Array
 
+exu.config.printToConsole = False  # a failure is an error, and no report in the figures' notebook
 SPECTRAL_RADIUS = 0.9  # a little numerical damping, for the algebraic unknowns
 NEWTON = 1e-10  # tolerance, relative and absolute; with 1e-12 Newton's method stalls on rounding
 Body = tuple[Any, Any]  # object, node
