@@ -11,6 +11,7 @@ import subprocess
 import sys
 import termios
 import time
+from types import SimpleNamespace
 
 import pytest
 
@@ -18,6 +19,7 @@ from framework.cli.layout import laid_out, shows_colours
 from framework.cli.progress import FIRST, Progress
 
 STYLE = re.compile(r"\x1b\[[0-9;]*m")
+ERASED = re.compile(r"[^\n]*\r\x1b\[K")  # the word of life, where it came up
 TEXT = """five_bar, rigid: a law of degree 8
   peak torque       left_motor 0.147119 N m, right_motor 0.162094 N m
   crossing          t = 1 s at s = 0.667006874764298, x, y = (-5.10312e-05, 0.244949)
@@ -29,7 +31,7 @@ TEXT = """five_bar, rigid: a law of degree 8
 
 
 def in_terminal(*arguments: str, columns: int, **environment: str) -> tuple[int, str]:
-    """Run the command in a terminal of so many columns: its exit code, and all that the terminal gets."""
+    """Run the command in a terminal of so many columns: its exit code, and what stands there in the end."""
     ours, theirs = pty.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 40, columns, 0, 0))
     kept = {
@@ -50,7 +52,8 @@ def in_terminal(*arguments: str, columns: int, **environment: str) -> tuple[int,
     except OSError:  # the program has ended
         pass
     os.close(ours)
-    return running.wait(timeout=60), b"".join(parts).decode().replace("\r\n", "\n")
+    shown = b"".join(parts).decode().replace("\r\n", "\n")
+    return running.wait(timeout=60), ERASED.sub("", shown)
 
 
 # ------------------------------------------------------------------ lines and tables
@@ -150,14 +153,14 @@ def test_work_that_lasts_says_so_on_the_terminal_and_leaves_no_trace(monkeypatch
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setattr("framework.cli.progress.FIRST", 0.05)
     monkeypatch.setattr("framework.cli.progress.INTERVAL", 0.05)
+    shown, latest = "", time.monotonic() + 60.0
     with Progress("at work") as progress:
-        advance = progress.start("mapping", 40.0, "poses")
-        advance(10.0)
-        time.sleep(0.5)
-    time.sleep(0.1)
-    shown = capsys.readouterr().err
-    assert "mapping: 25 % of 40 poses in 0 s" in shown
-    assert "about 1 s to go" in shown
+        progress.start("mapping", 40.0, "poses")(10.0)
+        while "mapping: 25 % of 40 poses in " not in shown and time.monotonic() < latest:
+            time.sleep(0.05)
+            shown += capsys.readouterr().err
+    shown += capsys.readouterr().err
+    assert re.search(r"\r\x1b\[Kmapping: 25 % of 40 poses in \d+ s, about \d+ s to go", shown)
     assert shown.endswith("\r\x1b[K")
     time.sleep(0.2)
     assert capsys.readouterr().err == ""
@@ -177,10 +180,14 @@ def test_short_work_and_logs_are_spared(monkeypatch, capsys, terminal, term, las
     assert capsys.readouterr().err == ""
 
 
-def test_how_far_it_is_is_told_in_words():
+def test_how_far_it_is_is_told_in_words(monkeypatch):
+    now = iter([0.0, 0.4, 1.0, 4.0, 5.0, 17.0, 20.0, 22.0])  # s, of each start and each sentence
+    monkeypatch.setattr("framework.cli.progress.time", SimpleNamespace(monotonic=lambda: next(now)))
     progress = Progress("at work")
     assert progress.sentence == "at work: 0 s"
     progress.start("planning", unit="plans")(3)
-    assert progress.sentence == "planning: 3 plans, 0 s"
+    assert progress.sentence == "planning: 3 plans, 3 s"
+    progress.start("mapping", 40.0, "poses")(10.0)
+    assert progress.sentence == "mapping: 25 % of 40 poses in 12 s, about 36 s to go"
     progress.start("simulating", 1.0, "the motion")(0.5)
-    assert progress.sentence == "simulating: 50 % of the motion in 0 s, about 0 s to go"
+    assert progress.sentence == "simulating: 50 % of the motion in 2 s, about 2 s to go"
