@@ -13,7 +13,7 @@ damping, and of deflections that are changing.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -32,6 +32,8 @@ from framework.singularity.root_of_g import root_of_g
 from framework.singularity.type2 import least_held, sign_along, uncontrolled_motion
 from framework.tolerances import CONDITION_ROUNDING, NO_HOLD
 
+Speed = TypeVar("Speed", float, Array)
+
 
 class Condition8(NamedTuple):
     """alpha s" + beta s'^2 + delta s' + gamma = t_s . W_p [N, or N m for a pure turn].
@@ -49,10 +51,10 @@ class Condition8(NamedTuple):
         """t_s . W_p is zero whatever s' and s" are: a straight path across t_s, without gravity along it."""
         return not any(self)
 
-    def acceleration(self, speed: float) -> float:
-        """Return the s" [1/s^2] that makes t_s . W_p vanish at this s' [1/s]; 0 when any does."""
+    def acceleration(self, speed: Speed) -> Speed:
+        """Return the s" [1/s^2] that makes t_s . W_p vanish at each s' [1/s]; 0 when any does."""
         if self.holds_anyway:
-            return 0.0
+            return 0.0 * speed
         return -(self.beta * speed**2 + self.delta * speed + self.gamma) / self.alpha
 
 

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+
+from framework.arrays import Array
 from framework.crossing.condition import (
     Condition8,
     CrossingPoint,
@@ -23,7 +26,7 @@ from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.result import InverseDynamics
 from framework.errors import InvalidInput, NoLaw
 from framework.motion.chebyshev import TimeFunction
-from framework.motion.law import Condition, Law, MotionLaw, advance_through
+from framework.motion.law import Condition, Law, MotionLaw, laws_through
 from framework.singularity.points_on_path import SingularPoint
 
 OF_A_SCENE = (
@@ -158,7 +161,13 @@ def timing_of(to_cross: PathToCross, request: Request) -> tuple[CrossingTime, ..
             ).advising(OPTIMAL_LAW)
     crossings = _at_rest(to_cross)
 
-    def advance(crossing_times: Sequence[CrossingTime]) -> float:
-        return advance_through(duration, request.smoothness, _inner(crossings, crossing_times))
+    s = [place.s for place, _ in crossings]
 
-    return choose_timing([place.s for place, _ in crossings], request, advance, to_cross.branch.robot.name)
+    def laws(times: Array, speeds: Array) -> tuple[Array, Array]:
+        accelerations = [
+            condition.acceleration(v) for (_, condition), v in zip(crossings, speeds.T, strict=True)
+        ]
+        values = np.stack(np.broadcast_arrays(s, speeds, np.transpose(accelerations)), axis=2)
+        return laws_through(duration, request.smoothness, times, values)
+
+    return choose_timing(s, request, laws, to_cross.branch.robot.name)

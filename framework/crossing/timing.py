@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,14 +10,19 @@ import numpy as np
 from framework.arrays import Array
 from framework.crossing.request import Request
 from framework.dynamics.singularity_crossings import instants
-from framework.errors import InvalidInput, NoLaw
+from framework.errors import NoLaw
 from framework.motion.law import Law
 
 # Least slope of s (the ends' zeros divided out) over its mean that a law of our own choice should keep.
 COMFORTABLE_ADVANCE = 0.2
 MAX_CROSSINGS = 8  # through more, one polynomial has so many turns that none that advances is found
-MAX_TRIALS = 1600  # laws that are tried while times or speeds are moved
+LAWS_PER_UNKNOWN, MAX_ROUNDS = 64, 25  # tried together, and how often, while times or speeds are moved
+BEST_SHARE = 8  # one in so many laws of a round is kept, and the next ones are drawn around those
+FIRST_SPREAD = 0.1  # of the duration for times, of themselves for speeds, around what the search starts from
+NO_GAIN = 1e-4  # of `Law.advance`, between the laws that are kept: the search has arrived
 MIN_SEPARATION = 1e-3  # of the duration, between crossings and from them to the ends, in a search
+
+Measure = Callable[[Array, Array], tuple[Array, Array]]
 
 
 class CrossingTime(NamedTuple):
@@ -28,120 +33,109 @@ class CrossingTime(NamedTuple):
 
 
 def choose_timing(
-    s: Sequence[float],
-    request: Request,
-    advance: Callable[[Sequence[CrossingTime]], float],
-    name: str,
+    s: Sequence[float], request: Request, measure: Measure, name: str
 ) -> tuple[CrossingTime, ...]:
     """Choose the timing of the crossings at path coordinates s (k,), ascending.
 
     What the request gives is kept. What is open starts from the law that would ignore the crossings, and
-    is then moved, if need be, until the law through it advances comfortably, as `advance` measures it.
+    is then moved, if need be, until the law through it advances comfortably, with a low peak of s".
+
+    Args:
+        measure: how well laws advance, (m,), that cross at times (m, k) with speeds (m, k), and the peaks of
+            their s" [1/s^2], (m,): as `laws_through` has them.
 
     Raises:
         NoLaw: no law that always advances was found.
     """
     if request.times is not None and request.speeds is not None:
         # what such a law does is for `check_advance` to judge
-        return _timings(np.array(request.times), np.array(request.speeds))
+        return _timing(np.array([request.times, request.speeds]))
     if len(s) > MAX_CROSSINGS:
         raise NoLaw(
             f"{name}: the path meets {len(s)} singular points, the first at s = {s[0]:.6g}; a law through "
             f"more than {MAX_CROSSINGS} is not searched for: cut the path, or give all times and speeds"
         )
-    best: tuple[CrossingTime, ...] = ()
-    score = -np.inf
-    for start in _starts(s, request):
-        advanced = _advance(advance, start, request)
-        if advanced > score or not best:
-            best, score = start, advanced
-        if score >= COMFORTABLE_ADVANCE:
-            return best
-    best, score = _improve(best, request, advance)
+    starts = _starts(s, request)
+    scores = _scores(starts, request, measure)
+    if (scores >= COMFORTABLE_ADVANCE).any():
+        return _timing(starts[np.argmax(scores >= COMFORTABLE_ADVANCE)])
+    best, score = _search(starts[np.argsort(-scores, kind="stable")], request, measure)
+    timing = _timing(best)
     if score <= 0:
         raise NoLaw(
             f"{name}: no law that always advances found through s = "
             f"{', '.join(f'{value:.6g}' for value in s)}, tried t = "
-            f"{', '.join(f'{m.time:.6g}' for m in best)} s, s' = "
-            f"{', '.join(f'{m.speed:.6g}' for m in best)} 1/s; give other times, speeds or another duration"
+            f"{', '.join(f'{m.time:.6g}' for m in timing)} s, s' = "
+            f"{', '.join(f'{m.speed:.6g}' for m in timing)} 1/s; give other times, speeds or another duration"
         )
-    return best
+    return timing
 
 
-def _starts(s: Sequence[float], request: Request) -> Iterator[tuple[CrossingTime, ...]]:
-    """Yield first the law that ignores the crossings, then laws of one cruising speed, ever faster."""
-    duration, times, speeds = request.fixed_duration, request.times, request.speeds
+def _starts(s: Sequence[float], request: Request) -> Array:
+    """Return times and speeds (m, 2, k), first of the law that ignores the crossings, then of faster ones."""
+    duration = request.fixed_duration
     plain = Law.rest_to_rest(duration, request.smoothness)
     ends = np.array([0.0, duration])
-    when = np.array([instants(plain, ends, value)[0] for value in s]) if times is None else np.array(times)
-    how_fast = plain(when, 1) if speeds is None else np.array(speeds)
-    yield _timings(when, how_fast)
-    for cruising in np.linspace(1.2, 2.4, 7) / duration:
-        middle = 0.5 * duration + (np.array(s) - 0.5) / cruising
-        when = middle if times is None else np.array(times)
-        yield _timings(when, np.full(len(s), cruising) if speeds is None else np.array(speeds))
+    when = np.array([instants(plain, ends, value)[0] for value in s])
+    cruising = np.linspace(1.2, 2.4, 7)[:, None] / duration
+    times = np.vstack([when, 0.5 * duration + (np.array(s) - 0.5) / cruising])
+    if request.times is not None:
+        times[:] = when = np.array(request.times)
+    speeds = np.vstack([plain(when, 1), np.repeat(cruising, len(s), axis=1)])
+    if request.speeds is not None:
+        speeds[:] = request.speeds
+    return np.stack([times, speeds], axis=1)
 
 
-def _timings(times: Array, speeds: Array) -> tuple[CrossingTime, ...]:
-    return tuple(CrossingTime(float(t), float(v)) for t, v in zip(times, speeds, strict=True))
+def _timing(timing: Array) -> tuple[CrossingTime, ...]:
+    return tuple(CrossingTime(float(t), float(v)) for t, v in timing.T)
 
 
-def _advance(
-    advance: Callable[[Sequence[CrossingTime]], float],
-    crossing_times: Sequence[CrossingTime],
-    request: Request,
-) -> float:
-    """Return how well the law advances; negative infinity where there is none."""
+def _scores(timings: Array, request: Request, measure: Measure) -> Array:
+    """Return how well laws through times and speeds (m, 2, k) advance; negative infinity without a law.
+
+    Of laws that advance comfortably, the one with the lowest peak of s" is best.
+    """
+    duration, (times, speeds) = request.fixed_duration, timings.swapaxes(0, 1)
+    apart = np.diff(times, axis=1, prepend=0.0, append=duration).min(axis=1) >= MIN_SEPARATION * duration
+    possible = apart & (speeds > 0).all(axis=1)
+    scores = np.full(len(timings), -np.inf)
+    advances, peaks = measure(times[possible], speeds[possible])
+    quiet = COMFORTABLE_ADVANCE + 1.0 / (peaks * duration**2)
+    scores[possible] = np.where(advances < COMFORTABLE_ADVANCE, advances, quiet)
+    return scores
+
+
+def _search(starts: Array, request: Request, measure: Measure) -> tuple[Array, float]:
+    """Move what is open of times and speeds (m, 2, k), the best first, until laws advance comfortably.
+
+    Laws are drawn around all starts, and then, round by round, around the mean of the best ones with the
+    covariance of these about the last mean: it stretches along the way and shrinks where the way ends.
+    """
     duration = request.fixed_duration
-    t = np.array([0.0, *(m.time for m in crossing_times), duration])
-    if np.any(np.diff(t) < MIN_SEPARATION * duration) or any(m.speed <= 0 for m in crossing_times):
-        return -np.inf
-    try:
-        return advance(crossing_times)
-    except InvalidInput:
-        return -np.inf
+    is_open = np.array([[request.times is None], [request.speeds is None]])
 
+    def timings(laws: Array) -> Array:
+        """Return times and speeds (m, 2, k) of times over the duration and logarithms of speeds."""
+        moved = np.stack([duration * laws[:, 0], np.exp(laws[:, 1])], axis=1)
+        return np.where(is_open, moved, starts[0])
 
-def _improve(
-    first: tuple[CrossingTime, ...],
-    request: Request,
-    advance: Callable[[Sequence[CrossingTime]], float],
-) -> tuple[tuple[CrossingTime, ...], float]:
-    """Search by Nelder and Mead's method what is open, until the law advances comfortably."""
-    from scipy.optimize import OptimizeResult, minimize
-
-    count, duration = len(first), request.fixed_duration
-    open_times, open_speeds = request.times is None, request.speeds is None
-
-    def crossing_times(free: Array) -> tuple[CrossingTime, ...]:
-        shift = free[:count] if open_times else np.zeros(count)
-        faster = np.exp(free[-count:]) if open_speeds else np.ones(count)
-        return tuple(
-            CrossingTime(m.time + duration * float(d), m.speed * float(f))
-            for m, d, f in zip(first, shift, faster, strict=True)
-        )
-
-    def cost(free: Array) -> float:
-        score = _advance(advance, crossing_times(free), request)
-        return 1e6 if np.isneginf(score) else -min(score, COMFORTABLE_ADVANCE)
-
-    def stop_when_comfortable(intermediate_result: OptimizeResult) -> None:
-        if intermediate_result.fun <= -COMFORTABLE_ADVANCE:
-            raise StopIteration
-
-    unknowns = count * (open_times + open_speeds)
-    simplex = np.vstack([np.zeros(unknowns), 0.1 * np.eye(unknowns)])
-    optimum = minimize(
-        cost,
-        np.zeros(unknowns),
-        method="Nelder-Mead",
-        callback=stop_when_comfortable,
-        options={
-            "initial_simplex": simplex,
-            "maxfev": min(400 * unknowns, MAX_TRIALS),
-            "xatol": 1e-4,
-            "fatol": 1e-6,
-        },
-    )
-    best = crossing_times(optimum.x)
-    return best, _advance(advance, best, request)
+    random = np.random.default_rng(0)
+    scaled = np.stack([starts[:, 0] / duration, np.log(starts[:, 1])], axis=1)
+    middle = scaled[0]
+    size = LAWS_PER_UNKNOWN * int(is_open.sum()) * len(middle.T)
+    around = scaled[random.integers(len(starts), size=size)]
+    drawn = around + is_open * FIRST_SPREAD * random.standard_normal(around.shape)
+    laws, scores = scaled[:1], _scores(starts[:1], request, measure)
+    for _ in range(MAX_ROUNDS):
+        laws = np.concatenate([laws, drawn])
+        scores = np.concatenate([scores, _scores(timings(drawn), request, measure)])
+        best = np.argsort(-scores, kind="stable")[: size // BEST_SHARE]
+        laws, scores = laws[best], scores[best]
+        if scores[-1] >= COMFORTABLE_ADVANCE or scores[-1] > scores[0] - NO_GAIN:
+            break
+        weights = random.standard_normal((size, len(laws))) / np.sqrt(len(laws))
+        drawn = np.tensordot(weights, laws - middle, axes=1)
+        middle = laws.mean(axis=0)
+        drawn += middle
+    return timings(laws[:1])[0], float(scores[0])

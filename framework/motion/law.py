@@ -24,6 +24,7 @@ from framework.tolerances import INDEPENDENT_CONDITIONS, SAME_PLACE
 
 # Durations [s] whose fourth power and its inverse are far from overflow, with room for all other factors.
 MIN_DURATION, MAX_DURATION = 1e-30, 1e30
+SEARCH_SAMPLES = 16  # per coefficient of s', where a search among many laws looks at it
 
 
 def check_duration(duration: float) -> None:
@@ -203,24 +204,36 @@ class Law(ReadOnlyArrays, PlannedLaw):
         return _least_over_mean(_without_ends(self.degree, smoothness) @ self.coefficients)
 
 
-def advance_through(duration: float, smoothness: int, inner: Sequence[Condition]) -> float:
-    """Return `advance` of the law of `rest_to_rest` without making it, for a search among many.
+def laws_through(duration: float, smoothness: int, times: Array, values: Array) -> tuple[Array, Array]:
+    """Return `Law.advance` and the peak of s", on samples, of many laws of `rest_to_rest`, for a search.
 
     s' = (1 - x^2)^smoothness p(x) with x in [-1, 1] is at rest at both ends whatever p is, so that s(1) = 1
-    and the inner conditions, of order 2 at most, are all that p has to meet.
+    and the inner conditions are all that p has to meet.
 
-    Raises:
-        InvalidInput: the conditions repeat or contradict each other.
+    Args:
+        times: (m, k) [s], of the inner conditions.
+        values: (m, k, 3) of s, s' and s" there.
+
+    Returns:
+        Both (m,), the second in [1/s^2]. Where conditions repeat or contradict each other, the first is
+        negative infinity.
     """
-    scale = 2.0 / duration
-    times, orders, values = np.array([*inner, Condition(duration, 0, 1.0)]).T
-    integrals = _integrals(smoothness, len(times))[orders.astype(np.intp)]
-    angles = np.arccos(np.clip(times * scale - 1.0, -1.0, 1.0))
-    rows = np.einsum("ij,ijk->ik", np.cos(angles[:, None] * np.arange(integrals.shape[1])), integrals)
-    try:
-        return _least_over_mean(np.linalg.solve(rows, values / scale**orders))
-    except np.linalg.LinAlgError:
-        raise InvalidInput("the conditions on the law repeat or contradict each other") from None
+    count, scale = len(times), 2.0 / duration
+    places = np.append(np.repeat(times * scale - 1.0, 3, axis=1), np.ones((count, 1)), axis=1)
+    orders = np.append(np.tile(np.arange(3), times.shape[1]), 0)
+    integrals = _integrals(smoothness, len(orders))[orders]
+    angles = np.arccos(np.clip(places, -1.0, 1.0))
+    basis = np.cos(angles.T[..., None] * np.arange(integrals.shape[1]))
+    rows = (basis @ integrals).swapaxes(0, 1)
+    right = np.append(values.reshape(count, len(orders) - 1), np.ones((count, 1)), axis=1) / scale**orders
+    regular = np.linalg.det(rows) != 0.0
+    series = np.linalg.solve(rows[regular], right[regular][..., None])[..., 0]
+    samples = (series @ _search_samples(smoothness, len(orders))).reshape(len(series), 2, -1)
+    slopes, bends = np.moveaxis(samples, 1, 0)
+    advances, peaks = np.full(count, -np.inf), np.full(count, np.inf)
+    advances[regular] = slopes.min(axis=1) / np.abs(series @ _inside(len(orders)).T).mean(axis=1)
+    peaks[regular] = np.abs(bends).max(axis=1) * scale**2
+    return advances, peaks
 
 
 def _least_over_mean(series: Array) -> float:
@@ -255,6 +268,14 @@ def _condition_rows(places: tuple[tuple[float, int], ...]) -> tuple[Array, Array
 def _inside(size: int) -> Array:
     """Return the matrix from Chebyshev coefficients (size,) to values at more points inside [-1, 1]."""
     return np.asarray(chebyshev.chebvander(nodes(2 * size + 4)[1:-1], size - 1), dtype=float)
+
+
+@lru_cache(maxsize=64)
+def _search_samples(smoothness: int, size: int) -> Array:
+    """Return the matrix (size, 2 m) from the coefficients of p to samples (m,) of p and of s" in x."""
+    local, bends = nodes(SEARCH_SAMPLES * size), _integrals(smoothness, size)[2]
+    polynomials = chebyshev.chebvander(local, len(bends) - 1)
+    return np.vstack([polynomials[:, :size], polynomials @ bends]).T
 
 
 @lru_cache(maxsize=64)

@@ -353,9 +353,9 @@ def test_a_law_without_condition_8_gets_no_torques(robot, plan):
     with pytest.raises(UnboundedTorque, match=r"t_s \. W_p = ") as caught:
         plan_scene(robot, "turn-unprepared")
     assert caught.value.s == pytest.approx(exact_singular_s(plan.path), abs=1e-12)
-    # through the right point at the right time, but without its acceleration
+    # through the right point at the right time, but with too little of its acceleration
     (crossing,) = plan.crossings
-    t = crossing.time
-    wrong = [Condition(t, 0, crossing.s), Condition(t, 1, crossing.speed), Condition(t, 2, 0.0)]
+    t, less = crossing.time, 0.9 * crossing.acceleration
+    wrong = [Condition(t, 0, crossing.s), Condition(t, 1, crossing.speed), Condition(t, 2, less)]
     with pytest.raises(UnboundedTorque):
         inverse_dynamics(robot, plan.path, Law.rest_to_rest(plan.duration, 2, wrong))

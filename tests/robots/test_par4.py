@@ -217,10 +217,10 @@ def test_a_law_without_condition_8_gets_no_torques(flexibility):
         assert caught.value.s == pytest.approx(exact_singular_s(path), abs=1e-12)
 
 
-def test_half_of_the_acceleration_is_not_enough(robot, plan):
+def test_nine_tenths_of_the_acceleration_are_not_enough(robot, plan):
     (crossing,) = plan.crossings
     t = crossing.time
-    half = 0.5 * crossing.acceleration
-    wrong = [Condition(t, 0, crossing.s), Condition(t, 1, crossing.speed), Condition(t, 2, half)]
+    less = 0.9 * crossing.acceleration
+    wrong = [Condition(t, 0, crossing.s), Condition(t, 1, crossing.speed), Condition(t, 2, less)]
     with pytest.raises(UnboundedTorque):
         inverse_dynamics(robot, plan.path, Law.rest_to_rest(plan.duration, 2, wrong))

@@ -17,7 +17,7 @@ import robots
 from framework import Condition, Law, Line, NoLaw, assemble, locate_singularities, plan_crossing
 from framework.crossing import timing
 from framework.crossing.request import Request
-from framework.crossing.timing import MAX_CROSSINGS, MAX_TRIALS, choose_timing
+from framework.crossing.timing import LAWS_PER_UNKNOWN, MAX_CROSSINGS, MAX_ROUNDS, choose_timing
 
 OPEN = Request(path=Line([0.0], [1.0]), duration=1.0)
 COUNTS = (1, 2, 4, 8, 16, 32)
@@ -45,14 +45,14 @@ def trials(count: int) -> int:
     """How many laws our search tries before it gives up on points that no law can pass in good order."""
     tried = 0
 
-    def advance(crossing_times):
+    def measure(times, speeds):
         nonlocal tried
-        tried += 1
-        return -1.0  # runs backwards, whatever is asked
+        tried += len(times)
+        return -1.0 - speeds.sum(axis=1), np.ones(len(times))  # runs backwards, whatever is asked
 
     s = np.arange(1, count + 1) / (count + 1)
     with pytest.raises(NoLaw):
-        choose_timing(list(s), OPEN, advance, "robot")
+        choose_timing(list(s), OPEN, measure, "robot")
     return tried
 
 
@@ -64,8 +64,9 @@ def test_one_polynomial_swings_between_many_points():
 
 @pytest.mark.parametrize("count", COUNTS)
 def test_the_search_is_bounded(count):
-    starts = len(list(timing._starts([0.5], OPEN)))
-    assert trials(count) <= (0 if count > MAX_CROSSINGS else MAX_TRIALS + starts + 2 * count + 2)
+    starts = len(timing._starts([0.5], OPEN))
+    most = starts + 1 + MAX_ROUNDS * LAWS_PER_UNKNOWN * 2 * count
+    assert trials(count) <= (0 if count > MAX_CROSSINGS else most)
 
 
 def test_a_platform_that_keeps_turning_is_told_to_cut_its_path():
