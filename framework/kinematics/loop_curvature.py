@@ -53,19 +53,26 @@ def loop_curvature(
     # second derivatives of the points
     ends = np.eye(frames.position.shape[1])
     force = np.einsum("mf,tmx->tfx", ends[rows.second] - ends[rows.first], push)
-    upper = np.einsum("tfix,tfjx->tij", cross(force[:, :, None], turns), slides)
+    upper = _products(cross(force[:, :, None], turns), slides)
     # second derivatives of the axis on the first frame: e_ij . d = -(omega_j x e) . (omega_i x d)
-    upper -= np.einsum("tmix,tmjx->tij", cross(turn1, offset), held * swing)
+    upper -= _products(cross(turn1, offset), held * swing)
     # products of first derivatives
     if rows.rotation.any():
         turned = np.where(turning, load, 0.0)[..., None]
-        upper -= np.einsum("tmix,tmjx->tij", cross(turn2, e), turned * swing2)
-    mixed = np.einsum("tmix,tmjx->tij", held * swing, change)
+        upper -= _products(cross(turn2, e), turned * swing2)
+    mixed = _products(held * swing, change)
     symmetric = mixed + mixed.transpose(0, 2, 1)
     if rows.distance.any():
         stretched = np.where(distance, load / length, 0.0)[..., None]
-        symmetric += np.einsum("tmix,tmjx->tij", stretched * slide, slide)
+        symmetric += _products(stretched * slide, slide)
     strictly = before & ~before.T  # not two columns of one ball, whose order matters
     return np.asarray(
         symmetric + (upper * before).transpose(0, 2, 1) + np.where(strictly, upper, 0.0), dtype=float
     )
+
+
+def _products(a: Array, b: Array) -> Array:
+    """Compute sums of a_i . b_j over rows or frames, (T, nv, nv), of vectors (T, rows, nv, 3)."""
+    count, _, nv, _ = a.shape
+    left = a.transpose(0, 2, 1, 3).reshape(count, nv, -1)
+    return np.asarray(left @ b.transpose(0, 1, 3, 2).reshape(count, -1, nv))
