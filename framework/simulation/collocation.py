@@ -12,8 +12,7 @@ At every node the unknowns are all accelerations a (nv,) and multipliers lambda 
 with f the forces of the world, v = v0 + h A a and q = q0 moved by h A v. The loops are closed at the nodes,
 and the last node is the end of the step: there is no drift. Nothing is divided by the mass matrix, so
 coordinates without mass are found from the balance of their springs in the same solve. Newton's method with
-all derivatives but the curvature of rotations with several degrees of freedom; the system is as large as the
-step has unknowns, and steps are long.
+all derivatives but the curvature of rotations with several degrees of freedom; see `newton_matrix`.
 
 Source: Hairer and Wanner, Solving Ordinary Differential Equations II, Springer 1996, sections IV.5 and VI.
 """
@@ -32,6 +31,7 @@ from framework.kinematics.frames import integrate
 from framework.kinematics.loop_curvature import loop_curvature
 from framework.simulation.drive import Drive, Gains
 from framework.simulation.equations import EquationsOfMotion, Tangent
+from framework.simulation.newton_matrix import NewtonMatrix
 
 MAX_ITERATIONS = 12  # of Newton's method
 REFACTORING_RATE = 0.02  # a contraction better than this keeps the factorised matrix
@@ -44,11 +44,11 @@ MAX_SLOPE_ITERATIONS = 20
 
 @dataclass(frozen=True, eq=False)
 class Collocation(ReadOnlyArrays):
-    """A table: `nodes` c (s,) in (0, 1], `once` A (s, s) and `twice` A A, and Legendre series of values."""
+    """A table: `nodes` c (s,) in (0, 1], `once` A (s, s), its inverse, and Legendre series of values."""
 
     nodes: Array
     once: Array  # integrals from 0 to each node of the polynomial through values at the nodes
-    twice: Array
+    rates: Array  # inverse of `once`
     series: Array  # (s, s) values at the nodes to Legendre coefficients on [0, 1]
     series_with_start: Array  # (s + 1, s + 1) the same with the value at 0 in front
     series_of_integral: Array  # (s + 1, s) values at the nodes to coefficients of their integral from 0
@@ -73,7 +73,8 @@ def radau(stages: int) -> Collocation:
     of_integral = legendre.legint(np.eye(stages), lbnd=-1, scl=0.5, axis=0) @ series
     once = legendre.legvander(2 * nodes - 1, stages) @ of_integral
     with_start = np.linalg.inv(legendre.legvander(2 * np.append(0.0, nodes) - 1, stages))
-    return Collocation(nodes, once, once @ once, series, with_start, of_integral)
+    rates = np.asarray(np.linalg.inv(once), dtype=float)
+    return Collocation(nodes, once, rates, series, with_start, of_integral)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,15 +121,13 @@ def solve_step(
     accuracy: float,
 ) -> CollocationStep | StepFailure:
     """Solve a step by Newton's method from guesses of accelerations (s, nv) and multipliers (s, m)."""
-    from scipy.linalg.lapack import dgetrf, dgetrs
-
-    robot, nv, h = equations.robot, equations.robot.model.nv, length
+    robot, h = equations.robot, length
     scale = robot.column_scale
     times = drive.before_breaks(time + h * table.nodes)
     a, multipliers = guess[0].copy(), guess[1].copy()
     gains = drive.gains(time, q0, v0)
     accuracy = accuracy + COORDINATE_ROUNDING * float(np.abs(q0).max())
-    factors, before, slope = None, np.inf, np.zeros_like(a)
+    matrix, before, slope = None, np.inf, np.zeros_like(a)
     held = None if drive.feedback else drive(times, a[:, :0], a[:, :0])  # a torque of time alone
     for iteration in range(1, MAX_ITERATIONS + 1):
         q, v, slope = _nodes(equations, table, h, q0=q0, v0=v0, a=a, near=slope)
@@ -139,20 +138,17 @@ def solve_step(
             applied += drive.world(robot, times, q)
             tangent = tangent.under(drive.world.slope(robot, times, q, equations.geometry.before))
         force = tangent.force - applied - np.einsum("smi,sm->si", tangent.jacobian, multipliers)
-        wrong = np.concatenate([force, tangent.residual / h**2], axis=1).ravel()
-        if not np.all(np.isfinite(wrong)):
+        if not (np.all(np.isfinite(force)) and np.all(np.isfinite(tangent.residual))):
             return StepFailure("not finite", np.inf)
-        if factors is None:
-            *factors, singular = dgetrf(
-                _matrix(equations, table, h, tangent, multipliers=multipliers, gains=gains)
-            )
-            if singular:
+        if matrix is None:
+            matrix = _matrix(equations, table, h, tangent, multipliers=multipliers, gains=gains)
+            if matrix is None:
                 return StepFailure("singular equations", np.inf)
-        change = -dgetrs(*factors, wrong)[0].reshape(len(a), -1)
-        moved = float(np.abs(h**2 * table.twice @ change[:, :nv] / scale).max())
+        change, more_a, more_multipliers = matrix.solve(force, tangent.residual)
+        moved = float(np.abs(change / scale).max())
         if not moved < MAX_NEWTON_STEP:
             return StepFailure("Newton steps too far", moved)
-        a, multipliers = a + change[:, :nv], multipliers + change[:, nv:]
+        a, multipliers = a + more_a, multipliers + more_multipliers
         rate = moved / before if before > 0 else 0.0
         if moved <= accuracy or (iteration > 1 and rate < 0.5 and moved * rate / (1 - rate) <= accuracy):
             q, v, slope = _nodes(equations, table, h, q0=q0, v0=v0, a=a, near=slope)
@@ -165,7 +161,7 @@ def solve_step(
         if iteration > 2 and rate > DIVERGENCE_RATE and moved > DIVERGENCE_STEP:
             return StepFailure("Newton diverges", moved)
         if rate > REFACTORING_RATE:
-            factors = None
+            matrix = None
         before = moved
     return StepFailure("Newton does not converge", moved)
 
@@ -212,9 +208,8 @@ def _matrix(
     *,
     multipliers: Array,
     gains: Gains | None,
-) -> Array:
-    """Assemble Newton's matrix (s (nv + m), s (nv + m)), rows and columns node by node."""
-    nv, m, s = equations.robot.model.nv, len(equations.rows.names), table.stages
+) -> NewtonMatrix | None:
+    """Return Newton's matrix; None where the equations are singular."""
     by_q = tangent.by_q - loop_curvature(
         equations.rows, tangent.frames, equations.geometry.before, multipliers
     )
@@ -224,14 +219,8 @@ def _matrix(
         by_v = by_v.copy()
         by_q[:, columns] -= equations.robot.gear_ratio[:, None] * gains.by_q
         by_v[:, columns] -= equations.robot.gear_ratio[:, None] * gains.by_v
-    matrix = np.zeros((s, nv + m, s, nv + m))
-    matrix[:, :nv, :, :nv] = (h * table.once)[:, None, :, None] * by_v[:, :, None]
-    matrix[:, :nv, :, :nv] += (h**2 * table.twice)[:, None, :, None] * by_q[:, :, None]
-    matrix[:, nv:, :, :nv] = table.twice[:, None, :, None] * tangent.jacobian[:, :, None]
-    nodes = np.arange(s)
-    matrix[nodes, :nv, nodes, :nv] += tangent.mass
-    matrix[nodes, :nv, nodes, nv:] = -tangent.jacobian.transpose(0, 2, 1)
-    return matrix.reshape(s * (nv + m), s * (nv + m))
+    by_motion = np.concatenate([tangent.mass, by_v, by_q], axis=2)
+    return NewtonMatrix.of(h, table.rates, by_motion, tangent.jacobian)
 
 
 def _unresolved(equations: EquationsOfMotion, table: Collocation, h: float, slope: Array) -> float:
