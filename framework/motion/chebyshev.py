@@ -76,6 +76,8 @@ def extrema(series: Array) -> Array:
 def real_roots(series: Array, *, margin: float = SAME_PLACE) -> Array:
     """Return the real roots in [-1, 1] of one Chebyshev series (size,), ascending, by the colleague matrix.
 
+    Those of degree 2, as of p' of a law through one crossing, are closed.
+
     `margin` accepts roots that rounding has pushed off the real axis or over an end.
     """
     size = np.abs(series)
@@ -84,10 +86,17 @@ def real_roots(series: Array, *, margin: float = SAME_PLACE) -> Array:
     largest = 1.0 + 2.0 * margin**0.25
     if degree == 0 or size[0] > size[1 : degree + 1] @ largest ** np.arange(1, degree + 1):
         return np.empty(0)
-    matrix, weights = _colleague(degree)
-    matrix = matrix.copy()
-    matrix[:, 0] -= (series[:degree] / series[degree] * weights)[::-1]
-    roots = np.linalg.eigvals(matrix)
+    if degree == 2:  # of c2 (2 x^2 - 1) + c1 x + c0
+        middle = -0.25 * series[1] / series[2]
+        product = 0.5 * (series[0] / series[2] - 1.0)
+        half = np.sqrt(complex(middle**2 - product))
+        far = middle + (half if middle * half.real > 0.0 else -half)
+        roots = np.array([far, product / far if far else 0.0])
+    else:
+        matrix, weights = _colleague(degree)
+        matrix = matrix.copy()
+        matrix[:, 0] -= (series[:degree] / series[degree] * weights)[::-1]
+        roots = np.linalg.eigvals(matrix)
     real = np.real(roots[np.abs(np.imag(roots)) <= np.sqrt(margin)])
     return np.sort(np.clip(real[np.abs(real) <= 1 + margin], -1.0, 1.0))
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from framework.errors import NoLaw
-from framework.motion.law import MotionLaw
+from framework.motion.law import MotionLaw, orders_of
 from framework.tolerances import AT_REST, OVERSHOOT
 
 LAW_SAMPLES = 2001  # equidistant instants at which a law is looked at
@@ -27,7 +27,7 @@ def check_advance(law: MotionLaw, s: Sequence[float], name: str) -> None:
         NoLaw: says where and when.
     """
     times = np.linspace(0.0, law.duration, LAW_SAMPLES)
-    values = law(times)
+    values, rates = orders_of(law, times, 2)
     refused = f"{name}: the law does not always advance: it"
     for end, beyond in ((0.0, -values), (1.0, values - 1.0)):
         worst = int(np.argmax(beyond))
@@ -36,7 +36,6 @@ def check_advance(law: MotionLaw, s: Sequence[float], name: str) -> None:
                 f"{refused} leaves the path at s = {end:g}, up to s = {values[worst]:.4g} at "
                 f"t = {times[worst]:.4g} s; {ADVICE}"
             )
-    rates = law(times, 1)
     inside = (values > 0) & (values < 1)
     backwards = inside & (rates < -AT_REST * np.abs(rates).max())
     if np.any(backwards):
