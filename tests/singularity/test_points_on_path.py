@@ -12,6 +12,7 @@ from framework import Arc, Line, ParallelRobot, Spline, assemble, locate_singula
 from framework.crossing.scenes import scene_path
 from framework.errors import InvalidInput, NotAssembled, OutOfReach, SingularPath, Type1Singularity
 from framework.kinematics.continuation.tracking import track_path
+from framework.singularity.points_on_path import search_path
 from framework.singularity.type2 import singularity_measure
 from tests.oracles import five_bar as oracle
 
@@ -222,3 +223,22 @@ def test_singular_points_do_not_hang_on_what_counts_as_the_length_of_the_robot(n
     (other,) = locate_singularities(ParallelRobot.of(replace(robot, length=factor * robot.length)), path)
     assert other.s == pytest.approx(point.s, abs=1e-13)
     np.testing.assert_allclose(other.twist, point.twist, atol=1e-9)
+
+
+class Shaking:
+    """A platform that turns to and fro about z."""
+
+    n, knots = 3, np.empty(0)
+
+    def __call__(self, s: np.ndarray, order: int = 0) -> np.ndarray:
+        pace = 2 * np.pi * 20.7
+        turn = 1.5 * pace**order * np.sin(pace * np.asarray(s) + order * np.pi / 2)
+        return np.stack([0 * turn, 0 * turn, turn], axis=-1)
+
+
+def test_a_searched_path_stays_on_the_branch_where_the_measure_does_not_see_the_motion():
+    """The agile eye as a whole turns with its motors: no panel is halved for it, and its joints swing."""
+    robot, path, s = robots.load("agile_eye"), Shaking(), np.linspace(0.0, 1.0, 400)
+    tracked = track_path(robot, path).closed(s).q
+    searched = search_path(robot, path).branch.closed(s).q
+    np.testing.assert_allclose(searched, tracked, rtol=0, atol=1e-12)

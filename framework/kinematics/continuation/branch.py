@@ -1,9 +1,9 @@
 """A path with one branch of the inverse kinematics along it, and continuations where that is singular.
 
-Newton's method lands on the branch from the cubic between two knots, except where the square system of
-the inverse kinematics is singular although the branch runs on smoothly, as it does through constraint
-singularities. There a continuation carries the branch: a polynomial through closed configurations on either
-side.
+Newton's method lands on the branch from the cubic between two knots, or from a series through closed
+configurations, except where the square system of the inverse kinematics is singular although the branch runs
+on smoothly, as it does through constraint singularities. There a continuation carries the branch: a
+polynomial through closed configurations on either side.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.chebyshev import TimeFunction, TimeGrid, nodes, tail
 from framework.motion.path import Path
-from framework.tolerances import CONTINUATION_ERROR, CONTINUATION_STEP
+from framework.tolerances import BRANCH_CORRECTION, CONTINUATION_ERROR, CONTINUATION_STEP
 
 HALF_WIDTHS = (0.16, 0.08, 0.04, 0.02, 0.01, 0.005)  # of a continuation, in s; the first that resolves
 CONTINUATION_NODES, CONTINUATION_DEGREE = 48, 24  # nodes of a continuation, degree of its polynomial
@@ -57,8 +57,8 @@ class Continuation(ReadOnlyArrays):
 class Branch(ReadOnlyArrays):
     """A path with the branch of the inverse kinematics along it, springs at rest, and the world's wrenches.
 
-    Between the knots `s` (K,) the branch is known well enough (cubic Hermite in the tangent `offset`
-    from `origin`) for Newton's method to land on it: `closed` gives it to rounding anywhere.
+    Between the knots `s` (K,) a guess, by the cubic in the offset `u` from `origin` or by the series of
+    `through`, is near enough for Newton's method to land on the branch: `closed` gives it to rounding.
     """
 
     robot: ParallelRobot
@@ -90,12 +90,16 @@ class Branch(ReadOnlyArrays):
     def through(self, edges: Array, q: Array) -> Branch:
         """Return the same branch with guesses through the configurations that it has on Chebyshev nodes.
 
+        A series that does not resolve all joints, seen from the knots that it misses, is not used.
+
         Args:
             edges: (panels + 1,) of s, from 0 to 1.
             q: (panels * size, nq) on the nodes between them, see `TimeGrid`.
         """
         grid = TimeGrid(edges, len(q) // (len(edges) - 1))
-        return replace(self, series=grid.fit(difference(self.robot, self.origin, q)))
+        series = grid.fit(difference(self.robot, self.origin, q))
+        off = np.abs((series(self.s) - self.u) / self.robot.column_scale).max()
+        return replace(self, series=series) if off < BRANCH_CORRECTION else self
 
     def loaded(self, motion: Motion, s: Array) -> Motion:
         """Return a motion of the robot at s (T,) under the wrenches of the world."""
@@ -117,9 +121,7 @@ class Branch(ReadOnlyArrays):
             if beyond.any():
                 start, end = series.edges[:-1][panel], series.edges[1:][panel]
                 local = (2 * s[beyond] - start - end) / (end - start)
-                angles = np.arccos(local + 0j)[:, None]  # T_k(x) = cos(k arccos x), complex beyond [-1, 1]
-                basis = np.cos(angles * np.arange(series.coefficients.shape[1])).real
-                u[beyond] = basis @ series.coefficients[panel]
+                u[beyond] = chebyshev.chebval(local, series.coefficients[panel]).T
         return u
 
     def _between_knots(self, s: Array) -> Array:

@@ -21,6 +21,7 @@ from framework.tolerances import BRANCH_CORRECTION, BRANCH_STEP_SHARE, BRANCH_TU
 MIN_STEP_RATIO = 1e-7  # of the way: where shorter steps do not count either, the branch has ended
 MAX_PREDICTOR_MOVE = 1.0  # [rad, lengths] of a joint in a step: beside a singularity tangents lead far
 FIRST_STEP_RATIO = 1 / 8  # of the way
+GROWTH_SHARE = 0.2  # of the correction allowed: what corrects less may take steps twice as long
 END_ROUNDING = 1e-12  # of the way: a place that near to its end is the end
 
 
@@ -149,7 +150,7 @@ def follow(
             parameters.append(ahead[: len(places.q)])
             stretches.append(places)
             parameter, place = float(parameters[-1][-1]), places.last
-            if correction < 0.2 * BRANCH_CORRECTION and step < 2 * FIRST_STEP_RATIO:
+            if correction < GROWTH_SHARE * BRANCH_CORRECTION and step < 2 * FIRST_STEP_RATIO:
                 step = min(2.0 * step, 2 * FIRST_STEP_RATIO)
             continue
         ended = None if end is None else end(parameter, place)
