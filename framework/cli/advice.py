@@ -45,7 +45,9 @@ def _without(words: Sequence[str], option: argparse.Action) -> list[str]:
     for word in words:
         flag, equals, _ = word.partition("=")
         if flag in option.option_strings:
-            values = 0.0 if equals else _COUNTS.get(str(option.nargs), 0.0)
+            count = option.nargs
+            many = float(count) if isinstance(count, int) else _COUNTS.get(str(count), 0.0)
+            values = 0.0 if equals else many
         elif values and not word.startswith("--"):
             values -= 1
         else:
