@@ -20,7 +20,7 @@ import numpy as np
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.dynamics.body_parameters import body_parameters, tree_regressor
 from framework.dynamics.force_changes import force_changes, force_slopes
-from framework.dynamics.forces import balanced_forces, motor_torque, tree_forces
+from framework.dynamics.forces import balanced_forces, least_motor_torques, motor_torque, tree_forces
 from framework.dynamics.platform_wrench import motor_speeds
 from framework.dynamics.pointwise_dynamics import prescribed_motion, require_hold
 from framework.kinematics.linearised_loops import LinearisedLoops
@@ -86,7 +86,7 @@ def dynamics_derivatives(
     speeds, rates = motor_speeds(robot, motion.linearised)
     slopes = (changed @ rates).swapaxes(1, 2)  # (T, n, 3 n) of the platform wrench
     moved = _least_torque_changes(robot, motion, steps, speeds, joint_torque)
-    slopes = moved + _motor_shares(speeds, slopes - speeds.swapaxes(1, 2) @ moved)
+    slopes = moved + _motor_shares(robot, speeds, slopes - speeds.swapaxes(1, 2) @ moved)
     rotors = robot.rotor_inertia * robot.gear_ratio
     slopes = slopes + (rotors * changes.a[..., robot.actuated]).swapaxes(1, 2)
     along_bodies = rates.swapaxes(1, 2) @ tree_regressor(robot, motion)
@@ -96,7 +96,7 @@ def dynamics_derivatives(
         torque_x=slopes[entry, ..., :n],
         torque_dx=slopes[entry, ..., n : 2 * n],
         torque_ddx=slopes[entry, ..., 2 * n :],
-        regressor=_motor_shares(speeds, along_bodies)[entry],
+        regressor=_motor_shares(robot, speeds, along_bodies)[entry],
         parameters=body_parameters(robot)[0],
     )
 
@@ -110,7 +110,7 @@ def loop_multipliers(
     return linearised.factors.solve_transposed(left)[:, robot.n :]
 
 
-def _motor_shares(speeds: Array, wrenches: Array) -> Array:
+def _motor_shares(robot: ParallelRobot, speeds: Array, wrenches: Array) -> Array:
     """Compute the least motor torques (T, n_a, k) for platform wrenches (T, n, k).
 
     `speeds` are G (T, n_a, n) of the motors for unit twists of the platform.
@@ -118,7 +118,7 @@ def _motor_shares(speeds: Array, wrenches: Array) -> Array:
     transposed = speeds.swapaxes(1, 2)
     if speeds.shape[1] == speeds.shape[2]:
         return np.asarray(np.linalg.solve(transposed, wrenches))
-    return np.asarray(np.linalg.pinv(transposed) @ wrenches)
+    return least_motor_torques(robot, transposed, wrenches)
 
 
 def _least_torque_changes(

@@ -152,18 +152,22 @@ def balanced_forces(robot: ParallelRobot, linearised: LinearisedLoops, r: Array)
 
 
 def _motor_share(robot: ParallelRobot, matrix: Array, wrench: Array) -> Array:
-    """Solve matrix (T, n, n_a) @ torque = wrench (T, n) for joint torques (T, n_a).
-
-    Redundant motors: of least norm on the motor side. The equations of forces are multiplied by the robot's
-    length before, so that all are couples: those of a small robot would lose digits beside its moments.
-    """
+    """Solve matrix (T, n, n_a) @ torque = wrench (T, n) for joint torques (T, n_a)."""
     if robot.n_a > robot.n:
-        arm = robot.platform_scale
-        geared = arm[:, None] * matrix * robot.gear_ratio
-        directions, triangle = np.linalg.qr(geared.swapaxes(1, 2))  # of the torques that hold a wrench
-        shares = solve(triangle.swapaxes(1, 2), arm * wrench)
-        return robot.gear_ratio * np.einsum("tan,tn->ta", directions, shares)
+        geared = matrix * robot.gear_ratio
+        return robot.gear_ratio * least_motor_torques(robot, geared, wrench[..., None])[..., 0]
     return solve(matrix, wrench)
+
+
+def least_motor_torques(robot: ParallelRobot, matrix: Array, wrenches: Array) -> Array:
+    """Solve matrix (T, n, n_a) @ torques = wrenches (T, n, k) for the torques (T, n_a, k) of least norm.
+
+    On the motor side. The equations of forces are multiplied by the robot's length before, so that all are
+    couples: those of a small robot would lose digits beside its moments.
+    """
+    arm = robot.platform_scale[:, None]
+    directions, triangle = np.linalg.qr((arm * matrix).swapaxes(1, 2))  # of the torques that hold a wrench
+    return np.asarray(directions @ solve(triangle.swapaxes(1, 2), arm * wrenches))
 
 
 def motor_torque(robot: ParallelRobot, motion: Motion, joint_torque: Array) -> Array:

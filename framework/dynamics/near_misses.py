@@ -13,7 +13,7 @@ import numpy as np
 from framework.arrays import Array
 from framework.dynamics.elasticity import DeflectionSolution
 from framework.dynamics.forces import joint_forces
-from framework.dynamics.residuals import checked_motion, planned_pose
+from framework.dynamics.residuals import checked_motion
 from framework.dynamics.result import InverseDynamics
 from framework.dynamics.singularity_crossings import instants
 from framework.errors import point
@@ -48,10 +48,7 @@ def _is_seen(
 
     def matrices(share: Array) -> Array:
         times = start + share * duration
-        closed = planned_pose(result, times)
-        if result.geometry == "rigid":
-            closed = searched.branch.closed(np.asarray(state.law(times)))
-        return type2_matrix(robot, closed.linearised)
+        return type2_matrix(robot, checked_motion(searched.branch, result, times)[1].linearised)
 
     # with its deflections the robot is nearest to the singularity somewhat earlier or later
     turning = extremum_near(matrices, (edges - start) / duration, (near - start) / duration, miss.size)

@@ -147,16 +147,10 @@ def _instants(robot: ParallelRobot, nodes: Array) -> Array:
     return np.sort(np.concatenate([nodes, middle])) if len(robot.structure.idle) else middle
 
 
-def planned_pose(result: InverseDynamics, times: Array) -> ClosedStack:
-    """Evaluate the coordinates as functions of time, nothing solved."""
-    q, x = result.configuration(times), result.platform(times)
-    return ClosedStack(q, x, linearised_at(result.robot, q, x))
-
-
 def checked_motion(branch: Branch, result: InverseDynamics, times: Array) -> tuple[ClosedStack, Motion]:
-    """Return `planned_pose`, and the motion whose forces are taken.
+    """Evaluate the coordinates as functions of time, nothing solved, and the motion whose forces are taken.
 
-    That is, with rigid geometry, the robot's without deflections.
+    With rigid geometry that is the robot's without deflections.
     """
     robot, s = branch.robot, orders_of(result.law, times)
     x, dx, ddx = along(branch.path, s)

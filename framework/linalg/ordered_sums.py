@@ -45,19 +45,21 @@ def matmul(a: Array, b: Array) -> Array:
     return dot(a[..., :, None, :], columns[..., None, :, :])
 
 
-def solve(matrix: Array, vector: Array) -> Array:
-    """Solve systems with matrices (R, n, n) and vectors (R, n); solutions (R, n), infinite where singular."""
+def solve(matrix: Array, right: Array) -> Array:
+    """Solve systems with matrices (R, n, n) and right sides (R, n) or (R, n, k); infinite where singular."""
+    if right.ndim < matrix.ndim:
+        return np.asarray(solve(matrix, right[..., None])[..., 0])
     try:
-        return np.asarray(np.linalg.solve(matrix, vector[..., None])[..., 0])
+        return np.asarray(np.linalg.solve(matrix, right))
     except np.linalg.LinAlgError:
-        return np.array([_solve_one(a, b) for a, b in zip(matrix, vector, strict=True)])
+        return np.array([_solve_one(a, b) for a, b in zip(matrix, right, strict=True)])
 
 
-def _solve_one(matrix: Array, vector: Array) -> Array:
+def _solve_one(matrix: Array, right: Array) -> Array:
     try:
-        return np.asarray(np.linalg.solve(matrix, vector[:, None])[:, 0])
+        return np.asarray(np.linalg.solve(matrix, right))
     except np.linalg.LinAlgError:
-        return np.full(len(vector), np.inf)
+        return np.full_like(right, np.inf)
 
 
 def cross(a: Array, b: Array) -> Array:
