@@ -7,7 +7,6 @@ passes only through that point, t_s . W = 0, condition (8) of Briot and Arakelia
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,12 +18,11 @@ from framework.errors import InvalidInput, finite_numbers
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.show.captions import stated
 from framework.show.film import Film
-from framework.show.style import ALARM, COLORS, CROSSING, GIVEN, GOOD, LOCUS, figure, legend_above
+from framework.show.style import ALARM, BAND, COLORS, CROSSING, GOOD, LOCUS, figure, legend_above
 
 TIME_SAMPLES = 401
 SHOWN_DURATION_SHARE = 0.25  # of the duration, shown on either side of the crossing
 SHOWN_PATH_SHARE = 0.3  # of the path, shown on either side of a singular point
-BAND: dict[str, Any] = {"color": GIVEN, "alpha": 0.35, "linewidth": 0}  # what motors can give
 # colour, dash and mark of a motion at its singular instant, and what is said of it
 THREADS, MISSES = (GOOD, "-", "o", "threads the eye"), (ALARM, "--", "X", "misses the eye")
 ASSUMED_LIMIT_RATIO = 1.5  # over the plan's largest torque, where a motor of the robot file has no limit

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 
 from framework.crossing.optimal.limit_curves import limit_curves
 from framework.crossing.result import CrossingPlan
-from framework.show.style import CROSSING, GIVEN, figure, legend_above, line_style
+from framework.show.style import BAND, CROSSING, figure, legend_above, line_style
 
 AXIS_OVER_LARGEST_LAW = 1.5  # the highest value shown over the largest of the laws
 TIME_SAMPLES = 601
@@ -36,15 +35,14 @@ def plot_phase_plane(
     tops = [AXIS_OVER_LARGEST_LAW * max(float(np.abs(law[order]).max()) for law in laws) for order in (1, 2)]
     unit = plan.robot.torque_units[0]
     limits = ", ".join(f"{limit:.3g}" for limit in np.unique(curves.torque_limit))
-    band: dict[str, Any] = {"color": GIVEN, "alpha": 0.35, "linewidth": 0}
     highest = np.where(np.isfinite(curves.highest_speed), curves.highest_speed, 2 * tops[0])
     highest = np.where(np.isnan(curves.highest_speed), 0.0, highest)
-    axes[0].fill_between(curves.s, 0.0, highest, label=f"within {limits} {unit}", **band)
+    axes[0].fill_between(curves.s, 0.0, highest, label=f"within {limits} {unit}", **BAND)
     axes[1].fill_between(
         curves.s,
         np.clip(curves.lowest_acceleration, -2 * tops[1], 2 * tops[1]),
         np.clip(curves.highest_acceleration, -2 * tops[1], 2 * tops[1]),
-        **band,
+        **BAND,
     )
     for k, (each, law) in enumerate(zip(drawn, laws, strict=True)):
         for ax, values in zip(axes, law[1:], strict=True):

@@ -24,6 +24,7 @@ CROSSING = "#444444"
 LOCUS, TWIST, WRENCH, WORLD = "#6212a8", "#14181d", "#a81560", "#4a1c00"
 PATH, AHEAD = "#00a572", "#8a929b"  # the path, or the way gone; the way to go
 GIVEN = "#70baff"  # what the motors can give
+BAND: dict[str, Any] = {"color": GIVEN, "alpha": 0.35, "linewidth": 0}
 ALARM, WARNING, GOOD = "#c8141e", "#8a5a00", "#14504f"
 INK, SOFT = "#1d2530", "#5c6876"  # text
 LINE, GRID, AXIS = "#d8dde3", "#e7eaee", "#9aa4af"

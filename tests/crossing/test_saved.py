@@ -88,8 +88,8 @@ def test_an_optimal_law_on_springs_comes_back(tmp_path):
     again = load_plan(tmp_path)
     times = np.linspace(0.0, plan.duration, 301)
     np.testing.assert_array_equal(again.law(times), plan.law(times))
-    # torques hold two derivatives of deflections, in which rounding grows at the ends: 1e-9 of the peak there,
-    # more or less with the processor, and a hundredth of that elsewhere
+    # torques hold two derivatives of deflections, in which rounding grows at the ends: 1e-9 of the peak
+    # there, more or less with the processor, and a hundredth of that elsewhere
     torque, peak = plan.torque(times), np.abs(plan.torque(times)).max()
     np.testing.assert_allclose(again.torque(times), torque, rtol=0, atol=1e-8 * peak)
     np.testing.assert_allclose(again.torque(times)[3:-3], torque[3:-3], rtol=0, atol=1e-10 * peak)

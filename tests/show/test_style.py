@@ -6,13 +6,15 @@ import re
 from importlib.resources import files
 from itertools import combinations
 
-import colour  # colour-science
 import numpy as np
 import pytest
 
 from framework.show import style
 from framework.show.force_polygon import MISSES, THREADS
 from framework.show.style import PAGE_COLORS, line_style, page_colors
+
+with np.printoptions():  # colour-science sets how NumPy prints numbers, for good
+    import colour
 
 VISIONS = (None, "Protanomaly", "Deuteranomaly", "Tritanomaly")  # of severity 1: one kind of cone is missing
 LEAST_DIFFERENCE = 12.0  # CIEDE2000, of colours that are drawn together; 2.3 is just noticed

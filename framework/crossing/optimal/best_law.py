@@ -162,20 +162,17 @@ def _lasting(program: SpeedProgram, cones: ConeProgram, quick: Optimum) -> Array
     stretch = program.on_path.stretch
     if duration_of(quick.y, stretch) > duration * (1.0 - QUICKEST_MARGIN):
         return adjusted(quick.y, cones.equalities, duration, stretch)
-    slower = cones
     for peak_ratio in PEAK_RATIOS:
         previous, allowed = quick.y, _allowed(program.specification.limited_motors, peak_ratio * quick.peak)
         for _ in range(MAX_CONVEX_CONCAVE_STEPS):
-            rows = _scaled(slower.torque, _allowed(slower.bounded, peak_ratio * quick.peak))
-            everything = replace(slower, torque=rows, bounded=np.ones_like(slower.bounded))
+            rows = _scaled(cones.torque, _allowed(cones.bounded, peak_ratio * quick.peak))
+            everything = replace(cones, torque=rows, bounded=np.ones_like(cones.bounded))
             slow = solve_cone_program(everything, "slowest", about=previous)
             if not isinstance(slow, Optimum):
                 break
-            extended = _with_rows_where_exceeded(
-                program, slower, slow.y, allowed * (1.0 + 2.0 * LIMIT_MARGIN)
-            )
+            extended = _with_rows_where_exceeded(program, cones, slow.y, allowed * (1.0 + 2.0 * LIMIT_MARGIN))
             if extended is not None:
-                slower = extended
+                cones = extended
             elif duration_of(slow.y, stretch) > duration:
                 blend = blended(previous, slow.y, duration, stretch)
                 return adjusted(blend, cones.equalities, duration, stretch)
