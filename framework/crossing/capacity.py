@@ -105,7 +105,7 @@ def largest_load_of(
         )
     specification = specification_of(robot, request)
     if not (specification.limited or specification.limited_speeds):
-        raise InvalidInput("torque_limit: a largest multiple needs a limit of torque or speed")
+        raise InvalidInput("torque_limit or speed_limit is needed: without limits no multiple is the largest")
     task = _Multiples(robot, request, unit, search_path(robot, request.path), progress)
     unloaded = task.planned(0.0)
     if isinstance(unloaded, NoAnswer):

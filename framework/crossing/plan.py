@@ -98,7 +98,8 @@ def _best(work: _Work) -> CrossingPlan:
     """Plan with the law that is asked for, or with the polynomial or what it falls back on."""
     request = work.request
     if request.kind == "optimal":
-        return _optimal(work, "it was asked for")
+        asked = request.law == "optimal"
+        return _optimal(work, "it was asked for" if asked else "only the optimal law keeps what is asked")
     try:
         plan, advance = _polynomial(work)
     except (NoLaw, NotConverged) as refusal:

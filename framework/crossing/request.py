@@ -9,7 +9,7 @@ import numpy as np
 
 from framework.crossing.options import OPTIONS, PlanOptions, takes_options
 from framework.dynamics.inverse_dynamics import checked_geometry
-from framework.dynamics.motor_limits import motor_limits, shortest_form
+from framework.dynamics.motor_limits import is_limited, motor_limits, shortest_form
 from framework.errors import InvalidInput
 from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
@@ -109,18 +109,16 @@ class Request(PlanOptions):
     @property
     def _bounded(self) -> bool:
         """Whether anything is asked that only an optimal law can keep."""
-        limits = self.torque_limit is not None or self.speed_limit is not None or self.margin > 0
+        limits = is_limited(self.torque_limit) or is_limited(self.speed_limit) or self.margin > 0
         return limits or self.optimize is not None or self.longest is not None
 
     def check_limited(self, robot: ParallelRobot) -> None:
         """Raise InvalidInput where the least time is asked of motors without any limit."""
-        motors = robot.description.actuators
-        in_file = [limit for motor in motors for limit in (motor.torque_limit, motor.speed_limit)]
-        if self.goal == "time" and all(
-            limit is None for limit in (self.torque_limit, self.speed_limit, *in_file)
-        ):
+        limits = [motor_limits(robot, name, getattr(self, name)) for name in ("torque_limit", "speed_limit")]
+        if self.goal == "time" and np.isinf(limits).all():
             raise InvalidInput(
-                "torque_limit: optimize time needs a limit of torque or speed, given or in the robot file"
+                "torque_limit or speed_limit is needed, given or in the robot file: without limits no law is "
+                "the quickest"
             )
 
     def _check_crossings(self) -> None:

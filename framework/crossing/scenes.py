@@ -9,7 +9,8 @@ from framework.crossing.options import OPTIONS
 from framework.crossing.plan import plan_request
 from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan
-from framework.errors import InvalidInput, choose_from
+from framework.dynamics.motor_limits import is_limited
+from framework.errors import InvalidInput, choose_from, short
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.model.description import Scene
 from framework.motion.path import Arc, Line, Path, Spline
@@ -23,6 +24,8 @@ def scene(robot: ParallelRobot, name: str) -> Scene:
     """
     expect_robot(robot)
     scenes = robot.description.scenes
+    if not scenes:
+        raise InvalidInput(f"{robot.name}: unknown scene {short(name)}: it has no scenes")
     if name not in scenes:
         raise InvalidInput(f"{robot.name}: {choose_from('scene', name, scenes)}")
     return scenes[name]
@@ -65,8 +68,9 @@ def scene_request(robot: ParallelRobot, name: str, **options: Any) -> Request:
     """
     chosen = scene(robot, name)
     stated = {key: getattr(chosen, key) for key in OPTIONS if hasattr(chosen, key)}
-    bounding = [options.get(key) for key in ("optimize", "longest", "torque_limit", "speed_limit", "margin")]
-    if options.get("law") == "optimal" or any(value is not None for value in bounding):
+    bounding = any(options.get(key) is not None for key in ("optimize", "longest", "margin"))
+    limited = any(is_limited(options.get(key)) for key in ("torque_limit", "speed_limit"))
+    if options.get("law") == "optimal" or bounding or limited:
         stated.update(times=None, speeds=None)
     if options.get("optimize") == "time" or options.get("longest") is not None:
         stated.update(duration=None)

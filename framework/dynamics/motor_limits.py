@@ -50,6 +50,12 @@ def motor_limits(robot: ParallelRobot, name: str, stated: Limit) -> Array:
     return np.broadcast_to(numbers, robot.n_a).copy()
 
 
+def is_limited(stated: Limit) -> bool:
+    """Whether limits that are stated, as for `motor_limits`, bound any motor: None and infinity do not."""
+    values = stated.values() if isinstance(stated, Mapping) else np.atleast_1d(np.array(stated, object))
+    return any(value is not None and value != np.inf for value in values)
+
+
 def shortest_form(limits: Array) -> tuple[float | None, ...]:
     """Return limits (n_a,) as one number if they are all the same, and None for what is infinite."""
     values = tuple(limit if np.isfinite(limit) else None for limit in limits.tolist())

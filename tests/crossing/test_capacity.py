@@ -76,9 +76,11 @@ def test_without_a_wrench_or_a_limit_the_question_has_no_meaning():
         largest_load(robot, path, torque_limit=LIMIT)
     with pytest.raises(InvalidInput, match="wrenches: give a wrench that is not zero"):
         largest_load(robot, path, torque_limit=LIMIT, wrenches={"left_tip": [0.0] * 6})
-    with pytest.raises(InvalidInput, match="torque_limit: optimize time needs a limit"):
+    with pytest.raises(InvalidInput, match="torque_limit or speed_limit is needed"):
         largest_load(robot, path, wrenches=PUSH)
-    with pytest.raises(InvalidInput, match="torque_limit: a largest multiple needs a limit"):
+    with pytest.raises(
+        InvalidInput, match="torque_limit or speed_limit is needed: without limits no multiple"
+    ):
         largest_load(robot, path, duration=1.5, optimize="peak_torque", wrenches=PUSH)
 
 

@@ -127,6 +127,16 @@ def test_limits_are_those_asked_for_or_the_robot_file_s_less_the_margin(robot):
     np.testing.assert_allclose(speed, in_file, rtol=1e-15)
 
 
+@pytest.mark.parametrize("none", [[None], [None, np.inf], {"left_motor": None}])
+def test_no_limit_is_no_reason_for_another_law(robot, none):
+    as_it_is = scene_request(robot, "C")
+    without = scene_request(robot, "C", torque_limit=none, speed_limit=[None])
+    assert (without.kind, without.times, without.speeds) == ("polynomial", as_it_is.times, as_it_is.speeds)
+    assert scene_request(robot, "C", torque_limit=[0.2, None]).kind == "optimal"
+    with pytest.raises(InvalidInput, match="torque_limit or speed_limit is needed"):
+        scene_request(robot, "C", torque_limit=none, optimize="time")
+
+
 def test_paths_are_equal_where_their_kind_and_points_are():
     corners = [[0.0, 0.0], [1.0, 1.0], [2.0, 0.0]]
     paths = [Line(*corners[:2]), Line(*corners[1:]), Arc(*corners), Spline(corners)]
