@@ -63,8 +63,11 @@ def catalogue() -> Mapping[str, CatalogueEntry]:
     return dict(sorted(entries.items()))
 
 
-def robot_file(name_or_path: str | os.PathLike[str]) -> Path:
+def robot_file(name_or_path: str | os.PathLike[str], *, others: str = "") -> Path:
     """Return the file, ours or of a foreign dialect, that a catalogue name or a path stands for.
+
+    Args:
+        others: what else would do, for the complaint.
 
     Raises:
         InvalidInput: neither a known name nor a robot file.
@@ -78,7 +81,7 @@ def robot_file(name_or_path: str | os.PathLike[str]) -> Path:
         if path.suffix in (".yaml", ".yml", ".urdf", ".xml", ".mjcf", ".sdf") or os.path.exists(path):
             return path
     unknown = choose_from("robot", name_or_path, catalogue())
-    raise InvalidInput(f"{unknown}, or give the path of a robot file (.yaml)")
+    raise InvalidInput(f"{unknown}; or give the path of a robot file (.yaml){others}")
 
 
 def load_robot(

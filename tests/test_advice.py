@@ -44,7 +44,7 @@ MEANT = [  # a wrong command line, what was meant
 ]
 TRIED = [  # a wrong command line, its exit code, what to try
     ("plan five_bar", 2, "plan five_bar --scene A"),
-    ("plan --scene C", 2, "plan five_bar --scene C --out crossing_C"),
+    ("plan --scene C", 2, "plan five_bar --scene C --out move"),
     ("pose", 2, "pose five_bar --motors 1.2 1.9"),
     ("pose five_bar", 2, "pose five_bar --motors 1.27186 1.08362"),
     ("help plan", 2, "plan --help"),

@@ -35,6 +35,25 @@ def test_the_motors_of_a_pose_give_it_back(name, capsys):
     assert (there["working_mode"], there["assembly_mode"]) == (back["working_mode"], back["assembly_mode"])
 
 
+def test_degrees_and_millimetres_are_told(capsys):
+    for more in [], ["--all"]:
+        main(["pose", "five_bar", "--motors", "72", "109", *more])
+        told = "".join(capsys.readouterr())
+        assert "angles are in rad: left_motor at 72 rad is 11.5 turns" in told
+        assert "try:" not in told
+    line = "--from 100 345 --to -50 195 --duration 1.5"
+    assert main(["plan", "five_bar", *line.split()]) == 1
+    told = capsys.readouterr().err
+    assert f"points are in m: (100, 345) is {np.hypot(100, 345):.4g} m from the base" in told
+
+
+def test_a_platform_out_of_reach_has_no_working_mode(capsys):
+    assert main(["pose", "five_bar", "--platform", "0", "2", "--all"]) == 1
+    out, err = capsys.readouterr()
+    assert "0 of left_motor" in out
+    assert "out of reach" in err
+
+
 def test_motor_angles_are_gear_ratio_times_the_joint(capsys):
     there = posed(capsys, "five_bar", "--platform", 0.0, 0.3)
     for joint, angle in there["motor_joints"].items():

@@ -58,6 +58,7 @@ QUESTIONS = {
     "framework.kinematics.diagnostics.mobility": None,
     "framework.kinematics.parallel_robot": {"ParallelRobot"},
     "framework.kinematics.assembly": {"configuration"},
+    "framework.kinematics.mistaken_units": None,
     "framework.kinematics.placements": None,
     "framework.kinematics.platform": {"FramePlatform"},
     "framework.kinematics.pose": None,

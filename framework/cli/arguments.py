@@ -70,9 +70,9 @@ def load(options: argparse.Namespace) -> ParallelRobot:
 def load_mechanism(options: argparse.Namespace) -> Mechanism:
     """Load the mechanism with the springs of --flexibility where the command has it; warn without any."""
     flexibility = getattr(options, "flexibility", "rigid")
-    mechanism = Mechanism.from_file(
-        robot_file(options.robot), flexibility=flexibility, **_missing_fields(options)
-    )
+    others = ", or a folder of `crossing plan --out`" if hasattr(options, "robot_file") else ""
+    file = robot_file(options.robot, others=others)
+    mechanism = Mechanism.from_file(file, flexibility=flexibility, **_missing_fields(options))
     if mechanism.flexibility != flexibility:
         options.warnings.append(
             f"{mechanism.name} has no springs of its own for --flexibility {flexibility}: taken as "
@@ -142,10 +142,9 @@ def path(options: argparse.Namespace, robot: ParallelRobot) -> Path:
     if any(end is None for end in ends):
         names = list(robot.description.scenes)
         first = {"from": None, "to": None, "scene": names[0]} if names else None
-        listed = ", ".join(names) or "none"
-        raise InvalidInput(f"give --scene (of {robot.name}: {listed}), or both --from and --to").advising(
-            first
-        )
+        either = f"either --scene (of {robot.name}: {', '.join(names)}) or " if names else ""
+        none = "" if names else f": {robot.name} has no scenes"
+        raise InvalidInput(f"give {either}both --from and --to{none}").advising(first)
     for name, end in zip(("--from", "--to"), ends, strict=True):
         if len(end) != robot.n or not np.all(np.isfinite(end)):
             raise InvalidInput(

@@ -11,7 +11,7 @@ import numpy as np
 from framework.cli import arguments
 from framework.cli.parser import Report, add_flexibility, add_missing_fields, add_robot, command
 from framework.errors import InvalidInput, NotAssembled, point
-from framework.kinematics.diagnostics.diagnosis import check_robot
+from framework.kinematics.diagnostics.diagnosis import check_robot, reference_in_words
 
 
 def add(commands: Any) -> None:
@@ -24,10 +24,11 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> Report:
     """Examine a robot and report its mobility, its masses, its pose and advice."""
-    diagnosis = check_robot(arguments.load_mechanism(options))
+    mechanism = arguments.load_mechanism(options)
+    diagnosis = check_robot(mechanism)
     if not diagnosis.assembled:
         options.refusal = NotAssembled(
-            f"{diagnosis.robot}: the loops do not close near the reference that is given; they do at the "
+            f"{diagnosis.robot}: the loops do not close near {reference_in_words(mechanism)}; they do at the "
             f"pose that is printed as reference",
             q=np.array(list(diagnosis.reference.values())),
             residual=diagnosis.gap_at_reference,

@@ -62,7 +62,7 @@ COMMANDS = {
         "plan",
         "plan a motion through the singular points, with torques and proof",
         (
-            "crossing plan five_bar --scene C --out crossing_C",
+            "crossing plan five_bar --scene C --out move",
             "crossing plan five_bar --scene C --optimize time --torque-limit 0.165",
         ),
     ),
@@ -85,7 +85,7 @@ COMMANDS = {
     "simulate": Command(
         "simulate",
         "drive the robot with the planned torques: tracking error, drift, energy",
-        ("crossing simulate crossing_C", "crossing simulate five_bar --scene A --sensors --out run"),
+        ("crossing simulate move", "crossing simulate five_bar --scene A --sensors --out run"),
     ),
     "robustness": Command(
         "robustness",
@@ -98,19 +98,19 @@ COMMANDS = {
     "show": Command(
         "show",
         "play motions in the browser, side by side; without a motion, move the robot by hand. Ctrl-C ends it",
-        ("crossing show five_bar --scene A B C", "crossing show crossing_C --html crossing.html"),
+        ("crossing show five_bar --scene A B C", "crossing show move --html crossing.html"),
     ),
     "report": Command(
         "report",
         "write one HTML page about a plan: scene, figures, law, certificate, parameters, reproduction",
-        ("crossing report crossing_C", "crossing report crossing_C --html report.html"),
+        ("crossing report move", "crossing report move --html report.html"),
     ),
     "export": Command(
         "export",
         "a robot as MuJoCo's MJCF, a plan as a trajectory for ros2_control, a scene as a lesson",
         (
             "crossing export five_bar --to mjcf --out five_bar.xml",
-            "crossing export crossing_C --to ros2_control --out trajectory.yaml",
+            "crossing export move --to ros2_control --out trajectory.yaml",
         ),
     ),
     "calibrate": Command(

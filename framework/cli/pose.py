@@ -13,9 +13,10 @@ from framework.cli import arguments
 from framework.cli.instant import loads_document, loads_in_words, loads_of_instant
 from framework.cli.parser import Report, add_flexibility, add_options, add_robot, add_wrenches, command
 from framework.dynamics.platform_limits import PlatformLimits, platform_limits
-from framework.errors import InvalidInput, NotAssembled
+from framework.errors import InvalidInput, NoAnswer, NotAssembled
 from framework.kinematics.continuation.forward_kinematics import forward_kinematics
 from framework.kinematics.continuation.tracking import assemble
+from framework.kinematics.mistaken_units import beyond_reach, more_than_a_turn
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pose import describe_pose
 from framework.proofs.assembly_modes import assembly_modes
@@ -77,7 +78,9 @@ def run(options: argparse.Namespace) -> Report:
             dict.fromkeys(stated)
         )
     if options.every:
-        return _working(robot, options.point) if motor_joints is None else _assembly(robot, motor_joints)
+        if motor_joints is None:
+            return _working(robot, options)
+        return _assembly(robot, options)
     try:
         closed = (
             assemble(robot, options.point)
@@ -85,7 +88,10 @@ def run(options: argparse.Namespace) -> Report:
             else forward_kinematics(robot, motor_joints)
         )
     except NotAssembled as failure:  # from the reference; another mode may have such a pose
-        raise failure.advising(None if stated else {"all": True}) from None
+        degrees = "" if motor_joints is None else _degrees(robot, motor_joints)
+        far = "" if options.point is None else _far(robot, options.point)
+        failure.args = (f"{failure}{degrees}",)
+        raise failure.advising(None if stated or degrees or far else {"all": True}) from None
     pose, classification = describe_pose(robot, closed.q), classify(robot, closed.q)
     limits = _limits(robot, closed.q, options)
     instant = loads_of_instant(robot, closed.q, options)
@@ -156,9 +162,22 @@ def _limits_document(limits: PlatformLimits | None) -> dict[str, Any]:
     }
 
 
-def _assembly(robot: ParallelRobot, motors: list[float]) -> Report:
-    """Report all poses for these motor angles."""
-    assembly = assembly_modes(robot, motors)
+def _degrees(robot: ParallelRobot, motor_joints: list[float]) -> str:
+    """Return the end of a sentence on motors that are asked to turn more than once; empty for none."""
+    return more_than_a_turn(robot, dict(zip(robot.actuator_names, motor_joints, strict=True)))
+
+
+def _far(robot: ParallelRobot, point: list[float]) -> str:
+    """Return the end of a sentence on a platform that no link leads to; empty where one may."""
+    return beyond_reach(robot, np.array(point)[robot.platform.sliding])
+
+
+def _assembly(robot: ParallelRobot, options: argparse.Namespace) -> Report:
+    """Report all poses for the motor angles asked for."""
+    assembly = assembly_modes(robot, options.motor_joints)
+    degrees = "" if assembly.modes else _degrees(robot, options.motor_joints)
+    if degrees:
+        options.warnings.append(degrees.removeprefix("; "))
     lines, modes = [f"{robot.name}, {robot.flexibility}", f"  assembly modes    {assembly.sentence}"], []
     for mode in assembly.modes:
         pose, kind = describe_pose(robot, mode.q), classify(robot, mode.q)
@@ -175,9 +194,12 @@ def _assembly(robot: ParallelRobot, motors: list[float]) -> Report:
     return {"robot": robot.name, "flexibility": robot.flexibility, "assembly_modes": about}, "\n".join(lines)
 
 
-def _working(robot: ParallelRobot, point: list[float]) -> Report:
-    """Report all solutions of the inverse kinematics for this platform."""
-    working = working_modes(robot, point)
+def _working(robot: ParallelRobot, options: argparse.Namespace) -> Report:
+    """Report all ways to the platform that is asked for; refuse where there is none."""
+    working = working_modes(robot, options.point)
+    if not working.modes:
+        far = _far(robot, options.point)
+        options.refusal = NoAnswer(f"{robot.name}: out of reach: no pose was found with this platform{far}")
     lines, modes = [f"{robot.name}, {robot.flexibility}", f"  working modes     {working.sentence}"], []
     for mode in working.modes:
         pose = describe_pose(robot, mode.q)

@@ -136,7 +136,7 @@ def read_document(file: FilePath, command: str) -> dict[str, Any]:
     Raises:
         InvalidInput: there is none.
     """
-    complaint = f"{file}: cannot be read; give a folder of `crossing {command} --out`"
+    complaint = f"give a folder of `crossing {command} --out`: {file} cannot be read"
     text = read_text(file, complaint, largest=MAX_DOCUMENT_SIZE)
     try:
         saved = json.loads(text)

@@ -12,6 +12,7 @@ from framework.errors import NotAssembled, finite_numbers
 from framework.kinematics.closures import loop_equations, scaled, turned_over
 from framework.kinematics.frames import difference, frames_at, integrate
 from framework.kinematics.mechanism import Mechanism, columns_of
+from framework.kinematics.mistaken_units import more_than_a_turn
 from framework.tolerances import BRANCHES_MEET, CLOSED_LOOP, RANK_ROUNDING, REFERENCE_MOVE
 
 MAX_NEWTON_STEP = 0.5  # [rad or lengths of the robot] that one Newton step may move a joint
@@ -78,11 +79,11 @@ def close_reference(mechanism: Mechanism) -> Closing:
         raise _left_open(mechanism, closing)
     turned = turned_over(mechanism, frames_at(mechanism, closing.q[None]))
     if turned is not None:
-        raise NotAssembled(
-            f"{mechanism.name}: near the reference the loops close only with {turned} turned over, its "
-            f"frames pointing apart; give a reference nearer to an assembled configuration",
-            q=closing.q,
-            residual=closing.residual,
+        raise _not_assembled(
+            mechanism,
+            f"near the reference the loops close only with {turned} turned over, its frames pointing apart; "
+            f"give a reference nearer to an assembled configuration",
+            closing,
         )
     _check_near(mechanism, closing, given_columns)
     return closing
@@ -122,12 +123,12 @@ def _left_open(mechanism: Mechanism, closing: Closing) -> NotAssembled:
     rows = mechanism.rows
     left = np.abs(loop_equations(rows, frames_at(mechanism, closing.q[None])).residual[0])
     row = int(np.argmax(left * np.where(rows.rotation, mechanism.length, 1.0)))
-    return NotAssembled(
-        f"{mechanism.name}: the loops do not close near the reference: {rows.names[row]} stays "
-        f"{left[row]:.3g} {'rad' if rows.rotation[row] else 'm'} apart after {closing.iterations} "
-        f"iterations; check the link lengths and give a reference nearer to an assembled configuration",
-        q=closing.q,
-        residual=float(left[row]),
+    return _not_assembled(
+        mechanism,
+        f"the loops do not close near the reference: {rows.names[row]} stays {left[row]:.3g} "
+        f"{'rad' if rows.rotation[row] else 'm'} apart after {closing.iterations} iterations; check the link "
+        f"lengths and give a reference nearer to an assembled configuration",
+        closing._replace(residual=float(left[row])),
     )
 
 
@@ -140,13 +141,17 @@ def _check_near(mechanism: Mechanism, closing: Closing, given: IntArray) -> None
     column = int(given[np.argmax(far)])
     joint = mechanism.coordinates.name_of(column)
     value = mechanism.description.reference[joint]
-    raise NotAssembled(
-        f"{mechanism.name}: the reference is not near an assembled configuration: {joint} is given as "
-        f"{value:g}, the loops close at {value + moved[column]:.4g}; give all joints, so that one way of "
-        f"assembling is meant",
-        q=closing.q,
-        residual=closing.residual,
+    raise _not_assembled(
+        mechanism,
+        f"the reference is not near an assembled configuration: {joint} is given as {value:g}, the loops "
+        f"close at {value + moved[column]:.4g}; give all joints, so that one way of assembling is meant",
+        closing,
     )
+
+
+def _not_assembled(mechanism: Mechanism, what: str, closing: Closing) -> NotAssembled:
+    turns = more_than_a_turn(mechanism, mechanism.description.reference)
+    return NotAssembled(f"{mechanism.name}: {what}{turns}", q=closing.q, residual=closing.residual)
 
 
 def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array, ...]:

@@ -26,6 +26,7 @@ from framework.kinematics.frames import difference, difference_rates, integrate
 from framework.kinematics.inverse_kinematics import close_each, close_loops, require_square
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.kinematics.loop_matrices import equation_sizes, lost_equations, type1_matrix
+from framework.kinematics.mistaken_units import beyond_reach
 from framework.kinematics.modes import keeps_working_mode
 from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
@@ -190,7 +191,8 @@ def _end_of_reach(
             joint=joint,
         )
     return OutOfReach(
-        f"{robot.name}: {ahead} {where}: the leg of {joint} cannot follow",
+        f"{robot.name}: {ahead} {where}: the leg of {joint} cannot follow"
+        + beyond_reach(robot, path(1.0)[robot.platform.sliding]),
         q=q,
         residual=float(np.abs(linearised.residual).max()),
         s=s,

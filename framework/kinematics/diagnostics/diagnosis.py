@@ -21,6 +21,7 @@ from framework.kinematics.linearised_loops import linearised_at_reference
 from framework.kinematics.loop_matrices import passive_matrix
 from framework.kinematics.loop_structure import independent_rows
 from framework.kinematics.mechanism import Mechanism
+from framework.kinematics.mistaken_units import more_than_a_turn
 from framework.kinematics.modes import mode_signs
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.rounded_loops import assembled_mechanism, rounded_gap
@@ -126,12 +127,14 @@ def _robot_to_examine(mechanism: Mechanism) -> tuple[ParallelRobot, float | None
     try:
         mechanism, closing = assembled_mechanism(mechanism)
     except NotAssembled as failure:
+        if more_than_a_turn(mechanism, mechanism.description.reference):
+            raise
         gap = failure.residual
         pose = find_closed_pose(mechanism)
         remarks.append(
-            f"the loops do not close near the reference that is given; a search within the joints' limits "
-            f"has found the one that is printed, {pose.joint} {pose.moved} away: paste it into "
-            f"the file (or give it by --reference) if the robot is meant to be assembled that way"
+            f"the loops do not close near {reference_in_words(mechanism)}; a search within the joints' "
+            f"limits has found the one that is printed, {pose.joint} {pose.moved} away: paste it into the "
+            f"file (or give it by --reference) if the robot is meant to be assembled that way"
         )
         mechanism, closing = assembled_mechanism(_with_reference(mechanism, pose.q))
     try:
@@ -143,6 +146,12 @@ def _robot_to_examine(mechanism: Mechanism) -> tuple[ParallelRobot, float | None
         except SingularReference:
             raise singular from None
         return robot, gap, [*remarks, f"said of a pose beside the reference: {singular}"]
+
+
+def reference_in_words(mechanism: Mechanism) -> str:
+    """Return where the reference of a robot comes from, in words."""
+    given = mechanism.description.reference
+    return "the reference that is given" if given else "the default reference (all zero)"
 
 
 class _Modes(NamedTuple):

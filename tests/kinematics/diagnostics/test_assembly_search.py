@@ -170,7 +170,7 @@ def test_check_answers_no_where_the_reference_is_not_assembled_and_prints_the_po
     assert main(["check", str(file), *words]) == 1
     out, err = capsys.readouterr()
     assert err.count("\n") == 1
-    assert "the loops do not close near the reference that is given" in err
+    assert "the loops do not close near the default reference (all zero)" in err
     if not words:
         assert "  reference         {crank: " in out
         return
@@ -187,7 +187,7 @@ def test_check_examines_the_pose_it_has_found_and_prints_it_to_paste(tmp_path):
     found = check_robot(linkage(tmp_path, halves(shape), file))
     assert not found.assembled
     assert found.closure_error < 1e-12
-    assert found.advice[0].startswith("the loops do not close near the reference that is given")
+    assert found.advice[0].startswith("the loops do not close near the default reference (all zero)")
     pasted = ", ".join(f"{name}: {value:.6g}" for name, value in found.reference.items())
     again = check_robot(linkage(tmp_path, halves(shape), f"{file}reference: {{{pasted}}}\n"))
     assert again.assembled

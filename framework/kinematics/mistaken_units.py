@@ -1,0 +1,63 @@
+"""Points in millimetres and angles in degrees, told by facts: no link reaches them, they are many turns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.errors import point
+from framework.kinematics.mechanism import Mechanism, columns_of
+
+
+def more_than_a_turn(mechanism: Mechanism, joints: Mapping[str, float]) -> str:
+    """Return the end of a sentence on hinges beyond a full turn (joint: angle [rad]); empty where none is.
+
+    Angles in degrees are.
+    """
+    columns = columns_of(mechanism.model, joints)
+    hinges = {
+        joint: angle
+        for column, (joint, angle) in zip(columns, joints.items(), strict=True)
+        if not mechanism.sliding[column] and abs(angle) > 2.0 * np.pi
+    }
+    turns = ", ".join(
+        f"{joint} at {angle:g} rad is {abs(angle) / (2.0 * np.pi):.3g} turns"
+        for joint, angle in hinges.items()
+    )
+    return f"; angles are in rad: {turns}" if turns else ""
+
+
+def longest_reach(robot: Mechanism) -> float:
+    """Return the length [m] of the links from the base to the platform's frame, one behind the other.
+
+    Slides at the end of their range, springs at rest; infinite where a joint moves without bound.
+    """
+    model = robot.model
+    frame = model.frames[model.getFrameId(robot.description.platform.frame)]
+    reach = float(np.linalg.norm(frame.placement.translation))
+    for k in list(model.supports[frame.parentJoint])[1:]:
+        joint = model.joints[k]
+        reach += float(np.linalg.norm(model.jointPlacements[k].translation))
+        if robot.sliding[joint.idx_v] and joint.idx_v not in robot.elastic:
+            ends = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
+            reach += float(np.abs(ends).max())
+        elif joint.shortname().startswith(("JointModelFree", "JointModelPlanar", "JointModelTranslation")):
+            return np.inf
+    return reach
+
+
+def beyond_reach(robot: Mechanism, position: Array) -> str:
+    """Return the end of a sentence on a platform that no link leads to; empty where one may.
+
+    `position`: the coordinates of its frame's origin that are given [m].
+    """
+    distance, reach = float(np.linalg.norm(position)), longest_reach(robot)
+    if distance <= reach:
+        return ""
+    return (
+        f"; points are in m: {point(position)} is {distance:.4g} m from the base, "
+        f"{distance / robot.length:.3g} times the size of the robot, and its links in one line reach "
+        f"{reach:.3g} m"
+    )
