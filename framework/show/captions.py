@@ -124,7 +124,7 @@ def proof(film: Film) -> str:
     certificate = film.plan.certificate
     return (
         f"Proven: the torque is finite at all times. Its series on {certificate.nodes} nodes leaves out "
-        f"{certificate.tail:.0e} of it; a torque without bound would leave a share near 1. The loops stay "
+        f"{certificate.tail:.0e} of it; an unbounded torque would leave 1e-3 of it or more. The loops stay "
         f"closed to {certificate.max_closure_error:.0e} (m or rad)."
     )
 

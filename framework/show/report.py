@@ -162,7 +162,7 @@ def _certificate(plan: CrossingPlan, film: Film) -> str:
     certificate = plan.certificate
     said_of = [
         f"The torques are functions of time known on {certificate.nodes} nodes; what their series leaves out "
-        f"is {certificate.tail:.1e} of their size. A torque with a pole would leave a share near 1.",
+        f"is {certificate.tail:.1e} of their size. An unbounded torque would leave 1e-3 of it or more.",
         f"The loops stay closed to {certificate.max_closure_error:.1e} (m or rad), between the nodes too.",
     ]
     if plan.crossings:
@@ -240,19 +240,17 @@ def _condition(crossing: Crossing) -> str:
         ("s″", condition.alpha),
         ("s′²", condition.beta),
         ("s′", condition.delta),
-        ("1", condition.gamma),
+        ("", condition.gamma),
     )
-    listed = ", ".join(f"{value:.6g} of {name}" for name, value in terms)
-    return (
-        f"The law was made to meet condition (8) at t = {crossing.time:.6g} s: t_s · W_p is the sum of these "
-        f"multiples: {listed}."
-    )
+    total = " + ".join(f"{value:.6g} {name}".strip() for name, value in terms if value).replace("+ -", "− ")
+    instant = f"t = {crossing.time:.6g} s"
+    return f"The law was made to meet condition (8) at {instant}: t_s · W_p = {total or '0'} = 0."
 
 
 def _neglected(plan: CrossingPlan) -> str:
     """Return the table of what the torques leave out."""
     if not plan.neglected:
-        return "<p>Nothing that the robot's file knows of.</p>"
+        return "<p>Nothing that the robot's file describes.</p>"
     units = dict(zip(plan.robot.actuator_names, plan.robot.torque_units, strict=True))
     rows = [
         (
@@ -264,8 +262,8 @@ def _neglected(plan: CrossingPlan) -> str:
         for effect, torque, motor, share in plan.neglected
     ]
     return (
-        "<p>What the robot's file has and the torques above do not count with, and how much it would change "
-        "them at most, each by itself and to first order.</p>"
+        "<p>What the robot's file describes and the torques above do not include, and how much each by "
+        "itself would change them at most, to first order.</p>"
         + _table(rows, ("left out", "worth", "at motor", "of the largest torque"))
     )
 
