@@ -7,7 +7,7 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -20,7 +20,12 @@ UNFINISHED = ".crossing-unfinished-"  # a name that nobody else takes: what has 
 
 @contextmanager
 def written_together(
-    folder: Path, *, document: str | None = None, option: str = "--out", file: Path | None = None
+    folder: Path,
+    *,
+    document: str | None = None,
+    option: str = "--out",
+    file: Path | None = None,
+    beside: Collection[str] = (),
 ) -> Iterator[Path]:
     """Yield a temporary folder whose files move into `folder` once the block has ended without an error.
 
@@ -29,6 +34,7 @@ def written_together(
     Args:
         document: the JSON file among those written that tells them for ours, a robot's; files of these
             names that are there without one are somebody else's and are kept.
+        beside: names of files about an earlier `document`; those that the block does not write go with it.
         option: of the command line, that complaints name.
         file: what complaints name, if it is one file and not the folder.
 
@@ -51,9 +57,12 @@ def written_together(
         yield temporary
         files = sorted(temporary.iterdir())
         _check_overwritten(folder, [written.name for written in files], document, place)
+        replaces = document is not None and os.path.lexists(folder / document)
         with uninterrupted():
             for written in files:
                 os.replace(written, folder / written.name)
+            for name in set(beside) - {written.name for written in files} if replaces else ():
+                (folder / name).unlink(missing_ok=True)
             _remove(own)
             own = None
     except OSError as error:

@@ -152,7 +152,7 @@ def test_what_was_tried_is_not_advised(capsys, monkeypatch):
 def test_an_example_is_advised_where_it_runs_in_any_folder(capsys):
     shown = {name: run(capsys, f"{name} --nonsense")[2].partition("try: crossing ")[2] for name in COMMANDS}
     needing_files = {name for name, example in shown.items() if not example}
-    assert needing_files == {"calibrate", "identify", "report"}
+    assert needing_files == {"calibrate", "identify", "report", "robots"}  # robots lacks nothing
 
 
 @pytest.mark.slow
@@ -238,3 +238,32 @@ def test_limits_that_are_too_low_are_answered_with_the_duration_that_keeps_them(
     assert plan_scene(robot, "C", law="optimal", torque_limit=0.01, duration=value).duration == value
     with pytest.raises(NoLaw):
         plan_scene(robot, "C", law="optimal", torque_limit=0.01, duration=0.97 * value)
+
+
+MENDED = [  # a command line with numbers that are none, and the same with what is meant
+    ("plan five_bar --scene C --duration 1.5s", "plan five_bar --scene C --duration 1.5"),
+    ("plan five_bar --duration=1.5s --scene C", "plan five_bar --duration 1.5 --scene C"),
+    (
+        "plan five_bar --from 0.1,0.345 --to -0.05,0.195 --duration 1.5",
+        f"plan five_bar {LINE} --duration 1.5",
+    ),
+    (
+        "plan five_bar --from 0.1 0.345 --to -0.05,0.195 --duration 1.5",
+        f"plan five_bar {LINE} --duration 1.5",
+    ),
+    ("plan five_bar --scene C --wrench 0N -1N", "plan five_bar --scene C --wrench 0 -1"),
+    ("plan five_bar --from 100mm 345mm --to 0 0", None),  # another unit
+    ("plan five_bar --scene C --duration soon", None),
+    ("map five_bar --window 0 1", None),
+    ("map five_bar --size 0", None),
+]
+
+
+@pytest.mark.parametrize(("line", "meant"), MENDED, ids=[line for line, _ in MENDED])
+def test_numbers_with_commas_or_units_are_mended_in_the_line_that_was_typed(capsys, line, meant):
+    code, out, err = run(capsys, line)
+    assert (code, out) == (2, "")
+    assert err.count("\n") == 1
+    tried = err.strip().partition("; try: crossing ")[2]
+    assert tried == (meant or "")
+    assert not meant or run(capsys, tried)[0] == 0

@@ -687,3 +687,23 @@ def test_a_flexibility_without_springs_is_told_and_not_claimed(
 
 def test_a_flexibility_with_springs_is_no_cause_for_a_warning(document):
     assert "warnings" not in document("check", "five_bar", "--flexibility", "flexible_links")
+
+
+def test_what_is_about_an_earlier_plan_goes_with_it(tmp_path, capsys):
+    out = tmp_path / "move"
+    main(["plan", "five_bar", "--scene", "C", "--out", str(out)])
+    assert "replaces" not in capsys.readouterr().out
+    for name in ("report.html", "torques.pdf", "notes.txt"):
+        (out / name).write_text("of scene C")
+    assert (out / "eye.png").exists()
+    main(["plan", "five_bar", "--scene", "A", "--out", str(out)])
+    assert "replaces the plan of five_bar over 1.5 s" in capsys.readouterr().out
+    left = {file.name for file in out.iterdir()}
+    assert "notes.txt" in left
+    assert not left & {"report.html", "torques.pdf", "eye.png"}
+
+
+def test_what_nobody_planned_stays(tmp_path):
+    (tmp_path / "report.html").write_text("mine")
+    main(["plan", "five_bar", "--scene", "A", "--out", str(tmp_path)])
+    assert (tmp_path / "report.html").read_text() == "mine"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from framework.cli.commands import COMMANDS, Misuse, parser_of
@@ -17,7 +17,7 @@ MAX_ADVICE_LENGTH = 500  # [characters] half of what a complaint may have
 def advised(error: BaseException, arguments: Sequence[str]) -> str | None:
     """Return the command line to try instead of `arguments`; None where nothing is known to help."""
     if isinstance(error, Misuse):
-        return error.instead
+        return error.instead if error.mend is None else _mended(error.mend, arguments)
     remedy: Mapping[str, Any] | None = getattr(error, "remedy", None)
     if not remedy or not arguments or arguments[0] not in COMMANDS:
         return None
@@ -33,6 +33,16 @@ def advised(error: BaseException, arguments: Sequence[str]) -> str | None:
     instead = one_line(shlex.join(["crossing", *words]))
     tried = sorted(words) == sorted(word for word in arguments if word != "--json")
     return None if tried or len(instead) > MAX_ADVICE_LENGTH else instead
+
+
+def _mended(mend: Callable[[str], list[str] | None], arguments: Sequence[str]) -> str:
+    """Return a command line with other words in place of some, alone or behind an option's `=`."""
+    words: list[str] = []
+    for word in arguments:
+        flag, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
+        meant = mend(value)
+        words += [word] if meant is None else [*([flag] if equals else []), *meant]
+    return one_line(shlex.join(["crossing", *(word for word in words if word != "--json")]))
 
 
 _COUNTS = {"None": 1.0, "?": 1.0, "+": math.inf, "*": math.inf}  # values of an option, by its `nargs`

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import re
 import shlex
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from importlib import import_module
 from importlib.metadata import version
 from typing import Any, NamedTuple, NoReturn
@@ -132,15 +132,25 @@ COMMANDS = {
     ),
 }
 NEEDS_NO_FILE = re.compile(r"crossing \w+( five_bar( --.*)?)?")  # an example that runs in any folder
+NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 FIRST_EXAMPLES = ("crossing plan five_bar --scene C", "crossing show five_bar --scene C --html crossing.html")
 
 
 class Misuse(Exception):
-    """argparse found the command line wrong; `instead`: one to try, None where the message has a hint."""
+    """argparse found the command line wrong.
 
-    def __init__(self, message: str, instead: str | None = None) -> None:
+    `instead`: one to try; `mend`: gives the words to put in place of one. None where nothing is known.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        instead: str | None = None,
+        *,
+        mend: Callable[[str], list[str] | None] | None = None,
+    ) -> None:
         super().__init__(message)
-        self.instead = instead
+        self.instead, self.mend = instead, mend
 
 
 class _Help(argparse.HelpFormatter):
@@ -168,8 +178,8 @@ class OneLineParser(argparse.ArgumentParser):
         shown = "\n  ".join(["examples:", *self.examples])
         super().__init__(allow_abbrev=False, epilog=shown, formatter_class=_Help, **settings)
         self._optionals.title = "output"
-        # argparse takes -1e-3 for an option: its pattern for negative numbers knows no exponents
-        self._negative_number_matcher = re.compile(r"^-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
+        # argparse takes -1e-3 for an option, and what has a unit; none of ours begins like a number
+        self._negative_number_matcher = re.compile(r"^-\.?\d")
 
     def topic(self, title: str) -> argparse._ArgumentGroup:
         """Return the group of options of that title; what has none stands last, under `output`."""
@@ -217,10 +227,35 @@ class OneLineParser(argparse.ArgumentParser):
             listed = ", ".join(action.choices)
             raise argparse.ArgumentError(action, f"invalid choice: {value!r}{hint} (choose from {listed})")
 
+    def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
+        """Return a value; a number with its unit, or numbers with commas, are told with what is meant."""
+        try:
+            return super()._get_value(action, arg_string)
+        except argparse.ArgumentError as error:
+            meant = _meant_numbers(action, arg_string)
+            if action.type is not float or meant is None:
+                raise
+            how = "separate by spaces" if "," in arg_string else "without its unit"
+            raise Misuse(
+                f"{error}; {how}: {' '.join(meant)}", mend=lambda word: _meant_numbers(action, word)
+            ) from None
+
     def error(self, message: str) -> NoReturn:
+        lacking = "arguments are required" in message  # nothing of what was typed can be mended
         anywhere = [example for example in self.examples if NEEDS_NO_FILE.fullmatch(example)]
-        instead = None if "did you mean" in message else next(iter(anywhere), None)
-        raise Misuse(f"{message} (see `{self.prog} --help`)", instead)
+        raise Misuse(f"{message} (see `{self.prog} --help`)", next(iter(anywhere), None) if lacking else None)
+
+
+def _meant_numbers(action: argparse.Action, text: str) -> list[str] | None:
+    """Return the numbers that a text stands for: without the unit that the help has, or without commas."""
+    units = re.findall(r"\[([^\]]+)\]", action.help or "")
+    listed = [unit.strip() for listed in units for unit in listed.split(",")]
+    several = action.nargs is not None
+    numbers = [part.strip() for part in text.split(",")] if several and "," in text else [text]
+    for unit in listed:
+        numbers = [number.removesuffix(unit).strip() for number in numbers]
+    numbers = [number for number in numbers if number]
+    return numbers if numbers and all(map(NUMBER.fullmatch, numbers)) else None
 
 
 class _Version(argparse.Action):

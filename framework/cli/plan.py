@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
+from contextlib import suppress
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +31,7 @@ from framework.crossing.options import MOTION
 from framework.crossing.path_modification import plan_request_with_modified_path
 from framework.crossing.plan import ADVANCES, plan_request
 from framework.crossing.request import Request
+from framework.crossing.restored import read_document
 from framework.crossing.result import CrossingPlan
 from framework.crossing.saved import FILE, plan_document
 from framework.errors import InvalidInput, NotConverged, point
@@ -44,6 +47,9 @@ MOTION_FILE = "motion.csv"
 NOTABLE_END_SPEED = 1e-6  # of the largest motor speed, that motors have at the ends: worth a line
 LEAST_BEND = "least"  # --bend without a value
 MAX_SAMPLES = 1_000_000
+FIGURES = ("robot", "law", "torques", "singularity", "wrench", "eye", "phase_plane")
+# about a plan that another one replaces: its report, figures that not every plan has, and PDFs now in one
+OF_A_PLAN = ("report.html", *(f"{name}.{kind}" for name in FIGURES for kind in ("png", "pdf")))
 
 
 def add(commands: Any) -> None:
@@ -94,9 +100,11 @@ def run(options: argparse.Namespace) -> Report:
     if out is None:
         plan, entries, lines = _planned(robot, request, level, options.bend)
         return plan_document(plan) | entries, plan_text(plan) + lines
-    with written_together(out, document="raw.json" if options.raw else FILE) as folder:
-        if options.raw:
+    if options.raw:
+        with written_together(out, document="raw.json") as folder:
             return report_raw(options, robot, request, folder)
+    replaced, there = _replaced(out), [name for name in OF_A_PLAN if os.path.isfile(out / name)]
+    with written_together(out, document=FILE, beside=OF_A_PLAN) as folder:
         from framework.show.plots import save_figures
 
         plan, entries, lines = _planned(robot, request, level, options.bend)
@@ -107,7 +115,18 @@ def run(options: argparse.Namespace) -> Report:
         (folder / MOTION_FILE).write_text(motion.as_csv(), encoding="utf-8")
         (folder / f"{MOTION_FILE}-metadata.json").write_text(motion.metadata(MOTION_FILE), encoding="utf-8")
         save_figures(plan, folder)
-    return document, f"{plan_text(plan)}{lines}\n  written to        {out}"
+    gone = [name for name in there if not os.path.exists(out / name)]
+    replaced += f"; {', '.join(gone)} of that is removed" * bool(gone)
+    return document, f"{plan_text(plan)}{lines}\n  written to        {out}{replaced}"
+
+
+def _replaced(folder: FilePath) -> str:
+    """Return the plan that a folder holds, as the end of a sentence; empty where it holds none."""
+    with suppress(InvalidInput):
+        saved = read_document(folder / FILE, "plan")
+        if {"robot", "duration"} <= saved.keys():
+            return f", replaces the plan of {saved['robot']} over {saved['duration']} s"
+    return ""
 
 
 def _planned(
