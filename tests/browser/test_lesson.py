@@ -103,6 +103,55 @@ def test_each_step_can_be_done_by_mouse_and_by_keyboard(opened, page):
         assert f"{peak}, of the best law" in tab.inner_text("#score")
 
 
+def pushed(tab, share, key):
+    """Shift of the platform on the screen, in pixels, under a key held at a share of the path; the verdict."""
+    tab.evaluate(
+        "([place, s]) => { place.value = s; place.dispatchEvent(new Event('input')); }",
+        [tab.query_selector("#place"), share],
+    )
+    tab.locator(".platform").focus()
+    before = centre(tab, ".platform")
+    tab.keyboard.down(key)
+    shift, verdict = np.subtract(centre(tab, ".platform"), before), tab.inner_text("#score")
+    tab.keyboard.up(key)
+    return shift, verdict
+
+
+def test_a_push_gives_way_along_t_s_alone_and_by_what_is_beyond_the_motors(opened, page):
+    tab = opened(page, width=1440, height=900)
+    limit = f"{tab.evaluate('crossing.lesson.data.best.off.limit'):.3g} N m"
+    assert f"each by up to {limit}" in tab.inner_text("#task")
+    for share in (0.6, 0.66, 0.667, 0.7):  # t_s is upright on this path's singular point, and nearly so about it
+        for key in ("ArrowRight", "ArrowLeft"):
+            shift, verdict = pushed(tab, share, key)
+            assert np.abs(shift).max() < 1.0, (share, key)
+            assert verdict.startswith("The motors hold it."), (share, key)
+    reach = {}
+    for share in (0.6, 0.65, 0.66, 0.667):
+        (_, up), verdict = pushed(tab, share, "ArrowUp")
+        (_, down), _ = pushed(tab, share, "ArrowDown")
+        assert up < -20.0
+        assert down == pytest.approx(-up, abs=0.5)
+        reach[share] = -up
+        if share == 0.667:
+            assert verdict == "It gives way. No torque is large enough."
+        else:
+            assert verdict.endswith(f"more than the motors' {limit}.")
+    assert list(reach.values()) == sorted(reach.values())  # the nearer, the less is held
+    # where it gives way, the bodies stay joined to the dot
+    tab.keyboard.down("ArrowUp")
+    dot = centre(tab, ".platform")
+    nearest = tab.evaluate(
+        """([x, y]) => Math.min(...[...document.querySelectorAll('#robot path[stroke-width]')]
+        .map((path) => path.getBoundingClientRect())
+        .filter((box) => Math.abs(box.width - box.height) < 0.05 * box.width && box.width > 40)
+        .map((box) => Math.hypot(box.x + box.width / 2 - x, box.y + box.height / 2 - y)))""",
+        list(dot),
+    )
+    tab.keyboard.up("ArrowUp")
+    assert nearest < 1.0
+
+
 def centre(tab, selector):
     box = tab.locator(selector).bounding_box()
     return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2

@@ -14,13 +14,14 @@ function steady(value, largest) {
 class Chart {
   // series: [{values, color, dash, name}], each on `time`; `limit` clips them; beyond the time `unreal` they are
   // grey, and begin anew. `band` has a least and a largest value for each time, `levels` are drawn across.
+  // `along` is what time stands for, in a row of its own.
   // events: [{time, value, said, alarm}], a line each and, with a value, a ring on it. `tell` says a time.
-  constructor(parent, { title, time, series, limit, events = [], unreal = Infinity, seek, height = 150, band, bandName, levels = [], along = "time [s]", tell = (t) => `${t.toFixed(3)} s` }) {
+  constructor(parent, { title, time, series, limit, events = [], unreal = Infinity, seek, height = 150, band, bandName, levels = [], levelName, along, tell = (t) => `${t.toFixed(3)} s` }) {
     Object.assign(this, { time, series, unreal, tell, breaks: events.filter(({ alarm }) => alarm).map((event) => event.time) });
     // drawn for letters of 14 px, and as much larger as those of the page are
     const scale = parseFloat(getComputedStyle(document.documentElement).fontSize) / 14;
     const { paddingLeft, paddingRight } = getComputedStyle(parent);
-    const width = Math.max(300, (parent.clientWidth - parseFloat(paddingLeft) - parseFloat(paddingRight)) / scale), left = 52, right = 10, top = 22, bottom = 20;
+    const width = Math.max(300, (parent.clientWidth - parseFloat(paddingLeft) - parseFloat(paddingRight)) / scale), left = 52, right = 10, top = 22, bottom = along ? 32 : 20;
     const root = svg("svg", { viewBox: `0 0 ${width} ${height}`, class: "chart" }, parent);
     this.root = root;
     const duration = time[time.length - 1];
@@ -41,11 +42,12 @@ class Chart {
       svg("line", { x1: left, x2: width - right, y1: this.height(value), y2: this.height(value), class: value ? "grid" : "axis" }, root);
       svg("text", { x: left - 5, y: this.height(value) + 4, "text-anchor": "end" }, root).textContent = rounded(value);
     }
-    for (const t of ticks(0, duration)) {
-      if (this.x(t) > width - right - 7.8 * along.length) continue; // there stands the unit
-      svg("text", { x: this.x(t), y: height - 5, "text-anchor": "middle" }, root).textContent = rounded(t);
+    const unit = "time [s]";
+    for (const t of ticks(0, (1 + 1e-6) * duration)) { // samples may end that short
+      const last = this.x(t) > width - right - 7.8 * unit.length; // there stands the unit
+      if (along || !last) svg("text", { x: this.x(t), y: height - bottom + 15, "text-anchor": along && last ? "end" : "middle" }, root).textContent = rounded(t);
     }
-    svg("text", { x: width - right, y: height - 5, "text-anchor": "end" }, root).textContent = along;
+    svg("text", { x: width - right, y: height - 5, "text-anchor": "end" }, root).textContent = along || unit;
     const head = svg("text", { x: 4, y: 13, class: "title" }, root);
     head.textContent = title;
     for (const { name, color, dash } of series.filter((each) => each.name)) {
@@ -56,6 +58,7 @@ class Chart {
       svg("tspan", { dx: 9, style: "fill:var(--given)", opacity: 0.5 }, head).textContent = "█ ";
       svg("tspan", {}, head).textContent = bandName;
     }
+    if (levelName) svg("tspan", { dx: 9 }, head).textContent = `┄ ${levelName}`;
     const frame = `frame${frames++}`;
     svg("rect", box, svg("clipPath", { id: frame }, root));
     const inside = svg("g", { "clip-path": `url(#${frame})` }, root);

@@ -3,6 +3,9 @@ const MOTORS = data.motors.length, CROSSING = data.crossing;
 const SAMPLES = 600; // of sigma, for curves and peaks
 const HANDLES = [0.12, 0.25, 0.38, 0.5, 0.62, 0.75, 0.88]; // in sigma, of the speed that is bent
 const SNAP = 0.05; // of the largest force along t_s: a miss that is taken for a hit, and made one
+const HARDEST = 0.1 * data.length; // push on the platform, a length on the paper
+const YIELD = 1e-6; // squared, of motors to a push: of torques that do the same, the least are given
+const SEEN = 0.01; // of a push: what gives way less stands still on the paper
 const CLEAR = 2e-4; // in s beside the crossing, where quotients by g lose digits
 
 // ---- what the framework computed ------------------------------------------------------------------------
@@ -152,7 +155,7 @@ function drawCurves() {
       events: [{ time: CROSSING, value: miss, alarm: !threads, said: threads ? "through the eye" : `misses the eye by ${rounded(Math.abs(miss))} N` }],
     },
     torque: {
-      title: `motor torque [${data.unit}]`, limit: 1.9 * best[state.gravity].limit, levels: [-limit, limit],
+      title: `motor torque [${data.unit}]`, limit: 1.9 * best[state.gravity].limit, levels: [-limit, limit], levelName: "the motors' limit",
       series: names.map((name, k) => ({ values: now.torque.map((each) => each[k]), color: PALETTE[k], dash: k ? "7 4" : "", name })),
       events: [{ time: CROSSING, alarm: !threads, said: threads ? "" : "no bound" }],
     },
@@ -234,27 +237,44 @@ handles.forEach((knob, k) => {
 const view = (() => {
   const points = [0, 0.25, 0.5, 0.75, 1].flatMap((s) => placed(s, [0, 0]).flatMap(({ outline }) => outline));
   const [low, high] = [Math.min, Math.max].map((pick) => [pick(...points.map(([x]) => x)), pick(...points.map(([, y]) => y))]);
-  return { low, high, size: Math.max(high[0] - low[0], high[1] - low[1]) };
+  const size = Math.max(high[0] - low[0], high[1] - low[1]), isNear = (point) => point.every((value, j) => value > low[j] - 0.25 * size && value < high[j] + 0.25 * size);
+  const all = [low, high, ...data.locus.filter((curve) => curve.every(isNear)).flat()];
+  const [least, most] = [Math.min, Math.max].map((pick) => [0, 1].map((j) => pick(...all.map((point) => point[j]))));
+  return { low: least, high: most, size };
 })();
-// Outlines of all bodies at s, the platform displaced by `shift` on the paper.
+// Outlines of all bodies at s, the platform displaced by `shift` on the paper: to first order, so that joints stay
+// joined, and bodies that turn grow a little.
 function placed(s, shift) {
   const poses = along("poses", s), rates = along("pose_rates", s), count = poses.length;
   const moved = poses.map((value, k) => value + rates[k] * shift[0] + rates[count + k] * shift[1]);
   return data.shapes.map(({ node, points, colour }) => {
-    let [x, y, c, d] = node ? moved.slice(4 * (node - 1), 4 * node) : [0, 0, 1, 0];
-    const size = Math.hypot(c, d);
-    [c, d] = [c / size, d / size];
+    const [x, y, c, d] = node ? moved.slice(4 * (node - 1), 4 * node) : [0, 0, 1, 0];
     return { colour, outline: points.map(([a, b]) => [x + c * a - d * b, y + d * a + c * b]) };
   });
 }
-// How far locked motors give way to a push, and the torques that hold it, as shares of the motors' limit.
+// What motors within their limit leave of a push (a displacement: a HARDEST takes half the limit where the robot starts).
+// They give the force that comes nearest to it: so all of it is held that they can hold, and along t_s nothing of it
+// at the singular point.
 function held(s, push) {
-  const [g] = along("g", s), T = along("torque_of_force", s), far = Math.hypot(...push);
-  const torque = [0, 1].map((k) => (T[2 * k] * push[0] + T[2 * k + 1] * push[1]) / g);
-  const [g0] = along("g", 0), T0 = along("torque_of_force", 0), stiffness = 40 * Math.max(...T0.map((value) => (value / g0) ** 2));
-  const shift = [0, 1].map((j) => ((T[j] * torque[0] + T[2 + j] * torque[1]) / g) / stiffness);
-  const size = Math.hypot(...shift), share = size > far ? far / size : 1;
-  return { shift: shift.map((value) => value * share), torque, gives: size > 0.5 * far && far > 0 };
+  const limit = data.best.off.limit, force = 0.5 * limit / (hardest() * HARDEST), G = along("motor_speed", s);
+  const [g] = along("g", s), needed = timesTwo(along("torque_of_force", s), push).map((value) => force * value / g);
+  const asked = push.map((value) => force * value), left = (torque) => asked.map((value, j) => value - G[j] * torque[0] - G[2 + j] * torque[1]);
+  const size = ([x, y]) => x * x + y * y, soft = YIELD * size([Math.hypot(G[0], G[1]), Math.hypot(G[2], G[3])]);
+  const cost = (torque) => size(left(torque)) + soft * size(torque);
+  // least squares without limits, and with one motor at its limit
+  const [a, b, c] = [size([G[0], G[1]]) + soft, G[0] * G[2] + G[1] * G[3], size([G[2], G[3]]) + soft];
+  const [d, e] = timesTwo(G, asked), free = [c * d - b * e, a * e - b * d].map((value) => value / (a * c - b * b));
+  const within = (value) => Math.min(limit, Math.max(-limit, value));
+  const edges = [-limit, limit].flatMap((full) => [[full, within((e - b * full) / c)], [within((d - b * full) / a), full]]);
+  const torque = free.every((value) => Math.abs(value) <= limit) ? free : edges.reduce((best, each) => (cost(each) < cost(best) ? each : best));
+  const shift = left(torque).map((value) => value / force);
+  return { shift, torque, needed, gives: Math.hypot(...shift) > SEEN * Math.hypot(...push) };
+}
+const timesTwo = (matrix, [x, y]) => [matrix[0] * x + matrix[1] * y, matrix[2] * x + matrix[3] * y];
+// The torque that a force of 1 N takes at most where the robot starts.
+function hardest() {
+  const [g] = along("g", 0);
+  return Math.max(...along("torque_of_force", 0).map((value) => Math.abs(value / g)));
 }
 const knob = (() => {
   const { low, high, size } = view, rim = 0.06 * size, across = high[0] - low[0] + 2 * rim, root = byId("robot");
@@ -268,33 +288,30 @@ function drawRobot() {
   const draw = (name, attributes) => flip.insertBefore(svg(name, attributes), knob);
   const stroke = (points, color, wide, more = {}) => draw("path", { d: line(points), fill: "none", stroke: color, "stroke-width": wide * width, ...more });
   for (const curve of data.locus) stroke(curve, "var(--locus)", 1.6);
-  const { shift, torque, gives } = held(state.s, state.push);
+  const { shift, torque, needed, gives } = held(state.s, state.push);
   for (const { colour, outline } of placed(state.s, shift)) {
     draw("path", { d: `${line(outline)}Z`, fill: `rgb(${colour.slice(0, 3).map((c) => Math.round(255 * c)).join(",")})`, stroke: "rgba(0, 0, 0, 0.27)", "stroke-width": 0.2 * width });
   }
   stroke(Array.from({ length: 41 }, (_, k) => along("place", k / 40)), "var(--path)", 1, { "stroke-dasharray": 2 * width });
   const place = along("place", state.s), t = along("t_s", state.s), unit = (0.16 * size) / Math.hypot(...t);
   const near = Math.exp(-(((state.s - CROSSING) / 0.12) ** 2));
-  stroke([-1, 1].map((way) => [0, 1].map((k) => place[k] + way * unit * t[k])), "var(--ink)", 1.4, { opacity: near });
+  const tip = (way, back = 0, aside = 0) => [0, 1].map((k) => place[k] + (way * (1 - back) * t[k] + aside * (k ? t[0] : -t[1])) * unit);
+  for (const way of [-1, 1]) stroke([tip(-way), tip(way), tip(way, 0.15, 0.1), tip(way), tip(way, 0.15, -0.1)], "var(--ink)", 0.9, { opacity: near });
+  const [x, y] = tip(1, -0.05, 0.2);
+  draw("text", { x, y: -y, transform: "scale(1,-1)", "font-size": 5.5 * width, opacity: near, "font-weight": 600, fill: "var(--ink)" }).textContent = "tₛ";
   const at = [0, 1].map((k) => place[k] + shift[k]), isPushed = Math.hypot(...state.push) > 0;
   if (isPushed) stroke([at, [0, 1].map((k) => place[k] + state.push[k])], "var(--wrench)", 1.4);
   knob.setAttribute("cx", at[0]);
   knob.setAttribute("cy", at[1]);
   if (state.step) return;
-  const large = torque.map((value) => Math.abs(value) * (data.best.off.limit / usualTorque()));
-  const bounded = large.every((value) => value < 1e4 * data.best.off.limit);
-  const needed = bounded ? `It takes ${large.map((value) => `${rounded(value)} ${data.unit}`).join(" and ")}.` : "No torque is large enough.";
+  const told = (torque) => torque.map((value) => `${rounded(Math.abs(value))} ${data.unit}`).join(" and ");
+  const tooMuch = state.s === CROSSING ? "No torque is large enough." : `To hold it takes ${told(needed)}, more than the motors' ${rounded(data.best.off.limit)} ${data.unit}.`;
   tell("score", isPushed
-    ? `${gives ? '<span class="alarm">It gives way.</span>' : '<span class="good">The motors hold it.</span>'} ${needed}`
+    ? gives ? `<span class="alarm">It gives way.</span> ${tooMuch}` : `<span class="good">The motors hold it.</span> It takes ${told(torque)}.`
     : "Push the platform: drag its black dot, or press Tab until the dot is marked and hold an arrow key.");
 }
-// Torque against a push of the usual size where the robot starts.
-function usualTorque() {
-  const [g0] = along("g", 0);
-  return Math.max(...along("torque_of_force", 0).map((value) => Math.abs(value / g0))) * 0.15 * data.length;
-}
 function push(way) {
-  state.push = way.map((value) => value * 0.15 * data.length);
+  state.push = way.map((value) => value * HARDEST);
   drawRobot();
 }
 holdFinger(knob, () => state.step === 0);
@@ -305,7 +322,7 @@ knob.addEventListener("pointerdown", (event) => {
   knob.setPointerCapture(event.pointerId);
   knob.onpointermove = (each) => {
     const at = new DOMPoint(each.clientX, each.clientY).matrixTransform(knob.getScreenCTM().inverse()), [x, y] = along("place", state.s);
-    const far = Math.max(0.15 * data.length, Math.hypot(at.x - x, at.y - y));
+    const far = Math.max(HARDEST, Math.hypot(at.x - x, at.y - y));
     push([(at.x - x) / far, (at.y - y) / far]);
   };
   knob.onpointerup = knob.onpointercancel = () => { knob.onpointermove = null; push([0, 0]); };
@@ -320,7 +337,7 @@ for (const end of ["keyup", "blur"]) knob.addEventListener(end, () => push([0, 0
 
 // ---- the lesson ----------------------------------------------------------------------------------------------
 const STEPS = [
-  ["Push", `The motors are locked. Push the platform about, then lead it along its path with the slider and push again. On the purple curve <b>it gives way along t<sub>s</sub></b>, the direction without hold, however strong the motors. ${symbols(data.why)}`],
+  ["Push", `The motors are locked, each by up to ${rounded(data.best.off.limit)} ${data.unit}. Push the platform about, then lead it along its path with the slider and push again. On the purple curve <b>it gives way along t<sub>s</sub></b>, the direction without hold, however strong the motors. ${symbols(data.why)}`],
   ["Go through", "Now the robot drives along its path. At the purple curve this motion asks for a force along t<sub>s</sub> that the motors cannot give: the curve of the force misses the <b>eye</b>, the point to which the blue region closes, and <b>the torque has no bound</b>. Press Play."],
   ["Thread the needle", "Bend the speed: pull its circles up or down until <b>the curve of the force passes through the eye</b>. Faster or slower does not matter: at the purple line the speed must change by just what lets the platform coast (t<sub>s</sub> · W<sub>p</sub> = 0). Watch the torques come back."],
   ["With gravity", "Stand the robot upright. Coasting no longer does: at the purple line the platform must fall freely along t<sub>s</sub>. <b>Go slowly, sprint across, and go slowly on.</b>"],
