@@ -84,7 +84,7 @@ QUANTITIES = {
     quantity.key: quantity
     for quantity in (
         Quantity(
-            *("g", "signed distance from Type 2, g", "1"),
+            *("g", "signed measure of Type 2 singularity, g", "1"),
             lambda poses: poses.distances.g,
             signed=True,
         ),

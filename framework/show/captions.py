@@ -39,11 +39,14 @@ def unit(robot: ParallelRobot) -> str:
     return "N" if np.any(robot.translations) else "N m"
 
 
-def stated(robot: ParallelRobot, limit: Array, peak: float) -> str:
-    """Describe motors by their torque limits (n_a,), and by the peak torque, 0 where there is none."""
+def stated(robot: ParallelRobot, limit: Array, peak: float, *, reason: str = "") -> str:
+    """Describe motors by their torque limits (n_a,), and by the peak torque, 0 where there is none.
+
+    `reason` tells why the peak torque sets the limit.
+    """
     if np.ptp(limit) > 0 or len(set(robot.torque_units)) > 1:
         return "motors at their limits"
-    times = f" ({limit[0] / peak:.2g} × peak)" if peak > 0 else ""
+    times = f" ({limit[0] / peak:.2g} × peak{reason})" if peak > 0 else ""
     return f"motors of {limit[0]:.3g} {robot.torque_units[0]}{times}"
 
 

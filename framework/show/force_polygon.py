@@ -61,7 +61,8 @@ def plot_eye(
     ax.set_ylim(-top, top)
     ax.set_xlim(time[0], time[-1])
     ax.set_xlabel("time from the singular instant  [s]")
-    ax.set_ylabel(_ordinate(plan.robot, crossed.twist))
+    rotors = "\nrotors included" if np.any(plan.robot.rotor_inertia) else ""
+    ax.set_ylabel(_ordinate(plan.robot, crossed.twist) + rotors)
     legend_above(ax)
     return ax
 

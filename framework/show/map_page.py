@@ -27,21 +27,21 @@ from framework.statics.loading import LOAD_WORDS, LoadReason
 
 COLOR_LEVELS = 256
 LEAD = "All poses are reached from the robot's reference without leaving its working mode."
-SIDES = "White is 0, on the locus; the two colours are its two sides, deeper with the distance from it."
+SIDES = "White is 0, on the locus; the two colours are its two sides, deeper with |g|."
 BRIGHT_IS_LARGE, BRIGHT_IS_SMALL = "Bright is large, and good.", "Bright is small, and good."
-ON_LOCUS = "On the purple locus (Type 2) the motors do not hold the platform:"
+ON_LOCUS = "On the purple locus (Type 2) the motors do not hold the platform."
 
 
 def map_page(workspace: WorkspaceMap, *, path: Path | None = None) -> str:
     """Return the page as HTML."""
-    locus = ON_LOCUS if workspace.locus.curves else "Singular locus:"
     heading = title(workspace)
     return standalone_page(
         heading,
         page_part(
             "map.html",
             title=html.escape(heading),
-            lead=html.escape(f"{LEAD} {locus} {workspace.locus.sentence}."),
+            lead=html.escape(f"{LEAD} {ON_LOCUS}" if workspace.locus.curves else LEAD),
+            found=html.escape(f"Singular locus: {workspace.locus.sentence}."),
         ),
         _document(workspace, path),
         styles=["map.css"],

@@ -157,7 +157,8 @@ def plot_wrench(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     ax.plot(times, wrench, **line_style(0))
     ax.axhline(0.0, color="black", linewidth=0.5)
     _time_axis(plan, ax)
-    ax.set_ylabel(rf"$\mathbf{{t}}_s \cdot \mathbf{{W}}_p$  [{'N m' if turning else 'N'}]")
+    bodies = "\nwithout rotors" if np.any(plan.robot.rotor_inertia) else ""  # which the eye has
+    ax.set_ylabel(rf"$\mathbf{{t}}_s \cdot \mathbf{{W}}_p$  [{'N m' if turning else 'N'}]" + bodies)
     _mark_crossings(plan, ax)
     for crossing in plan.crossings:
         ax.plot([crossing.time], [0.0], "o", color=CROSSING, markersize=4, zorder=3)

@@ -93,6 +93,7 @@ def _film_document(
     platform = platform_positions(robot, poses)
     power = np.sum(film.t_s * film.W_p, axis=1)  # (F,), whose t_s never turns round
     W_p, *world = _wrenches(film)
+    unlimited = all(motor.torque_limit is None for motor in robot.description.actuators)
     document = drawn_robot(robot, poses, sight)
     document |= {
         "kind": "film",
@@ -115,7 +116,7 @@ def _film_document(
         "law": floats(film.law(film.time)),
         "g": None if np.isnan(film.g).any() else floats(film.g),
         "power": floats(power),
-        "stated": stated(robot, limit, peak),
+        "stated": stated(robot, limit, peak, reason=", no limit in its file" if unlimited else ""),
         "band": floats(film.motors.band(film.t_s, limit)),
         "polytope": _polytope(film, limit),
         "no_figure": why_no_figure(robot) or "",

@@ -88,7 +88,7 @@ def test_a_kept_chunk_of_other_columns_or_designs_is_computed_anew(given, tmp_pa
 
 def test_the_figure_of_a_study_has_each_design_in_each_cell_and_units(found):
     drawing = plot_study(found).figure
-    rows = ["area reached", "area on the reference's side", "signed distance", "worst motor torques"]
+    rows = ["area reached", "area on the reference's side", "signed measure of Type 2", "worst motor torques"]
     cells = drawing.axes[:-1]  # the last is the scale of colours
     assert len(cells) == len(rows) * 2
     for row, first in zip(rows, cells[::2], strict=True):

@@ -104,7 +104,7 @@ def test_each_step_can_be_done_by_mouse_and_by_keyboard(opened, page):
 
 
 def pushed(tab, share, key):
-    """Shift of the platform on the screen, in pixels, under a key held at a share of the path; the verdict."""
+    """Shift [pixels] of the platform under a key held at a share of the path; the verdict."""
     tab.evaluate(
         "([place, s]) => { place.value = s; place.dispatchEvent(new Event('input')); }",
         [tab.query_selector("#place"), share],
@@ -121,7 +121,7 @@ def test_a_push_gives_way_along_t_s_alone_and_by_what_is_beyond_the_motors(opene
     tab = opened(page, width=1440, height=900)
     limit = f"{tab.evaluate('crossing.lesson.data.best.off.limit'):.3g} N m"
     assert f"each by up to {limit}" in tab.inner_text("#task")
-    for share in (0.6, 0.66, 0.667, 0.7):  # t_s is upright on this path's singular point, and nearly so about it
+    for share in (0.6, 0.66, 0.667, 0.7):  # t_s is upright at 0.667, and nearly so beside it
         for key in ("ArrowRight", "ArrowLeft"):
             shift, verdict = pushed(tab, share, key)
             assert np.abs(shift).max() < 1.0, (share, key)

@@ -28,6 +28,10 @@ def test_a_phone_needs_no_scrolling_sideways(opened, names):
     assert tab.evaluate(OVERFLOW) <= 0
     for view in tab.query_selector_all(".view"):
         assert view.bounding_box()["height"] >= 250
+    # a column is as high as what is in it: the page scrolls, and nothing is cut off
+    cut = "[...document.querySelectorAll('.column')].map((box) => box.scrollHeight - box.clientHeight)"
+    assert max(tab.evaluate(cut)) <= 0
+    assert tab.evaluate("document.documentElement.scrollHeight") > 844 * len(names) * 0.9
 
 
 def test_a_report_fits_a_phone_and_its_figures_a_page(opened, report):

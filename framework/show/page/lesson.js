@@ -189,7 +189,7 @@ function score() {
 }
 // Writes what is new: what stands there already is not said again.
 function tell(id, text) {
-  if (byId(id).told !== text) byId(id).innerHTML = byId(id).told = text;
+  if (byId(id).told !== text) byId(id).innerHTML = unparted(byId(id).told = text);
 }
 
 // ---- the speed, bent by its handles ----------------------------------------------------------------------------

@@ -13,8 +13,11 @@ function plain(text) {
   return String(text).replace(/[&<>"']/g, (sign) => `&#${sign.charCodeAt(0)};`);
 }
 
+// Numbers that no line's end parts from their units, in HTML.
+const unparted = (html) => html.replace(/\d[\d.,eE+−-]* (N m|N|m|s|rad)(?![\w/])/g, '<span class="whole">$&</span>');
+
 function symbols(text) {
-  return plain(text).replace(/\bt_s\b/g, "t<sub>s</sub>").replace(/\bW_p\b/g, "W<sub>p</sub>");
+  return unparted(plain(text)).replace(/\bt_s\b/g, "t<sub>s</sub>").replace(/\bW_p\b/g, "W<sub>p</sub>");
 }
 
 function rounded(value, digits = 3) {

@@ -7,14 +7,14 @@ function spoken(film, t, g, power) {
   const unreal = t > film.end + 1e-9 && !film.singular(nearest, t);
   const near = film.g && Math.abs(g) < 0.25 * film.largestG;
   const when = nearest && `<span class="whole">t = ${rounded(nearest.time)} s</span>`;
-  const now = `<b>${steady(power, content.shared_force)} ${content.unit}</b>`;
+  const now = `<b class="whole">${steady(power, content.shared_force)} ${content.unit}</b>`;
   const hold = near ? "Along t<sub>s</sub> the motors have little hold" : "The motors hold the platform in every direction";
   const asked = `${content.asked} t<sub>s</sub>`;
   let state = "", text;
   if (!film.g) {
     text = "<b>Every joint has a motor.</b> This robot has no Type 2 singularity.";
   } else if (!nearest) {
-    text = `<b>No singularity on this way.</b> ${hold}.`;
+    text = `<b>No singularity on this path.</b> ${hold}.`;
   } else if (film.singular(nearest, t) && content.proved) {
     state = "singular";
     text = `<b>Singular now.</b> ${symbols(content.why)} ${symbols(nearest.how)} The torque stays finite.`;
