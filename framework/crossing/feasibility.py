@@ -112,8 +112,15 @@ class Feasibility:
             f"condition (8) at s = {self.s:.6g} has alpha = {alpha:.6g}, beta = {beta:.6g}, "
             f"gamma = {gamma:.6g}{damping}, with "
             f"{100 * self.weight_share:.3g} % of the weight and {100 * self.tangent_share:.3g} % of the "
-            f"path's tangent along t_s: {self._asks()}"
+            f"path's tangent along t_s: {'; '.join([self._asks(), *self._ways()])}"
         )
+
+    @property
+    def short_sentence(self) -> str:
+        """What the condition asks for, in one clause."""
+        weight = "" if self.wrenches else f", with {100 * self.weight_share:.3g} % of the weight along t_s"
+        always = "" if self.pace is None else ", whatever the duration"
+        return f"condition (8) at s = {self.s:.6g}{weight}: {self._asks()}{always}"
 
     def _asks(self) -> str:
         if self.condition.holds_anyway:
@@ -129,9 +136,11 @@ class Feasibility:
             demand += f" {'+-'[beta * alpha > 0]} {abs(self.per_squared_speed):.6g} s'^2"
         if self.damped:
             demand += f" {'+-'[self.per_speed < 0]} {abs(self.per_speed):.6g} s'"
-        return "; ".join([demand, *self._ways()])
+        return demand
 
     def _ways(self) -> list[str]:
+        if self.condition.holds_anyway or self.orthogonal:
+            return []
         ways = []
         forces, sets, enters = "weight", "sets", "enters"
         if self.wrenches:

@@ -18,13 +18,13 @@ def explained(refusal: NoLaw, searched: SearchedPath, request: Request) -> NoLaw
     """
     sentences = [str(refusal)]
     sentences += [
-        feasibility.sentence for feasibility in feasibility_on_path(searched) if feasibility is not None
+        feasibility.short_sentence for feasibility in feasibility_on_path(searched) if feasibility is not None
     ]
     polynomial = polynomial_durations(searched, request.smoothness)
     if polynomial is not None:
-        sentences.append(polynomial.sentence + ("" if request.may_be_optimal else polynomial.advice))
+        sentences.append(polynomial.sentence)
     optimal = None if request.may_be_optimal else optimal_durations(searched, request)
-    if optimal is not None:
+    if optimal is not None and optimal.shortest != 0.0:  # without limits nothing bounds it
         sentences.append(optimal.sentence)
     remedy = remedy_of(refusal, searched.branch.robot, request, optimal)
     return NoLaw("; ".join(sentences), proof=refusal.proof).advising(remedy)
