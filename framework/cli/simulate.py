@@ -30,7 +30,7 @@ def add(commands: Any) -> None:
         "--method",
         choices=tuple(METHODS),
         default="reference",
-        help="reference: to 1e-12; stiff: to 1e-7; fast, explicit: fixed steps (default: reference)",
+        help="reference: steps to 1e-12; stiff: to 1e-7; fast, explicit: fixed ones (default: reference)",
     )
     group.add_argument(
         "--tolerance",
