@@ -110,15 +110,18 @@ class Chart {
     });
     const struck = ([left, base]) => lines.filter(([a, b]) => left - 3 < a && a < left + width + 3 && base - up - 3 < b && b < base + down + 3).length
       + 1000 * taken.filter((other) => left < other.right && other.left < left + width && base - up < other.base + down && other.base - up < base + down).length;
-    const places = [];
-    for (let away = 0; away < box.height; away += 4) {
-      for (const base of away ? [y + 4 - away, y + 4 + away] : [y + 4]) {
-        for (const left of [x + 9, x - 9 - width]) {
-          if (left > box.x && left + width < box.x + box.width && base - up > box.y && base + down < box.y + box.height) places.push([left, base]);
+    let best = [Math.max(box.x, x - 9 - width), y - 7], least = Infinity;
+    for (let aside = 0; aside < box.width && least > 0; aside += 24) {
+      for (let away = 0; away < box.height && least > 0; away += 4) {
+        for (const base of away ? [y + 4 - away, y + 4 + away] : [y + 4]) {
+          for (const left of [x + 9 + aside, x - 9 - aside - width]) {
+            if (left <= box.x || left + width >= box.x + box.width || base - up <= box.y || base + down >= box.y + box.height) continue;
+            const hit = struck([left, base]);
+            if (hit < least) [best, least] = [[left, base], hit];
+          }
         }
       }
     }
-    const scores = places.map(struck), best = places.length ? places[scores.indexOf(Math.min(...scores))] : [Math.max(box.x, x - 9 - width), y - 7];
     written.setAttribute("x", best[0]);
     written.setAttribute("y", best[1]);
     taken.push({ left: best[0], right: best[0] + width, base: best[1] });
