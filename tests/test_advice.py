@@ -241,6 +241,7 @@ def test_limits_that_are_too_low_are_answered_with_the_duration_that_keeps_them(
 
 
 MENDED = [  # a command line with numbers that are none, and the same with what is meant
+    ("--scene C plan five_bar", "plan five_bar --scene C"),
     ("plan five_bar --scene C --duration 1.5s", "plan five_bar --scene C --duration 1.5"),
     ("plan five_bar --duration=1.5s --scene C", "plan five_bar --duration 1.5 --scene C"),
     (

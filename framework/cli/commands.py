@@ -212,7 +212,7 @@ class OneLineParser(argparse.ArgumentParser):
         near = nearest(
             unknown.partition("=")[0].lstrip("-").replace("_", "-"), [name[2:] for name in options]
         )
-        meant = [f"--{name}" for name in near]
+        meant = [f"--{name}" for name in near if f"--{name}" != unknown]
         if not unknown.startswith("-"):
             meant = [f"--scene {unknown}"] if "--scene" in options and not unknown[:1].isdigit() else []
         return f"; did you mean {' or '.join(meant)}?" if meant else ""
@@ -282,10 +282,9 @@ def _check_first(arguments: Sequence[str]) -> None:
 
         raise Misuse(f"{choose_from('command', first, COMMANDS)} (see `crossing --help`)")
     if meant and first not in ("-h", "--help", "--version"):
-        moved = [word for word in arguments if word != meant and word != first]
-        raise Misuse(
-            f"{first}: options stand behind the command", shlex.join(["crossing", meant, *moved, first])
-        )
+        at = arguments.index(meant)
+        instead = shlex.join(["crossing", meant, *arguments[at + 1 :], *arguments[:at]])
+        raise Misuse(f"{first}: options stand behind the command", instead)
 
 
 def parser_of(arguments: Sequence[str]) -> OneLineParser:
