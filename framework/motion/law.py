@@ -228,8 +228,7 @@ def laws_through(duration: float, smoothness: int, times: Array, values: Array) 
     right = np.append(values.reshape(count, len(orders) - 1), np.ones((count, 1)), axis=1) / scale**orders
     regular = np.linalg.det(rows) != 0.0
     series = np.linalg.solve(rows[regular], right[regular][..., None])[..., 0]
-    samples = (series @ _search_samples(smoothness, len(orders))).reshape(len(series), 2, -1)
-    slopes, bends = np.moveaxis(samples, 1, 0)
+    slopes, bends = np.split(series @ _search_samples(smoothness, len(orders)), 2, axis=1)
     advances, peaks = np.full(count, -np.inf), np.full(count, np.inf)
     advances[regular] = slopes.min(axis=1) / np.abs(series @ _inside(len(orders)).T).mean(axis=1)
     peaks[regular] = np.abs(bends).max(axis=1) * scale**2

@@ -231,3 +231,8 @@ def test_no_law_advances_through_a_point_twice():
 def test_a_law_that_turns_back_at_the_crossing_does_not_advance(speed):
     law = Law.rest_to_rest(DURATION, 4, crossing(1.0, 2 / 3, speed, 0.0))
     assert (law.advance(4) > 0) == (speed > 0)
+
+
+def test_no_laws_have_no_measures():
+    advances, peaks = laws_through(DURATION, 2, np.empty((0, 2)), np.empty((0, 2, 3)))
+    assert advances.shape == peaks.shape == (0,)
