@@ -75,7 +75,7 @@ def test_no_rung_enough_is_an_answer_with_its_table(capsys, monkeypatch):
     [
         (("--scene", "B"), 1, "unbounded torque"),
         (("--scene", "none"), 2, "unknown scene 'none'"),
-        ((), 2, "give --scene"),
+        ((), 2, "give either --scene"),
         (("--scene", "C", "--tolerance", "much"), 2, "--tolerance: needs a share"),
         (("--scene", "C", "--tolerance", "0"), 2, "tolerance: needs a share in"),
         (("--scene", "C", "--geometry", "rigid"), 2, "geometry: each level"),
@@ -129,7 +129,7 @@ def test_auto_of_a_motion_that_no_model_can_make_is_refused_as_any(capsys):
     ("arguments", "words"),
     [
         (("--scene", "none"), "unknown scene 'none'"),
-        ((), "give --scene"),
+        ((), "give either --scene"),
         (("--scene", "C", "--bend"), "--bend: the level"),
         (("--scene", "C", "--geometry", "rigid"), "--geometry: each level"),
     ],

@@ -205,12 +205,12 @@ def _growth(rows: Sequence[Row], panel: str) -> str:
             lost = [
                 row.setting[0] for row in rows if row.method == method.name and not np.isfinite(row.error)
             ]
-            refused += [f" {method.label} refuses from {min(lost):.0f} on."] if lost else []
+            refused += [f" Refused from {min(lost):.0f} on: {method.label}."] if lost else []
     quickest = [min(times, key=lambda time: time.least) for times in ends.values()]
     if not quickest:
         return ""
     return (
-        f"{panel}: time to {GOAL:.0e} grows with their number to the power of {'; '.join(powers)}. "
+        f"{panel}: time to {GOAL:.0e} grows with a power of their number: {'; '.join(powers)}. "
         f"At the most of them: {compared(quickest)}.{''.join(refused)}"
     )
 
