@@ -42,9 +42,8 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.krylov import gmres
 from framework.motion.chebyshev import TimeFunction, TimeGrid
 from framework.motion.law import MotionLaw
-from framework.tolerances import MAX_DEFLECTION
+from framework.tolerances import MAX_DEFLECTION, SETTLED_SHARE
 
-SETTLED_SHARE = 0.1  # of the tolerance, that the remaining change of the deflections may be
 GOOD_CONTRACTION = 0.3  # of the change, by a pass; where it is less, Newton's method takes over
 DEFLECTION_ROUNDING = 1e-18  # [rad, robot lengths] a change of no meaning, however small the deflections
 DIFFERENCE_STEP = 1e-6  # of the deflections, along a direction: half of the digits, some for curvature
@@ -53,7 +52,7 @@ MIN_SINGULAR_RATIO = 1e-5  # of the size of I - dG: below it a direction is a fr
 MAX_GMRES_DIRECTIONS = 50  # dG is nearly nilpotent on few coefficients, and hopeless where it takes more
 MIN_STEP_SHARE = 1 / 64  # of a step of Newton's method
 ROUNDING_CHANGE = 1e-6  # a change so small is rounding where a step leaves more than the next share of it
-STALLED_SHARE = 0.5
+STALLED_SHARE = 0.5  # of the change: a shortened step is taken at once where it leaves less
 MAX_PASSES, MAX_PASSES_OF_MANY_NODES = 200, 12  # on one grid: of few nodes, of very many
 MAX_PASS_NODES = 200 * 128  # passes times nodes on one grid: what costs more is nearly hopeless
 MIN_GROWTH, MAX_GROWTH = 1.2, 1.5  # times the coefficients, when some are to be added
