@@ -23,7 +23,7 @@ def run(capsys, *arguments):
     return code, *capsys.readouterr()
 
 
-def test_the_table_has_a_line_a_rung_and_names_the_least(capsys):
+def test_the_table_has_a_line_a_level_and_names_the_least(capsys):
     code, text, _ = run(capsys, "fidelity", "five_bar", "--scene", "C", "--tolerance", "1%")
     assert code == 0
     lines = text.splitlines()
@@ -59,7 +59,7 @@ def test_another_motion_than_that_of_the_scene_is_nothing_to_keep(capsys):
     assert "fidelity" not in json.loads(text)
 
 
-def test_no_rung_enough_is_an_answer_with_its_table(capsys, monkeypatch):
+def test_no_level_enough_is_an_answer_with_its_table(capsys, monkeypatch):
     study = replace(fidelity_study(robots.load("five_bar"), "A"), tolerance=1e-15)
     monkeypatch.setattr("framework.cli.fidelity.fidelity_study", lambda *_, **__: study)
     code, text, err = run(capsys, "fidelity", "five_bar", "--scene", "A")
@@ -147,7 +147,7 @@ def test_other_commands_know_no_auto(capsys):
     assert "invalid choice: 'auto'" in err
 
 
-def test_a_rung_that_there_is_not_is_told_with_its_place(capsys, tmp_path):
+def test_a_level_that_there_is_not_is_told_with_its_place(capsys, tmp_path):
     for suffix in (".yaml", ".urdf"):
         text = robots.CATALOGUE["five_bar"].file.with_suffix(suffix).read_text()
         (tmp_path / f"five_bar{suffix}").write_text(text.replace("level: payload", "level: playload"))

@@ -19,7 +19,7 @@ from framework.cli.layout import laid_out, shows_colours
 from framework.cli.progress import FIRST, Progress
 
 STYLE = re.compile(r"\x1b\[[0-9;]*m")
-ERASED = re.compile(r"[^\n]*\r\x1b\[K")  # the word of life, where it came up
+ERASED = re.compile(r"[^\n]*\r\x1b\[K")  # the progress line, where it came up
 TEXT = """five_bar, rigid: a law of degree 8
   peak torque       left_motor 0.147119 N m, right_motor 0.162094 N m
   crossing          t = 1 s at s = 0.667006874764298, x, y = (-5.10312e-05, 0.244949)
@@ -145,7 +145,7 @@ def test_reports_and_complaints_fit_the_terminal(columns):
     assert "\x1b" not in shown
 
 
-# ------------------------------------------------------------------ a word of life
+# ------------------------------------------------------------------ the progress line
 
 
 def test_work_that_lasts_says_so_on_the_terminal_and_leaves_no_trace(monkeypatch, capsys):

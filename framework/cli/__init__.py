@@ -9,7 +9,7 @@ What commands share
     arguments           from options to the robot, the path and the request
     console, layout     reports on stdout, errors in one line on stderr; how they fit a terminal
     advice              the command line to try after a refusal
-    progress            a word of life while a command works
+    progress            the progress line while a command works
 
 Commands
     robots, check, convert   the catalogue; what a file describes; files of other dialects

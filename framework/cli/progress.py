@@ -1,4 +1,4 @@
-"""A word of life: one line on the terminal that says what a command does, how far it is and for how long.
+"""The progress line: one line on the terminal that says what a command does, how far it is and for how long.
 
 It appears once a command takes longer than `FIRST` seconds and is gone when the command ends. A thread writes
 it, so that work which counts nothing is not silent either. On a terminal that cannot rewrite a line, and

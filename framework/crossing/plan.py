@@ -126,9 +126,8 @@ def _instead_of_none(work: _Work, refusal: NoLaw | NotConverged) -> CrossingPlan
     polynomial = (
         "the polynomial is not resolved" if isinstance(refusal, NotConverged) else "there is no polynomial"
     )
-    why = (
-        str(refusal).removeprefix(f"{work.to_cross.branch.robot.name}: ").partition("; ")[0]
-    )  # without advice
+    # the first clause, which says what was not found, without the advice behind it
+    why = str(refusal).removeprefix(f"{work.to_cross.branch.robot.name}: ").partition("; ")[0]
     try:
         return _optimal(work, f"optimal, as {polynomial} over {work.request.fixed_duration:g} s: {why}")
     except UncontrolledMotions:

@@ -116,7 +116,7 @@ def test_legs_with_mass_tell_the_same_levels_apart():
     assert study.enough.level.name == "rigid"
 
 
-def test_the_highest_rung_follows_its_plan_in_its_own_simulation():
+def test_the_highest_level_follows_its_plan_in_its_own_simulation():
     highest = crossing_study().levels[-1]
     assert highest.torque < 1e-12
     assert highest.platform <= 0.1 * crossing_study().tolerance
@@ -153,7 +153,7 @@ def test_a_platform_that_is_lost_is_lost_at_some_instant():
     assert study.enough.level.name in ("deformed", "elastic_inertia")
 
 
-def test_where_even_the_highest_rung_is_not_enough_there_is_a_reason():
+def test_where_even_the_highest_level_is_not_enough_there_is_a_reason():
     study = replace(crossing_study(), tolerance=1e-15)
     assert study.enough is None
     assert study.kept is None
@@ -212,7 +212,7 @@ def test_the_scene_keeps_what_the_study_finds():
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_kept_rung_plans_what_was_judged(name):
+def test_a_kept_level_plans_what_was_judged(name):
     description = robots.load("five_bar").description
     options = options_of_level(description, name)
     robot = ParallelRobot.from_description(description, flexibility=options.pop("flexibility"))
