@@ -146,7 +146,7 @@ def _wrong(code: int, out: str, err: str, *, machine: bool) -> str:
         return "done, and yet a complaint"
     if code and not (err.startswith("crossing: ") and is_one_line(err)):
         return "not one line"
-    found_elsewhere = code == 1 and "do not close near the reference that is given; they do at" in err
+    found_elsewhere = code == 1 and "they do at the pose that is printed as reference" in err
     not_square = code == 2 and "A is not square" in err
     diagnosed = found_elsewhere or not_square  # `check` prints what it has found, and what is wrong with it
     if code and out and not machine and not diagnosed:
