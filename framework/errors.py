@@ -245,13 +245,14 @@ class SingularPath(NoAnswer):
 class NoLaw(NoAnswer):
     """No motion law can pass, or none was found that advances all the time.
 
-    `proof` is what the first rests on (`framework.crossing.refusals.refusal_proofs`), None where nothing is
-    proved.
+    `proof` is what the first rests on, None where nothing is proved; `evidence` what a search found instead
+    (`framework.crossing.refusals.refusal_proofs`).
     """
 
-    def __init__(self, message: str, *, proof: object = None) -> None:
+    def __init__(self, message: str, *, proof: object = None, evidence: object = None) -> None:
         super().__init__(message)
         self.proof = proof
+        self.evidence = evidence
 
 
 class UncontrolledMotions(NoLaw):

@@ -24,7 +24,7 @@ from framework.arrays import Array
 from framework.crossing.crossing_points import PathToCross
 from framework.crossing.feasibility import Feasibility, feasibility_on_path
 from framework.crossing.optimal.optimal_task import Task
-from framework.crossing.optimal.task_programs import best_undeformed
+from framework.crossing.optimal.undeformed_law import find_undeformed_law
 from framework.crossing.refusals.uncrossable_points import stops_at
 from framework.crossing.request import Request
 from framework.crossing.specification import specification_of
@@ -133,7 +133,7 @@ def optimal_durations(searched: SearchedPath, request: Request) -> OptimalDurati
         return OptimalDurations(0.0)
     try:
         to_cross = PathToCross(searched, searched.points)
-        best = best_undeformed(
+        best = find_undeformed_law(
             Task(to_cross, replace(request, times=None, speeds=None, at=None), specification)
         )
     except (NoLaw, NotConverged) as refusal:

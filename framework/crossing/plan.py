@@ -138,7 +138,11 @@ def _instead_of_none(work: _Work, refusal: NoLaw | NotConverged) -> CrossingPlan
             raise NotConverged(
                 both, residual=refusal.residual, s=refusal.s, platform=refusal.platform
             ) from None
-        raise NoLaw(both, proof=refusal.proof or getattr(second, "proof", None)) from None
+        raise NoLaw(
+            both,
+            proof=refusal.proof or getattr(second, "proof", None),
+            evidence=getattr(second, "evidence", None),
+        ) from None
 
 
 def _lower_peak(work: _Work, polynomial: CrossingPlan, miss: NearMiss) -> CrossingPlan:

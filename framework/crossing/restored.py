@@ -183,7 +183,9 @@ def _law(stated: dict[str, Any], request: Request) -> PlannedLaw:
                 f"law.smoothness: got {smoothness}, but the request says {request.smoothness} (at most "
                 f"{HIGHEST_SMOOTHNESS})"
             )
-        law = OptimalLaw(np.array(saved["squared_speed"]), smoothness, duration, saved["dense_at"])
+        law = OptimalLaw(
+            np.array(saved["squared_speed"]), smoothness, duration, saved["dense_at"], saved["cells"]
+        )
     for key, value in law.to_dict().items():
         if np.any(saved[key] != np.array(value)):
             raise InvalidInput(f"law.{key}: got {short(saved[key])}, must be {short(value)}")

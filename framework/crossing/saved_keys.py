@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from framework.crossing.condition import Condition8
-from framework.crossing.options import OPTIONS
+from framework.crossing.options import GOALS, OPTIONS
 from framework.dynamics.certificate import Certificate
 from framework.dynamics.inverse_dynamics import GEOMETRIES
 from framework.errors import InvalidInput
@@ -34,11 +34,10 @@ from framework.fields import (
 )
 from framework.model.description import FLEXIBILITIES
 from framework.model.robot_keys import PATHS, one_path
-from framework.motion.cone_program import GOALS
 from framework.motion.law import Law
 from framework.motion.optimal_law import OptimalLaw
 
-VERSION = 2  # of plan.json; files of version 1 had none, and did not say what had been asked
+VERSION = 3  # of plan.json; before, an optimal law was one Chebyshev series
 LAW_KINDS = (Law.kind, OptimalLaw.kind)
 
 
@@ -63,6 +62,7 @@ _LAWS: Mapping[str, Table] = {
         **_ANY_LAW,
         "smoothness": required(whole),
         "squared_speed": required(_series),
+        "cells": _NUMBERS,
         "dense_at": _NUMBERS,
     },
 }

@@ -69,7 +69,7 @@ from framework.tolerances import (
 
 GEOMETRIES = ("rigid", "deformed")
 SIZES = (64, 128, 256, 512)  # nodes a panel, tried in turn
-FEW = 32  # nodes of a panel that the law itself asks for, tried first
+FEW = 20  # nodes of a panel that the law itself asks for, tried first
 UNSETTLED = 1e-2  # change of the deflections, over the largest one, of which nothing can be told
 STALLED = 0.5  # share of the change of the deflections that a finer grid leaves at least if it is no help
 

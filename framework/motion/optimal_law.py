@@ -3,9 +3,9 @@
     s = phi(sigma),    z(sigma) = (d sigma/dt)^2,    u = z'/2          (prime: d/d sigma)
 
 phi is the smoothstep whose first R derivatives vanish at sigma = 0 and 1, so s is at rest to order R at both
-ends whatever z > 0 is. With z a Chebyshev series in xi(sigma), which is dense where the law changes most
-(beside crossings: slow, then a sprint), sigma(t) is analytic, and all that torques need of the
-law is linear in z: (ds/dt)^2 = phi'^2 z and d2s/dt2 = phi' u + phi" z.
+ends whatever z > 0 is. z is a spline or one polynomial (`speed_basis`) in xi(sigma), which is dense where the
+law changes most (beside crossings: slow, then a sprint). All that torques need of the law is linear in z:
+(ds/dt)^2 = phi'^2 z and d2s/dt2 = phi' u + phi" z.
 
 The square of the speed along the path as the unknown is from Verscheure, Demeulenaere, Swevers, De Schutter
 and Diehl, Time-optimal path tracking for robots: a convex optimization approach, IEEE TAC 54 (2009).
@@ -22,12 +22,14 @@ from numpy.polynomial import chebyshev, polynomial
 
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 from framework.errors import InvalidInput, check_order
-from framework.motion.chebyshev import TimeFunction, TimeGrid, extrema, nodes
+from framework.motion.chebyshev import TimeFunction, TimeGrid, derivative_matrix, evaluate, extrema, nodes
 from framework.motion.law import PlannedLaw
 from framework.motion.path import HIGHEST_ORDER
+from framework.motion.speed_basis import ONE_CELL, SPLINE_DEGREE, SpeedBasis
 from framework.tolerances import NEWTON_STEP, SAME_PLACE, SLOWNESS_ROUNDING
 
 HIGHEST_SMOOTHNESS = 6  # beyond, the squared speed grows so much at the ends that its digits are lost
+TURN_SAMPLES, MIN_SWING = 4001, 1e-3  # of the path; of the largest s', what counts as a turn
 PANEL_NODES = 24  # nodes of a panel of t(sigma)
 SLOWNESS_TAIL = 1e-15  # of the duration, what a panel may lose by the last coefficients of dt/d sigma
 MAX_PANELS = 1024
@@ -119,34 +121,51 @@ def _slope_powers(smoothness: int, order: int) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class OptimalLaw(ReadOnlyArrays, PlannedLaw):
-    """The law s = phi(sigma(t)) with (d sigma/dt)^2 a Chebyshev series in xi(sigma).
+    """The law s = phi(sigma(t)) with (d sigma/dt)^2 a spline, or one Chebyshev series, in xi(sigma).
 
-    `coefficients` (degree + 1,) [1/s^2] are those of the series. `dense_at`: places sigma where xi is
-    steeper, 2 sigma - 1 without any (see `Stretch`). `smoothness` R derivatives of s vanish at
-    both ends. `duration` [s] is the integral of dt/d sigma = z^(-1/2), worked out unless given.
+    `coefficients` (n,) [1/s^2] are those of `SpeedBasis` on `cells` (k + 1,) of xi. `dense_at`: places sigma
+    where xi is steeper, 2 sigma - 1 without any (see `Stretch`). `smoothness` R derivatives of s vanish at
+    both ends. `duration` [s] is the integral of dt/d sigma = z^(-1/2), computed unless given.
 
     Raises:
-        InvalidInput: the series is not positive everywhere, or so nearly zero that time is not resolved.
+        InvalidInput: cells and coefficients do not fit, or the squared speed is not positive everywhere, or
+            so nearly zero that time is not resolved.
     """
 
     coefficients: Array
     smoothness: int
-    duration: float = (
-        0.0  # [s]; if not given, the integral of dt/d sigma, and else no more than rounding off it
-    )
-
+    duration: float = 0.0  # [s]; if given, right up to rounding
     dense_at: tuple[float, ...] = ()
+    cells: tuple[float, ...] = ONE_CELL
 
     kind: ClassVar[str] = "optimal"
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not np.all(np.isfinite(self.coefficients)) or least_value(self.coefficients) <= 0:
+        object.__setattr__(self, "dense_at", tuple(map(float, self.dense_at)))
+        object.__setattr__(self, "cells", tuple(map(float, self.cells)))
+        _check_cells(self)
+        if not np.all(np.isfinite(self.coefficients)) or least_value(self.series) <= 0:
             raise InvalidInput("law: the squared speed of an optimal law must be positive on all of [0, 1]")
         taken = float(self._time[1][-1])
         object.__setattr__(self, "duration", self.duration or taken)
         if not abs(taken - self.duration) <= DURATION_MISMATCH * self.duration:
             raise InvalidInput(f"law: its speed takes {taken!r} s, not {self.duration!r} s")
+
+    @cached_property
+    def basis(self) -> SpeedBasis:
+        """The functions of xi in which the squared speed is written."""
+        return SpeedBasis(np.array(self.cells), len(self.coefficients))
+
+    @cached_property
+    def series(self) -> Array:
+        """Chebyshev series (k, degree + 1) [1/s^2] of the squared speed on the cells."""
+        return read_only(self.basis.series(self.coefficients))
+
+    @property
+    def degree(self) -> int:
+        """The degree of the squared speed on a cell."""
+        return self.basis.degree
 
     @cached_property
     def phi(self) -> Smoothstep:
@@ -159,7 +178,7 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
     @cached_property
     def _time(self) -> tuple[TimeFunction, Array]:
         """t(sigma) on panels without the time before each, and the time at the panels' edges."""
-        slowness = slowness_on_panels(self.coefficients, self.stretch)
+        slowness = slowness_on_panels(np.array(self.cells), self.series, self.stretch)
         half = 0.5 * np.diff(slowness.edges)[:, None, None]
         series = np.asarray(chebyshev.chebint(slowness.coefficients, lbnd=-1, axis=1)) * half
         begin = np.concatenate(([0.0], np.cumsum(series.sum(axis=1)[:, 0])))
@@ -170,10 +189,10 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
 
     def squared_speed(self, sigma: ArrayLike, order: int = 0) -> Array:
         """Evaluate z = (d sigma/dt)^2 [1/s^2] or its derivative in sigma up to order 3, by the chain rule."""
-        xi = self.stretch(sigma)
+        xi, cells = self.stretch(sigma), np.array(self.cells)
+        z = [evaluate_on_cells(cells, self.series, xi, k) for k in range(min(order, 1), order + 1)]
         if order == 0:
-            return np.asarray(chebyshev.chebval(xi, self.coefficients))
-        z = [chebyshev.chebval(xi, chebyshev.chebder(self.coefficients, k)) for k in range(1, order + 1)]
+            return z[0]
         steps = [self.stretch(sigma, k) for k in range(1, order + 1)]
         if order == 1:
             return np.asarray(z[0] * steps[0])
@@ -186,7 +205,8 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         within, begin = self._time
         flat = np.atleast_1d(np.asarray(sigma, dtype=float))
         panel = np.clip(np.searchsorted(within.edges, flat, side="right") - 1, 0, len(begin) - 2)
-        return np.asarray((begin[panel] + within(flat)[:, 0]).reshape(np.shape(sigma)))
+        t = np.where(flat < 1.0, begin[panel] + within(flat)[:, 0], self.duration)
+        return np.asarray(t.reshape(np.shape(sigma)))
 
     def parameter(self, t: ArrayLike) -> Array:
         """Compute sigma at the instants t [s]: invert t(sigma) to rounding by Newton's method in its panel.
@@ -232,15 +252,22 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
 
     @property
     def edges(self) -> Array:
-        """Instants (k,) [s] between which s(t) is resolved by some thirty points."""
-        count = max(self.degree // DEGREES_PER_PANEL, 1)
-        inner = self.time(self.stretch.inverse(-np.cos(np.pi * np.arange(1, count) / count)))
+        """Instants (k,) [s] between which s(t) is resolved by some twenty points."""
+        xi = np.array(self.cells)
+        if not self.basis.is_spline:
+            xi = nodes(max(self.degree // DEGREES_PER_PANEL, 1) + 1)
+        inner = self.time(self.stretch.inverse(xi[1:-1]))
         return np.concatenate(([0.0], inner, [self.duration]))
 
     def advance(self, smoothness: int) -> float:
         """Return the least z over its mean: s' > 0 between the ends because it is positive."""
-        mean = float(chebyshev.chebint(self.coefficients, lbnd=-1) @ np.ones(self.degree + 2)) / 2
-        return least_value(self.coefficients) / mean
+        integrals = np.asarray(chebyshev.chebint(self.series, lbnd=-1, axis=1)).sum(axis=1)
+        return least_value(self.series) / float(0.25 * np.diff(self.cells) @ integrals)
+
+    def turns(self) -> int:
+        """Count how often s' changes between rising and falling, swings below 1e-3 of its largest left out."""
+        sigma = self.stretch.inverse(np.linspace(-1.0, 1.0, TURN_SAMPLES))
+        return count_turns(self.phi(sigma, 1) * np.sqrt(self.squared_speed(sigma)))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the law as plan.json has it."""
@@ -249,6 +276,7 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
             "smoothness": self.smoothness,
             "degree": self.degree,
             "squared_speed": self.coefficients.tolist(),
+            "cells": list(self.cells),
             "dense_at": list(self.dense_at),
             "domain": [0.0, self.duration],
         }
@@ -275,8 +303,33 @@ def _parameter(law: OptimalLaw, instants: bytes) -> Array:
     return read_only(np.asarray(start + 0.5 * width * (x + 1.0)))
 
 
-def slowness_on_panels(series: Array, stretch: Stretch) -> TimeFunction:
-    """Resolve dt/d sigma = z^(-1/2) on panels, of a Chebyshev series (size,) for z in xi(sigma).
+def _check_cells(law: OptimalLaw) -> None:
+    """Raise InvalidInput unless cells and coefficients of a law fit each other."""
+    cells, count = np.array(law.cells), len(law.coefficients)
+    if len(cells) < 2 or (cells[0], cells[-1]) != ONE_CELL or not np.all(np.diff(cells) > 0):
+        raise InvalidInput("law: cells must ascend from -1 to 1")
+    if not count or (len(cells) > 2 and count != len(cells) - 1 + SPLINE_DEGREE):
+        raise InvalidInput(
+            f"law: {len(cells) - 1} cells need {len(cells) - 1 + SPLINE_DEGREE} coefficients, got {count}"
+        )
+
+
+def evaluate_on_cells(cells: Array, series: Array, xi: ArrayLike, order: int = 0) -> Array:
+    """Evaluate a function of xi, or its derivative, by Chebyshev series (k, size) on cells (k + 1,)."""
+    xi = np.asarray(xi, dtype=float)
+    flat = xi.ravel()
+    cell = np.clip(np.searchsorted(cells, flat, side="right") - 1, 0, len(cells) - 2)
+    half = 0.5 * np.diff(cells)
+    local = np.clip((flat - cells[cell]) / half[cell] - 1.0, -1.0, 1.0)
+    derived = series @ derivative_matrix(series.shape[1], order).T / half[:, None] ** order
+    if len(cells) == 2:
+        return evaluate(local, derived[0]).reshape(xi.shape)
+    cosines = np.cos(np.arccos(local)[:, None] * np.arange(series.shape[1]))
+    return np.asarray(np.einsum("tk,tk->t", cosines, derived[cell])).reshape(xi.shape)
+
+
+def slowness_on_panels(cells: Array, series: Array, stretch: Stretch) -> TimeFunction:
+    """Resolve dt/d sigma = z^(-1/2) on panels, for z by Chebyshev series (k, size) on cells (k + 1,) of xi.
 
     A panel is cut in half until its last coefficients are lost in the duration, or in what rounding of z
     leaves of dt/d sigma where z comes near to zero.
@@ -284,12 +337,12 @@ def slowness_on_panels(series: Array, stretch: Stretch) -> TimeFunction:
     Raises:
         InvalidInput: z comes so near to zero that there is no end to it.
     """
-    rounding = float(np.finfo(float).eps * np.abs(series).sum())
-    edges = stretch.inverse(nodes(5))
+    rounding = float(np.finfo(float).eps * np.abs(series).sum(axis=1).max())
+    edges = stretch.inverse(cells if len(cells) > 2 else nodes(5))
     edges[[0, -1]] = 0.0, 1.0
     while len(edges) <= MAX_PANELS:
         grid = TimeGrid(edges, PANEL_NODES)
-        z = np.asarray(chebyshev.chebval(stretch(grid.times), series), dtype=float)
+        z = evaluate_on_cells(cells, series, stretch(grid.times))
         if not z.min() > 0:
             break
         slowness, width = grid.fit(z[:, None] ** -0.5), np.diff(edges)
@@ -306,10 +359,24 @@ def slowness_on_panels(series: Array, stretch: Stretch) -> TimeFunction:
 
 
 def least_value(series: Array) -> float:
-    """Compute the least value on [-1, 1] of one Chebyshev series (size,)."""
-    return float(chebyshev.chebval(ends_and_extrema(series), series).min())
+    """Compute the least value on [-1, 1] of any of the Chebyshev series (k, size)."""
+    ends = np.minimum(series.sum(axis=1), series @ (-1.0) ** np.arange(series.shape[1]))
+    lowest = 2.0 * series[:, 0] - np.abs(series).sum(axis=1)  # no value is below
+    low = np.flatnonzero(lowest < ends.min())
+    return float(min([ends.min(), *(_least_inside(series[k]) for k in low)]))
 
 
-def ends_and_extrema(series: Array) -> Array:
-    """Return the ends of [-1, 1] and where one Chebyshev series (size,) turns between them."""
-    return np.concatenate(([-1.0, 1.0], extrema(series)))
+def _least_inside(series: Array) -> float:
+    """Compute the least value of one Chebyshev series (size,) where it turns; infinite if nowhere."""
+    return float(evaluate(extrema(series), series).min(initial=np.inf))
+
+
+def count_turns(speed: Array) -> int:
+    """Count changes between rising and falling of samples (T,), swings below 1e-3 of the largest left out."""
+    turns, direction, extreme = 0, 1.0, speed[0]
+    for value in speed:
+        if (value - extreme) * direction > 0:
+            extreme = value
+        elif abs(value - extreme) > MIN_SWING * speed.max():
+            turns, direction, extreme = turns + 1, -direction, value
+    return turns

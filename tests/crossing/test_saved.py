@@ -152,7 +152,8 @@ def test_each_kind_of_path_comes_back(path):
         ({"duration": -1.0}, "duration"),
         ({"duration": 2.0}, "the request says 1.5"),
         ({"duration": None}, "duration: needs a number, got None"),
-        ({"version": 1}, "this program reads plans of version 2, got 1; plan again"),
+        ({"version": 2}, "this program reads plans of version 3, got 2; plan again"),
+        ({"version": 1}, "this program reads plans of version 3, got 1; plan again"),
     ],
 )
 def test_what_is_not_a_plan_is_refused_by_name(written, tmp_path, change, says):

@@ -10,7 +10,7 @@ from numpy.polynomial import chebyshev
 from framework.errors import InvalidInput
 from framework.motion.chebyshev import TimeGrid
 from framework.motion.law import Law, PlannedLaw
-from framework.motion.optimal_law import STRETCH_HEIGHT, STRETCH_WIDTH, OptimalLaw, Smoothstep
+from framework.motion.optimal_law import STRETCH_HEIGHT, STRETCH_WIDTH, OptimalLaw, Smoothstep, count_turns
 
 RNG = np.random.default_rng(7)
 
@@ -24,8 +24,10 @@ def series(degree: int) -> np.ndarray:
 
 LAWS = [OptimalLaw(series(degree), smoothness) for degree, smoothness in ((3, 2), (20, 2), (40, 3), (20, 4))]
 LAWS += [OptimalLaw(series(20), 2, dense_at=(0.3,)), OptimalLaw(series(20), 3, dense_at=(0.35, 0.6))]
+CELLS = (-1.0, -0.7, -0.5, -0.1, 0.2, 0.25, 0.6, 1.0)
+LAWS += [OptimalLaw(RNG.uniform(1.0, 3.0, len(CELLS) + 4), 2, 0.0, (0.3,), CELLS)]
 laws = pytest.mark.parametrize(
-    "law", LAWS, ids=lambda law: f"{law.degree}-{law.smoothness}-{len(law.dense_at)}"
+    "law", LAWS, ids=lambda law: f"{law.degree}-{law.smoothness}-{len(law.dense_at)}-{len(law.cells)}"
 )
 
 
@@ -48,9 +50,47 @@ def exact_xi(law: OptimalLaw, sigma: mp.mpf) -> mp.mpf:
 
 def exact_speed(law: OptimalLaw, sigma: mp.mpf) -> mp.mpf:
     x, out = exact_xi(law, sigma), mp.mpf(0)
+    if len(law.cells) > 2:
+        return exact_spline(law, x)
     for k, c in enumerate(law.coefficients):
         out += mp.mpf(float(c)) * mp.chebyt(k, x)
     return out
+
+
+def exact_spline(law: OptimalLaw, x: mp.mpf) -> mp.mpf:
+    """The sum of quintic B-splines by the recurrence of Cox and de Boor."""
+    knots = [mp.mpf(-1)] * 5 + [mp.mpf(cell) for cell in law.cells] + [mp.mpf(1)] * 5
+
+    def spline(i: int, degree: int) -> mp.mpf:
+        if degree == 0:
+            return mp.mpf(int(knots[i] <= x < knots[i + 1] or (x == 1 == knots[i + 1] > knots[i])))
+        left, right = knots[i + degree] - knots[i], knots[i + degree + 1] - knots[i + 1]
+        return ((x - knots[i]) / left * spline(i, degree - 1) if left else 0) + (
+            (knots[i + degree + 1] - x) / right * spline(i + 1, degree - 1) if right else 0
+        )
+
+    return mp.fsum(mp.mpf(float(y)) * spline(i, 5) for i, y in enumerate(law.coefficients))
+
+
+def test_the_squared_speed_of_a_spline_against_its_recurrence():
+    law = LAWS[-1]
+    for sigma in (0.0, 0.1, 0.37, 0.5, 0.83, 1.0):
+        exact = float(exact_spline(law, exact_xi(law, mp.mpf(sigma))))
+        assert float(law.squared_speed(sigma)) == pytest.approx(exact, rel=1e-13)
+
+
+@pytest.mark.parametrize("cells", [(-1.0,), (-1.0, 0.5, 0.2, 1.0), (-0.9, 0.0, 1.0), (-1.0, 0.0, 1.0)])
+def test_cells_that_do_not_fit_are_refused(cells):
+    with pytest.raises(InvalidInput, match="cells"):
+        OptimalLaw(np.ones(9), 2, 0.0, (), cells)
+
+
+@pytest.mark.parametrize("swings", [0, 1, 3])
+def test_turns_are_counted_between_the_ends(swings):
+    t = np.linspace(0.0, 1.0, 2001)
+    speed = 1.0 - np.cos(2 * np.pi * (swings + 1) * t)
+    assert count_turns(speed) == 2 * swings + 1
+    assert count_turns(speed + 1e-4 * np.sin(200 * t)) == 2 * swings + 1
 
 
 @pytest.mark.parametrize("R", [2, 3, 4, 6])
@@ -84,7 +124,8 @@ def test_the_parameter_inverts_time_to_rounding(law):
 
 @laws
 def test_each_derivative_is_that_of_the_one_before(law):
-    grid = TimeGrid(np.linspace(0.0, law.duration, 21), 32)
+    edges = np.union1d(np.linspace(0.0, law.duration, 21), law.edges if len(law.cells) > 2 else [])
+    grid = TimeGrid(edges, 32)
     t = np.linspace(0.0, law.duration, 997)
     for order in range(1, 5):
         below = grid.fit(law(grid.times, order - 1)[:, None])

@@ -1,203 +1,452 @@
-"""The best law along a path: the optimum of the cone program, with rows where a limit was exceeded, as a law.
+"""The best law of a problem: its value on cells that follow it, then the smoothest law that costs hardly more.
 
-Between the points of the program, and at the crossings themselves, torques follow by interpolation; what
-exceeds a limit there becomes a row of the next round.
+The optimum is seldom unique, and the corner that a solver ends in is restless. So the least cost is found
+first, with squared speeds that may come as near to zero as they like; then the law of least integral of
+(d2z/dsigma2)^2 whose cost is within a share of that, within all limits.
+
+A required duration D above that of the smoothest law is met from within: T(z) is convex, so that its tangent
+T_lin(z) >= D at a slow law keeps T(z) >= D, and the blend of what is found with a quick law takes D exactly.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.polynomial import chebyshev
 
-from framework.arrays import Array, BoolArray, IntArray
-from framework.crossing.optimal.speed_program import SpeedProgram
+from framework.arrays import Array, BoolArray
+from framework.crossing.optimal.speed_program import Bounds, LawProblem, Speed, SpeedProgram, Units, motor_rows
 from framework.errors import InvalidInput
-from framework.motion.cone_program import Affine, ConeProgram, Optimum, Unsolved, solve_cone_program
-from framework.motion.exact_duration import adjusted, blended, duration_of
-from framework.motion.infeasibility import Infeasible
-from framework.motion.optimal_law import OptimalLaw, ends_and_extrema
-from framework.tolerances import LIMIT_MARGIN
+from framework.motion.cone_program import Unsolved
+from framework.motion.optimal_law import OptimalLaw
+from framework.tolerances import LIMIT_MARGIN, SQUARED_SPEED_FLOORS
 
-DEGREES = (40, 80)  # of the squared speed; the second where the first has no law
-MAX_CROSSINGS_AT_FIRST_DEGREE = 4  # more are tried with the second degree at once
-MIN_ROW_TORQUE_RATIO = 0.7  # torque over the peak, below which its row is left out of further rounds
-QUICKEST_MARGIN = 1e-6  # of the duration: a law this near to the quickest is made of it alone
-MAX_ROW_ROUNDS = 8  # of solving with further rows where a limit was exceeded
-# peak torque of a slow law over that of the quickest, tried in turn
-PEAK_RATIOS = (1.002, 1.005, 1.01, 1.02, 1.05, 1.2, 1.5, 2.0, 4.0)
-MAX_CONVEX_CONCAVE_STEPS = 8  # from the quickest towards the slowest law
+FIRST_CELLS, MAX_CELLS = 90, 250
+MAX_REFINEMENTS, MIN_REFINEMENT_GAIN = 5, 2e-3  # of the cells; below, the cost is not worth another
+LOW_COEFFICIENT = 1e-5  # of the median: lower ones would go on falling on smaller cells
+COST_SHARE = 4e-3  # of the least cost, which smoothness may take
+SAME_DURATION = 1e-6  # of a duration
+MAX_UNIT_CHANGES, MAX_UNIT_RATIO = 8, 5.0  # of units that are corrected: of the optimum to its unit, or inverse
+MAX_SLOW_STEPS, MAX_ENERGY_STEPS = 6, 6  # of the tangent of T(z), towards slow laws and little energy
+MIN_ENERGY_GAIN = 1e-3
+TRIED_STARTS = 2  # of laws slow enough, from which the least energy is sought
+WAITING_WIDTHS = (0.05, 0.15)  # in sigma, of stretches where a law may wait
+MAX_ROW_ROUNDS = 3  # of solving with rows where a limit was exceeded between the points
 
 
 class Best(NamedTuple):
-    """The best law of its degree; `peak` of torque over `reference` (n_a,) [N m] is what the program saw.
+    """A law with the program and the speed it comes from; `least`: the least cost that the program found.
 
-    cost: what was to be least: the duration [s], the peak of torque [N m], or the energy [N2 m2 s].
+    reference: torques (n_a,) [N m] that `peak` is relative to. cost: the duration [s], the peak, or the energy [s].
     """
 
     law: OptimalLaw
-    peak: float
+    program: SpeedProgram
+    speed: Speed
+    least: float
     reference: Array
-    cost: float
+
+    @property
+    def peak(self) -> float:
+        """The largest torque over the reference at the rows of the program."""
+        return self.speed.peak
+
+    @property
+    def cost(self) -> float:
+        """What the goal counts."""
+        return cost_of(self.program.problem.specification.goal, self.speed)
 
 
-def best_law(program: SpeedProgram) -> Best | Infeasible | Unsolved:
-    """Return the best law of a program, or why it has none."""
-    cones = program.cones()
-    optimum = program.solved(cones)
-    return within_limits(program, cones, optimum) if isinstance(optimum, Optimum) else optimum
+class NoneFound(NamedTuple):
+    """No law was found: the program that has none, with the solver's status or the reason."""
+
+    program: SpeedProgram
+    status: str
+
+    @property
+    def infeasible(self) -> bool:
+        """Whether the rows of the program contradict each other, as the solver says."""
+        return self.status == "PrimalInfeasible"
 
 
-def within_limits(
-    program: SpeedProgram, cones: ConeProgram, optimum: Optimum
-) -> Best | Infeasible | Unsolved:
-    """Return the law of an optimum, solved again until limits hold between the points (`kept_between`)."""
-    kept = kept_between(program, cones, optimum)
-    if isinstance(kept, Infeasible | Unsolved):
-        return kept
-    cones, optimum = kept
+def cost_of(goal: str, speed: Speed) -> float:
+    """Return what a goal counts: duration [s], peak of torques over the reference, energy over it [s].
+
+    Or the peak of speeds over their limits, or the larger of both peaks.
+    """
+    return {
+        "time": speed.duration,
+        "peak_torque": speed.peak,
+        "energy": speed.energy,
+        "peak_speed": speed.peak_speed,
+        "limits": max(speed.peak, speed.peak_speed),
+    }[goal]
+
+
+def find_best_law(
+    problem: LawProblem, cells: Array | None = None, *, share: float = COST_SHARE
+) -> Best | NoneFound:
+    """Find the smoothest law whose cost is within a share of the least.
+
+    Args:
+        cells: (k + 1,) of xi, which are refined; uniform ones unless given.
+    """
+    specification = problem.specification
+    longest = specification.longest
+    if specification.goal == "time":  # the quickest law, whatever bounds its duration
+        specification = replace(specification, longest=None)
+        problem = problem._replace(task=problem.task._replace(specification=specification))
+    valued = refine_value(problem, cells)
+    if isinstance(valued, NoneFound):
+        return valued
+    program, least, units = valued
+    if longest is not None and specification.goal == "time" and least.duration > longest:
+        return NoneFound(program, f"the quickest found takes {least.duration:.4g} s")
     try:
-        y = optimum.y if program.specification.duration is None else _lasting(program, cones, optimum)
-        law = OptimalLaw(
-            y * program.scale,
-            program.specification.smoothness,
-            program.specification.duration or 0.0,
-            program.on_path.stretch.at,
-        )
-    except InvalidInput as problem:
-        return Unsolved(str(problem))
-    peak = float(program.torques(y).max())
-    final = optimum._replace(peak=peak, duration=law.duration / program.units.time)
-    return Best(law, peak, program.units.torque, _cost(program, final))
+        search, found = _search_smooth(_Search(program, units, least, share))
+        return found if isinstance(found, NoneFound) else _best_of(search, found)
+    except InvalidInput as reason:  # z comes too near to zero
+        return NoneFound(program, str(reason))
 
 
-def kept_between(
-    program: SpeedProgram, cones: ConeProgram, optimum: Optimum
-) -> tuple[ConeProgram, Optimum] | Infeasible | Unsolved:
-    """Solve again with rows where a limit does not hold between the points.
-
-    Rows that are far from their limit are left out of that; where they are needed they come back.
-    """
-    relevant = np.abs(cones.torque(optimum.y)) > MIN_ROW_TORQUE_RATIO * _allowed(cones.bounded, optimum.peak)
-    rows = Affine(cones.torque.matrix[relevant], cones.torque.offset[relevant])
-    cones = replace(cones, torque=rows, bounded=cones.bounded[relevant])
-    limited = program.specification.limited_motors
-    for _ in range(MAX_ROW_ROUNDS):
-        allowed = np.where(limited, 1.0, np.inf)
-        if program.specification.goal == "peak_torque" or not program.specification.limited:
-            allowed = _allowed(limited, optimum.peak) * (1.0 + 2.0 * LIMIT_MARGIN)
-        extended = _with_rows_where_exceeded(program, cones, optimum.y, allowed)
-        if extended is None:
+def _search_smooth(search: _Search) -> tuple[_Search, Speed | NoneFound]:
+    """Find the smooth law, with rows wherever a limit was exceeded between the points."""
+    duration = search.program.problem.specification.duration
+    for _ in range(MAX_ROW_ROUNDS + 1):
+        found = search.smoothest() if duration is None else search.lasting(duration)
+        if isinstance(found, NoneFound):
             break
-        resolved = program.solved(extended)
-        if not isinstance(resolved, Optimum):
-            return resolved
-        cones, optimum = extended, resolved
-    return cones, optimum
+        exceeded = _exceeded_places(search.program, found, search.bounds)
+        if not len(exceeded):
+            break
+        search = search._replace(program=search.program.extend(exceeded))
+    return search, found
 
 
-def lowest_cost(program: SpeedProgram, optimum: Optimum) -> float:
-    """Return the cost that no law of this degree goes below: rows at few points, no floor, rough or not.
+def _best_of(search: _Search, found: Speed) -> Best:
+    """Return the law of a speed; raises InvalidInput where it comes too near to zero."""
+    program, specification = search.program, search.program.problem.specification
+    y = found.y
+    if specification.duration is not None:
+        y = program.space.adjust(y, program.conditions, specification.duration)
+    law = OptimalLaw(
+        y,
+        specification.smoothness,
+        specification.duration or 0.0,
+        program.problem.task.stretch.at,
+        tuple(program.basis.cells),
+    )
+    least = cost_of(specification.goal, search.least)
+    return Best(law, program, program.speed(y), least, program.problem.reference)
 
-    That of `optimum`, which had all of these, where the program without is not solved.
+
+# ------------------------------------------------------------------ value
+
+
+def first_cells(problem: LawProblem) -> Array:
+    """Return edges of uniform cells in xi, moved so that each condition is in the middle of one."""
+    count = FIRST_CELLS if problem.degree is None else problem.degree
+    edges, width = np.linspace(-1.0, 1.0, count + 1), 2.0 / count
+    for place in np.unique(problem.places):
+        half = min(0.5 * width, 0.7 * (1.0 - abs(place)))
+        apart = (np.abs(edges - place) > half + 0.35 * width) | (np.abs(edges) == 1.0)
+        edges = np.unique(np.concatenate([edges[apart], [place - half, place + half]]))
+    return edges
+
+
+def refine_value(problem: LawProblem, cells: Array | None = None) -> tuple[SpeedProgram, Speed, Units] | NoneFound:
+    """Find the least cost on cells that are cut where the coefficients of z are nearly zero.
+
+    Where the limits have no law on the first cells, those on which the least peak was found are tried.
     """
-    cones = replace(program, roughness=0.0).cones()
-    lowest = program.solved(replace(cones, floor=0.0))
-    return _cost(program, lowest if isinstance(lowest, Optimum) else optimum)
+    goal, best = problem.specification.goal, None
+    cells = first_cells(problem) if cells is None else cells
+    for _ in range(MAX_REFINEMENTS + 1):
+        program = SpeedProgram.on_cells(problem, cells)
+        found = _least_cost(program, None if best is None else best[2])
+        if isinstance(found, NoneFound):
+            if best is not None or goal == "peak_torque":
+                return best or found
+            peaks = refine_value(problem.with_goal("peak_torque", torque_limits=False), cells)
+            if isinstance(peaks, NoneFound):
+                return found
+            finer = peaks[0].basis.cells
+            return found if len(finer) == len(cells) else _value_on(problem, finer)
+        cost = cost_of(goal, found[0])
+        if best is None or cost < cost_of(goal, best[1]):
+            gain = 1.0 if best is None else 1.0 - cost / cost_of(goal, best[1])
+            best = program, *found
+        else:
+            gain = 0.0
+        cut = _cells_to_cut(program, found[0].y)
+        if gain < MIN_REFINEMENT_GAIN or not cut.any() or len(cells) > MAX_CELLS:
+            break
+        cells = _cut_cells(problem, cells, cut)
+    assert best is not None
+    return best
 
 
-def _cost(program: SpeedProgram, optimum: Optimum) -> float:
-    time, torque = program.units.time, float(program.units.torque.max())
-    if program.specification.goal == "time":
-        return optimum.duration * time
-    return (
-        optimum.peak * torque
-        if program.specification.goal == "peak_torque"
-        else optimum.value * torque**2 * time
+def _value_on(problem: LawProblem, cells: Array) -> tuple[SpeedProgram, Speed, Units] | NoneFound:
+    """Find the least cost on these cells."""
+    program = SpeedProgram.on_cells(problem, cells)
+    found = _least_cost(program)
+    return found if isinstance(found, NoneFound) else (program, *found)
+
+
+def _least_cost(program: SpeedProgram, units: Units | None = None) -> tuple[Speed, Units] | NoneFound:
+    """Solve for the goal with units corrected by the optimum, and return both."""
+    specification = program.problem.specification
+    goal, bounds = specification.goal, Bounds(longest=specification.most)
+    units = units or _first_units(program)
+    for _ in range(MAX_UNIT_CHANGES):
+        found = program.minimise(goal, bounds, units)
+        if isinstance(found, Unsolved):
+            if found.infeasible or goal != "time":
+                return NoneFound(program, found.status)
+            units = units._replace(time=0.1 * units.time)
+            continue
+        own = units_of(goal, found, units)
+        one, other = (own.time, units.time) if goal == "time" else (own.torque, units.torque)
+        if max(one / other, other / one) < MAX_UNIT_RATIO:
+            return found, own
+        units = own if goal == "time" else units._replace(torque=own.torque)
+    return found, own
+
+
+def units_of(goal: str, found: Speed, units: Units) -> Units:
+    """Return units in which a speed is near 1."""
+    time = found.value if np.isfinite(found.value) else found.duration
+    if not np.isfinite(time):
+        return units
+    return Units(time, float(np.sqrt(found.energy / time)) if goal == "energy" else found.peak)
+
+
+def _first_units(program: SpeedProgram) -> Units:
+    """Return first units: of time by condition (8), the duration or the limits, of torque by limits or weight."""
+    problem, specification = program.problem, program.problem.specification
+    constant, per_z, per_u, _ = np.abs(problem.conditions.T)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        pace = np.sqrt(np.maximum(per_z, per_u) / constant)
+    time = min(specification.most or np.inf, float(np.nanmin(pace, initial=np.inf)))
+    rows = [(torque.matrix, torque.offset / problem.reference[j]) for j, torque in enumerate(program.rows.torque)]
+    inertia = max(float(np.median(np.abs(m).max(axis=1).toarray())) / problem.reference[j] for j, (m, _) in enumerate(rows))
+    if not 0.0 < time < np.inf:  # nothing falls: what limits or unit torques allow
+        speeds = [float(np.median(m.max(axis=1).toarray())) for m in program.rows.squared_speed]
+        time = float(np.sqrt(max([inertia, *speeds]))) or 1.0
+    weight = max(float(np.abs(offset).max()) for _, offset in rows)
+    return Units(time, 1.0 if specification.limited else weight or inertia / time**2 or 1.0)
+
+
+def _cells_to_cut(program: SpeedProgram, y: Array) -> BoolArray:
+    """Return a mask (k,) of the cells under coefficients that are nearly zero."""
+    basis = program.basis
+    if not basis.is_spline:
+        return np.zeros(len(program.cells) - 1, dtype=bool)
+    low = np.flatnonzero(y < LOW_COEFFICIENT * np.median(y))
+    start, end = basis.knots[low], basis.knots[low + basis.degree + 1]
+    cells = basis.cells
+    return np.asarray(((cells[:-1, None] >= start) & (cells[1:, None] <= end)).any(axis=1))
+
+
+def _cut_cells(problem: LawProblem, cells: Array, cut: BoolArray) -> Array:
+    """Return the cells with those of a mask cut in two, or in three about a condition."""
+    low, high = cells[:-1][cut], cells[1:][cut]
+    about = ((low[:, None] < problem.places) & (problem.places < high[:, None])).any(axis=1)
+    third = (high - low) / 3.0
+    return np.unique(
+        np.concatenate([cells, (0.5 * (low + high))[~about], (low + third)[about], (high - third)[about]])
     )
 
 
-def _with_rows_where_exceeded(
-    program: SpeedProgram, cones: ConeProgram, y: Array, allowed: Array
-) -> ConeProgram | None:
-    """Add rows where torques of y exceed what is allowed (n_a,), speeds what they may be, or z is too low.
-
-    Returns None if there are none.
-    """
-    over = _peaks((program.torques(y) / allowed).max(axis=1), 1.0)
-    low = ends_and_extrema(y)
-    low = low[chebyshev.chebval(low, y) < 0.5 * cones.floor]
-    fastest = 1.0
-    if program.specification.goal in ("peak_speed", "peak"):
-        fastest = float((cones.below_one @ y).max(initial=0.0)) * (1.0 + 2.0 * LIMIT_MARGIN)
-    fast = _peaks(program.squared_speeds(y), fastest)
-    if not len(over) and not len(low) and not len(fast):
-        return None
-    return replace(
-        cones,
-        torque=_stacked(cones.torque, program.torque_rows(program.between[over])),
-        bounded=np.append(cones.bounded, np.tile(program.specification.limited_motors, len(over))),
-        below_one=np.concatenate([cones.below_one, program.speed_rows(program.between[fast])]),
-        positive=np.concatenate([cones.positive, chebyshev.chebvander(low, program.degree)]),
-    )
+# ------------------------------------------------------------------ smooth laws
 
 
-def _lasting(program: SpeedProgram, cones: ConeProgram, quick: Optimum) -> Array:
-    """Compute coefficients of a law of the required duration, between the quick one and a slow one.
+class _Search(NamedTuple):
+    """The search for a smooth law near the least cost of a program."""
 
-    Admissible z are a convex set, and the duration is continuous along a blend of two. The slow law keeps
-    to the same peak of the torques but for a small share, grown as far as it must, and to the limits at
-    any rate.
+    program: SpeedProgram
+    units: Units
+    least: Speed
+    share: float
 
-    The duration is convex in z, so it is at least its linearisation about any z0: the integral of
-    -z0^(-3/2)/2 (z - z0) added to that of z0. The z that makes this largest takes longer than z0, and so
-    on (the convex-concave procedure: Yuille and Rangarajan 2003).
+    @property
+    def goal(self) -> str:
+        return self.program.problem.specification.goal
 
-    Raises:
-        InvalidInput: none of this degree was found.
-    """
-    duration = (program.specification.duration or 0.0) / program.units.time
-    stretch = program.on_path.stretch
-    if duration_of(quick.y, stretch) > duration * (1.0 - QUICKEST_MARGIN):
-        return adjusted(quick.y, cones.equalities, duration, stretch)
-    for peak_ratio in PEAK_RATIOS:
-        previous, allowed = quick.y, _allowed(program.specification.limited_motors, peak_ratio * quick.peak)
-        for _ in range(MAX_CONVEX_CONCAVE_STEPS):
-            rows = _scaled(cones.torque, _allowed(cones.bounded, peak_ratio * quick.peak))
-            everything = replace(cones, torque=rows, bounded=np.ones_like(cones.bounded))
-            slow = solve_cone_program(everything, "slowest", about=previous)
-            if not isinstance(slow, Optimum):
+    @property
+    def bounds(self) -> Bounds:
+        """What a smooth law keeps: the limits, and the least cost but for a share."""
+        most, share = self.program.problem.specification.most, 1.0 + self.share
+        if self.goal == "time":
+            return Bounds(longest=share * self.least.value)
+        longest = None if most is None else most * (1.0 - SAME_DURATION)
+        if self.goal == "energy":
+            return Bounds(longest, energy=share * self.least.energy)
+        return Bounds(longest, peak=share * self.least.peak)
+
+    def smoothest(self) -> Speed | NoneFound:
+        """Find the smoothest law within the bounds, in twice the time that these take at least."""
+        bounds = self.bounds
+        if self.goal != "time":
+            quick = self.program.minimise("time", bounds._replace(longest=None), self.units)
+            if isinstance(quick, Speed):
+                longest = min(bounds.longest or np.inf, 2.0 * quick.duration)
+                own = self._replace(units=self.units._replace(time=longest))
+                return own._above_floor(bounds._replace(longest=longest))[0]
+        return self._above_floor(bounds)[0]
+
+    def lasting(self, duration: float) -> Speed | NoneFound:
+        """Find a smooth law within the bounds that takes a duration [s]."""
+        if self.goal == "energy":
+            return self._least_energy(duration)
+        smooth, floor = self._above_floor(self.bounds)
+        if isinstance(smooth, NoneFound) or smooth.duration >= duration * (1.0 - 2.0 * SAME_DURATION):
+            return smooth
+        free = self.bounds._replace(longest=None)
+        slow = self._slow(duration, free, floor)
+        if isinstance(slow, NoneFound):
+            return slow
+        return self._step("bend", self._blend(smooth, slow, duration), smooth, free, floor, 2)
+
+    def _above_floor(self, bounds: Bounds, goal: str = "bend") -> tuple[Speed | NoneFound, float]:
+        """Solve with the highest floor under z that has a solution, and return that too."""
+        assert bounds.longest is not None
+        status = ""
+        for share in SQUARED_SPEED_FLOORS:
+            floor = share / bounds.longest**2
+            found = self.program.minimise(goal, bounds, self.units, floor=floor)
+            if isinstance(found, Speed) and np.isfinite(found.duration):
+                return found, floor
+            status = found.status if isinstance(found, Unsolved) else "z is not positive"
+        return NoneFound(self.program, status), 0.0
+
+    def _blend(self, quick: Speed, slow: Speed, duration: float) -> Speed:
+        """Return the blend of two speeds that takes a duration [s] between theirs."""
+        if not quick.duration < duration < slow.duration:
+            return slow
+        return self.program.speed(self.program.space.blend(quick.y, slow.y, duration))
+
+    def _slow(self, duration: float, bounds: Bounds, floor: float) -> Speed | NoneFound:
+        """Find a law that takes longer: one that waits at its ends, then slower ones by tangents of T."""
+        task = self.program.problem.task
+        sigma = task.stretch.inverse(self.program.xi[1:-1])
+        weights = np.exp(-sigma / WAITING_WIDTHS[0]) + np.exp(-(1.0 - sigma) / WAITING_WIDTHS[0]) + 1e-3
+        for _ in range(MAX_SLOW_STEPS):
+            slow = self.program.minimise("slowness", bounds, self.units, floor=floor, weights=weights)
+            if isinstance(slow, Unsolved):
+                return NoneFound(self.program, slow.status)
+            if slow.duration >= duration:
                 break
-            extended = _with_rows_where_exceeded(program, cones, slow.y, allowed * (1.0 + 2.0 * LIMIT_MARGIN))
-            if extended is not None:
-                cones = extended
-            elif duration_of(slow.y, stretch) > duration:
-                blend = blended(previous, slow.y, duration, stretch)
-                return adjusted(blend, cones.equalities, duration, stretch)
-            else:
-                previous = slow.y
-    raise InvalidInput("no law of this degree advances all the time and takes so long")
+            z = self.program.z @ slow.y
+            weights = (z / z.max()) ** -1.5
+        if not duration <= slow.duration < np.inf:
+            return NoneFound(self.program, f"the slowest law found takes {slow.duration:.4g} s")
+        return slow
+
+    def _step(
+        self, goal: str, law: Speed, quick: Speed, bounds: Bounds, floor: float, count: int
+    ) -> Speed:
+        """Make a law of a duration better by tangents of T about it, each time blended with a quick law."""
+        duration = law.duration
+        for _ in range(count):
+            bounded = bounds._replace(longest=4.0 * duration)
+            found = self.program.minimise(goal, bounded, self.units, floor=floor, about=(law.y, duration))
+            if isinstance(found, Unsolved) or not duration * (1.0 - 1e-4) <= found.duration < np.inf:
+                break
+            law = self._blend(quick, found, duration)
+        return law
+
+    # -------------------------------------------------------------- energy at a duration
+
+    def _least_energy(self, duration: float) -> Speed | NoneFound:
+        """Find a law of little energy that takes a duration [s], from several that do, then a smooth one."""
+        limits = Bounds()
+        quick, floor = self._above_floor(Bounds(longest=duration), "energy")
+        if isinstance(quick, NoneFound):
+            return quick
+        if quick.duration >= duration * (1.0 - SAME_DURATION):
+            found = quick
+        else:
+            found = self._from_slow_starts(quick, duration, floor)
+            if isinstance(found, NoneFound):
+                return found
+        share = limits._replace(energy=(1.0 + self.share) * found.energy)
+        smooth = self.program.minimise("bend", share._replace(longest=duration), self.units, floor=floor)
+        if isinstance(smooth, Speed) and np.isfinite(smooth.duration):
+            if smooth.duration >= duration * (1.0 - SAME_DURATION):
+                return smooth
+            quick = smooth
+        return self._step("bend", found, quick, share, floor, 2)
+
+    def _from_slow_starts(self, quick: Speed, duration: float, floor: float) -> Speed | NoneFound:
+        """Find the law of least energy by tangents of T from laws of a duration [s] that wait somewhere.
+
+        No law of this duration has less energy than the quick one, so that what is near to it ends the search.
+        """
+        starts, enough = [], (1.0 + 0.5 * self.share) * quick.energy
+        for start in self._slow_starts(quick, duration, floor):
+            starts.append(start)
+            if start.energy <= enough:
+                return start
+        if not starts:
+            return NoneFound(self.program, "no law slow enough was found")
+        starts.sort(key=lambda speed: speed.energy)
+        best = starts[0]
+        for start in starts[:TRIED_STARTS]:
+            for _ in range(MAX_ENERGY_STEPS):
+                better = self._step("energy", start, quick, Bounds(), floor, 1)
+                gained = better.energy < (1.0 - MIN_ENERGY_GAIN) * start.energy
+                start = min(start, better, key=lambda speed: speed.energy)
+                if not gained:
+                    break
+            best = min(best, start, key=lambda speed: speed.energy)
+        return best
+
+    def _slow_starts(self, quick: Speed, duration: float, floor: float) -> Iterator[Speed]:
+        """Find laws of a duration [s] that wait somewhere, and the law of least peak in that duration."""
+        for cap in self._caps(duration):
+            slow = self.program.minimise(
+                "energy", Bounds(), self.units, floor=floor, cap=np.maximum(cap, 1.01 * floor)
+            )
+            if isinstance(slow, Speed) and duration <= slow.duration < np.inf:
+                yield self._blend(quick, slow, duration)
+        gentle = replace(self.program, problem=self.program.problem.with_goal("peak_torque"))
+        least = _least_cost(gentle)
+        if not isinstance(least, NoneFound):
+            slow = _Search(gentle, least[1], least[0], self.share).lasting(duration)
+            if isinstance(slow, Speed) and slow.duration >= duration * (1.0 - SAME_DURATION):
+                yield slow
+
+    def _caps(self, duration: float) -> Iterator[Array]:
+        """Return bounds (m,) of positive rows with which a law waits at an end, or where holding costs least."""
+        program = self.program
+        sigma = program.problem.task.stretch.inverse(np.clip(program.positive[1], -1.0, 1.0))
+        points = program.problem.task.stretch.inverse(program.xi)
+        offsets = np.stack([torque.offset[: len(points)] for torque in program.rows.torque], axis=1)
+        rest = np.interp(sigma, points, ((offsets / program.problem.reference) ** 2).sum(axis=1))
+        inner = np.flatnonzero(
+            (rest[2:-2] <= rest[1:-3]) & (rest[2:-2] <= rest[3:-1]) & (rest[2:-2] < 0.9 * min(rest[0], rest[-1]))
+        )
+        for width in WAITING_WIDTHS:
+            start, end = sigma < width, sigma > 1.0 - width
+            for waiting in (start, end, start | end, *(np.abs(sigma - sigma[k + 2]) < 0.5 * width for k in inner)):
+                yield np.where(waiting, (0.7 * width / duration) ** 2, np.inf)
 
 
-def _stacked(first: Affine, second: Affine) -> Affine:
-    return Affine(
-        np.concatenate([first.matrix, second.matrix]), np.concatenate([first.offset, second.offset])
-    )
-
-
-def _scaled(rows: Affine, units: Array) -> Affine:
-    return Affine(rows.matrix / units[:, None], rows.offset / units)
-
-
-def _allowed(limited: BoolArray, peak: float) -> Array:
-    """Return the peak, or the limit of motors that have one where that is less."""
-    return np.where(limited, min(peak, 1.0), peak)
-
-
-def _peaks(values: Array, allowed: float) -> IntArray:
-    """Return the indices of the local maxima above the allowed value."""
-    padded = np.concatenate(([-np.inf], values, [-np.inf]))
-    highest = (values >= padded[:-2]) & (values >= padded[2:])
-    return np.flatnonzero(highest & (values > allowed))
+def _exceeded_places(program: SpeedProgram, found: Speed, bounds: Bounds) -> Array:
+    """Return places in xi (R,) between the points where a limit or the bound of the peak is exceeded."""
+    xi = np.sort(program.xi)
+    between = 0.5 * (xi[1:] + xi[:-1])
+    near = np.abs(between[:, None] - program.problem.places).min(axis=1, initial=np.inf) < 1e-9
+    between = between[~near]
+    rows = motor_rows(program.problem, program.basis, program.conditions, between)
+    limit = program.problem.specification.torque_limit
+    allowed = np.minimum(limit, np.inf if bounds.peak is None else bounds.peak * (1.0 + LIMIT_MARGIN) * program.problem.reference)
+    over = np.stack([np.abs(torque(found.y)) / allowed[j] for j, torque in enumerate(rows.torque)], axis=1).max(axis=1)
+    fast = [rows @ found.y for rows in rows.squared_speed]
+    over = np.max([over, *fast], axis=0)
+    padded = np.pad(over, 1, constant_values=-np.inf)
+    highest = (over >= padded[:-2]) & (over >= padded[2:])
+    return between[highest & (over > 1.0)]

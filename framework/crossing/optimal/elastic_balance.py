@@ -9,14 +9,15 @@ from __future__ import annotations
 import numpy as np
 
 from framework.arrays import Array
-from framework.crossing.optimal.optimal_task import Task, conditions_at, crossing_places, other_law
-from framework.crossing.optimal.speed_program import conditions_on_speed
+from framework.crossing.optimal.optimal_task import Task, crossing_places, other_law
+from framework.crossing.optimal.speed_program import condition_rows
+from framework.crossing.optimal.undeformed_law import problem_of
 from framework.dynamics.known_deflections import KnownDeflections
 from framework.dynamics.restoration import coefficients_for, restored
 from framework.errors import InvalidInput, NotConverged
 from framework.motion.clock import OnParameter
 from framework.motion.cone_program import Affine
-from framework.motion.exact_duration import adjusted
+from framework.motion.exact_duration import SpeedSpace
 from framework.motion.optimal_law import OptimalLaw
 
 SCALAR_STEP = 1e-4  # of the terms of a condition, for differences
@@ -31,16 +32,15 @@ def in_balance(
         NotConverged: there is none near.
     """
     places = crossing_places(task, None, None)
-    sigma, conditions = conditions_at(task, places, None)
-    equalities = conditions_on_speed(sigma, conditions, law.degree, law.stretch)
+    space = SpeedSpace(law.basis, law.stretch)
+    equalities = condition_rows(problem_of(task, places), law.basis)
     met = equalities.matrix @ law.coefficients
 
     def family(scalars: Array) -> OnParameter:
         wanted = met + np.pad(scalars, (0, len(met) - len(scalars)))
         try:
-            y = adjusted(
-                law.coefficients, Affine(equalities.matrix, -wanted), law.duration, law.stretch, relative=True
-            )
+            moved = Affine(equalities.matrix, -wanted)
+            y = space.adjust(law.coefficients, moved, law.duration, relative=True)
             changed = OptimalLaw(y, law.smoothness, law.duration, law.dense_at)
         except InvalidInput:
             raise NotConverged(
@@ -50,7 +50,7 @@ def in_balance(
             ) from None
         return OnParameter(changed, task.branch.knots)
 
-    sizes = np.linalg.norm(equalities.matrix * law.coefficients, axis=1)[: len(places)]
+    sizes = np.linalg.norm(equalities.matrix.toarray() * law.coefficients, axis=1)[: len(places)]
     found = restored(
         task.branch,
         family,

@@ -12,18 +12,19 @@ Source: Verscheure et al., IEEE TAC 54 (2009), whose discretisation this is; con
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy import sparse
 
 from framework.arrays import Array
 from framework.crossing.condition import CrossingPoint, crossing_point
 from framework.crossing.optimal.phase_plane import SquaredSpeed, crossing_rows, demand
-from framework.crossing.optimal.speed_program import OnPath, Units
-from framework.crossing.result import CrossingPlan
+from framework.crossing.result import CrossingPlan, Optimality
 from framework.crossing.specification import Specification
 from framework.errors import NotConverged
 from framework.kinematics.continuation.tracking import Branch, track_path
-from framework.motion.cone_program import Affine, ConeProgram, Optimum, Unsolved, solve_cone_program
+from framework.motion.cone_program import Affine, ConeProgram, Optimum, Rows, solve_cone_program
 from framework.motion.optimal_law import Smoothstep
 from framework.singularity.points_on_path import locate_singularities
 from framework.tolerances import SAME_PLACE
@@ -55,43 +56,38 @@ def estimated_best(plan: CrossingPlan, cells: int = PATH_CELLS) -> float | None:
     branch = branch.under(plan.dynamics.wrenches)
     places = [crossing_point(branch, singular, None, singular.s) for singular in points]
     edges = _edges(np.array([place.s for place in places]), cells)
-    torque = np.where(specification.limited_motors, specification.torque_limit, plan.optimality.reference)
     before = _speed_of(plan) if plan.robot.is_damped else None
     best = np.inf
     for _ in range(MAX_TANGENTS):
-        on_path = _on_path(branch, places, edges, before)
-        optimum, units = _solved(on_path, edges, plan, specification, torque)
-        size = optimum.duration * units.time if specification.goal == "time" else optimum.peak
+        program = _LinearCells.of(branch, places, edges, plan.optimality, before)
+        size, z = _optimum(program, plan)
         if before is None or abs(size / best - 1.0) <= OPTIMUM_CHANGE:
             break
-        best, before = size, _speed_between(edges, optimum.y * units.time**-2)
+        best, before = size, _speed_between(edges, z)
     else:
         raise NotConverged(
             f"{plan.robot.name}: no estimate of the best law: damping does not settle", residual=np.inf
         )
     if specification.goal == "time":
         return size
-    return max(size, float((_at_rest(branch, specification.friction) / torque).max()))
+    return max(size, float((_at_rest(branch, specification.friction) / program.reference).max()))
 
 
-def _solved(
-    on_path: OnPath, edges: Array, plan: CrossingPlan, specification: Specification, torque: Array
-) -> tuple[Optimum, Units]:
-    """Compute the optimum of a specification, and the units of its time [s] and of `torque` (n_a,) [N m].
+def _optimum(program: _LinearCells, plan: CrossingPlan) -> tuple[float, Array]:
+    """Compute the least duration [s] or peak, and z (k - 1,) [1/s^2] at the inner edges.
 
     Raises:
         NotConverged: the solver finds none.
     """
     for factor in TIME_UNITS:
-        units = Units(factor * plan.duration, torque)
-        longest = None if specification.most is None else specification.most / units.time
-        optimum = solve_cone_program(
-            _program(on_path, edges, specification, units), specification.goal, longest=longest
-        )
+        unit = factor * plan.duration
+        optimum = solve_cone_program(program.cone_program(unit))
         if isinstance(optimum, Optimum):
-            return optimum, units
-    why = optimum.status if isinstance(optimum, Unsolved) else "its limits contradict each other"
-    raise NotConverged(f"{plan.robot.name}: no estimate of the best law found ({why})", residual=np.inf)
+            value = optimum.value * (unit if program.specification.goal == "time" else 1.0)
+            return value, optimum.unknowns["z"] / unit**2
+    raise NotConverged(
+        f"{plan.robot.name}: no estimate of the best law found ({optimum.status})", residual=np.inf
+    )
 
 
 def _speed_of(plan: CrossingPlan) -> SquaredSpeed:
@@ -124,48 +120,81 @@ def _edges(crossings: Array, cells: int) -> Array:
     return np.sort(edges)
 
 
-def _on_path(
-    branch: Branch, places: Sequence[CrossingPoint], edges: Array, before: SquaredSpeed | None
-) -> OnPath:
-    """Compute torques, speeds and condition (8) in the middle of the cells, or beside a crossing there."""
-    middle = 0.5 * (edges[1:] + edges[:-1])
-    conditions = [crossing_rows(branch, Smoothstep(0), place, None, before) for place in places]
-    # u' is not in these unknowns: without its rows the bound is lower, and still one
-    rows = [(sigma, row) for sigma, several in conditions for row in several if row[3] == 0.0]
-    crossings = np.array([sigma for sigma, _ in rows])
-    for s in crossings:
-        middle = np.where(np.abs(middle - s) < SAME_PLACE, s + CROSSING_OFFSET, middle)
-    demanded = demand(branch, Smoothstep(0), middle, None, "rigid", before)
-    return OnPath(middle, demanded, crossings, np.array([row for _, row in rows]).reshape(-1, 4))
+class _LinearCells(NamedTuple):
+    """A problem with z linear on each cell of s, zero at both ends: the matrices of its rows."""
 
+    specification: Specification
+    reference: Array  # (n_a,) [N m] of the peak
+    width: Array  # (k,) of the cells
+    mean: Any  # (k, k - 1), z in the middle of the cells
+    torque: tuple[Affine, ...]  # of each motor, in the cells without a crossing
+    squared_speed: Any  # (k m, k - 1), over the limits
+    conditions: Affine
 
-def _program(on_path: OnPath, edges: Array, specification: Specification, units: Units) -> ConeProgram:
-    """Return the program on the values of z at the inner edges of the cells."""
-    width = np.diff(edges)
-    cells, n = len(width), len(edges) - 2
-    whole = np.eye(n + 2)[:, 1:-1]
-    mean, slope = 0.5 * (whole[1:] + whole[:-1]), (whole[1:] - whole[:-1]) / (2.0 * width[:, None])
-    scale = units.time**-2
-    torque = on_path.demand.torque
-    constant = torque.constant + on_path.demand.friction(specification.friction)
-    crossed = [int(np.searchsorted(edges, s)) - 1 for s in on_path.crossings]
-    smooth = np.setdiff1d(np.arange(cells), crossed)  # in a crossing's cell condition (8) stands instead
-    by_z, by_u = (values[smooth, :, None] for values in (torque.per_z, torque.per_u))
-    matrix = scale * (by_z * mean[smooth, None] + by_u * slope[smooth, None])
-    limited = np.isfinite(specification.speed_limit)
-    squared = scale * (on_path.demand.speed[:, limited] / specification.speed_limit[limited]) ** 2
-    required, per_z, per_u, _ = on_path.conditions.T[:, :, None]
-    return ConeProgram(
-        speeds=np.eye(n),
-        average=mean,
-        weights=width,
-        positive=np.empty((0, n)),
-        torque=Affine(
-            (matrix / units.torque[:, None]).reshape(-1, n), (constant[smooth] / units.torque).ravel()
-        ),
-        bounded=np.tile(specification.limited_motors, len(smooth)),
-        below_one=(squared[:, :, None] * mean[:, None]).reshape(-1, n),
-        power=Affine(np.empty((0, n)), np.empty(0)),
-        equalities=Affine(scale * (per_z * mean[crossed] + per_u * slope[crossed]), required[:, 0]),
-        roughness=np.zeros((1, n)),
-    )
+    @staticmethod
+    def of(
+        branch: Branch, places: Sequence[CrossingPoint], edges: Array, plan: Optimality, before: SquaredSpeed | None
+    ) -> _LinearCells:
+        """Compute torques, speeds and condition (8) in the middle of the cells, or beside a crossing there."""
+        specification = plan.specification
+        conditions = [crossing_rows(branch, Smoothstep(0), place, None, before) for place in places]
+        # u' is not in these unknowns: without its rows the estimate is lower
+        rows = np.array([[s, *row] for s, several in conditions for row in several if row[3] == 0.0]).reshape(-1, 5)
+        middle, width = 0.5 * (edges[1:] + edges[:-1]), np.diff(edges)
+        on_crossing = (np.abs(middle[:, None] - rows[:, 0]) < SAME_PLACE).any(axis=1)
+        asked = demand(
+            branch, Smoothstep(0), np.where(on_crossing, middle + CROSSING_OFFSET, middle), None, "rigid", before
+        )
+        at_edges = sparse.identity(len(edges), format="csr")[:, 1:-1]
+        mean = 0.5 * (at_edges[1:] + at_edges[:-1])
+        slope = sparse.diags_array(0.5 / width) @ (at_edges[1:] - at_edges[:-1])
+        crossed = np.searchsorted(edges, rows[:, 0]) - 1
+        smooth = np.setdiff1d(np.arange(len(width)), crossed)  # in a crossing's cell condition (8) stands instead
+        constant = asked.torque.constant + asked.friction(specification.friction)
+
+        def combine(z: Array, u: Array, cells: Array) -> Any:
+            return sparse.csr_array(sparse.diags_array(z) @ mean[cells] + sparse.diags_array(u) @ slope[cells])
+
+        return _LinearCells(
+            specification,
+            np.where(specification.limited_motors, specification.torque_limit, plan.reference),
+            width,
+            mean,
+            tuple(
+                Affine(combine(per_z[smooth], per_u[smooth], smooth), start[smooth])
+                for start, per_z, per_u in zip(constant.T, asked.torque.per_z.T, asked.torque.per_u.T, strict=True)
+            ),
+            sparse.vstack(
+                [sparse.diags_array(ratio**2) @ mean for ratio in (asked.speed / specification.speed_limit).T],
+                format="csr",
+            ),
+            Affine(combine(rows[:, 2], rows[:, 3], crossed), rows[:, 1]),
+        )
+
+    def cone_program(self, unit: float) -> ConeProgram:
+        """Return the program in a unit of time [s]."""
+        goal, limited = self.specification.goal, self.specification.limited_motors
+        cells, n = self.mean.shape
+        one = sparse.csr_array(np.ones((len(self.torque[0].offset), 1)))
+        nonnegative = [Rows({"z": -self.squared_speed / unit**2}, np.ones(self.squared_speed.shape[0]))]
+        for motor, (matrix, offset) in enumerate(self.torque):
+            for sign in (-1.0, 1.0):
+                row = {"z": sign * matrix / (unit**2 * self.reference[motor])}
+                start = sign * offset / self.reference[motor]
+                if goal == "peak_torque":
+                    nonnegative.append(Rows({**row, "peak": one}, start))
+                if limited[motor]:
+                    nonnegative.append(Rows(row, start + 1.0))
+        if self.specification.most is not None:
+            longest = np.array([self.specification.most / unit])
+            nonnegative.append(Rows({"v": -sparse.csr_array(self.width[None])}, longest))
+        z, mean = sparse.identity(n, format="csr"), {"r": self.mean}
+        v, zero = sparse.identity(cells, format="csr"), np.zeros(cells)
+        cones = [
+            [Rows({"z": z}, np.ones(n)), Rows({"z": z}, -np.ones(n)), Rows({"r": 2.0 * z}, np.zeros(n))],
+            [Rows({"v": v, **mean}, zero), Rows({"v": v, "r": -self.mean}, zero), Rows({}, zero + 2.0)],
+        ]
+        cost = {"v": self.width} if goal == "time" else {"peak": np.ones(1)}
+        equal = [Rows({"z": self.conditions.matrix / unit**2}, self.conditions.offset)]
+        sizes = {"z": n, "r": n, "v": cells, "peak": 1}
+        return ConeProgram(sizes, cost, None, equal, nonnegative, cones)

@@ -1,224 +1,481 @@
-"""The cone program of the best law along a path: what the robot asks, as rows on the squared speed z.
+"""The cone program of the best law along a path: what the robot asks, as sparse rows on the squared speed z.
 
-z is a Chebyshev series in sigma, and torques at the points of the program are affine in its coefficients:
-those of a rigid robot, or of one whose deflections are known as functions of the path parameter. Between the
-points, and at the crossings themselves where only the limit of the torque exists, they are interpolated.
+z has B-spline coefficients y on cells of xi(sigma). With y >= floor it is positive everywhere, and
+
+    torque = c + cz z + cu u,     T = integral of v,  v r >= 1,  r^2 <= z,     energy = integral of e,  e r >= |torque|^2
+
+are affine in y, or second-order cones. Condition (8) is a sparse equality. Torques have a pole where it is
+not met, so beside a crossing each torque row is less its multiple of the condition: bounded, and sparse still.
+At the crossing itself the limit of the torque is a row, interpolated through the points of its cell.
+
+Source: Verscheure, Demeulenaere, Swevers, De Schutter and Diehl, IEEE TAC 54 (2009), whose unknowns these are.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.polynomial import chebyshev, legendre
+from numpy.polynomial import legendre
+from scipy import sparse
 
-from framework.arrays import Array
-from framework.crossing.optimal.phase_plane import Demand
+from framework.arrays import Array, BoolArray, read_only
+from framework.crossing.optimal.optimal_task import Task
+from framework.crossing.optimal.phase_plane import Deflections, SquaredSpeed, demand
 from framework.crossing.specification import Specification
-from framework.motion.chebyshev import coefficients as series_through
-from framework.motion.chebyshev import derivative_matrix, evaluate, nodes
-from framework.motion.cone_program import Affine, ConeProgram, Optimum, Unsolved, solve_cone_program
-from framework.motion.infeasibility import Infeasible
-from framework.motion.optimal_law import Stretch
-from framework.tolerances import LIMIT_MARGIN, MIN_SQUARED_SPEED_RATIO
+from framework.motion.cone_program import Affine, ConeProgram, Rows, Unsolved, solve_cone_program
+from framework.motion.exact_duration import SpeedSpace
+from framework.motion.speed_basis import ONE_CELL, SpeedBasis
+from framework.tolerances import LIMIT_MARGIN
 
-FIRST_ROW_STRIDE = 2  # the first rows are at every other point
-DENSE_POINTS_RATIO = 6  # points at which limits are checked, over those of the program
-# Weight of the coefficients of z, grown with the square of their degree, whatever is to vanish at the ends.
-ROUGHNESS_WEIGHT = 1e-6
-MAX_UNIT_RATIO = 4.0  # of the optimum to the guessed units, or inverse: beyond, it is solved once more
+POINTS, POINTS_ABOUT = 5, 10  # of a cell; about crossings, where an odd number would have one on the pole, and at ends
+FINE_PARTS, FINE_POINTS = 4, 8  # of a cell, and of each of these, where a duration is integrated
+POLE_WIDTH = 0.05  # in xi, beside a crossing, where rows are freed of their pole
+MAX_ROW_SIZE = 100.0  # of entries in units: larger rows are scaled down
 
 
-class OnPath(NamedTuple):
-    """Torques, speeds and conditions (8) along the path, in terms of z and u."""
+class LawProblem(NamedTuple):
+    """What a law has to meet: a task, its conditions at sigma (k,), and what is known of the motion.
 
-    sigma: Array  # (M,) Chebyshev points of `stretch`, none of them on a crossing
-    demand: Demand  # at `sigma`
-    crossings: Array  # (k,) sigma
-    conditions: Array  # (k, 4): constant + per_z z + per_u u + per_du u' = 0 there
-    stretch: Stretch = Stretch()  # xi(sigma), in which z is a Chebyshev series
+    conditions: (k, 4), constant + per_z z + per_u u + per_du u' = 0.
+    deflections: of the springs along the path, if any.
+    before: the squared speed about which damping is linearised, if any.
+    weighing: the `reference`, where that is not of the limits.
+    degree: of z as one Chebyshev series, which deflections need; None for splines.
+    """
+
+    task: Task
+    crossings: Array
+    conditions: Array
+    deflections: Deflections | None = None
+    before: SquaredSpeed | None = None
+    weighing: Array | None = None
+    degree: int | None = None
+
+    def basis_on(self, cells: Array) -> SpeedBasis:
+        """Return the basis of z: splines on cells (k + 1,), or the series of the degree."""
+        if self.degree is None:
+            return SpeedBasis.on_cells(cells)
+        return SpeedBasis(np.array(ONE_CELL), self.degree + 1)
+
+    @property
+    def specification(self) -> Specification:
+        return self.task.specification
+
+    def with_goal(self, goal: str, *, torque_limits: bool = True) -> LawProblem:
+        """Return the problem with another goal, its torque limits kept or only the reference."""
+        specification = replace(self.specification, goal=goal)
+        if not torque_limits:
+            unlimited = np.full(len(specification.torque_limit), np.inf)
+            specification = replace(specification, torque_limit=unlimited)
+        return self._replace(task=self.task._replace(specification=specification), weighing=self.reference)
+
+    @property
+    def places(self) -> Array:
+        """Places of the conditions in xi (k,)."""
+        return self.task.stretch(self.crossings)
+
+    @property
+    def reference(self) -> Array:
+        """Torques (n_a,) that peaks are relative to: limits, the largest where one is missing, or 1."""
+        if self.weighing is not None:
+            return self.weighing
+        limit = self.specification.torque_limit
+        limited = np.isfinite(limit)
+        return np.where(limited, limit, limit[limited].max(initial=0.0) or 1.0)
+
+
+class MotorRows(NamedTuple):
+    """Torques and squared speeds of the motors at points of the path, affine in the coefficients of z."""
+
+    torque: tuple[Affine, ...]  # of each motor, (M, n) [N m]
+    squared_speed: tuple[Any, ...]  # of each motor with a limit, over its square: (M, n)
+
+    def combine(self, weights: Any) -> MotorRows:
+        """Return the rows weights (R, M) @ rows."""
+        torque = tuple(Affine(weights @ matrix, weights @ offset) for matrix, offset in self.torque)
+        return MotorRows(torque, tuple(weights @ matrix for matrix in self.squared_speed))
+
+    def stack(self, other: MotorRows) -> MotorRows:
+        """Return the rows of both."""
+        torque = tuple(
+            Affine(sparse.vstack([a.matrix, b.matrix], format="csr"), np.append(a.offset, b.offset))
+            for a, b in zip(self.torque, other.torque, strict=True)
+        )
+        speeds = zip(self.squared_speed, other.squared_speed, strict=True)
+        return MotorRows(torque, tuple(sparse.vstack(pair, format="csr") for pair in speeds))
+
+
+class Bounds(NamedTuple):
+    """What a solution has to keep besides condition (8).
+
+    longest: its duration [s]; peak: its torques over the reference; energy: its integral of the sum of
+    (torque over reference)^2; torque_limits, speed_limits: whether those of the specification are kept.
+    """
+
+    longest: float | None = None
+    peak: float | None = None
+    energy: float | None = None
+    torque_limits: bool = True
+    speed_limits: bool = True
 
 
 class Units(NamedTuple):
-    """The units of time [s] and torques (n_a,) [N m] of the program: their limits, if they have one."""
+    """The units of time [s] and of torques over the reference in which a program is solved."""
 
     time: float
-    torque: Array
+    torque: float
 
 
-def points_of(degree: int, crossings: Array, stretch: Stretch) -> Array:
-    """Return sigma of Chebyshev points that resolve torques of z of this degree, clear of the crossings."""
-    sizes = [3 * degree + 1 + extra for extra in range(10)]  # odd ones have a point in the middle
-    places = stretch(crossings)
+class Speed(NamedTuple):
+    """A squared speed by its coefficients y (n,) [1/s^2], and what it costs.
 
-    def gap(size: int) -> float:
-        return float(np.abs(nodes(size)[:, None] - places).min(initial=1.0)) * size
+    duration [s]; peak of torques over the reference, and of motor speeds over their limits, at the rows;
+    energy [s] of torques over the reference; value: the least duration [s] by the solver's own quadrature.
+    """
 
-    sigma = stretch.inverse(nodes(max(sizes, key=gap)))
-    sigma[[0, -1]] = 0.0, 1.0
-    return sigma
-
-
-class Basis(NamedTuple):
-    """Values of z and u at points, as matrices on the coefficients."""
-
-    z: Array
-    u: Array
-
-    @staticmethod
-    def at(sigma: Array, degree: int, stretch: Stretch) -> Basis:
-        """Return the basis of Chebyshev polynomials up to this degree in xi(sigma)."""
-        values = np.asarray(chebyshev.chebvander(stretch(sigma), degree), dtype=float)
-        slope = 0.5 * stretch(sigma, 1)[:, None]
-        return Basis(values, slope * (values @ derivative_matrix(degree + 1)))  # u = z'/2
-
-    def du(self, sigma: Array, stretch: Stretch) -> Array:
-        """Return values of u' = z"/2."""
-        once, twice = (self.z @ derivative_matrix(self.z.shape[1], order) for order in (1, 2))
-        return np.asarray(0.5 * (stretch(sigma, 1)[:, None] ** 2 * twice + stretch(sigma, 2)[:, None] * once))
-
-
-def guessed_units(on_path: OnPath, specification: Specification) -> Units:
-    """Guess units in which the solution is near 1."""
-    demand, limit = on_path.demand, specification.torque_limit
-    time = specification.most
-    if time is None:  # what the limits allow at half of the points, z constant
-        spare = np.maximum(limit - np.abs(demand.torque.constant), 0.1 * limit)
-        by_torque = np.sqrt(np.abs(demand.torque.per_z) / spare).max(axis=1)
-        time = (
-            float(np.median(np.maximum(by_torque, (demand.speed / specification.speed_limit).max(axis=1))))
-            or 1.0
-        )
-    if specification.limited:
-        return Units(time, np.where(np.isfinite(limit), limit, limit[np.isfinite(limit)].max()))
-    steady = np.abs(demand.torque.constant + demand.torque.per_z / time**2).max(axis=1)
-    size = float(np.median(steady)) or float(np.abs(demand.torque.per_u).max()) / time**2 or 1.0
-    return Units(time, np.full(len(limit), size))
-
-
-def better_units(units: Units, specification: Specification, optimum: Optimum) -> Units:
-    """Return the units of the solution, or the same object if they are near enough."""
-    longer = optimum.duration if specification.most is None else 1.0
-    heavier = 1.0 if specification.limited else optimum.peak
-    if max(longer, 1 / longer, heavier, 1 / heavier) < MAX_UNIT_RATIO:
-        return units
-    return Units(units.time * longer, units.torque * heavier)
+    y: Array
+    duration: float
+    peak: float
+    peak_speed: float
+    energy: float
+    value: float = np.nan
 
 
 @dataclass(frozen=True, eq=False)
 class SpeedProgram:
-    """The cone program of a specification, for z of one degree, in units."""
+    """The cone program of a problem on cells of xi."""
 
-    on_path: OnPath
-    specification: Specification
-    degree: int
-    units: Units
-    roughness: float = ROUGHNESS_WEIGHT
+    problem: LawProblem
+    basis: SpeedBasis
+    cells: Array  # (k + 1,) of xi, those of splines
+    xi: Array  # (M,) points, both ends among them
+    weights: Array  # (M,) of integrals over sigma; zero at the ends
+    rows: MotorRows  # at the points, at crossings and wherever a limit was exceeded
+    conditions: Affine  # (k, n)
 
-    @cached_property
-    def scale(self) -> float:
-        """The unit of z [1/s^2]: the factor from the program's coefficients to those of z."""
-        return self.units.time**-2
+    @staticmethod
+    def on_cells(problem: LawProblem, cells: Array) -> SpeedProgram:
+        """Return the program with points on cells (k + 1,) of xi, each crossing in the middle of one."""
+        basis, stretch = problem.basis_on(cells), problem.task.stretch
+        about = _cells_about(cells, problem.places)
+        counts = np.where(about, POINTS_ABOUT, POINTS)
+        counts[[0, -1]] = POINTS_ABOUT
+        xi, weight = _gauss_points(cells, counts)
+        sigma = _sigma(problem, xi)
+        weights = weight / stretch(sigma, 1)
+        conditions = condition_rows(problem, basis)
+        rows = motor_rows(problem, basis, conditions, xi)
+        starts = 1 + np.cumsum(counts) - counts
+        limits = [
+            _interpolation(xi, np.arange(starts[k], starts[k] + counts[k]), place)
+            for place in np.unique(problem.places)
+            for k in np.flatnonzero(_cells_about(cells, np.array([place])))[:1]
+        ]
+        if limits:
+            rows = rows.stack(rows.combine(sparse.csr_array(np.array(limits))))
+        return SpeedProgram(problem, basis, cells, xi, weights, rows, conditions)
 
-    @cached_property
-    def _torque(self) -> tuple[Array, Array]:
-        """Torques at the points as affine functions of the coefficients: (M, n_a, n) and (M, n_a)."""
-        constant, per_z, per_u = self.on_path.demand.torque
-        basis = Basis.at(self.on_path.sigma, self.degree, self.on_path.stretch)
-        matrix = per_z[:, :, None] * basis.z[:, None] + per_u[:, :, None] * basis.u[:, None]
-        return self.scale * matrix / self.units.torque[:, None], constant / self.units.torque
-
-    def torque_rows(self, take: Array) -> Affine:
-        """Return torques of all motors at combinations `take` (R, M) of the points, (R n_a)."""
-        matrix, offset = self._torque
-        rows = np.tensordot(take, matrix, axes=1)
-        return Affine(rows.reshape(-1, self.degree + 1), (take @ offset + self._friction(take)).ravel())
-
-    def _friction(self, take: Array) -> Array:
-        """Return torques (R, n_a) of dry friction at combinations `take` (R, M) of the points, in units."""
-        return self.on_path.demand.friction(self.specification.friction, take) / self.units.torque
-
-    @cached_property
-    def between(self) -> Array:
-        """Combinations of the points that give the values between them and at the crossings."""
-        size = len(self.on_path.sigma)
-        at_crossings = evaluate(self.on_path.stretch(self.on_path.crossings), series_through(np.eye(size)))
-        return np.concatenate([_dense(size), at_crossings])
-
-    def torques(self, y: Array) -> Array:
-        """Return sizes of the torques over their units between the points and at the crossings (R, n_a)."""
-        matrix, offset = self._torque
-        return np.asarray(np.abs(self.between @ (matrix @ y + offset) + self._friction(self.between)))
+    @property
+    def space(self) -> SpeedSpace:
+        return SpeedSpace(self.basis, self.problem.task.stretch)
 
     @cached_property
-    def _squared_speed(self) -> Array:
-        """Squared speeds over their limits at the points, of motors that have one: (M, motors, n)."""
-        limit = self.specification.speed_limit
-        limited = np.isfinite(limit)
-        ratio = self.on_path.demand.speed[:, limited] / limit[limited]
-        basis = Basis.at(self.on_path.sigma, self.degree, self.on_path.stretch)
-        return np.asarray(self.scale * ratio[:, :, None] ** 2 * basis.z[:, None])
+    def _integrated(self) -> slice:
+        """The points with a weight: all but the ends."""
+        return slice(1, len(self.xi) - 1)
 
-    def speed_rows(self, take: Array) -> Array:
-        """Return squared speeds over their limits at combinations `take` (R, M) of the points, as rows."""
-        return np.tensordot(take, self._squared_speed, axes=1).reshape(-1, self.degree + 1)
+    @cached_property
+    def z(self) -> Any:
+        """Values (P, n) of z at the points with a weight."""
+        return self.basis.matrix(self.xi[self._integrated])
 
-    def squared_speeds(self, y: Array) -> Array:
-        """Return the largest squared speed over its limit between the points and at the crossings (R,)."""
-        return np.asarray((self.between @ (self._squared_speed @ y)).max(axis=1, initial=0.0))
+    @cached_property
+    def positive(self) -> tuple[Any, Array]:
+        """Rows (m, n) whose positive values make z positive, and their places in xi (m,).
 
-    def conditions(self) -> Affine:
-        """Return condition (8) at all crossings, as rows on the coefficients."""
-        path = self.on_path
-        return conditions_on_speed(path.crossings, path.conditions, self.degree, path.stretch, self.scale)
+        The coefficients of splines; of a series its values at the points.
+        """
+        if self.basis.is_spline:
+            return sparse.identity(self.basis.size, format="csr"), self.basis.centres
+        return self.basis.matrix(self.xi), self.xi
 
-    def cones(self) -> ConeProgram:
-        """Return the problem for the solver, with rows at every other point."""
-        specification, degree = self.specification, self.degree
-        points, weights = legendre.leggauss(degree + degree // 2)
-        size = len(self.on_path.sigma)
-        rows = np.append(np.arange(0, size - 1, FIRST_ROW_STRIDE), size - 1)  # both ends are among them
-        power = Affine(np.empty((0, degree + 1)), np.empty(0))
-        if specification.goal == "energy":
-            power = self.torque_rows(evaluate(points, series_through(np.eye(size))))
-        return ConeProgram(
-            speeds=np.asarray(chebyshev.chebvander(points, degree), dtype=float),
-            average=np.eye(len(weights)),
-            weights=weights / self.on_path.stretch(self.on_path.stretch.inverse(points), 1),
-            positive=np.empty((0, degree + 1)),
-            torque=self.torque_rows(np.eye(size)[rows]),
-            bounded=np.tile(specification.limited_motors, len(rows)),
-            below_one=self.speed_rows(np.eye(size)[rows]),
-            power=power,
-            equalities=self.conditions(),
-            roughness=self.roughness * np.diag(np.arange(degree + 1.0) ** 2),
-            floor=MIN_SQUARED_SPEED_RATIO,
-            kept=LIMIT_MARGIN if specification.limited or specification.limited_speeds else 0.0,
+    @cached_property
+    def bend(self) -> Rows:
+        """d2z/dsigma2 at the points with a weight, times the root of that."""
+        stretch, inside = self.problem.task.stretch, self._integrated
+        sigma = _sigma(self.problem, self.xi)[inside]
+        first, second = (self.basis.matrix(self.xi[inside], order) for order in (1, 2))
+        bend = sparse.diags_array(stretch(sigma, 1) ** 2) @ second + sparse.diags_array(stretch(sigma, 2)) @ first
+        root = np.sqrt(self.weights[inside])
+        return Rows({"y": sparse.diags_array(root) @ bend}, np.zeros(len(root)))
+
+    @cached_property
+    def _fine(self) -> tuple[Any, Array]:
+        """Values (F, n) of z and weights (F,) in sigma with which a duration is integrated."""
+        cells = self.cells
+        parts = np.linspace(0.0, 1.0, FINE_PARTS + 1)[:-1]
+        edges = np.append((cells[:-1, None] + np.diff(cells)[:, None] * parts).ravel(), 1.0)
+        xi, weight = _gauss_points(edges, np.full(len(edges) - 1, FINE_POINTS))
+        sigma = _sigma(self.problem, xi)[1:-1]
+        return self.basis.matrix(xi[1:-1]), weight[1:-1] / self.problem.task.stretch(sigma, 1)
+
+    def extend(self, xi: Array) -> SpeedProgram:
+        """Return the program with rows at further places xi (R,)."""
+        more = motor_rows(self.problem, self.basis, self.conditions, xi)
+        return replace(self, rows=self.rows.stack(more))
+
+    def speed(self, y: Array, value: float = np.nan) -> Speed:
+        """Return what coefficients y (n,) cost."""
+        fine, weights = self._fine
+        z = fine @ y
+        duration = float(weights @ z**-0.5) if z.min() > 0 else np.inf
+        ratio = np.stack([torque(y) for torque in self.rows.torque], axis=1) / self.problem.reference
+        fastest = max((float((rows @ y).max()) for rows in self.rows.squared_speed), default=0.0)
+        slowness = np.maximum(self.z @ y, np.finfo(float).tiny) ** -0.5
+        power = (ratio[self._integrated] ** 2).sum(axis=1) * slowness
+        energy = float(self.weights[self._integrated] @ power)
+        peak = float(np.abs(ratio).max(initial=0.0))
+        return Speed(y, duration, peak, float(np.sqrt(max(fastest, 0.0))), energy, value)
+
+    def meet_conditions(self, y: Array) -> Array:
+        """Return the coefficients (n,) nearest to y that meet condition (8) to rounding."""
+        return self.space.adjust(y, self.conditions) if len(self.conditions.offset) else y
+
+    def minimise(
+        self,
+        goal: str,
+        bounds: Bounds,
+        units: Units,
+        *,
+        floor: float = 0.0,
+        cap: Array | None = None,
+        weights: Array | None = None,
+        about: tuple[Array, float] | None = None,
+    ) -> Speed | Unsolved:
+        """Compute the speed of least cost within bounds.
+
+        Args:
+            goal: "time", "peak_torque", "energy"; "peak_speed" or "limits", the least multiple of the speed
+                limits or of all limits; "bend", the integral of (d2z/dsigma2)^2; "slowness", that of
+                `weights` z.
+            floor, cap: of the `positive` rows [1/s^2], a number and (m,).
+            weights: (P,) at the points with a weight.
+            about: y (n,) and a duration [s], which the tangent of T(z) at y must not fall below.
+        """
+        scale = units.time**2
+        timed = goal == "time" or bounds.longest is not None
+        powered = goal == "energy" or bounds.energy is not None
+        count = self.z.shape[0]
+        sizes = {"y": self.basis.size, "peak": 1}
+        sizes |= {"r": count} if timed or powered else {}
+        sizes |= {"v": count} if timed else {}
+        sizes |= {"e": count} if powered else {}
+        inside = self.weights[self._integrated]
+        equal = [_scaled(Rows({"y": self.conditions.matrix / scale}, self.conditions.offset))]
+        positive = self.positive[0]
+        nonnegative = [Rows({"y": positive}, np.full(positive.shape[0], -floor * scale))]
+        nonnegative += self._limit_rows(goal, bounds, units)
+        if cap is not None:
+            capped = np.flatnonzero(np.isfinite(cap))
+            nonnegative.append(Rows({"y": -positive[capped]}, cap[capped] * scale))
+        if bounds.longest is not None:
+            nonnegative.append(_sum("v", -inside, bounds.longest / units.time))
+        if bounds.energy is not None:
+            nonnegative.append(_sum("e", -inside, bounds.energy / (units.torque**2 * units.time)))
+        if about is not None:
+            z = self.z @ about[0] * scale
+            slope = sparse.csr_array((-0.5 * inside * z**-1.5)[None]) @ self.z
+            nonnegative.append(Rows({"y": slope}, np.array([1.5 * inside @ z**-0.5 - about[1] / units.time])))
+        cost: dict[str, Array] = {
+            "time": {"v": inside},
+            "energy": {"e": inside},
+            "slowness": {} if weights is None else {"y": (inside * weights) @ self.z},
+            "bend": {},
+        }.get(goal, {"peak": np.ones(1)})
+        square = self.bend if goal == "bend" else None
+        if square is not None:  # in the unit of its own size
+            size = np.sqrt(np.mean(np.square(square.parts["y"].data)) * count)
+            square = Rows({"y": square.parts["y"] / size}, square.offset)
+        program = ConeProgram(
+            sizes, cost, square, equal, nonnegative, self._cones(units, timed=timed, powered=powered)
         )
+        optimum = solve_cone_program(program, accurate=powered)
+        if isinstance(optimum, Unsolved):
+            return optimum
+        y = self.meet_conditions(optimum.unknowns["y"] / scale)
+        value = float(inside @ optimum.unknowns["v"]) * units.time if goal == "time" else np.nan
+        return self.speed(y, value)
 
-    def solved(self, cones: ConeProgram) -> Optimum | Infeasible | Unsolved:
-        """Return the optimum of these cones, or why there is none."""
-        longest_allowed = self.specification.most
-        longest = None if longest_allowed is None else longest_allowed / self.units.time
-        return solve_cone_program(cones, self.specification.goal, longest=longest)
+    def _limit_rows(self, goal: str, bounds: Bounds, units: Units) -> list[Rows]:
+        """Return bounds of torques and squared speeds as rows that may not be negative."""
+        limit = self.problem.specification.torque_limit
+        reference, rows = self.problem.reference, []
+        scale, free = units.time**2, 1.0 - LIMIT_MARGIN
+        for motor, (matrix, offset) in enumerate(self.rows.torque):
+            unit = reference[motor] * units.torque
+            largest = np.inf if bounds.peak is None else bounds.peak / units.torque
+            limited = bool(np.isfinite(limit[motor]))
+            if bounds.torque_limits and limited and goal != "limits":
+                largest = min(largest, free * limit[motor] / unit)
+            torque = Rows({"y": matrix / (unit * scale)}, offset / unit)
+            if goal == "peak_torque" or (goal == "limits" and limited):
+                rows += _within(torque, None, free if goal == "limits" else 1.0)
+            if np.isfinite(largest):
+                rows += _within(torque, largest)
+        for matrix in self.rows.squared_speed:
+            speed = matrix / scale
+            if goal in ("peak_speed", "limits"):
+                rows.append(_scaled(Rows({"y": -speed, "peak": _column(matrix, 1.0)}, np.zeros(matrix.shape[0]))))
+            elif bounds.speed_limits:
+                rows.append(_scaled(Rows({"y": -speed}, np.full(matrix.shape[0], free**2))))
+        return rows
+
+    def _cones(self, units: Units, *, timed: bool, powered: bool) -> list[list[Rows]]:
+        """Return r^2 <= z, v r >= 1 and e r >= the sum of squared torques, at the points with a weight."""
+        count = self.z.shape[0]
+        cones: list[list[Rows]] = []
+        if timed or powered:
+            z = Rows({"y": self.z}, np.zeros(count))
+            cones.append([_plus(z, 1.0), _plus(z, -1.0), _identity("r", count, 0.0, 2.0)])
+        if timed:
+            cones.append(_product("v", "r", count, [Rows({}, np.full(count, 2.0))]))
+        if powered:
+            inside, scale = self._integrated, units.time**2
+            unit = self.problem.reference * units.torque
+            cones.append(_product("e", "r", count, [
+                Rows({"y": 2.0 * matrix[inside] / (unit[j] * scale)}, 2.0 * offset[inside] / unit[j])
+                for j, (matrix, offset) in enumerate(self.rows.torque)
+            ]))
+        return cones
 
 
-def conditions_on_speed(
-    sigma: Array, conditions: Array, degree: int, stretch: Stretch, scale: float = 1.0
-) -> Affine:
-    """Return constant + per_z z + per_u u + per_du u' at sigma (k,), z of this degree in units of `scale`."""
-    basis = Basis.at(sigma, degree, stretch)
-    constant, per_z, per_u, per_du = conditions.T[:, :, None]
-    rows = per_z * basis.z + per_u * basis.u
-    if np.any(per_du):
-        rows = rows + per_du * basis.du(sigma, stretch)
-    return Affine(scale * rows, constant[:, 0])
+def motor_rows(problem: LawProblem, basis: SpeedBasis, conditions: Affine, xi: Array) -> MotorRows:
+    """Compute torques and squared speeds at places xi (M,), none on a crossing, without their poles."""
+    task, specification = problem.task, problem.specification
+    sigma = _sigma(problem, xi)
+    asked = demand(task.branch, task.phi, sigma, problem.deflections, task.geometry, problem.before)
+    z = basis.matrix(xi)
+    u = sparse.diags_array(0.5 * task.stretch(sigma, 1)) @ basis.matrix(xi, 1)
+    constant = asked.torque.constant + asked.friction(specification.friction)
+    torques = []
+    for motor in range(constant.shape[1]):
+        per_z, per_u = (sparse.diags_array(part[:, motor]) for part in asked.torque[1:])
+        torques.append(Affine(sparse.csr_array(per_z @ z + per_u @ u), constant[:, motor].copy()))
+    for place in np.unique(problem.places):
+        near = np.abs(xi - place) < POLE_WIDTH
+        at = np.flatnonzero(problem.places == place)
+        torques = [_without_pole(torque, conditions, at, near) for torque in torques]
+    limit = specification.speed_limit
+    ratios = (asked.speed[:, j] / limit[j] for j in np.flatnonzero(np.isfinite(limit)))
+    return MotorRows(
+        tuple(torques), tuple(sparse.csr_array(sparse.diags_array(ratio**2) @ z) for ratio in ratios)
+    )
+
+
+def _without_pole(torque: Affine, conditions: Affine, at: Array, near: BoolArray) -> Affine:
+    """Return torque rows less their multiples of the conditions `at` (k,), where they are `near` (M,)."""
+    met = conditions.matrix[at]
+    share = np.linalg.lstsq((met @ met.T).toarray(), (torque.matrix @ met.T).toarray().T, rcond=None)[0].T
+    share = near[:, None] * share
+    matrix = torque.matrix - sparse.csr_array(share) @ met
+    return Affine(sparse.csr_array(matrix), torque.offset - share @ conditions.offset[at])
+
+
+def condition_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
+    """Return the conditions of a problem as rows (k, n) on coefficients."""
+    stretch, sigma = problem.task.stretch, problem.crossings
+    constant, per_z, per_u, per_du = problem.conditions.T
+    values, first, second = (basis.matrix(problem.places, order) for order in range(3))
+    slope, bend = stretch(sigma, 1), stretch(sigma, 2)
+    rows = (
+        sparse.diags_array(per_z) @ values
+        + sparse.diags_array(0.5 * per_u * slope + 0.5 * per_du * bend) @ first
+        + sparse.diags_array(0.5 * per_du * slope**2) @ second
+    )
+    return Affine(sparse.csr_array(rows), constant)
+
+
+def _sigma(problem: LawProblem, xi: Array) -> Array:
+    """Return sigma (M,) at xi, the ends exact."""
+    sigma = problem.task.stretch.inverse(xi)
+    return np.where(xi <= -1.0, 0.0, np.where(xi >= 1.0, 1.0, sigma))
+
+
+def _cells_about(cells: Array, places: Array) -> BoolArray:
+    """Return a mask (k,) of the cells in which a place lies."""
+    return np.asarray(((cells[:-1, None] < places) & (places < cells[1:, None])).any(axis=1))
+
+
+def _gauss_points(cells: Array, counts: Array) -> tuple[Array, Array]:
+    """Return Gauss points of each cell and both ends of all, with weights in xi, zero at the ends."""
+    xi, weights = [np.array([-1.0])], [np.zeros(1)]
+    for low, high, count in zip(cells[:-1], cells[1:], counts, strict=True):
+        points, weight = _gauss_legendre(int(count))
+        xi.append(0.5 * (low + high) + 0.5 * (high - low) * points)
+        weights.append(0.5 * (high - low) * weight)
+    return np.concatenate([*xi, [1.0]]), np.concatenate([*weights, [0.0]])
 
 
 @lru_cache(maxsize=8)
-def _dense(size: int) -> Array:
-    """Return the matrix that interpolates `size` Chebyshev points, DENSE_POINTS_RATIO times as densely."""
-    count = DENSE_POINTS_RATIO * size
-    return evaluate(-np.cos(np.pi * (np.arange(count) + 0.5) / count), series_through(np.eye(size)))
+def _gauss_legendre(count: int) -> tuple[Array, Array]:
+    """Return Gauss points (count,) on [-1, 1] and their weights."""
+    points, weights = legendre.leggauss(count)
+    return read_only(points), read_only(weights)
+
+
+def _interpolation(xi: Array, through: Array, place: float) -> Array:
+    """Return weights (M,) with which values at points `through` give that of their polynomial at a place."""
+    points = xi[through]
+    apart = points[:, None] - points + np.eye(len(points))
+    away = np.tile(place - points, (len(points), 1))
+    np.fill_diagonal(away, 1.0)
+    weights = np.zeros(len(xi))
+    weights[through] = away.prod(axis=1) / apart.prod(axis=1)
+    return weights
+
+
+def _scaled(rows: Rows) -> Rows:
+    """Return rows of which large ones are scaled down."""
+    if not len(rows.offset):
+        return rows
+    size = np.abs(rows.parts["y"]).max(axis=1).toarray().ravel()
+    share = 1.0 / np.maximum(1.0, size / MAX_ROW_SIZE)
+    scaling = sparse.diags_array(share)
+    return Rows({name: scaling @ matrix for name, matrix in rows.parts.items()}, share * rows.offset)
+
+
+def _within(rows: Rows, largest: float | None, share: float = 1.0) -> list[Rows]:
+    """Return |rows| <= largest, or <= share * peak, as rows that may not be negative."""
+    above = []
+    for sign in (-1.0, 1.0):
+        matrix = sign * rows.parts["y"]
+        parts = {"y": matrix} if largest is not None else {"y": matrix, "peak": _column(matrix, share)}
+        above.append(_scaled(Rows(parts, sign * rows.offset + (largest or 0.0))))
+    return above
+
+
+def _column(matrix: Any, value: float) -> Any:
+    return sparse.csr_array(np.full((matrix.shape[0], 1), value))
+
+
+def _identity(name: str, size: int, offset: float, factor: float = 1.0) -> Rows:
+    return Rows({name: factor * sparse.identity(size, format="csr")}, np.full(size, offset))
+
+
+def _plus(rows: Rows, offset: float) -> Rows:
+    return Rows(rows.parts, rows.offset + offset)
+
+
+def _sum(name: str, weights: Array, offset: float) -> Rows:
+    return Rows({name: sparse.csr_array(weights[None])}, np.array([offset]))
+
+
+def _product(first: str, second: str, count: int, others: Sequence[Rows]) -> list[Rows]:
+    """Return the cone 4 first * second >= |others|^2."""
+    one = sparse.identity(count, format="csr")
+    zero = np.zeros(count)
+    return [Rows({first: one, second: one}, zero), Rows({first: one, second: -one}, zero), *others]

@@ -27,7 +27,7 @@ def explained(refusal: NoLaw, searched: SearchedPath, request: Request) -> NoLaw
     if optimal is not None and optimal.shortest != 0.0:  # without limits nothing bounds it
         sentences.append(optimal.sentence)
     remedy = remedy_of(refusal, searched.branch.robot, request, optimal)
-    return NoLaw("; ".join(sentences), proof=refusal.proof).advising(remedy)
+    return NoLaw("; ".join(sentences), proof=refusal.proof, evidence=refusal.evidence).advising(remedy)
 
 
 def with_remedy(pole: UnboundedTorque, searched: SearchedPath, request: Request) -> UnboundedTorque:

@@ -7,10 +7,11 @@ from typing import Any, NamedTuple
 
 from framework.crossing.condition import condition_at, crossing_point
 from framework.crossing.optimal.elastic_balance import in_balance
+from framework.crossing.optimal.limit_refusals import refuse_law
 from framework.crossing.optimal.optimal_motion import optimal_motion
 from framework.crossing.optimal.optimal_task import check_speeds, check_unfolded
 from framework.crossing.optimal.rest_of_springs import check_rest
-from framework.crossing.optimal.task_programs import best_undeformed
+from framework.crossing.optimal.undeformed_law import find_law
 from framework.crossing.plan import plan_request
 from framework.crossing.polynomial import polynomial_motion
 from framework.crossing.refusals.explanation import check_limits, explained
@@ -85,8 +86,9 @@ OPTIMAL_LAW = (
     _reason("springs make two crossings of a touch, or none", NoLaw, check_unfolded),
     _reason("no speed meets what is left of condition (8)", NoLaw, check_speeds),
     _reason("no law meets the conditions of several motions", UncontrolledMotions, check_speeds, escaping),
-    _reason("a motor cannot hold an end of the path, or limits are too low", NoLaw, best_undeformed),
-    _reason("the program is not solved, or does not settle with damping", NotConverged, best_undeformed),
+    _reason("a motor cannot hold an end of the path, or limits are too low", NoLaw, refuse_law),
+    _reason("no law is found, for no reason of its limits", NotConverged, refuse_law),
+    _reason("law and damping do not settle", NotConverged, find_law),
     _reason("springs and damping at once are not supported", NoLaw, optimal_motion),
     _reason("law and springs do not settle together", NotConverged, optimal_motion),
     _reason("springs do not start or stop at rest", NotConverged, check_rest),

@@ -1,4 +1,4 @@
-"""Proofs of refusals, in numbers that anyone can check: `NoLaw.proof`."""
+"""What refusals rest on: proofs (`NoLaw.proof`), or what a search found instead (`NoLaw.evidence`)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import numpy as np
 from framework.arrays import Array
 from framework.crossing.specification import Specification
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.motion.infeasibility import Infeasible
 from framework.tolerances import LIMIT_MARGIN
 
 RAISED_RATIO = 1.0 + 3.0 * LIMIT_MARGIN  # of limits over the least peak, for the margins that planning keeps
@@ -33,11 +32,10 @@ class UnmetCondition:
 
 
 class LeastLimits(NamedTuple):
-    """Limits (n_a,) with which a law of one degree exists, in proportion to those that were asked for.
+    """Limits (n_a,) within which a law was found, in proportion to those that were asked for.
 
-    torque_peak, speed_peak: the least peaks of torque and of speed over their limits, in the duration asked,
-        each within the limits of the other; None where that is none, not found, or has no limit. At most 1
-        of those that need not be raised.
+    torque_peak, speed_peak: the least peaks of torque and of speed found, over their limits, in the duration
+        asked, each within the limits of the other; None where none was found or that has no limit.
     torque, speed: those limits, motor side, the share included that planning leaves free; None as the peaks.
     together: neither is enough alone. Then the larger of torque and squared speed is least.
     """
@@ -60,22 +58,19 @@ class LeastLimits(NamedTuple):
         limits = raised(torque, specification.torque_limit), raised(speed, specification.speed_limit)
         return LeastLimits(torque, speed, *limits, together)
 
-    def sentences(self, robot: ParallelRobot, margin: float) -> list[str]:
-        """Return which limits would do, in words; `margin` is the share of them that is left free."""
-        named = [
-            f"{name} {_listed(robot, limit / (1.0 - margin), units)}"
-            for name, limit, units in (
-                ("torque_limit", self.torque, robot.torque_units),
-                (
-                    "speed_limit",
-                    self.speed,
-                    robot.speed_units,
-                ),
-            )
-            if limit is not None
-        ]
-        joined = [" with ".join(named)] if self.together else named
-        return [f"{' or '.join(joined)} would do"] if named else []
+    @property
+    def options(self) -> list[dict[str, Array]]:
+        """The limits that may be raised, as options of a plan, without the margin that it leaves free."""
+        raised = {"torque_limit": self.torque, "speed_limit": self.speed}
+        given = {name: limit for name, limit in raised.items() if limit is not None}
+        return [given] if self.together else [{name: limit} for name, limit in given.items()]
+
+
+def advice_of(robot: ParallelRobot, limits: dict[str, Array]) -> str:
+    """Return in words the limits (n_a,) of torque and speed that would do."""
+    units = {"torque_limit": robot.torque_units, "speed_limit": robot.speed_units}
+    named = (f"{name} {_listed(robot, limit, units[name])}" for name, limit in limits.items())
+    return f"{' with '.join(named)} would do"
 
 
 def _listed(robot: ParallelRobot, limits: Array, units: Sequence[str]) -> str:
@@ -109,46 +104,39 @@ class HoldingTorque:
     s: float
     torque: float
     limit: float
-    least: LeastLimits | None = None
 
 
 @dataclass(frozen=True, eq=False)
-class NoAdmissibleSpeed:
-    """A proof by Farkas' lemma that no squared speed of this degree keeps all limits.
+class SearchEvidence:
+    """What a search found in place of a law within the limits: no proof that there is none.
 
-    A thousandth of the limits is kept free, and a hundredth of the squared mean speed is never fallen below
-    where that was looked at (`LIMIT_MARGIN` and `MIN_SQUARED_SPEED_RATIO` of `speed_program`).
-
-    least: the limits with which there is a law of this degree in the duration asked.
-    least_duration: the least duration [s] of one within the limits; None where none was found.
-    infeasible: the cone program, and the combination of its rows that contradicts itself.
+    cells: of the squared speed, on which it was searched.
+    least: the limits within which a law was found, in the duration asked.
+    quickest: the least duration [s] found within the limits; None where none was found.
+    limits: options with raised limits that were planned, or None.
     """
 
-    degree: int
+    cells: int
     least: LeastLimits
-    least_duration: float | None
-    infeasible: Infeasible
-
-    @property
-    def contradiction(self) -> tuple[float, float]:
-        """The residual of A' q = 0 (rounding), and b' q (well below zero), of the combination q."""
-        return self.infeasible.contradiction
+    quickest: float | None = None
+    limits: dict[str, Array] | None = None
 
     @property
     def sentence(self) -> str:
-        """The least peak and the least duration that are possible, in words."""
+        """What was found, in words."""
         parts = []
         peaks = {"torque": self.least.torque_peak, "speed": self.least.speed_peak}
         if self.least.together:
             parts.append(
                 f"torques {self.least.torque_peak:.4g} and speeds {self.least.speed_peak:.4g} times the "
-                f"limits are needed together"
+                f"limits were needed together"
             )
             peaks = {}
-        stated = {what: peak for what, peak in peaks.items() if peak is not None}
-        parts += [f"the least peak of {what} is {peak:.4g} times the limits" for what, peak in stated.items()]
-        if self.least_duration is not None:
-            parts.append(f"within the limits the quickest law takes {self.least_duration:.4g} s")
-        elif stated:
-            parts.append("within the limits none of any duration was found")
-        return "; ".join(parts)
+        parts += [
+            f"the least peak of {what} found is {peak:.4g} times the limits"
+            for what, peak in peaks.items()
+            if peak is not None
+        ]
+        if self.quickest is not None:
+            parts.append(f"within the limits the quickest law found takes {self.quickest:.4g} s")
+        return "; ".join([*parts, f"searched on {self.cells} cells"])

@@ -1,7 +1,7 @@
 """What to ask for instead: options of a plan with which a refusal becomes another answer.
 
-Nothing is tried for it. A law that was refused is not advised again, the other one only where condition (8)
-and the limits leave it a duration, and numbers are those of the proof.
+A law that was refused is not advised again, the other one only where condition (8) and the limits leave it a
+duration. Limits and durations are those of a law that was found on the way (`SearchEvidence`).
 """
 
 from __future__ import annotations
@@ -10,13 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from framework.arrays import Array
 from framework.crossing.durations import OptimalDurations
-from framework.crossing.refusals.refusal_proofs import (
-    HoldingTorque,
-    LeastLimits,
-    NoAdmissibleSpeed,
-    UnmetCondition,
-)
+from framework.crossing.refusals.refusal_proofs import SearchEvidence, UnmetCondition
 from framework.crossing.request import Request
 from framework.errors import NoAnswer
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -39,18 +35,14 @@ def remedy_of(
         return None
     if not request.may_be_optimal:
         return _with_optimal_law(request, optimal)
-    proof = getattr(refusal, "proof", None)
-    if isinstance(proof, UnmetCondition):
-        return None if proof.stop else {"bend": True}
-    if robot.n_e:  # the numbers below are of the undeformed robot
+    if isinstance(getattr(refusal, "proof", None), UnmetCondition):
+        return None if refusal.proof.stop else {"bend": True}  # type: ignore[attr-defined]
+    evidence = getattr(refusal, "evidence", None)
+    if robot.n_e or not isinstance(evidence, SearchEvidence):  # its numbers are of the undeformed robot
         return None
-    if isinstance(proof, NoAdmissibleSpeed):
-        if proof.least_duration is not None and request.duration is not None:
-            return {"duration": rounded_up(DURATION_RESERVE * proof.least_duration)}
-        return _with_limits(proof.least, robot, request)
-    if isinstance(proof, HoldingTorque) and proof.least is not None:
-        return _with_limits(proof.least, robot, request)
-    return None
+    if evidence.quickest is not None and request.duration is not None:
+        return {"duration": evidence.quickest}
+    return None if evidence.limits is None else _named(robot, evidence.limits)
 
 
 def _with_optimal_law(request: Request, optimal: OptimalDurations | None) -> dict[str, Any] | None:
@@ -60,18 +52,16 @@ def _with_optimal_law(request: Request, optimal: OptimalDurations | None) -> dic
     return OPTIMAL_LAW | ({"duration": rounded_up(least)} if least > request.duration else {})
 
 
-def _with_limits(least: LeastLimits, robot: ParallelRobot, request: Request) -> dict[str, Any] | None:
-    """Return the limits that would do: of torque, of speed, or of both where neither is enough alone."""
-    limits = {
+def _named(robot: ParallelRobot, limits: dict[str, Array]) -> dict[str, Any]:
+    """Return limits (n_a,) by option and joint, those of motors that have one."""
+    return {
         name: {
-            joint: rounded_up(limit)
-            for joint, limit in zip(robot.actuator_names, values / (1.0 - request.margin), strict=True)
+            joint: float(limit)
+            for joint, limit in zip(robot.actuator_names, values, strict=True)
             if np.isfinite(limit)
         }
-        for name, values in (("torque_limit", least.torque), ("speed_limit", least.speed))
-        if values is not None
+        for name, values in limits.items()
     }
-    return limits if least.together else dict(list(limits.items())[:1]) or None
 
 
 def rounded_up(value: float) -> float:

@@ -18,11 +18,12 @@ from framework import (
     plan_crossing,
     simulate,
 )
+from framework.crossing.optimal import best_law
 from framework.crossing.optimal.lower_bound import estimated_best
 from framework.crossing.saved import plan_document
 from framework.errors import InvalidInput, NoAnswer, NoLaw
 from framework.motion.optimal_law import least_value
-from framework.tolerances import MIN_SQUARED_SPEED_RATIO
+from framework.tolerances import SQUARED_SPEED_FLOORS
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 PAPERS = 0.164918  # [N m] peak torque of the paper's law in scene C, rigid robot
@@ -45,7 +46,7 @@ def peak(plan) -> float:
 
 
 def test_the_quickest_law_takes_half_of_the_papers_time_at_its_torque(quickest):
-    assert quickest.duration <= 0.745  # the paper takes 1.5 s
+    assert 0.7340 <= quickest.duration <= 0.7380  # the paper takes 1.5 s
     assert 0.995 * PAPERS < peak(quickest) <= PAPERS
     assert quickest.law.kind == "optimal"
     assert quickest.certificate.tail < 1e-10
@@ -142,15 +143,11 @@ def test_a_speed_at_the_crossing_is_met(robot):
     assert crossing.speed == pytest.approx(1.5, rel=1e-9)
 
 
-@pytest.mark.slow
-def test_more_freedom_gains_little(robot, monkeypatch):
-    from framework.crossing.optimal import task_programs
-
-    found = {}
-    for degree in (40, 60):
-        monkeypatch.setattr(task_programs, "DEGREES", (degree,))
-        found[degree] = plan_crossing(robot, LINE, optimize="time", torque_limit=PAPERS).duration
-    assert 0 < found[40] / found[60] - 1 < 0.005
+def test_more_cells_gain_little(robot, quickest, monkeypatch):
+    monkeypatch.setattr(best_law, "FIRST_CELLS", 180)
+    fine = plan_crossing(robot, LINE, optimize="time", torque_limit=PAPERS)
+    assert len(fine.law.cells) > 1.9 * len(quickest.law.cells)
+    assert abs(quickest.duration / fine.duration - 1) < 0.003
 
 
 def test_the_plan_says_which_law_it_took_and_why(robot, quickest):
@@ -193,7 +190,7 @@ def test_what_cannot_be_asked_is_told(robot, options, words):
 
 
 def test_limits_that_are_too_low_are_an_answer(robot):
-    with pytest.raises(NoLaw, match=r"least peak of torque is .* times the limits"):
+    with pytest.raises(NoLaw, match=r"least peak of torque found is .* times the limits"):
         plan_crossing(robot, LINE, duration=1.0, torque_limit=0.01)
 
 
@@ -291,7 +288,7 @@ def beside_the_locus(robot, distance: float) -> Line:
 def test_paths_that_end_beside_a_singular_point_keep_the_least_speed_between_all_points(robot, distance):
     plan = plan_crossing(robot, beside_the_locus(robot, distance), duration=1.5)
     assert (plan.law.kind, len(plan.crossings)) == ("optimal", distance > 0)
-    assert least_value(plan.law.coefficients) * plan.duration**2 > 0.49 * MIN_SQUARED_SPEED_RATIO
+    assert least_value(plan.law.series) * plan.duration**2 > 0.99 * SQUARED_SPEED_FLOORS[-1]
 
 
 def test_a_path_that_ends_just_short_of_a_singular_point_takes_a_hundredth_of_the_polynomials_torque(robot):

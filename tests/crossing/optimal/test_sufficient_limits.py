@@ -16,17 +16,14 @@ NEAR = 0.99  # of limits that would do: they are the least ones to 1 %
 
 
 def refused(*arguments, plan=plan_crossing, **options):
-    """The least limits of a refusal, as options; each set of them would do."""
+    """The least limits that a refusal found, as options; each set of them would do."""
     with pytest.raises(NoLaw, match="would do") as caught:
         plan(*arguments, **options)
-    least = caught.value.proof.least
-    limits = {"torque_limit": least.torque, "speed_limit": least.speed}
-    limits = {name: limit for name, limit in limits.items() if limit is not None}
-    sets = [limits] if least.together else [{name: limit} for name, limit in limits.items()]
-    for name, limit in limits.items():
+    least, advised = caught.value.evidence.least, caught.value.evidence.limits
+    for name, limit in advised.items():
         assert name in str(caught.value)
         assert np.all(limit >= np.array(options[name], dtype=float) * (1 - 1e-12)) or least.together
-    return sets
+    return least.options
 
 
 def kept(plan, torque_limit=np.inf, speed_limit=np.inf):

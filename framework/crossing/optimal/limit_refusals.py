@@ -1,0 +1,115 @@
+"""Why no law was found within the limits, and which limits and duration would do.
+
+A search on cells proves nothing. Proved are two bounds of every law: at rest at its ends the robot has to be
+held, and the peak of torque has a bound by duality (`peak_bound`). What is advised was found first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.crossing.optimal.best_law import Best, NoneFound, cost_of, find_best_law, refine_value
+from framework.crossing.optimal.optimal_task import Task
+from framework.crossing.optimal.phase_plane import demand
+from framework.crossing.optimal.speed_program import LawProblem
+from framework.crossing.refusals.refusal_proofs import HoldingTorque, LeastLimits, SearchEvidence, advice_of
+from framework.errors import NoLaw, NotConverged, told_apart
+
+ADVISED_RESERVE = 1.02  # of a duration over the quickest found, which is met at its limits alone
+
+
+def refuse_law(problem: LawProblem, none: NoneFound) -> NoLaw | NotConverged:
+    """Return the reason why a problem has no law, with what was found instead."""
+    task, specification = problem.task, problem.specification
+    robot, cells = task.branch.robot, len(none.program.basis.cells) - 1
+    holding = _overloaded_at_rest(problem)
+    least = find_least_limits(problem)
+    if holding is None and not none.infeasible and least.torque_peak is None and least.speed_peak is None:
+        return NotConverged(
+            f"{robot.name}: no optimal law was found on {cells} cells: {none.status}{_nearest_end(task, none)}",
+            residual=np.inf,
+        )
+    quickest = None
+    if holding is None and specification.goal != "time" and (specification.limited or specification.limited_speeds):
+        quickest = _quickest(problem)
+    limits = next((raised for raised in least.options if _has_law(problem, raised)), None)
+    evidence = SearchEvidence(cells, least, quickest, limits)
+    would_do = "" if limits is None else f"; {advice_of(robot, limits)}"
+    if holding is not None:
+        where, unit = "start" if holding.s == 0 else "end", _unit(task, holding.joint)
+        needed, allowed = told_apart(holding.torque, holding.limit)
+        rubs = robot.joint_friction.any()
+        uncounted = " (dry friction, which may hold some of it, not counted)" if rubs else ""
+        return NoLaw(
+            f"{robot.name}: no law is admissible: at the {where} {holding.joint} must hold {needed} "
+            f"{unit} at rest{uncounted}, and may {allowed}{would_do}",
+            proof=holding,
+            evidence=evidence,
+        )
+    return NoLaw(
+        f"{robot.name}: no law of free shape was found: {evidence.sentence}{would_do}", evidence=evidence
+    )
+
+
+def find_least_limits(problem: LawProblem) -> LeastLimits:
+    """Find limits within which there is a law, in proportion to those of a problem that has none."""
+    specification = problem.specification
+    torque = _least_multiple(problem, "peak_torque") if specification.limited else None
+    speed = _least_multiple(problem, "peak_speed") if specification.limited_speeds else None
+    together = torque is None and speed is None and specification.limited and specification.limited_speeds
+    if together:
+        torque = speed = _least_multiple(problem, "limits")
+    return LeastLimits.of(specification, torque, speed, together=together and torque is not None)
+
+
+def _least_multiple(problem: LawProblem, goal: str) -> float | None:
+    """Return the least multiple found of torque limits, of speed limits or of both that a law keeps."""
+    limit = problem.specification.torque_limit
+    weighed = problem._replace(weighing=np.where(np.isfinite(limit), limit, np.inf))
+    valued = refine_value(weighed.with_goal(goal, torque_limits=goal != "peak_torque"))
+    return None if isinstance(valued, NoneFound) else cost_of(goal, valued[1])
+
+
+def _has_law(problem: LawProblem, limits: dict[str, Array]) -> bool:
+    """Return whether a law is found within raised limits (n_a,)."""
+    margin = 1.0 - problem.task.request.margin
+    raised = replace(problem.specification, **{name: margin * limit for name, limit in limits.items()})
+    return isinstance(find_best_law(problem._replace(task=problem.task._replace(specification=raised))), Best)
+
+
+def _quickest(problem: LawProblem) -> float | None:
+    """Return a duration [s] in which a law within the limits was found, near the least; None if none was."""
+    specification = replace(problem.specification, duration=None, longest=None)
+    free = problem._replace(task=problem.task._replace(specification=specification))
+    best = find_best_law(free.with_goal("time"))
+    return best.law.duration if isinstance(best, Best) else None
+
+
+def _nearest_end(task: Task, none: NoneFound) -> str:
+    """Return in words how near a crossing is to an end of the path."""
+    crossings = none.program.problem.crossings
+    if not len(crossings):
+        return ""
+    away = task.phi(np.minimum(crossings, 1.0 - crossings)).min()
+    return f"; the crossing nearest to an end of the path is {float(away):.2g} of it away"
+
+
+def _overloaded_at_rest(problem: LawProblem) -> HoldingTorque | None:
+    """Return a motor whose limit does not even hold the robot at an end of its path."""
+    task, limit = problem.task, problem.specification.torque_limit
+    ends = np.array([0.0, 1.0])
+    weight = demand(task.branch, task.phi, ends, problem.deflections, task.geometry).torque.constant
+    over = np.argwhere(np.abs(weight) > limit)
+    if not len(over):
+        return None
+    end, motor = map(int, over[0])
+    joint = task.branch.robot.actuator_names[motor]
+    return HoldingTorque(joint, float(end), float(abs(weight[end, motor])), float(limit[motor]))
+
+
+def _unit(task: Task, joint: str) -> str:
+    robot = task.branch.robot
+    return str(robot.torque_units[list(robot.actuator_names).index(joint)])

@@ -1,0 +1,127 @@
+"""The best law of an undeformed robot, or of one with known deflections: found, or the reason why not.
+
+Viscous damping is linearised about the law before, until what the tangent leaves of its torque is little.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.crossing.condition import CrossingPoint
+from framework.crossing.optimal.best_law import COST_SHARE, Best, NoneFound, find_best_law
+from framework.crossing.optimal.limit_refusals import refuse_law
+from framework.crossing.optimal.optimal_task import Task, check_speeds, conditions_at, crossing_places, other_law
+from framework.crossing.optimal.phase_plane import Deflections, SquaredSpeed, demand
+from framework.crossing.optimal.speed_program import POLE_WIDTH, LawProblem, condition_rows
+from framework.errors import InvalidInput, NotConverged
+from framework.motion.exact_duration import SpeedSpace
+from framework.motion.optimal_law import OptimalLaw
+from framework.tolerances import DAMPING_TORQUE_ERROR
+
+MAX_TANGENTS = 20  # of damping linearised about the previous law
+MAX_CONDITION_STEPS = 4  # of Newton's method, from a law that nearly meets condition (8)
+
+
+def find_undeformed_law(task: Task) -> Best:
+    """Find the best law of the undeformed robot, without a certificate.
+
+    Raises:
+        NoLaw: none was found within the limits; NotConverged: law and damping do not settle, or the solver
+            gave up.
+    """
+    places = crossing_places(task, None, None)
+    check_speeds(task, places)
+    return find_law(task, places)
+
+
+def find_law(
+    task: Task,
+    places: Sequence[CrossingPoint],
+    *,
+    deflections: Deflections | None = None,
+    cells: Array | None = None,
+    share: float = COST_SHARE,
+    degree: int | None = None,
+) -> Best:
+    """Find the best law through these places, with deflections along the path if they are known.
+
+    Args:
+        cells: (k + 1,) of xi on which the search begins, if not on uniform ones.
+        share: of the least cost, which smoothness may take.
+        degree: of z as one series, in place of a spline.
+
+    Raises:
+        As `find_undeformed_law`.
+    """
+    problem = problem_of(task, places, deflections)._replace(degree=degree)
+    best = found_or_refused(problem, cells, share)
+    if not task.branch.robot.is_damped:
+        return best
+    for _ in range(MAX_TANGENTS):
+        problem = problem_of(task, places, deflections, best.law.squared_speed)
+        best = found_or_refused(problem, np.array(best.law.cells), share)
+        error = _tangent_error(problem, best)
+        if error <= DAMPING_TORQUE_ERROR:
+            return best._replace(law=_meeting_conditions(task, places, best.law))
+    raise NotConverged(
+        f"{task.branch.robot.name}: law and damping do not settle together in {MAX_TANGENTS} passes; "
+        f"use {other_law(task)}another duration",
+        residual=error,
+    )
+
+
+def problem_of(
+    task: Task,
+    places: Sequence[CrossingPoint],
+    deflections: Deflections | None = None,
+    before: SquaredSpeed | None = None,
+) -> LawProblem:
+    """Return the problem of a task, damping linearised about the squared speed of a law before."""
+    return LawProblem(task, *conditions_at(task, places, deflections, before), deflections, before)
+
+
+def found_or_refused(problem: LawProblem, cells: Array | None, share: float) -> Best:
+    """Return the best law of a problem; raises as `find_undeformed_law`."""
+    best = find_best_law(problem, cells, share=share)
+    if isinstance(best, NoneFound):
+        raise refuse_law(problem, best)
+    return best
+
+
+def _tangent_error(problem: LawProblem, best: Best) -> float:
+    """Return the largest torque that linearised damping is off, over the peak of the law.
+
+    Beside crossings, where torques have a pole, condition (8) is met with the damping itself.
+    """
+    task, before = problem.task, problem.before
+    assert before is not None
+    xi = best.program.xi
+    beside = np.abs(xi[:, None] - problem.places).min(axis=1, initial=np.inf) < POLE_WIDTH
+    sigma = task.stretch.inverse(xi[~beside][1:-1])
+    with_damping, without = (
+        demand(task.branch, task.phi, sigma, problem.deflections, task.geometry, speed).torque.constant
+        for speed in (before, None)
+    )
+    root = np.sqrt(before(sigma))
+    z = best.law.squared_speed(sigma)
+    off = 2.0 * (with_damping - without) / root[:, None] * (np.sqrt(z) - 0.5 * (root + z / root))[:, None]
+    return float(np.abs(off / best.reference).max(initial=0.0)) / best.peak
+
+
+def _meeting_conditions(task: Task, places: Sequence[CrossingPoint], law: OptimalLaw) -> OptimalLaw:
+    """Return the law that meets condition (8) with damping, to rounding, with the least change of speed."""
+    for _ in range(MAX_CONDITION_STEPS):
+        problem = problem_of(task, places, None, law.squared_speed)
+        try:
+            space, rows = SpeedSpace(law.basis, law.stretch), condition_rows(problem, law.basis)
+            law = replace(law, coefficients=space.adjust(law.coefficients, rows, law.duration))
+        except InvalidInput as reason:
+            raise NotConverged(
+                f"{task.branch.robot.name}: no law near the best has condition (8) with damping ({reason})",
+                residual=np.inf,
+            ) from None
+    return law
