@@ -117,6 +117,16 @@ def find_best_law(
     return _search_smooth(_Search(program, units, least, share))
 
 
+def resume_law(best: Best, problem: LawProblem) -> Best | NoneFound:
+    """Find the law of a problem that differs little from that of `best`, on the same cells and from its law."""
+    program = SpeedProgram.on_cells(problem, best.program.cells)
+    found = _least_cost(program, best.search.units)
+    if isinstance(found, NoneFound):
+        return found
+    least, units = found
+    return _search_smooth(best.search._replace(program=program, least=least, units=units), best.speed)
+
+
 def tighten_law(best: Best, excess: float) -> Best | NoneFound:
     """Find a smooth law again, with limits divided by an excess > 1 that the certificate of `best` shows."""
     search = best.search._replace(kept=best.search.kept * (1.0 - LIMIT_TIGHTENING) / excess)
@@ -352,6 +362,8 @@ class _Search(NamedTuple):
         if isinstance(smooth, NoneFound) or smooth.duration >= duration * (1.0 - 2.0 * SAME_DURATION):
             return smooth
         free = self.bounds._replace(longest=None)
+        if near is not None:
+            return self._step("bend", near, smooth, free, floor, 1)
         slow = self._slow(duration, free, floor)
         if isinstance(slow, NoneFound):
             return slow
