@@ -38,6 +38,7 @@ from framework.errors import InvalidInput, NotConverged, point
 from framework.kinematics.idle_turns import driven_turns
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.law import Law, PlannedLaw
+from framework.motion.optimal_law import OptimalLaw
 from framework.output import written_together
 
 if TYPE_CHECKING:
@@ -168,7 +169,15 @@ def _best(plan: CrossingPlan) -> list[str]:
     quickest = plan.optimality.specification.goal == "time"
     over = (plan.duration if quickest else float(peak.max())) / best - 1.0
     least = f"{best:.4g} s" if quickest else f"a peak of {best * plan.optimality.reference.max():.4g} N m"
-    return [f"  estimate          any law needs about {least} at least, this one {100 * over:.1f} % more"]
+    return [f"  estimate          about {least} for the best law, {100 * over:.1f} % more for this one"]
+
+
+def _smoothness(plan: CrossingPlan) -> list[str]:
+    """Return a line on the gap of an optimal law to the least cost found, and on the turns of its speed."""
+    if plan.optimality is None or not isinstance(plan.law, OptimalLaw):
+        return []
+    over = f"{100 * plan.optimality.gap:.2g} % above the least {plan.optimality.specification.goal.replace('_', ' ')} found"
+    return [f"  smoothed          {over}; its speed turns {plan.law.turns} times"]
 
 
 def plan_text(plan: CrossingPlan) -> str:
@@ -181,7 +190,7 @@ def plan_text(plan: CrossingPlan) -> str:
     if plan.law.kind != Law.kind or (plan.request.kind == "auto" and plan.reason != ADVANCES):
         lines.append(f"  law               {plan.reason}")
     if plan.law.kind != Law.kind:
-        lines += _best(plan)
+        lines += [*_smoothness(plan), *_best(plan)]
     lines += _wrenches(plan)
     lines += _crossings(plan)
     lines.append(f"  peak torque       {arguments.peaks(robot, plan.peak_torque)}")

@@ -67,9 +67,11 @@ class Best(NamedTuple):
         return cost_of(self.search.goal, self.speed)
 
     @property
-    def least(self) -> float:
-        """The least cost that the program found, of laws however restless."""
-        return cost_of(self.search.goal, self.search.least)
+    def gap(self) -> float:
+        """The cost over the least that the program found, of laws however restless, less 1."""
+        least = self.search.least
+        found = least.value if self.search.goal == "time" else cost_of(self.search.goal, least)
+        return max(self.cost / found - 1.0, 0.0)
 
 
 class NoneFound(NamedTuple):

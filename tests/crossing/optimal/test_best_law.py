@@ -153,7 +153,7 @@ def test_more_cells_gain_little(robot, quickest, monkeypatch):
 def test_the_plan_says_which_law_it_took_and_why(robot, quickest):
     plain = plan_crossing(robot, LINE, duration=1.5)
     assert (plain.law.kind, plain.reason) == ("polynomial", "the polynomial advances")
-    assert quickest.reason == "only the optimal law keeps what is asked"
+    assert quickest.reason == "only the optimal law has a goal"
     assert plan_document(quickest)["law"]["kind"] == "optimal"
 
 
