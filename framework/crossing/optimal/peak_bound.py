@@ -12,12 +12,15 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array, IntArray, ReadOnlyArrays
+from framework.crossing.crossing_points import PathToCross
 from framework.crossing.optimal.dual_program import DualProgram, Evidence, Multipliers
 from framework.crossing.optimal.optimal_task import Task
 from framework.crossing.optimal.path_series import PathSeries, cut_cells, resolve_series, uniform_cells
 from framework.crossing.optimal.phase_plane import demand
 from framework.crossing.optimal.speed_program import LawProblem
+from framework.crossing.result import CrossingPlan
 from framework.motion.optimal_law import Smoothstep
+from framework.singularity.points_on_path import search_path
 from framework.tolerances import BOUND_MARGIN
 
 FIRST_CELLS, MAX_CELLS, MAX_REFINEMENTS = 100, 400, 6
@@ -80,6 +83,19 @@ def find_refuting_bound(task: Task) -> PeakBound | None:
     """Return the same for the task of an undeformed robot."""
     bound = bound_peak(task, task.specification.torque_limit)
     return bound if bound is not None and bound.value > 1.0 + BOUND_MARGIN else None
+
+
+def bound_plan(plan: CrossingPlan) -> PeakBound | None:
+    """Compute a bound of what the law of a plan was optimised for, duration [s] or peak; None for others."""
+    if plan.optimality is None or plan.optimality.specification.goal == "energy":
+        return None
+    specification = plan.optimality.specification
+    searched = search_path(plan.robot, plan.path).under(plan.dynamics.wrenches)
+    task = Task(PathToCross(searched, searched.points), plan.request, specification)
+    if specification.goal == "time":
+        return bound_duration(task)
+    limited = specification.limited_motors
+    return bound_peak(task, np.where(limited, specification.torque_limit, plan.optimality.reference))
 
 
 class _Proof(NamedTuple):
