@@ -312,8 +312,8 @@ exceeded, and the law is sought once more, in every second case; measured on upr
 BOUND_MARGIN = 1e-4
 """Share by which the bound of all laws' peaks must exceed the limits for a refusal to be called proved.
 
-Its errors are bounded to 1e-6 of it, from the decay of series on cells. At 1e-3 refusals that near to the limits
-are not called proved; at 1e-5 they are, if nothing is left of that decay's premise.
+Its series count with errors of 1e-9 to 1e-4 of it, which take the decay of their coefficients for granted.
+At 1e-3 refusals that near to the limits are not called proved; at 1e-5 less is left for a slower decay.
 """
 
 SQUARED_SPEED_FLOORS = (1e-2, 1e-4, 1e-6, 1e-8)

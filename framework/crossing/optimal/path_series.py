@@ -112,7 +112,10 @@ def _by_cell(values: Array) -> Array:
 
 
 def _mean_friction(asked: Demand, size: Array) -> tuple[Array, Array]:
-    """Return dry friction (k NODES, n_a), its mean on each cell, and what that may be off (k, n_a)."""
+    """Return dry friction (k NODES, n_a), its mean on each cell, and what that may be off (k, n_a).
+
+    A reversal and back between two nodes is not seen, as in plans.
+    """
     friction = _by_cell(asked.friction(size))
     mean = np.repeat(friction.mean(axis=1), NODES, axis=0)
     return mean, np.where(np.ptp(friction, axis=1) > 0.0, 2.0 * size, 0.0)
