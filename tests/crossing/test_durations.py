@@ -64,7 +64,7 @@ def test_without_weight_four_times_the_torque_takes_half_of_the_time():
 def test_laws_of_free_shape_begin_where_it_is_told_and_do_not_end():
     robot, limit = under(9.81), 3.0  # N m
     found = of_free_laws(robot, UPRIGHT, torque_limit=limit)
-    assert "within the limits laws of free shape last" in found.sentence
+    assert "within the limits the quickest law of free shape found takes" in found.sentence
     with pytest.raises(NoLaw, match="the quickest law found takes"):
         plan_crossing(robot, UPRIGHT, duration=0.95 * found.shortest, torque_limit=limit)
     for longer in (1.05, 30.0):

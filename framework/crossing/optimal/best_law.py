@@ -129,9 +129,11 @@ def resume_law(best: Best, problem: LawProblem) -> Best | NoneFound:
     return _search_smooth(best.search._replace(program=program, least=least, units=units), best.speed)
 
 
-def tighten_law(best: Best, excess: float) -> Best | NoneFound:
-    """Find a smooth law again, with limits divided by an excess > 1 that the certificate of `best` shows."""
-    search = best.search._replace(kept=best.search.kept * (1.0 - LIMIT_TIGHTENING) / excess)
+def adapt_law(best: Best, *, excess: float = 1.0, share: float | None = None) -> Best | NoneFound:
+    """Find a smooth law again, within limits divided by an excess, or a smoother one at a larger share of the cost."""
+    search = best.search._replace(share=share or best.search.share)
+    if excess > 1.0:
+        search = search._replace(kept=search.kept * (1.0 - LIMIT_TIGHTENING) / excess)
     found = _search_smooth(search, best.speed)
     if isinstance(found, Best) or search.goal == "peak_torque":
         return found
@@ -255,16 +257,16 @@ def _least_cost(
     for _ in range(MAX_UNIT_CHANGES):
         found = program.minimise(goal, bounds, units)
         if isinstance(found, Unsolved):
-            if found.infeasible or goal != "time":
+            if found.infeasible:
                 return NoneFound(program, found.status)
-            units = units._replace(time=0.1 * units.time)
+            units = units._replace(time=0.1 * units.time) if goal == "time" else Units(0.5 * units.time, 2.0 * units.torque)
             continue
         own = units_of(goal, found, units)
         one, other = (own.time, units.time) if goal == "time" else (own.torque, units.torque)
         if max(one / other, other / one) < MAX_UNIT_RATIO:
             return found, own
         units = own if goal == "time" else units._replace(torque=own.torque)
-    return found, own
+    return NoneFound(program, found.status) if isinstance(found, Unsolved) else (found, own)
 
 
 def units_of(goal: str, found: Speed, units: Units) -> Units:

@@ -26,7 +26,7 @@ from framework.crossing.optimal.optimal_task import (
 )
 from framework.crossing.optimal.phase_plane import Deflections, DeflectionsOnPath
 from framework.crossing.optimal.rest_of_springs import check_rest
-from framework.crossing.optimal.undeformed_law import find_law, tighten_found_law
+from framework.crossing.optimal.undeformed_law import adapt_found_law, find_law
 from framework.crossing.specification import Specification
 from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.known_deflections import KnownDeflections
@@ -39,6 +39,7 @@ from framework.tolerances import PEAK_TORQUE_MISMATCH
 MAX_PASSES = 8  # of optimising and resolving in turn
 LIMIT_TIGHTENING = 1e-5  # share of a limit that is left free when it was exceeded
 ENERGY_SAMPLES = 2001
+RIGID_SHARES = (2e-2, 8e-2, 0.3)  # of the least cost, for laws smooth enough to be resolved, in turn
 # Of elastic robots: the degree of z as one series, and the share of the least cost that smoothness may take,
 # in turn, until deflections are resolved and at rest at both ends.
 ELASTIC_LAWS = ((40, 4e-3), (40, 2e-2), (80, 8e-2), (80, 0.3), (80, 1.0))
@@ -72,14 +73,31 @@ def optimal_motion(task: Task) -> OptimalMotion:
     if robot.n_e:
         return _elastic(task, places)
     best = find_law(task, places)
+    for share in RIGID_SHARES:
+        try:
+            return _certify_law(task, places, best)
+        except NotConverged as failure:
+            unresolved = failure
+        except UnboundedTorque as failure:  # condition (8) is met but for rounding
+            unresolved = NotConverged(str(failure), residual=abs(failure.wrench), s=failure.s)
+        best = adapt_found_law(task, places, best, share=share)
+    raise unresolved
+
+
+def _certify_law(task: Task, places: Sequence[CrossingPoint], best: Best) -> OptimalMotion:
+    """Certify the motion of a rigid robot's law, and find it again within lower limits where they are exceeded.
+
+    Raises:
+        NotConverged: limits are exceeded still; as `resolve`.
+    """
     for _ in range(MAX_PASSES):
         dynamics, law, _ = _resolved(task, best.law, None)
         excess = limit_excess(dynamics, task.specification)
         if excess <= 1.0:
             return OptimalMotion(dynamics, law, best)
-        best = tighten_found_law(task, places, best, excess)
+        best = adapt_found_law(task, places, best, excess=excess)
     raise NotConverged(
-        f"{robot.name}: no law within all limits is resolved in {MAX_PASSES} passes",
+        f"{task.branch.robot.name}: no law within all limits is resolved in {MAX_PASSES} passes",
         residual=abs(excess - 1.0),
     )
 
