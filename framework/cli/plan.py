@@ -29,7 +29,7 @@ from framework.crossing.neglected_effects import NeglectedEffect
 from framework.crossing.optimal.peak_bound import bound_plan
 from framework.crossing.options import MOTION
 from framework.crossing.path_modification import plan_request_with_modified_path
-from framework.crossing.plan import ADVANCES, plan_request
+from framework.crossing.plan import ADVANCES, NEARLY_STOPS, plan_request
 from framework.crossing.request import Request
 from framework.crossing.restored import read_document
 from framework.crossing.result import CrossingPlan
@@ -190,7 +190,8 @@ def plan_text(plan: CrossingPlan) -> str:
         f"{robot.name}, {robot.flexibility}, {plan.geometry} geometry: {law_name(plan.law)} over "
         f"{plan.duration:g} s"
     ]
-    if plan.law.kind != Law.kind or (plan.request.kind == "auto" and plan.reason != ADVANCES):
+    chosen = plan.request.kind == "auto" and plan.reason != ADVANCES
+    if plan.law.kind != Law.kind or chosen or NEARLY_STOPS in plan.reason:
         lines.append(f"  law               {plan.reason}")
     if plan.law.kind != Law.kind:
         lines += [*_describe_smoothness(plan), *_describe_bound(plan)]

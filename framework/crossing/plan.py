@@ -32,6 +32,7 @@ from framework.singularity.rank_deficiency import NearMiss
 from framework.tolerances import MIN_POLYNOMIAL_ADVANCE
 
 ADVANCES = "the polynomial advances"  # the reason to plan with one
+NEARLY_STOPS = "nearly stops"
 
 
 @takes_options
@@ -117,7 +118,7 @@ def _best(work: _Work) -> CrossingPlan:
         return plan
     if plan.crossings and advance < MIN_POLYNOMIAL_ADVANCE:
         nearly_stops = (
-            f"the polynomial nearly stops: its least speed is {advance:.2g} of its mean, its largest torque "
+            f"the polynomial {NEARLY_STOPS}: its least speed is {advance:.2g} of its mean, its largest torque "
             f"{largest_torque(plan)}"
         )
         try:
@@ -203,6 +204,8 @@ def _polynomial(work: _Work) -> tuple[CrossingPlan, float]:
     reason = ADVANCES if advance > 0 else "the polynomial, though it overshoots its ends"
     if request.kind == "polynomial":
         reason = "it was asked for" if request.law == "polynomial" else "times of the crossings are given"
+        if 0 < advance < MIN_POLYNOMIAL_ADVANCE:
+            reason += f"; it {NEARLY_STOPS}, at {advance:.2g} of its mean speed: try --law optimal"
     seconds = time.perf_counter() - started
     plan = certified_plan(
         to_cross, request, dynamics, law, timing, seconds=seconds, reason=reason, conditions=conditions
