@@ -1,0 +1,385 @@
+"""Estimates of the least peak, time and energy of any law on a path, by another discretisation than the planner's.
+
+    torque = c + cz z + cu u,        z = s'^2,    u = s" = z'/2        condition (8): gamma + beta z + alpha u = 0
+
+z is linear on about a thousand cells of s and zero at both ends; torques are looked at in the middle of the cells,
+and a crossing is the middle of one, in which condition (8) stands instead. Accelerations may jump, so that up to
+the size of the cells the optimum is below that of every smooth law. It is no bound: where a law nearly stops, it
+has been seen 2.5 % above a law that exists.
+
+Torques are virtual work with the closures of `closure_rows`. Of the framework the poses on the path and its
+singular points are taken. The energy of a required duration is not convex: it is sought by dynamic programming
+on (s, z), after Lagrange's multiplier of the duration.
+
+Source: Verscheure et al., IEEE TAC 54 (2009); Shin and McKay, IEEE TAC 31 (1986) for the dynamic program.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import clarabel
+import numpy as np
+import pinocchio as pin
+from scipy import sparse
+from scipy.optimize import linprog, minimize_scalar
+
+from framework import ParallelRobot, locate_singularities, track_path
+from framework.motion.path import Path
+from tests.oracles.closure_rows import closure_rows, frame_of
+from tests.oracles.forward_simulation import kinematics, mass_matrix, motors, rotors
+
+CELLS = 1000
+TOLERANCE = 1e-10  # of the cone solver: at its own 1e-8 it takes 6 % too much energy for the least
+NULL = 1e-9  # of the largest singular value of the closures
+MAX_UNIT_CHANGES, MAX_UNIT_RATIO = 6, 4.0
+AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+
+
+class Along(NamedTuple):
+    """constant + per_z z + per_u u, each (P, k)."""
+
+    constant: np.ndarray
+    per_z: np.ndarray
+    per_u: np.ndarray
+
+
+class _Place(NamedTuple):
+    """The robot at one s: motions that the closures allow, motors on them, and forces of the open tree."""
+
+    motions: np.ndarray  # (nv, n)
+    driven: np.ndarray  # (n, n_a): work of unit motor torques
+    forces: np.ndarray  # (3, nv): at rest, per z, per u
+
+
+def torques_along(robot: ParallelRobot, path: Path, s: np.ndarray) -> Along:
+    """Compute the motor torques [N m] at s (P,), none of them singular."""
+    found = []
+    for place in _places(robot, path, s):
+        work = place.motions.T @ place.forces.T
+        found.append(np.linalg.lstsq(place.driven, work, rcond=None)[0].T)
+    return Along(*np.moveaxis(np.array(found), 1, 0))
+
+
+def conditions_at(robot: ParallelRobot, path: Path, s: np.ndarray) -> np.ndarray:
+    """Compute condition (8) (k, 3) at singular s (k,): (gamma, beta, alpha) of the motion that no motor feels."""
+    rows = []
+    for place in _places(robot, path, s):
+        left = np.linalg.svd(place.driven)[0][:, -1]
+        rows.append(place.forces @ place.motions @ left)
+    return np.array(rows).reshape(-1, 3)
+
+
+def _places(robot: ParallelRobot, path: Path, s: np.ndarray) -> list[_Place]:
+    """Compute kinematics and forces at s (P,) on the path."""
+    model, data = robot.model, robot.model.createData()
+    poses = track_path(robot, path).closed(s).q if len(s) else np.empty((0, model.nq))
+    points, slopes, bends = (path(s, order) for order in range(3))
+    assert len(points) == len(poses)
+    unit = np.array([motors(robot, one) for one in np.eye(robot.n_a)]).T
+    return [_place(robot, data, unit, q, dx, ddx) for q, dx, ddx in zip(poses, slopes, bends, strict=True)]
+
+
+def _place(
+    robot: ParallelRobot, data: Any, unit: np.ndarray, q: np.ndarray, dx: np.ndarray, ddx: np.ndarray
+) -> _Place:
+    """Compute one place: q' and q" from closures and platform, then the forces of the open tree."""
+    model, still = robot.model, np.zeros(robot.model.nv)
+    kinematics(model, data, q, still)
+    loops = closure_rows(model, data, robot.description.closures).jacobian
+    all_rows = np.vstack([loops, _platform_rows(robot, data)])
+    dq = np.linalg.lstsq(all_rows, np.concatenate([np.zeros(len(loops)), dx]), rcond=NULL)[0]
+    kinematics(model, data, q, dq)
+    drift = closure_rows(model, data, robot.description.closures).drift
+    ddq = np.linalg.lstsq(
+        all_rows, np.concatenate([-drift, ddx - _platform_drift(robot, data)]), rcond=NULL
+    )[0]
+    inertia = mass_matrix(model, data, q) + np.diag(rotors(robot))
+    weight = pin.computeGeneralizedGravity(model, data, q).copy()
+    centrifugal = pin.nonLinearEffects(model, data, q, dq) - weight
+    values, right = np.linalg.svd(loops)[1:]
+    motions = right[np.sum(values > NULL * values[0]) :].T
+    return _Place(motions, motions.T @ unit, np.array([weight, inertia @ ddq + centrifugal, inertia @ dq]))
+
+
+def _platform_rows(robot: ParallelRobot, data: Any) -> np.ndarray:
+    frame = frame_of(robot.model, robot.description.platform.frame)
+    return np.asarray(pin.getFrameJacobian(robot.model, data, frame, AXES)[_platform_axes(robot)])
+
+
+def _platform_drift(robot: ParallelRobot, data: Any) -> np.ndarray:
+    frame = frame_of(robot.model, robot.description.platform.frame)
+    return pin.getFrameClassicalAcceleration(robot.model, data, frame, AXES).vector[_platform_axes(robot)]
+
+
+def _platform_axes(robot: ParallelRobot) -> list[int]:
+    """Rows of the platform's twist; one turn at most, about an axis that does not turn."""
+    axes = ["x", "y", "z", "rx", "ry", "rz"]
+    names = robot.description.platform.axes
+    assert names
+    assert sum(len(name) == 2 for name in names) <= 1
+    return [axes.index(name) for name in names]
+
+
+# ------------------------------------------------------------------ cells
+
+
+def edges_about(crossings: np.ndarray, count: int) -> np.ndarray:
+    """Return ends of cells in s, narrower towards both ends; each crossing is in the middle of one."""
+    edges = 0.5 - 0.5 * np.cos(np.pi * np.arange(count + 1) / count)
+    for s in crossings:
+        half = 0.25 * np.pi / count * np.sqrt(s * (1.0 - s))
+        edges = np.concatenate([edges[np.abs(edges - s) > 1.5 * half], [s - half, s + half]])
+    return np.sort(edges)
+
+
+@dataclass(frozen=True)
+class BestLaws:
+    """Torques and condition (8) on the cells of a path; estimates of the best of all laws on it."""
+
+    robot: ParallelRobot
+    path: Path
+    cells: int = CELLS
+
+    @cached_property
+    def crossings(self) -> np.ndarray:
+        """s (k,) of the singular points."""
+        return np.array([point.s for point in locate_singularities(self.robot, self.path)])
+
+    @cached_property
+    def edges(self) -> np.ndarray:
+        """Ends of the cells in s."""
+        return edges_about(self.crossings, self.cells)
+
+    @cached_property
+    def rows(self) -> np.ndarray:
+        """Condition (8) (k, 3) at the crossings."""
+        return conditions_at(self.robot, self.path, self.crossings)
+
+    @cached_property
+    def crossed(self) -> np.ndarray:
+        """Indices (k,) of the cells with a crossing."""
+        return np.searchsorted(self.edges, self.crossings) - 1
+
+    @cached_property
+    def smooth(self) -> np.ndarray:
+        """Indices of the cells without a crossing."""
+        return np.setdiff1d(np.arange(len(self.edges) - 1), self.crossed)
+
+    @cached_property
+    def torques(self) -> Along:
+        """Torques in the middle of the cells without a crossing."""
+        middle = 0.5 * (self.edges[1:] + self.edges[:-1])
+        return torques_along(self.robot, self.path, middle[self.smooth])
+
+    @cached_property
+    def holding(self) -> float:
+        """The largest torque [N m] at rest at both ends: every smooth law has it."""
+        return float(np.abs(torques_along(self.robot, self.path, np.array([0.0, 1.0])).constant).max())
+
+    def least_peak(self, longest: float | None = None) -> float:
+        """Estimate the least peak [N m] of laws within a duration [s], or of all, by a linear program."""
+        if longest is None:
+            return max(self._linear_least_peak(), self.holding)
+        return max(self._cone("peak_torque", longest=longest), self.holding)
+
+    def least_time(self, limit: float) -> float:
+        """Estimate the least duration [s] of laws within a torque limit [N m]."""
+        return self._cone("time", limit=limit)
+
+    def least_energy(self, longest: float) -> float:
+        """Estimate the least energy [N^2 m^2 s] of laws within a duration [s]."""
+        return self._cone("energy", longest=longest)
+
+    def _operators(self) -> tuple[Any, Any]:
+        """Return z in the middle of the cells, and u, of z at the inner edges."""
+        at_edges = sparse.identity(len(self.edges), format="csr")[:, 1:-1]
+        mean = sparse.csr_array(0.5 * (at_edges[1:] + at_edges[:-1]))
+        slope = sparse.diags_array(0.5 / np.diff(self.edges)) @ (at_edges[1:] - at_edges[:-1])
+        return mean, sparse.csr_array(slope)
+
+    def _torque_rows(self) -> list[Any]:
+        """Return the matrix of each motor's torque on z at the inner edges."""
+        mean, slope = (matrix[self.smooth] for matrix in self._operators())
+        per_z, per_u = self.torques.per_z.T, self.torques.per_u.T
+        return [sparse.diags_array(z) @ mean + sparse.diags_array(u) @ slope for z, u in zip(per_z, per_u, strict=True)]
+
+    def _condition_rows(self) -> Any:
+        mean, slope = (matrix[self.crossed] for matrix in self._operators())
+        return sparse.diags_array(self.rows[:, 1]) @ mean + sparse.diags_array(self.rows[:, 2]) @ slope
+
+    def _pace(self) -> float:
+        """Return a unit of time [s], in which condition (8) has coefficients of one size."""
+        with np.errstate(divide="ignore"):
+            pace = np.sqrt(np.abs(self.rows[:, 1:]).max(axis=1) / np.abs(self.rows[:, 0]))
+        finite = pace[np.isfinite(pace)]
+        return float(finite.min()) if len(finite) else 1.0
+
+    def _linear_least_peak(self) -> float:
+        unit, size = self._pace(), float(np.median(np.abs(self.torques.constant)))
+        blocks, right = [], []
+        one = sparse.csr_array(np.ones((len(self.smooth), 1)))
+        for matrix, constant in zip(self._torque_rows(), self.torques.constant.T, strict=True):
+            scaled = matrix / (size * unit**2)
+            big = 1.0 / np.maximum(1.0, np.abs(scaled).max(axis=1).toarray().ravel())
+            for sign in (1.0, -1.0):
+                blocks.append(sparse.diags_array(big) @ sparse.hstack([sign * scaled, -one]))
+                right.append(-sign * big * constant / size)
+        equal = self._condition_rows() / unit**2
+        norm = 1.0 / np.abs(equal).max(axis=1).toarray().ravel()
+        n = equal.shape[1]
+        solved = linprog(
+            np.append(np.zeros(n), 1.0),
+            A_ub=sparse.csr_array(sparse.vstack(blocks)),
+            b_ub=np.concatenate(right),
+            A_eq=sparse.csr_array(
+                sparse.hstack([sparse.diags_array(norm) @ equal, sparse.csr_array((len(norm), 1))])
+            ),
+            b_eq=-norm * self.rows[:, 0],
+            method="highs-ipm",
+        )
+        return float(solved.fun) * size if solved.success else np.nan
+
+    def _cone(self, goal: str, *, longest: float | None = None, limit: float | None = None) -> float:
+        """Solve in a unit of time that is corrected by the optimum; NaN where the solver finds none."""
+        unit = min(longest or np.inf, self._pace())
+        size = limit or float(np.median(np.abs(self.torques.constant)))
+        for _ in range(MAX_UNIT_CHANGES):
+            solved = _ConeProgram(self, goal, unit, size, longest, limit).solve()
+            if solved is None:
+                unit *= 0.3
+                continue
+            value, duration, peak = solved
+            if goal == "energy":
+                peak = np.sqrt(value / duration)
+            unit_ratio, size_ratio = duration / unit, peak / size
+            ratios = [unit_ratio, 1.0 / unit_ratio] + ([] if limit else [size_ratio, 1.0 / size_ratio])
+            if max(ratios) < MAX_UNIT_RATIO:
+                return value
+            unit, size = duration, (limit or peak)
+        return value if solved is not None else np.nan
+
+
+class _ConeProgram:
+    """One program in units of time [s] and torque [N m]: unknowns z, peak, roots r, durations v, energies e."""
+
+    def __init__(
+        self, laws: BestLaws, goal: str, unit: float, size: float, longest: float | None, limit: float | None
+    ) -> None:
+        self.laws, self.goal, self.unit, self.size, self.limit = laws, goal, unit, size, limit
+        self.longest = longest
+        self.cells = len(laws.edges) - 1
+        self.n = self.cells - 1
+        energies = len(laws.smooth) if goal == "energy" else 0
+        self.sizes = {"z": self.n, "peak": 1, "r": self.n, "v": self.cells, "e": energies}
+        self.matrices: list[Any] = []
+        self.offsets: list[np.ndarray] = []
+        self.cones: list[Any] = []
+
+    def rows(self, **blocks: Any) -> Any:
+        """Return rows of all unknowns."""
+        height = next(iter(blocks.values())).shape[0]
+        return sparse.hstack(
+            [blocks.get(name, sparse.csr_array((height, size))) for name, size in self.sizes.items()], format="csr"
+        )
+
+    def add(self, cone: Any, matrix: Any, offset: np.ndarray) -> None:
+        """Ask for matrix x + offset in a cone."""
+        self.matrices.append(-matrix)
+        self.offsets.append(offset)
+        self.cones.append(cone)
+
+    def add_products(self, first: Any, second: Any, root: Sequence[Any], constants: Sequence[np.ndarray]) -> None:
+        """Ask for first * second >= sum of (root + constant)^2, each line one cone."""
+        height, parts = first.shape[0], [first + second, first - second, *(2.0 * one for one in root)]
+        order = np.arange(len(parts) * height).reshape(len(parts), height).T.ravel()
+        zero = np.zeros(height)
+        matrix = sparse.csr_array(sparse.vstack(parts))[order]
+        offset = np.stack([zero, zero, *(2.0 * one for one in constants)]).T.ravel()
+        self.matrices.append(-matrix)
+        self.offsets.append(offset)
+        self.cones += [clarabel.SecondOrderConeT(len(parts))] * height
+
+    def solve(self) -> tuple[float, float, float] | None:
+        """Return the optimum in SI units, the duration and the peak of what was found."""
+        laws, width = self.laws, np.diff(self.laws.edges)
+        condition = laws._condition_rows() / self.unit**2
+        norm = 1.0 / np.abs(condition).max(axis=1).toarray().ravel()
+        self.add(
+            clarabel.ZeroConeT(len(norm)),
+            self.rows(z=sparse.diags_array(norm) @ condition),
+            norm * laws.rows[:, 0],
+        )
+        torques = [matrix / (self.size * self.unit**2) for matrix in laws._torque_rows()]
+        starts = list(laws.torques.constant.T / self.size)
+        one = sparse.csr_array(np.ones((len(laws.smooth), 1)))
+        for matrix, start in zip(torques, starts, strict=True):
+            big = sparse.diags_array(1.0 / np.maximum(1.0, np.abs(matrix).max(axis=1).toarray().ravel() / 100))
+            for sign in (1.0, -1.0):
+                rows = self.rows(z=sign * big @ matrix, peak=big @ one)
+                self.add(clarabel.NonnegativeConeT(len(start)), rows, sign * big @ start)
+        if self.limit is not None:
+            ceiling = self.rows(peak=sparse.csr_array([[-1.0]]))
+            self.add(clarabel.NonnegativeConeT(1), ceiling, np.array([self.limit / self.size]))
+        if self.longest is not None:
+            whole = self.rows(v=sparse.csr_array(-np.ones((1, self.cells))))
+            self.add(clarabel.NonnegativeConeT(1), whole, np.array([self.longest / self.unit]))
+        self._add_roots(width, torques, starts)
+        objective = np.zeros(sum(self.sizes.values()))
+        names = list(self.sizes)
+        start = np.cumsum([0, *self.sizes.values()])
+        count = {"time": "v", "peak_torque": "peak", "energy": "e"}[self.goal]
+        at = names.index(count)
+        objective[start[at] : start[at + 1]] = 1.0
+        solved = self._solved(objective)
+        if solved is None:
+            return None
+        x = np.array(solved.x)
+        duration = float(x[start[3] : start[4]].sum()) * self.unit
+        peak = max(float(np.abs(m @ x[: self.n] + c).max()) for m, c in zip(torques, starts, strict=True)) * self.size
+        scale = {"time": self.unit, "peak_torque": self.size, "energy": self.size**2 * self.unit}[self.goal]
+        return float(objective @ x) * scale, duration, peak
+
+    def _add_roots(self, width: np.ndarray, torques: list[Any], starts: list[np.ndarray]) -> None:
+        """Ask for r^2 <= z, v r >= width in the mean of a cell, and e r >= width torque^2."""
+        root = sparse.identity(self.n, format="csr")
+        z, constant = self.rows(z=root), np.ones(self.n)
+        height = np.arange(3 * self.n).reshape(3, self.n).T.ravel()
+        matrix = sparse.csr_array(sparse.vstack([z, z, 2.0 * self.rows(r=root)]))[height]
+        self.matrices.append(-matrix)
+        self.offsets.append(np.stack([constant, -constant, 0 * constant]).T.ravel())
+        self.cones += [clarabel.SecondOrderConeT(3)] * self.n
+        mean, _ = self.laws._operators()
+        each = sparse.identity(self.cells, format="csr")
+        scale = sparse.diags_array(1.0 / np.sqrt(width))
+        nothing = self.rows(v=0.0 * each)
+        self.add_products(
+            self.rows(v=scale @ each), self.rows(r=scale @ mean), [nothing], [np.ones(self.cells)]
+        )
+        if self.goal == "energy":
+            smooth = self.laws.smooth
+            each, mean, h = sparse.identity(len(smooth), format="csr"), mean[smooth], np.sqrt(width[smooth])
+            self.add_products(
+                self.rows(e=each),
+                self.rows(r=mean),
+                [self.rows(z=sparse.diags_array(h) @ matrix) for matrix in torques],
+                [h * start for start in starts],
+            )
+
+    def _solved(self, objective: np.ndarray) -> Any:
+        settings = clarabel.DefaultSettings()
+        settings.verbose, settings.direct_solve_method, settings.max_threads = False, "qdldl", 1
+        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = TOLERANCE
+        n = len(objective)
+        solution = clarabel.DefaultSolver(
+            sparse.csc_matrix((n, n)),
+            objective,
+            sparse.csc_matrix(sparse.vstack(self.matrices)),
+            np.concatenate(self.offsets),
+            self.cones,
+            settings,
+        ).solve()
+        return solution if str(solution.status) in ("Solved", "AlmostSolved") else None
