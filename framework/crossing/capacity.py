@@ -99,7 +99,7 @@ def largest_load_of(
     unit = request.external_wrenches
     if not unit.push:
         raise InvalidInput("wrenches: give a wrench that is not zero, whose largest multiple is looked for")
-    if request.kind != "optimal":
+    if not request.bounded:
         raise InvalidInput(
             "wrenches: a largest multiple needs a law that keeps limits; give a torque limit, or optimize"
         )

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from framework.crossing.crossing_points import PathToCross, path_to_cross
 from framework.crossing.near_miss_peak import largest_torque, max_torque_ratio, miss_of_peak
-from framework.crossing.optimal.optimal_motion import optimal_motion
+from framework.crossing.optimal.optimal_motion import limit_excess, optimal_motion
 from framework.crossing.optimal.optimal_task import Task
 from framework.crossing.options import takes_options
 from framework.crossing.polynomial import polynomial_at_rest, polynomial_motion
@@ -97,15 +97,22 @@ def plan_request(
 def _best(work: _Work) -> CrossingPlan:
     """Plan with the law that is asked for, or with the polynomial or what it falls back on."""
     request = work.request
+    if request.law == "optimal":
+        return _optimal(work, "it was asked for")
     if request.kind == "optimal":
-        asked = request.law == "optimal"
-        return _optimal(work, "it was asked for" if asked else "only the optimal law keeps what is asked")
+        try:
+            return _optimal(work, "only the optimal law has a goal")
+        except (NoLaw, NotConverged) as refusal:
+            return _polynomial_within_limits(work, refusal)
     try:
         plan, advance = _polynomial(work)
     except (NoLaw, NotConverged) as refusal:
         if not request.may_be_optimal:
             raise
         return _instead_of_none(work, refusal)
+    excess = _excess_of(plan) if request.bounded else 0.0
+    if excess > 1.0:
+        return _optimal(work, f"the polynomial needs {excess:.4g} times the limits")
     if not request.may_be_optimal or request.speeds is not None:
         return plan
     if plan.crossings and advance < MIN_POLYNOMIAL_ADVANCE:
@@ -143,6 +150,24 @@ def _instead_of_none(work: _Work, refusal: NoLaw | NotConverged) -> CrossingPlan
             proof=refusal.proof or getattr(second, "proof", None),
             evidence=getattr(second, "evidence", None),
         ) from None
+
+
+def _polynomial_within_limits(work: _Work, refusal: NoLaw | NotConverged) -> CrossingPlan:
+    """Plan with the polynomial where the optimal law was refused; raise that refusal where it leaves limits."""
+    if work.request.duration is None:
+        raise refusal
+    try:
+        plan, _ = _polynomial(work)
+    except NoAnswer:
+        raise refusal from None
+    if _excess_of(plan) > 1.0:
+        raise refusal
+    return replace(plan, reason=f"the polynomial, as the optimal law is not found: {refusal}")
+
+
+def _excess_of(plan: CrossingPlan) -> float:
+    """Return the largest torque or speed of a plan over the limits of its request."""
+    return limit_excess(plan.dynamics, specification_of(plan.robot, plan.request))
 
 
 def _lower_peak(work: _Work, polynomial: CrossingPlan, miss: NearMiss) -> CrossingPlan:

@@ -68,7 +68,7 @@ class Request(PlanOptions):
             if option.check is not None and not left_open:
                 object.__setattr__(self, option.name, option.check(option.name, value))
         self._check_crossings()
-        if self._bounded and self.law == "polynomial":
+        if self.bounded and self.law == "polynomial":
             raise InvalidInput(
                 "optimize, longest, limits and margin are for the optimal law, not the polynomial"
             ).advising({"law": None})
@@ -79,8 +79,9 @@ class Request(PlanOptions):
 
     @property
     def kind(self) -> str:
-        """The kind of law: polynomial, optimal, or auto for the first where that advances comfortably."""
-        if self.law == "optimal" or self._bounded:
+        """The kind of law: polynomial, optimal, or auto for the first where it advances and keeps the limits."""
+        chosen = self.law == "optimal" or self.optimize is not None or self.longest is not None
+        if chosen or (self.bounded and (self.duration is None or self.times is not None)):
             return "optimal"
         return "polynomial" if self.times is not None else self.law
 
@@ -107,8 +108,8 @@ class Request(PlanOptions):
         return self.duration
 
     @property
-    def _bounded(self) -> bool:
-        """Whether anything is asked that only an optimal law can keep."""
+    def bounded(self) -> bool:
+        """Whether limits, a bound of the duration or a goal are asked for."""
         limits = is_limited(self.torque_limit) or is_limited(self.speed_limit) or self.margin > 0
         return limits or self.optimize is not None or self.longest is not None
 

@@ -93,16 +93,12 @@ def find_best_law(
     Args:
         cells: (k + 1,) of xi, which are refined; uniform ones unless given.
     """
-    specification = problem.specification
-    longest = specification.longest
-    if specification.goal == "time":  # the quickest law, whatever bounds its duration
-        specification = replace(specification, longest=None)
-        problem = problem._replace(task=problem.task._replace(specification=specification))
     valued = refine_value(problem, cells)
     if isinstance(valued, NoneFound):
         return valued
     program, least, units = valued
-    if longest is not None and specification.goal == "time" and least.duration > longest:
+    longest = problem.specification.longest
+    if problem.specification.goal == "time" and longest is not None and least.value > longest:
         return NoneFound(program, f"the quickest found takes {least.duration:.4g} s")
     try:
         search, found = _search_smooth(_Search(program, units, least, share))
@@ -198,7 +194,8 @@ def _value_on(problem: LawProblem, cells: Array) -> tuple[SpeedProgram, Speed, U
 def _least_cost(program: SpeedProgram, units: Units | None = None) -> tuple[Speed, Units] | NoneFound:
     """Solve for the goal with units corrected by the optimum, and return both."""
     specification = program.problem.specification
-    goal, bounds = specification.goal, Bounds(longest=specification.most)
+    goal = specification.goal
+    bounds = Bounds(longest=None if goal == "time" else specification.most)  # the quickest law, whatever bounds it
     units = units or _first_units(program)
     for _ in range(MAX_UNIT_CHANGES):
         found = program.minimise(goal, bounds, units)
@@ -280,7 +277,7 @@ class _Search(NamedTuple):
         """What a smooth law keeps: the limits, and the least cost but for a share."""
         most, share = self.program.problem.specification.most, 1.0 + self.share
         if self.goal == "time":
-            return Bounds(longest=share * self.least.value)
+            return Bounds(longest=min(share * self.least.value, most or np.inf))
         longest = None if most is None else most * (1.0 - SAME_DURATION)
         if self.goal == "energy":
             return Bounds(longest, energy=share * self.least.energy)

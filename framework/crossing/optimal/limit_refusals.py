@@ -33,7 +33,7 @@ def refuse_law(problem: LawProblem, none: NoneFound) -> NoLaw | NotConverged:
             residual=np.inf,
         )
     quickest = None
-    if holding is None and specification.goal != "time" and (specification.limited or specification.limited_speeds):
+    if holding is None and specification.most and (specification.limited or specification.limited_speeds):
         quickest = _quickest(problem)
     limits = next((raised for raised in least.options if _has_law(problem, raised)), None)
     evidence = SearchEvidence(cells, least, quickest, limits)

@@ -75,7 +75,7 @@ def optimal_motion(task: Task) -> OptimalMotion:
     for _ in range(MAX_PASSES):
         best = find_law(tightened, places, cells=cells)
         dynamics, law, _ = _resolved(task, best.law, None)
-        excess = _excess(dynamics, task.specification)
+        excess = limit_excess(dynamics, task.specification)
         if excess <= 1.0:
             return OptimalMotion(dynamics, law, best)
         specification = tightened.specification.tightened((1.0 - LIMIT_TIGHTENING) / excess)
@@ -115,7 +115,7 @@ def _elastic(task: Task, places: Sequence[CrossingPoint]) -> OptimalMotion:
             smoother = replace(sought.specification, smoothness=HIGHEST_SMOOTHNESS)
             sought = sought._replace(specification=smoother)
             continue
-        new, excess = OptimalMotion(dynamics, law, best), _excess(dynamics, task.specification)
+        new, excess = OptimalMotion(dynamics, law, best), limit_excess(dynamics, task.specification)
         if excess <= 1.0:
             if kept is not None and not _cost(task, new) < _worthwhile(task, kept):
                 return min(new, kept, key=lambda motion: _cost(task, motion))
@@ -177,7 +177,7 @@ def _peaks(dynamics: InverseDynamics) -> tuple[Array, Array]:
     return peak_sizes(dynamics.torque, edges, size), speed
 
 
-def _excess(dynamics: InverseDynamics, specification: Specification) -> float:
+def limit_excess(dynamics: InverseDynamics, specification: Specification) -> float:
     """Return the largest torque or speed over its limit; 0 without limits."""
     if not (specification.limited or specification.limited_speeds):
         return 0.0

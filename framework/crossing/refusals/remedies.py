@@ -40,8 +40,8 @@ def remedy_of(
     evidence = getattr(refusal, "evidence", None)
     if robot.n_e or not isinstance(evidence, SearchEvidence):  # its numbers are of the undeformed robot
         return None
-    if evidence.quickest is not None and request.duration is not None:
-        return {"duration": evidence.quickest}
+    if evidence.quickest is not None:
+        return {"longest" if request.duration is None else "duration": evidence.quickest}
     return None if evidence.limits is None else _named(robot, evidence.limits)
 
 
