@@ -9,7 +9,7 @@ has been seen 2.5 % above a law that exists.
 
 Torques are virtual work with the closures of `closure_rows`. Of the framework the poses on the path and its
 singular points are taken. The energy of a required duration is not convex: it is sought by dynamic programming
-on (s, z), after Lagrange's multiplier of the duration.
+on (s, z), for Lagrange's multiplier of the duration.
 
 Source: Verscheure et al., IEEE TAC 54 (2009); Shin and McKay, IEEE TAC 31 (1986) for the dynamic program.
 """
@@ -33,6 +33,10 @@ from tests.oracles.closure_rows import closure_rows, frame_of
 from tests.oracles.forward_simulation import kinematics, mass_matrix, motors, rotors
 
 CELLS = 1000
+GRID, REFINEMENTS = 160, 3  # of z, and of the best next z
+LOW, TOP = 1e-4, 4.0  # of the grid: times 1/D^2, and times the largest z of the least energy within D
+LONGEST_CELL = 100.0  # durations that a cell may take
+MULTIPLIERS, NEAR_REST = 20.0, 0.999  # of the duration: over mean power, and of the power at rest
 TOLERANCE = 1e-10  # of the cone solver: at its own 1e-8 it takes 6 % too much energy for the least
 NULL = 1e-9  # of the largest singular value of the closures
 MAX_UNIT_CHANGES, MAX_UNIT_RATIO = 6, 4.0
@@ -194,6 +198,10 @@ class BestLaws:
         """Estimate the least energy [N^2 m^2 s] of laws within a duration [s]."""
         return self._cone("energy", longest=longest)
 
+    def largest_squared_speed(self, longest: float) -> float:
+        """Return the largest z of the law of least energy within a duration [s]."""
+        return self._solution("energy", longest=longest).z.max()
+
     def _operators(self) -> tuple[Any, Any]:
         """Return z in the middle of the cells, and u, of z at the inner edges."""
         at_edges = sparse.identity(len(self.edges), format="csr")[:, 1:-1]
@@ -243,24 +251,35 @@ class BestLaws:
         )
         return float(solved.fun) * size if solved.success else np.nan
 
-    def _cone(self, goal: str, *, longest: float | None = None, limit: float | None = None) -> float:
-        """Solve in a unit of time that is corrected by the optimum; NaN where the solver finds none."""
+    def _cone(self, goal: str, **bounds: float) -> float:
+        """Return the optimum; NaN where the solver finds none."""
+        solution = self._solution(goal, **bounds)
+        return np.nan if solution is None else solution.value
+
+    def _solution(self, goal: str, longest: float | None = None, limit: float | None = None) -> _Optimum | None:
+        """Solve in units that are corrected by the optimum."""
         unit = min(longest or np.inf, self._pace())
         size = limit or float(np.median(np.abs(self.torques.constant)))
         for _ in range(MAX_UNIT_CHANGES):
-            solved = _ConeProgram(self, goal, unit, size, longest, limit).solve()
-            if solved is None:
+            found = _ConeProgram(self, goal, unit, size, longest, limit).solve()
+            if found is None:
                 unit *= 0.3
                 continue
-            value, duration, peak = solved
-            if goal == "energy":
-                peak = np.sqrt(value / duration)
-            unit_ratio, size_ratio = duration / unit, peak / size
-            ratios = [unit_ratio, 1.0 / unit_ratio] + ([] if limit else [size_ratio, 1.0 / size_ratio])
-            if max(ratios) < MAX_UNIT_RATIO:
-                return value
-            unit, size = duration, (limit or peak)
-        return value if solved is not None else np.nan
+            own = np.sqrt(found.value / found.duration) if goal == "energy" else found.peak
+            ratios = np.array([found.duration / unit, 1.0 if limit else own / size])
+            if max(ratios.max(), 1.0 / ratios.min()) < MAX_UNIT_RATIO:
+                break
+            unit, size = found.duration, limit or own
+        return found
+
+
+class _Optimum(NamedTuple):
+    """The optimum, its duration [s] and peak [N m], and z (k,) [1/s^2] at the inner edges."""
+
+    value: float
+    duration: float
+    peak: float
+    z: np.ndarray
 
 
 class _ConeProgram:
@@ -303,8 +322,8 @@ class _ConeProgram:
         self.offsets.append(offset)
         self.cones += [clarabel.SecondOrderConeT(len(parts))] * height
 
-    def solve(self) -> tuple[float, float, float] | None:
-        """Return the optimum in SI units, the duration and the peak of what was found."""
+    def solve(self) -> _Optimum | None:
+        """Return the optimum in SI units; None where the solver finds none."""
         laws, width = self.laws, np.diff(self.laws.edges)
         condition = laws._condition_rows() / self.unit**2
         norm = 1.0 / np.abs(condition).max(axis=1).toarray().ravel()
@@ -341,7 +360,7 @@ class _ConeProgram:
         duration = float(x[start[3] : start[4]].sum()) * self.unit
         peak = max(float(np.abs(m @ x[: self.n] + c).max()) for m, c in zip(torques, starts, strict=True)) * self.size
         scale = {"time": self.unit, "peak_torque": self.size, "energy": self.size**2 * self.unit}[self.goal]
-        return float(objective @ x) * scale, duration, peak
+        return _Optimum(float(objective @ x) * scale, duration, peak, x[: self.n] / self.unit**2)
 
     def _add_roots(self, width: np.ndarray, torques: list[Any], starts: list[np.ndarray]) -> None:
         """Ask for r^2 <= z, v r >= width in the mean of a cell, and e r >= width torque^2."""
@@ -383,3 +402,100 @@ class _ConeProgram:
             settings,
         ).solve()
         return solution if str(solution.status) in ("Solved", "AlmostSolved") else None
+
+
+# ------------------------------------------------------------------ energy of a required duration
+
+
+def least_energy_lasting(laws: BestLaws, duration: float, *, grid: int = GRID) -> float:
+    """Estimate the least energy [N^2 m^2 s] of laws of a duration [s], as large as its multiplier makes it.
+
+    For every lam at most the least power at rest, energy >= lam D + least of integral (|torque|^2 - lam) dt.
+    """
+    programs = _EnergyGrid.of(laws, duration, grid)
+    scale = laws.least_energy(duration) / duration
+
+    def negative(lam: float) -> float:
+        return -(lam * duration + programs.least(lam))
+
+    lowest, highest = -MULTIPLIERS * scale, programs.rest
+    if negative(0.0) < negative(-1e-3 * scale):
+        lowest = 0.0
+    else:
+        highest = 0.0
+    found = minimize_scalar(
+        negative, bounds=(lowest, highest), method="bounded", options={"xatol": 1e-3 * scale, "maxiter": 25}
+    )
+    return -min(float(found.fun), negative(0.0), negative(NEAR_REST * highest) if highest > 0.0 else np.inf)
+
+
+@dataclass(frozen=True)
+class _EnergyGrid:
+    """Cells, a grid of z, and |torque|^2 on each cell as a quadratic in z at its start and end."""
+
+    duration: float
+    width: np.ndarray  # (K,)
+    z: np.ndarray  # (G,), the first 0
+    power: np.ndarray  # (K, 3, 3) on (1, z, next z); zero in the cells with a crossing
+    jumps: dict[int, np.ndarray]  # by cell with a crossing: next z of each z on the grid
+    rest: float  # the least |torque|^2 at rest
+
+    @staticmethod
+    def of(laws: BestLaws, duration: float, grid: int) -> _EnergyGrid:
+        width = np.diff(laws.edges)
+        along, smooth = laws.torques, laws.smooth
+        slope = 0.5 / width[smooth][:, None] * along.per_u
+        rows = np.stack([along.constant, 0.5 * along.per_z - slope, 0.5 * along.per_z + slope], axis=1)
+        power = np.zeros((len(width), 3, 3))
+        power[smooth] = rows @ rows.transpose(0, 2, 1)
+        top = TOP * laws.largest_squared_speed(duration)
+        z = np.append(0.0, np.geomspace(LOW / duration**2, top, grid - 1))
+        jumps = {}
+        for cell, (gamma, beta, alpha) in zip(laws.crossed, laws.rows, strict=True):
+            steep = 0.5 * alpha / width[cell]
+            jumps[int(cell)] = (z * (steep - 0.5 * beta) - gamma) / (steep + 0.5 * beta)
+        return _EnergyGrid(duration, width, z, power, jumps, float(power[smooth, 0, 0].min()))
+
+    def least(self, lam: float) -> float:
+        """Compute the least integral of |torque|^2 - lam over time, from rest to rest."""
+        left = np.where(self.z == 0.0, 0.0, np.inf)
+        for cell in range(len(self.width) - 1, -1, -1):
+            if cell in self.jumps:
+                end = self.jumps[cell]
+                allowed = (end >= 0.0) & (end <= self.z[-1])
+                cost = self._cost(cell, lam, left, np.maximum(end, 0.0)[:, None])[:, 0]
+                left = np.where(allowed, cost, np.inf)
+                continue
+            cost = self._cost(cell, lam, left, np.broadcast_to(self.z, (len(self.z), len(self.z))))
+            best, least = self.z[cost.argmin(axis=1)], cost.min(axis=1)
+            ratio = self.z[2] / self.z[1]
+            for _ in range(REFINEMENTS):
+                near = np.minimum(best[:, None] * ratio ** np.linspace(-1.0, 1.0, 9), self.z[-1])
+                cost = self._cost(cell, lam, left, near)
+                better = cost.min(axis=1) < least
+                best = np.where(better, near[np.arange(len(near)), cost.argmin(axis=1)], best)
+                least = np.minimum(least, cost.min(axis=1))
+                ratio **= 0.3
+            left = least
+        return float(left[0])
+
+    def _cost(self, cell: int, lam: float, left: np.ndarray, end: np.ndarray) -> np.ndarray:
+        """Compute the cost (G, k) from each z of the grid to `end` (G, k) in a cell, and from there on."""
+        start = self.z[:, None]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            time = 2.0 * self.width[cell] / (np.sqrt(start) + np.sqrt(end))
+            p = self.power[cell]
+            power = p[0, 0] + start * (2 * p[0, 1] + start * p[1, 1]) + end * (2 * p[0, 2] + end * p[2, 2])
+            power = power + 2 * p[1, 2] * start * end
+            rate = 0.0 if cell in self.jumps else power - lam
+            cost = rate * time + self._interpolated(left, end)
+        return np.where((time < self.duration * LONGEST_CELL) & np.isfinite(cost), cost, np.inf)
+
+    def _interpolated(self, left: np.ndarray, end: np.ndarray) -> np.ndarray:
+        """Interpolate what is left at `end`, linear in log z, and between 0 and the lowest."""
+        place = np.log(np.maximum(end, 1e-300) / self.z[1]) / np.log(self.z[2] / self.z[1]) + 1.0
+        place = np.clip(np.where(end < self.z[1], end / self.z[1], place), 0.0, len(self.z) - 1.0)
+        low = np.minimum(place.astype(int), len(self.z) - 2)
+        share = place - low
+        lower, upper = np.where(share < 1.0, left[low], 0.0), np.where(share > 0.0, left[low + 1], 0.0)
+        return np.where(share == 0.0, lower, (1.0 - share) * lower + share * upper)
