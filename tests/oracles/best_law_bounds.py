@@ -8,10 +8,10 @@ the size of the cells the optimum is below that of every smooth law. It is no bo
 has been seen 2.5 % above a law that exists.
 
 Torques are virtual work with the closures of `closure_rows`. Of the framework the poses on the path and its
-singular points are taken. The energy of a required duration is not convex: it is sought by dynamic programming
-on (s, z), for Lagrange's multiplier of the duration.
+singular points are taken. The energy of a required duration is not convex: the least of several local optima, each
+of which waits somewhere else, is no bound either.
 
-Source: Verscheure et al., IEEE TAC 54 (2009); Shin and McKay, IEEE TAC 31 (1986) for the dynamic program.
+Source: Verscheure et al., IEEE TAC 54 (2009).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ import clarabel
 import numpy as np
 import pinocchio as pin
 from scipy import sparse
-from scipy.optimize import linprog, minimize_scalar
+from scipy.optimize import linprog
 
 from framework import ParallelRobot, locate_singularities, track_path
 from framework.motion.path import Path
@@ -33,10 +33,9 @@ from tests.oracles.closure_rows import closure_rows, frame_of
 from tests.oracles.forward_simulation import kinematics, mass_matrix, motors, rotors
 
 CELLS = 1000
-GRID, REFINEMENTS = 160, 3  # of z, and of the best next z
-LOW, TOP = 1e-4, 4.0  # of the grid: times 1/D^2, and times the largest z of the least energy within D
-LONGEST_CELL = 100.0  # durations that a cell may take
-MULTIPLIERS, NEAR_REST = 20.0, 0.999  # of the duration: over mean power, and of the power at rest
+WAITING_CELLS, WAITING_WIDTH = 300, 0.02  # in s, where a law waits at first
+MAX_INNER_PLACES, MAX_TANGENTS = 2, 6  # of waits inside the path; of steps from each
+MIN_GAIN, NEARLY = 1e-3, 0.999  # of a step, of the energy; of a duration
 TOLERANCE = 1e-10  # of the cone solver: at its own 1e-8 it takes 6 % too much energy for the least
 NULL = 1e-9  # of the largest singular value of the closures
 MAX_UNIT_CHANGES, MAX_UNIT_RATIO = 6, 4.0
@@ -198,9 +197,30 @@ class BestLaws:
         """Estimate the least energy [N^2 m^2 s] of laws within a duration [s]."""
         return self._cone("energy", longest=longest)
 
-    def largest_squared_speed(self, longest: float) -> float:
-        """Return the largest z of the law of least energy within a duration [s]."""
-        return self._solution("energy", longest=longest).z.max()
+    def waiting_places(self) -> list[float]:
+        """Return s of the ends, and of the least |torque|^2 at rest between crossings."""
+        power = (self.torques.constant**2).sum(axis=1)
+        inner = np.flatnonzero((power[1:-1] < power[:-2]) & (power[1:-1] < power[2:])) + 1
+        best = inner[np.argsort(power[inner])[:MAX_INNER_PLACES]]
+        middle = 0.5 * (self.edges[1:] + self.edges[:-1])[self.smooth]
+        return [0.0, 1.0, *map(float, middle[best])]
+
+    def _waiting(self, z: np.ndarray, place: float, duration: float) -> np.ndarray:
+        """Return z at the inner edges, lowered about a place so that the law takes a duration [s]."""
+        about = np.abs(self.edges[1:-1] - place) < WAITING_WIDTH
+        low, high = 1e-12 / duration**2, float(z.max())
+        for _ in range(60):
+            level = np.sqrt(low * high)
+            lowered = np.where(about, np.minimum(z, level), z)
+            low, high = (level, high) if self.time(lowered)[0] > duration else (low, level)
+        return lowered
+
+    def time(self, z: np.ndarray) -> tuple[float, np.ndarray]:
+        """Return the duration [s] of z at the inner edges, and its derivatives."""
+        root = np.sqrt(np.concatenate([[0.0], np.maximum(z, 1e-300), [0.0]]))
+        each = 2.0 * np.diff(self.edges) / (root[1:] + root[:-1])
+        slope = each / (root[1:] + root[:-1])
+        return float(each.sum()), -0.5 * (slope[1:] + slope[:-1]) / root[1:-1]
 
     def _operators(self) -> tuple[Any, Any]:
         """Return z in the middle of the cells, and u, of z at the inner edges."""
@@ -256,12 +276,22 @@ class BestLaws:
         solution = self._solution(goal, **bounds)
         return np.nan if solution is None else solution.value
 
-    def _solution(self, goal: str, longest: float | None = None, limit: float | None = None) -> _Optimum | None:
-        """Solve in units that are corrected by the optimum."""
+    def _solution(
+        self,
+        goal: str,
+        longest: float | None = None,
+        limit: float | None = None,
+        *,
+        tangent: _Tangent | None = None,
+        start: _Optimum | None = None,
+    ) -> _Optimum | None:
+        """Solve in units that are corrected by the optimum, first those of a start."""
         unit = min(longest or np.inf, self._pace())
         size = limit or float(np.median(np.abs(self.torques.constant)))
+        if start is not None:
+            unit, size = start.duration, np.sqrt(start.value / start.duration)
         for _ in range(MAX_UNIT_CHANGES):
-            found = _ConeProgram(self, goal, unit, size, longest, limit).solve()
+            found = _ConeProgram(self, goal, unit, size, longest, limit, tangent).solve()
             if found is None:
                 unit *= 0.3
                 continue
@@ -271,6 +301,13 @@ class BestLaws:
                 break
             unit, size = found.duration, limit or own
         return found
+
+
+class _Tangent(NamedTuple):
+    """A required duration [s], and the z (k,) at whose tangent to T(z) it is asked for."""
+
+    z: np.ndarray
+    duration: float
 
 
 class _Optimum(NamedTuple):
@@ -286,10 +323,17 @@ class _ConeProgram:
     """One program in units of time [s] and torque [N m]: unknowns z, peak, roots r, durations v, energies e."""
 
     def __init__(
-        self, laws: BestLaws, goal: str, unit: float, size: float, longest: float | None, limit: float | None
+        self,
+        laws: BestLaws,
+        goal: str,
+        unit: float,
+        size: float,
+        longest: float | None,
+        limit: float | None,
+        tangent: _Tangent | None,
     ) -> None:
         self.laws, self.goal, self.unit, self.size, self.limit = laws, goal, unit, size, limit
-        self.longest = longest
+        self.longest, self.tangent = longest, tangent
         self.cells = len(laws.edges) - 1
         self.n = self.cells - 1
         energies = len(laws.smooth) if goal == "energy" else 0
@@ -346,6 +390,12 @@ class _ConeProgram:
         if self.longest is not None:
             whole = self.rows(v=sparse.csr_array(-np.ones((1, self.cells))))
             self.add(clarabel.NonnegativeConeT(1), whole, np.array([self.longest / self.unit]))
+        if self.tangent is not None:
+            time, slope = laws.time(self.tangent.z)
+            row, offset = slope / self.unit**2, time - slope @ self.tangent.z - self.tangent.duration
+            norm = float(np.abs(row).max())
+            above = self.rows(z=sparse.csr_array(row[None] / norm))
+            self.add(clarabel.NonnegativeConeT(1), above, np.array([offset / norm]))
         self._add_roots(width, torques, starts)
         objective = np.zeros(sum(self.sizes.values()))
         names = list(self.sizes)
@@ -357,7 +407,7 @@ class _ConeProgram:
         if solved is None:
             return None
         x = np.array(solved.x)
-        duration = float(x[start[3] : start[4]].sum()) * self.unit
+        duration = laws.time(x[: self.n])[0] * self.unit
         peak = max(float(np.abs(m @ x[: self.n] + c).max()) for m, c in zip(torques, starts, strict=True)) * self.size
         scale = {"time": self.unit, "peak_torque": self.size, "energy": self.size**2 * self.unit}[self.goal]
         return _Optimum(float(objective @ x) * scale, duration, peak, x[: self.n] / self.unit**2)
@@ -407,95 +457,22 @@ class _ConeProgram:
 # ------------------------------------------------------------------ energy of a required duration
 
 
-def least_energy_lasting(laws: BestLaws, duration: float, *, grid: int = GRID) -> float:
-    """Estimate the least energy [N^2 m^2 s] of laws of a duration [s], as large as its multiplier makes it.
+def least_energy_lasting(laws: BestLaws, duration: float, *, cells: int = WAITING_CELLS) -> float:
+    """Estimate the least energy [N^2 m^2 s] of laws of a duration [s]: the least found from several starts.
 
-    For every lam at most the least power at rest, energy >= lam D + least of integral (|torque|^2 - lam) dt.
+    T(z) is convex, and its tangent at a slow z is at least D where T is; the first z waits at one place.
     """
-    programs = _EnergyGrid.of(laws, duration, grid)
-    scale = laws.least_energy(duration) / duration
-
-    def negative(lam: float) -> float:
-        return -(lam * duration + programs.least(lam))
-
-    lowest, highest = -MULTIPLIERS * scale, programs.rest
-    if negative(0.0) < negative(-1e-3 * scale):
-        lowest = 0.0
-    else:
-        highest = 0.0
-    found = minimize_scalar(
-        negative, bounds=(lowest, highest), method="bounded", options={"xatol": 1e-3 * scale, "maxiter": 25}
-    )
-    return -min(float(found.fun), negative(0.0), negative(NEAR_REST * highest) if highest > 0.0 else np.inf)
-
-
-@dataclass(frozen=True)
-class _EnergyGrid:
-    """Cells, a grid of z, and |torque|^2 on each cell as a quadratic in z at its start and end."""
-
-    duration: float
-    width: np.ndarray  # (K,)
-    z: np.ndarray  # (G,), the first 0
-    power: np.ndarray  # (K, 3, 3) on (1, z, next z); zero in the cells with a crossing
-    jumps: dict[int, np.ndarray]  # by cell with a crossing: next z of each z on the grid
-    rest: float  # the least |torque|^2 at rest
-
-    @staticmethod
-    def of(laws: BestLaws, duration: float, grid: int) -> _EnergyGrid:
-        width = np.diff(laws.edges)
-        along, smooth = laws.torques, laws.smooth
-        slope = 0.5 / width[smooth][:, None] * along.per_u
-        rows = np.stack([along.constant, 0.5 * along.per_z - slope, 0.5 * along.per_z + slope], axis=1)
-        power = np.zeros((len(width), 3, 3))
-        power[smooth] = rows @ rows.transpose(0, 2, 1)
-        top = TOP * laws.largest_squared_speed(duration)
-        z = np.append(0.0, np.geomspace(LOW / duration**2, top, grid - 1))
-        jumps = {}
-        for cell, (gamma, beta, alpha) in zip(laws.crossed, laws.rows, strict=True):
-            steep = 0.5 * alpha / width[cell]
-            jumps[int(cell)] = (z * (steep - 0.5 * beta) - gamma) / (steep + 0.5 * beta)
-        return _EnergyGrid(duration, width, z, power, jumps, float(power[smooth, 0, 0].min()))
-
-    def least(self, lam: float) -> float:
-        """Compute the least integral of |torque|^2 - lam over time, from rest to rest."""
-        left = np.where(self.z == 0.0, 0.0, np.inf)
-        for cell in range(len(self.width) - 1, -1, -1):
-            if cell in self.jumps:
-                end = self.jumps[cell]
-                allowed = (end >= 0.0) & (end <= self.z[-1])
-                cost = self._cost(cell, lam, left, np.maximum(end, 0.0)[:, None])[:, 0]
-                left = np.where(allowed, cost, np.inf)
-                continue
-            cost = self._cost(cell, lam, left, np.broadcast_to(self.z, (len(self.z), len(self.z))))
-            best, least = self.z[cost.argmin(axis=1)], cost.min(axis=1)
-            ratio = self.z[2] / self.z[1]
-            for _ in range(REFINEMENTS):
-                near = np.minimum(best[:, None] * ratio ** np.linspace(-1.0, 1.0, 9), self.z[-1])
-                cost = self._cost(cell, lam, left, near)
-                better = cost.min(axis=1) < least
-                best = np.where(better, near[np.arange(len(near)), cost.argmin(axis=1)], best)
-                least = np.minimum(least, cost.min(axis=1))
-                ratio **= 0.3
-            left = least
-        return float(left[0])
-
-    def _cost(self, cell: int, lam: float, left: np.ndarray, end: np.ndarray) -> np.ndarray:
-        """Compute the cost (G, k) from each z of the grid to `end` (G, k) in a cell, and from there on."""
-        start = self.z[:, None]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            time = 2.0 * self.width[cell] / (np.sqrt(start) + np.sqrt(end))
-            p = self.power[cell]
-            power = p[0, 0] + start * (2 * p[0, 1] + start * p[1, 1]) + end * (2 * p[0, 2] + end * p[2, 2])
-            power = power + 2 * p[1, 2] * start * end
-            rate = 0.0 if cell in self.jumps else power - lam
-            cost = rate * time + self._interpolated(left, end)
-        return np.where((time < self.duration * LONGEST_CELL) & np.isfinite(cost), cost, np.inf)
-
-    def _interpolated(self, left: np.ndarray, end: np.ndarray) -> np.ndarray:
-        """Interpolate what is left at `end`, linear in log z, and between 0 and the lowest."""
-        place = np.log(np.maximum(end, 1e-300) / self.z[1]) / np.log(self.z[2] / self.z[1]) + 1.0
-        place = np.clip(np.where(end < self.z[1], end / self.z[1], place), 0.0, len(self.z) - 1.0)
-        low = np.minimum(place.astype(int), len(self.z) - 2)
-        share = place - low
-        lower, upper = np.where(share < 1.0, left[low], 0.0), np.where(share > 0.0, left[low + 1], 0.0)
-        return np.where(share == 0.0, lower, (1.0 - share) * lower + share * upper)
+    coarse = BestLaws(laws.robot, laws.path, cells)
+    free = coarse._solution("energy", longest=duration)
+    if free is None:
+        return np.nan
+    found = [free.value] if free.duration > NEARLY * duration else []
+    for place in [] if found else coarse.waiting_places():
+        z, least = coarse._waiting(free.z, place, duration), np.inf
+        for _ in range(MAX_TANGENTS):
+            solution = coarse._solution("energy", longest=None, tangent=_Tangent(z, duration), start=free)
+            if solution is None or solution.value > (1.0 - MIN_GAIN) * least:
+                break
+            z, least = solution.z, solution.value
+        found.append(least if solution is None else min(least, solution.value))
+    return min(found)
