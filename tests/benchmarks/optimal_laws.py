@@ -2,11 +2,12 @@
 
     python -m tests.benchmarks.optimal_laws [--robots 0 7 12 | --seeds 0 60] [--no-bounds]
 
-Robots, paths and durations D are those of `tests.oracles.random_crossings`. Asked for are the least peak and energy
-at D and within 1, 20 and 1000 D, and the least time at 1.25 times the least peak within D, with the same bounds,
-and at 1.002 times without. Gaps are those to the estimates of `tests.oracles.best_law_bounds`, on other unknowns and
-with torques of their own; contradictions those of `tests.oracles.law_contradictions`. A law's value, duration and
-turns of s', a refusal's reason, and processor seconds with the certificate stand in a line.
+Robots, paths and durations D are those of `tests.oracles.random_crossings`. Asked for are the least peak
+and energy at D and within 1, 20 and 1000 D, and the least time at 1.25 times the least peak within D, with
+the same bounds, and at 1.002 times without. Gaps are those to the estimates of
+`tests.oracles.best_law_bounds`, on other unknowns and with torques of their own; contradictions those of
+`tests.oracles.law_contradictions`. A law's value, duration and turns of s', a refusal's reason, and
+processor seconds with the certificate stand in a line.
 """
 
 from __future__ import annotations
@@ -78,11 +79,10 @@ def text_of(line: Line) -> str:
     one = line.answer
     if one.plan is None:
         problem = one.refusal or one.failure
-        return f"  {line.group:22s} {one.seconds:5.2f} s  {type(problem).__name__}: {problem}"
+        return f"  {line.group:26s} {one.seconds:5.2f} s  {type(problem).__name__}: {problem}"
     gap = "" if np.isnan(line.gap) else f", gap {100 * line.gap:.2f} %"
-    return (
-        f"  {line.group:22s} {one.seconds:5.2f} s  {one.value:.6g} over {one.duration:.5g} s, turns {one.turns}{gap}"
-    )
+    law = f"{one.value:.6g} over {one.duration:.5g} s, turns {one.turns}{gap}"
+    return f"  {line.group:26s} {one.seconds:5.2f} s  {law}"
 
 
 def shares(values: Sequence[float], *percent: float) -> str:

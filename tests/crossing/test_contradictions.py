@@ -162,7 +162,9 @@ def reversed_path(one: RandomCrossing) -> RandomCrossing:
     return one._replace(name=f"{one.name} reversed", path=path)
 
 
-def with_description(one: RandomCrossing, change: Callable[[RobotDescription], RobotDescription]) -> RandomCrossing:
+def with_description(
+    one: RandomCrossing, change: Callable[[RobotDescription], RobotDescription]
+) -> RandomCrossing:
     """The robot with its description changed, and the path with it, as a scene of the robot."""
     own = Scene("own", one.path.kind, tuple(map(tuple, one.path.points.tolist())), one.duration)
     changed = change(replace(one.robot.description, scenes={"own": own}))
@@ -186,7 +188,9 @@ def check_same(one: RandomCrossing, other: RandomCrossing, *, time: float = 1.0,
             longest=None if asked.longest is None else asked.longest * time,
             torque_limit=None if asked.torque_limit is None else asked.torque_limit * torque,
         )
-        assert value(other, same) == pytest.approx(scale * value(one, asked), rel=SAME), f"{other.name}, {asked}"
+        assert value(other, same) == pytest.approx(scale * value(one, asked), rel=SAME), (
+            f"{other.name}, {asked}"
+        )
 
 
 def check_direction(one: RandomCrossing) -> None:

@@ -1,15 +1,15 @@
-"""Estimates of the least peak, time and energy of any law on a path, by another discretisation than the planner's.
+"""Estimates of the least peak, time and energy of any law on a path, by another discretisation.
 
-    torque = c + cz z + cu u,        z = s'^2,    u = s" = z'/2        condition (8): gamma + beta z + alpha u = 0
+    torque = c + cz z + cu u,      z = s'^2,    u = s" = z'/2      condition (8): gamma + beta z + alpha u = 0
 
-z is linear on about a thousand cells of s and zero at both ends; torques are looked at in the middle of the cells,
-and a crossing is the middle of one, in which condition (8) stands instead. Accelerations may jump, so that up to
-the size of the cells the optimum is below that of every smooth law. It is no bound: where a law nearly stops, it
-has been seen 2.5 % above a law that exists.
+z is linear on about a thousand cells of s and zero at both ends. Torques are looked at in the middle of the
+cells; a crossing is the middle of one, in which condition (8) stands instead. Accelerations may jump, so
+that up to the size of the cells the optimum is below that of every smooth law. It is no bound: where a law
+nearly stops, it has been seen 2.5 % above a law that exists.
 
 Torques are virtual work with the closures of `closure_rows`. Of the framework the poses on the path and its
-singular points are taken. The energy of a required duration is not convex: the least of several local optima, each
-of which waits somewhere else, is no bound either.
+singular points are taken. The energy of a required duration is not convex: the least of several local
+optima, each of which waits somewhere else, is no bound either.
 
 Source: Verscheure et al., IEEE TAC 54 (2009).
 """
@@ -36,6 +36,8 @@ CELLS = 1000
 WAITING_CELLS, WAITING_WIDTH = 300, 0.02  # in s, where a law waits at first
 MAX_INNER_PLACES, MAX_TANGENTS = 2, 6  # of waits inside the path; of steps from each
 MIN_GAIN, NEARLY = 1e-3, 0.999  # of a step, of the energy; of a duration
+WEIGHTLESS = 1e-9  # [1/s^2]: gamma over alpha and beta
+MAX_ENTRY = 100.0  # of a row of torques: beside a crossing they are larger, and scaled
 TOLERANCE = 1e-10  # of the cone solver: at its own 1e-8 it takes 6 % too much energy for the least
 NULL = 1e-9  # of the largest singular value of the closures
 MAX_UNIT_CHANGES, MAX_UNIT_RATIO = 6, 4.0
@@ -68,10 +70,10 @@ def torques_along(robot: ParallelRobot, path: Path, s: np.ndarray) -> Along:
 
 
 def conditions_at(robot: ParallelRobot, path: Path, s: np.ndarray) -> np.ndarray:
-    """Compute condition (8) (k, 3) at singular s (k,): (gamma, beta, alpha) of the motion that no motor feels."""
+    """Compute condition (8) (k, 3), (gamma, beta, alpha), at singular s (k,)."""
     rows = []
     for place in _places(robot, path, s):
-        left = np.linalg.svd(place.driven)[0][:, -1]
+        left = np.linalg.svd(place.driven)[0][:, -1]  # the motion that no motor feels
         rows.append(place.forces @ place.motions @ left)
     return np.array(rows).reshape(-1, 3)
 
@@ -97,9 +99,9 @@ def _place(
     dq = np.linalg.lstsq(all_rows, np.concatenate([np.zeros(len(loops)), dx]), rcond=NULL)[0]
     kinematics(model, data, q, dq)
     drift = closure_rows(model, data, robot.description.closures).drift
-    ddq = np.linalg.lstsq(
-        all_rows, np.concatenate([-drift, ddx - _platform_drift(robot, data)]), rcond=NULL
-    )[0]
+    ddq = np.linalg.lstsq(all_rows, np.concatenate([-drift, ddx - _platform_drift(robot, data)]), rcond=NULL)[
+        0
+    ]
     inertia = mass_matrix(model, data, q) + np.diag(rotors(robot))
     weight = pin.computeGeneralizedGravity(model, data, q).copy()
     centrifugal = pin.nonLinearEffects(model, data, q, dq) - weight
@@ -233,21 +235,27 @@ class BestLaws:
         """Return the matrix of each motor's torque on z at the inner edges."""
         mean, slope = (matrix[self.smooth] for matrix in self._operators())
         per_z, per_u = self.torques.per_z.T, self.torques.per_u.T
-        return [sparse.diags_array(z) @ mean + sparse.diags_array(u) @ slope for z, u in zip(per_z, per_u, strict=True)]
+        return [
+            sparse.diags_array(z) @ mean + sparse.diags_array(u) @ slope
+            for z, u in zip(per_z, per_u, strict=True)
+        ]
 
     def _condition_rows(self) -> Any:
         mean, slope = (matrix[self.crossed] for matrix in self._operators())
         return sparse.diags_array(self.rows[:, 1]) @ mean + sparse.diags_array(self.rows[:, 2]) @ slope
 
-    def _pace(self) -> float:
-        """Return a unit of time [s], in which condition (8) has coefficients of one size."""
-        with np.errstate(divide="ignore"):
-            pace = np.sqrt(np.abs(self.rows[:, 1:]).max(axis=1) / np.abs(self.rows[:, 0]))
-        finite = pace[np.isfinite(pace)]
-        return float(finite.min()) if len(finite) else 1.0
+    def _units(self, limit: float | None = None) -> tuple[float, float]:
+        """Return units of time [s] and torque [N m] by condition (8) and weight, or where nothing falls by 1 s."""
+        gamma, inertia = np.abs(self.rows[:, 0]), np.abs(self.rows[:, 1:]).max(axis=1)
+        falls = gamma > WEIGHTLESS * inertia
+        time = float(np.sqrt(inertia[falls] / gamma[falls]).min(initial=np.inf))
+        if not np.isfinite(time):
+            size = float(np.median(np.abs(self.torques.per_u)))
+            return (1.0, size) if limit is None else (float(np.sqrt(size / limit)), limit)
+        return time, limit or float(np.median(np.abs(self.torques.constant)))
 
     def _linear_least_peak(self) -> float:
-        unit, size = self._pace(), float(np.median(np.abs(self.torques.constant)))
+        unit, size = self._units()
         blocks, right = [], []
         one = sparse.csr_array(np.ones((len(self.smooth), 1)))
         for matrix, constant in zip(self._torque_rows(), self.torques.constant.T, strict=True):
@@ -286,8 +294,8 @@ class BestLaws:
         start: _Optimum | None = None,
     ) -> _Optimum | None:
         """Solve in units that are corrected by the optimum, first those of a start."""
-        unit = min(longest or np.inf, self._pace())
-        size = limit or float(np.median(np.abs(self.torques.constant)))
+        unit, size = self._units(limit)
+        unit = min(longest or np.inf, unit)
         if start is not None:
             unit, size = start.duration, np.sqrt(start.value / start.duration)
         for _ in range(MAX_UNIT_CHANGES):
@@ -320,7 +328,7 @@ class _Optimum(NamedTuple):
 
 
 class _ConeProgram:
-    """One program in units of time [s] and torque [N m]: unknowns z, peak, roots r, durations v, energies e."""
+    """One program in units of time [s] and torque [N m]: z, peak, roots r, durations v, energies e."""
 
     def __init__(
         self,
@@ -346,7 +354,8 @@ class _ConeProgram:
         """Return rows of all unknowns."""
         height = next(iter(blocks.values())).shape[0]
         return sparse.hstack(
-            [blocks.get(name, sparse.csr_array((height, size))) for name, size in self.sizes.items()], format="csr"
+            [blocks.get(name, sparse.csr_array((height, size))) for name, size in self.sizes.items()],
+            format="csr",
         )
 
     def add(self, cone: Any, matrix: Any, offset: np.ndarray) -> None:
@@ -355,7 +364,9 @@ class _ConeProgram:
         self.offsets.append(offset)
         self.cones.append(cone)
 
-    def add_products(self, first: Any, second: Any, root: Sequence[Any], constants: Sequence[np.ndarray]) -> None:
+    def add_products(
+        self, first: Any, second: Any, root: Sequence[Any], constants: Sequence[np.ndarray]
+    ) -> None:
         """Ask for first * second >= sum of (root + constant)^2, each line one cone."""
         height, parts = first.shape[0], [first + second, first - second, *(2.0 * one for one in root)]
         order = np.arange(len(parts) * height).reshape(len(parts), height).T.ravel()
@@ -368,22 +379,48 @@ class _ConeProgram:
 
     def solve(self) -> _Optimum | None:
         """Return the optimum in SI units; None where the solver finds none."""
-        laws, width = self.laws, np.diff(self.laws.edges)
-        condition = laws._condition_rows() / self.unit**2
-        norm = 1.0 / np.abs(condition).max(axis=1).toarray().ravel()
-        self.add(
-            clarabel.ZeroConeT(len(norm)),
-            self.rows(z=sparse.diags_array(norm) @ condition),
-            norm * laws.rows[:, 0],
-        )
+        laws = self.laws
         torques = [matrix / (self.size * self.unit**2) for matrix in laws._torque_rows()]
         starts = list(laws.torques.constant.T / self.size)
-        one = sparse.csr_array(np.ones((len(laws.smooth), 1)))
+        self._add_condition()
+        self._add_peak(torques, starts)
+        self._add_bounds()
+        self._add_roots(np.diff(laws.edges), torques, starts)
+        counted = {"time": "v", "peak_torque": "peak", "energy": "e"}[self.goal]
+        objective = (
+            np.concatenate([np.full(size, name == counted) for name, size in self.sizes.items()]) * 1.0
+        )
+        solved = self._solved(objective)
+        if solved is None:
+            return None
+        x = np.array(solved.x)
+        z = x[: self.n]
+        peaks = [np.abs(m @ z + c).max() for m, c in zip(torques, starts, strict=True)]
+        scale = {"time": self.unit, "peak_torque": self.size, "energy": self.size**2 * self.unit}[self.goal]
+        duration = laws.time(z)[0] * self.unit
+        return _Optimum(
+            float(objective @ x) * scale, duration, float(max(peaks)) * self.size, z / self.unit**2
+        )
+
+    def _add_condition(self) -> None:
+        """Ask for condition (8) in the cells with a crossing."""
+        condition = self.laws._condition_rows() / self.unit**2
+        norm = 1.0 / np.abs(condition).max(axis=1).toarray().ravel()
+        rows = self.rows(z=sparse.diags_array(norm) @ condition)
+        self.add(clarabel.ZeroConeT(len(norm)), rows, norm * self.laws.rows[:, 0])
+
+    def _add_peak(self, torques: list[Any], starts: list[np.ndarray]) -> None:
+        """Ask for torques up to the peak."""
+        one = sparse.csr_array(np.ones((len(starts[0]), 1)))
         for matrix, start in zip(torques, starts, strict=True):
-            big = sparse.diags_array(1.0 / np.maximum(1.0, np.abs(matrix).max(axis=1).toarray().ravel() / 100))
+            largest = np.abs(matrix).max(axis=1).toarray().ravel()
+            big = sparse.diags_array(1.0 / np.maximum(1.0, largest / MAX_ENTRY))
             for sign in (1.0, -1.0):
                 rows = self.rows(z=sign * big @ matrix, peak=big @ one)
                 self.add(clarabel.NonnegativeConeT(len(start)), rows, sign * big @ start)
+
+    def _add_bounds(self) -> None:
+        """Ask for the limit, the longest duration, and the tangent of a required one."""
         if self.limit is not None:
             ceiling = self.rows(peak=sparse.csr_array([[-1.0]]))
             self.add(clarabel.NonnegativeConeT(1), ceiling, np.array([self.limit / self.size]))
@@ -391,26 +428,11 @@ class _ConeProgram:
             whole = self.rows(v=sparse.csr_array(-np.ones((1, self.cells))))
             self.add(clarabel.NonnegativeConeT(1), whole, np.array([self.longest / self.unit]))
         if self.tangent is not None:
-            time, slope = laws.time(self.tangent.z)
+            time, slope = self.laws.time(self.tangent.z)
             row, offset = slope / self.unit**2, time - slope @ self.tangent.z - self.tangent.duration
             norm = float(np.abs(row).max())
             above = self.rows(z=sparse.csr_array(row[None] / norm))
             self.add(clarabel.NonnegativeConeT(1), above, np.array([offset / norm]))
-        self._add_roots(width, torques, starts)
-        objective = np.zeros(sum(self.sizes.values()))
-        names = list(self.sizes)
-        start = np.cumsum([0, *self.sizes.values()])
-        count = {"time": "v", "peak_torque": "peak", "energy": "e"}[self.goal]
-        at = names.index(count)
-        objective[start[at] : start[at + 1]] = 1.0
-        solved = self._solved(objective)
-        if solved is None:
-            return None
-        x = np.array(solved.x)
-        duration = laws.time(x[: self.n])[0] * self.unit
-        peak = max(float(np.abs(m @ x[: self.n] + c).max()) for m, c in zip(torques, starts, strict=True)) * self.size
-        scale = {"time": self.unit, "peak_torque": self.size, "energy": self.size**2 * self.unit}[self.goal]
-        return _Optimum(float(objective @ x) * scale, duration, peak, x[: self.n] / self.unit**2)
 
     def _add_roots(self, width: np.ndarray, torques: list[Any], starts: list[np.ndarray]) -> None:
         """Ask for r^2 <= z, v r >= width in the mean of a cell, and e r >= width torque^2."""

@@ -1,8 +1,8 @@
 """Optimal laws of several requests on one path, and what they say against each other.
 
-Every law is a counterexample to a worse one, and to a refusal, of any request whose constraints it keeps. Values
-are measured anew on samples of the torques, and torques are held against the equations of motion in all
-coordinates.
+Every law is a counterexample to a worse one, and to a refusal, of any request whose constraints it keeps.
+Values are measured anew on samples of the torques, and torques are held against the equations of motion in
+all coordinates.
 """
 
 from __future__ import annotations
@@ -136,9 +136,8 @@ def contradictions(answers: Iterable[Answer]) -> list[str]:
         if one.refusal is not None:
             found.append(f"{one.asked}: refused, but [{best.asked}] is within it, {cost:.6g}: {one.refusal}")
         elif one.value > BEATEN * cost:
-            found.append(
-                f"{one.asked}: {one.value:.6g} is {100 * (one.value / cost - 1):.2g} % above [{best.asked}], {cost:.6g}"
-            )
+            excess = 100 * (one.value / cost - 1)
+            found.append(f"{one.asked}: {one.value:.6g}, {excess:.2g} % above [{best.asked}], {cost:.6g}")
     return found
 
 

@@ -1,14 +1,15 @@
-"""Sixty random rigid robots under gravity in their plane, or in space, each on a path across its singular locus.
+"""Sixty random rigid robots under gravity, each on a path across its singular locus.
 
     python -m tests.oracles.random_crossings [FIRST LAST]  lists robots, paths and crossings
 
-Robot k is of kind k % 5, and its path meets the locus 1 + (k // 5) % 3 times: a line, an arc or a spline for one
-crossing, a spline there and back for two, and there, back and there for three. Five-bars are drawn in all their
-dimensions, and their paths freely; the others are those of the catalogue in another size, with other masses of
-every link (the 3-RRR also with other lengths of every link) and gravity in the plane of the 3-RRR.
+Robot k is of kind k % 5, and its path meets the locus 1 + (k // 5) % 3 times. Five-bars are drawn in all
+their dimensions, stand upright, and have a free line, arc or spline. The others are those of the catalogue
+in another size, with other masses of every link; the 3-RRR stands upright and has other lengths of every
+link. Their paths are a line, an arc or a spline about that of the catalogue's scene for one crossing, a
+spline there and back for two, and there, back and there for three.
 
-Seed and ranges were fixed before the first run. Redrawn is only what leaves the workspace, has another number of
-crossings, or has them closer than `CLEAR` to one another and to the ends of the path.
+Seed and ranges were fixed before the first run. Redrawn is only what leaves the workspace, has another
+number of crossings, or has them closer than `CLEAR` to one another and to the ends of the path.
 """
 
 from __future__ import annotations
@@ -87,9 +88,7 @@ def random_crossing(k: int) -> RandomCrossing:
 # ------------------------------------------------------------------ robots of the catalogue
 
 
-def _of_catalogue(
-    rng: np.random.Generator, kind: str, crossings: int
-) -> tuple[RobotDescription, Path]:
+def _of_catalogue(rng: np.random.Generator, kind: str, crossings: int) -> tuple[RobotDescription, Path]:
     """Draw size, masses and a path about that of the catalogue's scene."""
     description = scaled(robots.load(kind).description, float(rng.uniform(*SIZES)))
     root = ElementTree.fromstring(description.urdf_text)
@@ -131,7 +130,7 @@ def _there_and_back(rng: np.random.Generator, start: np.ndarray, end: np.ndarray
 
 
 class _Legs(NamedTuple):
-    """Two cranks on a line with their rods; elbows on the left (-1) or the right (1) of the line to the tip."""
+    """Two cranks with their rods; elbows on the left (-1) or the right (1) of the line to the tip."""
 
     base: np.ndarray  # (2,) [m] along x
     crank: np.ndarray  # (2,) [m]
@@ -139,10 +138,12 @@ class _Legs(NamedTuple):
     side: np.ndarray  # (2,)
 
     def angles(self, tip: np.ndarray) -> np.ndarray | None:
-        """Absolute angles (T, 2, 2) of crank and rod of each leg [rad] with the tip at (T, 2), if in reach."""
+        """Absolute angles (T, 2, 2) [rad] of each leg's crank and rod, the tip at (T, 2), if in reach."""
         way = tip[:, None] - np.stack([self.base, np.zeros(2)], axis=1)
         far, margin = np.hypot(way[..., 0], way[..., 1]), MARGIN * float(self.crank.mean())
-        if not np.all((far > np.abs(self.crank - self.rod) + margin) & (far < self.crank + self.rod - margin)):
+        if not np.all(
+            (far > np.abs(self.crank - self.rod) + margin) & (far < self.crank + self.rod - margin)
+        ):
             return None
         bend = np.arccos((self.crank**2 + far**2 - self.rod**2) / (2 * self.crank * far))
         crank = np.arctan2(way[..., 1], way[..., 0]) - self.side * bend
