@@ -21,32 +21,40 @@ from framework.crossing.optimal.speed_program import Bounds, LawProblem, Speed, 
 from framework.errors import InvalidInput
 from framework.motion.cone_program import Unsolved
 from framework.motion.optimal_law import OptimalLaw
-from framework.tolerances import LIMIT_MARGIN, SQUARED_SPEED_FLOORS
+from framework.tolerances import LIMIT_MARGIN, SAME_PLACE, SQUARED_SPEED_FLOORS
 
-FIRST_CELLS, MAX_CELLS = 90, 250
+FIRST_CELLS, MAX_CELLS = 60, 250
 MAX_REFINEMENTS, MIN_REFINEMENT_GAIN = 5, 2e-3  # of the cells; below, the cost is not worth another
 LOW_COEFFICIENT = 1e-5  # of the median: lower ones would go on falling on smaller cells
+MAX_BEND = 0.1  # second difference of coefficients over the least of the three, above which cells are cut
 COST_SHARE = 4e-3  # of the least cost, which smoothness may take
 SAME_DURATION = 1e-6  # of a duration
 MAX_UNIT_CHANGES, MAX_UNIT_RATIO = 8, 5.0  # of units that are corrected: of the optimum to its unit, or inverse
 MAX_SLOW_STEPS, MAX_ENERGY_STEPS = 6, 6  # of the tangent of T(z), towards slow laws and little energy
 MIN_ENERGY_GAIN = 1e-3
 TRIED_STARTS = 2  # of laws slow enough, from which the least energy is sought
-WAITING_WIDTHS = (0.05, 0.15)  # in sigma, of stretches where a law may wait
+WAITING_WIDTHS = (0.15, 0.05)  # in sigma, of stretches where a law may wait; the second where the first is none
 MAX_ROW_ROUNDS = 3  # of solving with rows where a limit was exceeded between the points
+BETWEEN = np.arange(1, 6) / 6  # places between two points, where a limit that is nearly reached is looked at
+NEARLY_REACHED = 0.98  # of what is allowed
+LIMIT_TIGHTENING = 1e-5  # share of a limit that is left free when it was exceeded
 
 
 class Best(NamedTuple):
-    """A law with the program and the speed it comes from; `least`: the least cost that the program found.
-
-    reference: torques (n_a,) [N m] that `peak` is relative to. cost: the duration [s], the peak, or the energy [s].
-    """
+    """A law, the squared speed that it is made of, and the search that found it."""
 
     law: OptimalLaw
-    program: SpeedProgram
+    search: _Search
     speed: Speed
-    least: float
-    reference: Array
+
+    @property
+    def program(self) -> SpeedProgram:
+        return self.search.program
+
+    @property
+    def reference(self) -> Array:
+        """Torques (n_a,) [N m] that peak and energy are relative to."""
+        return self.program.problem.reference
 
     @property
     def peak(self) -> float:
@@ -55,8 +63,13 @@ class Best(NamedTuple):
 
     @property
     def cost(self) -> float:
-        """What the goal counts."""
-        return cost_of(self.program.problem.specification.goal, self.speed)
+        """The duration [s], the peak over the reference, or the energy over its square [s]."""
+        return cost_of(self.search.goal, self.speed)
+
+    @property
+    def least(self) -> float:
+        """The least cost that the program found, of laws however restless."""
+        return cost_of(self.search.goal, self.search.least)
 
 
 class NoneFound(NamedTuple):
@@ -93,32 +106,49 @@ def find_best_law(
     Args:
         cells: (k + 1,) of xi, which are refined; uniform ones unless given.
     """
+    goal = problem.specification.goal
     valued = refine_value(problem, cells)
     if isinstance(valued, NoneFound):
-        return valued
+        return valued if goal == "peak_torque" else _gentlest_within_limits(problem, valued, share)
     program, least, units = valued
     longest = problem.specification.longest
-    if problem.specification.goal == "time" and longest is not None and least.value > longest:
+    if goal == "time" and longest is not None and least.value > longest:
         return NoneFound(program, f"the quickest found takes {least.duration:.4g} s")
-    try:
-        search, found = _search_smooth(_Search(program, units, least, share))
-        return found if isinstance(found, NoneFound) else _best_of(search, found)
-    except InvalidInput as reason:  # z comes too near to zero
-        return NoneFound(program, str(reason))
+    return _search_smooth(_Search(program, units, least, share))
 
 
-def _search_smooth(search: _Search) -> tuple[_Search, Speed | NoneFound]:
+def tighten_law(best: Best, excess: float) -> Best | NoneFound:
+    """Find a smooth law again, with limits divided by an excess > 1 that the certificate of `best` shows."""
+    search = best.search._replace(kept=best.search.kept * (1.0 - LIMIT_TIGHTENING) / excess)
+    found = _search_smooth(search, best.speed)
+    if isinstance(found, Best) or search.goal == "peak_torque":
+        return found
+    return _gentlest_within_limits(search.program.problem, found, search.share)
+
+
+def _gentlest_within_limits(problem: LawProblem, none: NoneFound, share: float) -> Best | NoneFound:
+    """Find the law of least peak for another goal that has no law, if all limits hold; else return `none`."""
+    if not problem.specification.limited:
+        return none
+    gentlest = find_best_law(problem.with_goal("peak_torque"), share=share)
+    return gentlest if isinstance(gentlest, Best) and gentlest.peak <= 1.0 else none
+
+
+def _search_smooth(search: _Search, near: Speed | None = None) -> Best | NoneFound:
     """Find the smooth law, with rows wherever a limit was exceeded between the points."""
     duration = search.program.problem.specification.duration
-    for _ in range(MAX_ROW_ROUNDS + 1):
-        found = search.smoothest() if duration is None else search.lasting(duration)
-        if isinstance(found, NoneFound):
-            break
-        exceeded = _exceeded_places(search.program, found, search.bounds)
-        if not len(exceeded):
-            break
-        search = search._replace(program=search.program.extend(exceeded))
-    return search, found
+    try:
+        for _ in range(MAX_ROW_ROUNDS + 1):
+            found = search.smoothest() if duration is None else search.lasting(duration, near)
+            if isinstance(found, NoneFound):
+                return found
+            exceeded = _exceeded_places(search.program, found, search.bounds)
+            if not len(exceeded):
+                break
+            search, near = search._replace(program=search.program.extend(exceeded)), found
+        return _best_of(search, found)
+    except InvalidInput as reason:  # z comes too near to zero
+        return NoneFound(search.program, str(reason))
 
 
 def _best_of(search: _Search, found: Speed) -> Best:
@@ -134,8 +164,7 @@ def _best_of(search: _Search, found: Speed) -> Best:
         program.problem.task.stretch.at,
         tuple(program.basis.cells),
     )
-    least = cost_of(specification.goal, search.least)
-    return Best(law, program, program.speed(y), least, program.problem.reference)
+    return Best(law, search, program.speed(y))
 
 
 # ------------------------------------------------------------------ value
@@ -152,23 +181,31 @@ def first_cells(problem: LawProblem) -> Array:
     return edges
 
 
-def refine_value(problem: LawProblem, cells: Array | None = None) -> tuple[SpeedProgram, Speed, Units] | NoneFound:
-    """Find the least cost on cells that are cut where the coefficients of z are nearly zero.
+def refine_value(
+    problem: LawProblem, cells: Array | None = None, *, torque_limits: bool = True
+) -> tuple[SpeedProgram, Speed, Units] | NoneFound:
+    """Find the least cost on cells that are cut where the coefficients of z are nearly zero, or bend sharply.
 
-    Where the limits have no law on the first cells, those on which the least peak was found are tried.
+    The least peak is sought without torque limits, which it meets where any law does if all motors have one.
+    Where limits have no law on the first cells, those on which the least peak was found are tried.
     """
-    goal, best = problem.specification.goal, None
+    goal, best, limited = problem.specification.goal, None, problem.specification.limited
     cells = first_cells(problem) if cells is None else cells
+    if goal == "peak_torque" and limited and torque_limits:
+        free = refine_value(problem, cells, torque_limits=False)
+        if isinstance(free, NoneFound) or free[1].peak <= 1.0:
+            return free
+        return _value_on(problem, free[0].cells)
     for _ in range(MAX_REFINEMENTS + 1):
         program = SpeedProgram.on_cells(problem, cells)
-        found = _least_cost(program, None if best is None else best[2])
+        found = _least_cost(program, None if best is None else best[2], torque_limits=torque_limits)
         if isinstance(found, NoneFound):
             if best is not None or goal == "peak_torque":
                 return best or found
-            peaks = refine_value(problem.with_goal("peak_torque", torque_limits=False), cells)
+            peaks = refine_value(problem.with_goal("peak_torque"), cells, torque_limits=False)
             if isinstance(peaks, NoneFound):
                 return found
-            finer = peaks[0].basis.cells
+            finer = peaks[0].cells
             return found if len(finer) == len(cells) else _value_on(problem, finer)
         cost = cost_of(goal, found[0])
         if best is None or cost < cost_of(goal, best[1]):
@@ -191,11 +228,15 @@ def _value_on(problem: LawProblem, cells: Array) -> tuple[SpeedProgram, Speed, U
     return found if isinstance(found, NoneFound) else (program, *found)
 
 
-def _least_cost(program: SpeedProgram, units: Units | None = None) -> tuple[Speed, Units] | NoneFound:
+def _least_cost(
+    program: SpeedProgram, units: Units | None = None, *, torque_limits: bool = True
+) -> tuple[Speed, Units] | NoneFound:
     """Solve for the goal with units corrected by the optimum, and return both."""
     specification = program.problem.specification
     goal = specification.goal
-    bounds = Bounds(longest=None if goal == "time" else specification.most)  # the quickest law, whatever bounds it
+    most = None if goal == "time" else specification.most  # the quickest law, whatever bounds it
+    share = 1.0 if goal == "peak_torque" else 1.0 - LIMIT_MARGIN
+    bounds = Bounds(most, torque_limits=torque_limits, share=share)
     units = units or _first_units(program)
     for _ in range(MAX_UNIT_CHANGES):
         found = program.minimise(goal, bounds, units)
@@ -237,12 +278,17 @@ def _first_units(program: SpeedProgram) -> Units:
 
 
 def _cells_to_cut(program: SpeedProgram, y: Array) -> BoolArray:
-    """Return a mask (k,) of the cells under coefficients that are nearly zero."""
+    """Return a mask (k,) of the cells under coefficients that are nearly zero, or bend sharply."""
     basis = program.basis
     if not basis.is_spline:
         return np.zeros(len(program.cells) - 1, dtype=bool)
-    low = np.flatnonzero(y < LOW_COEFFICIENT * np.median(y))
-    start, end = basis.knots[low], basis.knots[low + basis.degree + 1]
+    low = LOW_COEFFICIENT * np.median(y)
+    neighbours = np.lib.stride_tricks.sliding_window_view(np.maximum(y, low), 3)
+    bent = np.abs(neighbours @ [1.0, -2.0, 1.0]) > MAX_BEND * neighbours.min(axis=1)
+    start = np.concatenate([basis.knots[np.flatnonzero(y <= low)], basis.knots[np.flatnonzero(bent) + 3]])
+    end = np.concatenate(
+        [basis.knots[np.flatnonzero(y <= low) + basis.degree + 1], basis.knots[np.flatnonzero(bent) + basis.degree]]
+    )
     cells = basis.cells
     return np.asarray(((cells[:-1, None] >= start) & (cells[1:, None] <= end)).any(axis=1))
 
@@ -266,7 +312,8 @@ class _Search(NamedTuple):
     program: SpeedProgram
     units: Units
     least: Speed
-    share: float
+    share: float  # of the least cost, which smoothness may take
+    kept: float = 1.0  # share of the limits to which the certificate has led
 
     @property
     def goal(self) -> str:
@@ -275,13 +322,16 @@ class _Search(NamedTuple):
     @property
     def bounds(self) -> Bounds:
         """What a smooth law keeps: the limits, and the least cost but for a share."""
-        most, share = self.program.problem.specification.most, 1.0 + self.share
+        specification, share = self.program.problem.specification, 1.0 + self.share
+        most, kept = specification.most, self.kept * (1.0 - LIMIT_MARGIN)
         if self.goal == "time":
-            return Bounds(longest=min(share * self.least.value, most or np.inf))
+            return Bounds(min(share * self.least.value, most or np.inf), share=kept)
         longest = None if most is None else most * (1.0 - SAME_DURATION)
         if self.goal == "energy":
-            return Bounds(longest, energy=share * self.least.energy)
-        return Bounds(longest, peak=share * self.least.peak)
+            return Bounds(longest, energy=share * self.least.energy, share=kept)
+        limited = specification.limited and self.least.peak <= 1.0
+        peak = self.kept * min(share * self.least.peak, 1.0 if limited else np.inf)
+        return Bounds(longest, peak, share=self.kept)
 
     def smoothest(self) -> Speed | NoneFound:
         """Find the smoothest law within the bounds, in twice the time that these take at least."""
@@ -294,10 +344,10 @@ class _Search(NamedTuple):
                 return own._above_floor(bounds._replace(longest=longest))[0]
         return self._above_floor(bounds)[0]
 
-    def lasting(self, duration: float) -> Speed | NoneFound:
-        """Find a smooth law within the bounds that takes a duration [s]."""
+    def lasting(self, duration: float, near: Speed | None = None) -> Speed | NoneFound:
+        """Find a smooth law within the bounds that takes a duration [s], of least energy that near one of it."""
         if self.goal == "energy":
-            return self._least_energy(duration)
+            return self._least_energy(duration, near)
         smooth, floor = self._above_floor(self.bounds)
         if isinstance(smooth, NoneFound) or smooth.duration >= duration * (1.0 - 2.0 * SAME_DURATION):
             return smooth
@@ -357,19 +407,18 @@ class _Search(NamedTuple):
 
     # -------------------------------------------------------------- energy at a duration
 
-    def _least_energy(self, duration: float) -> Speed | NoneFound:
+    def _least_energy(self, duration: float, near: Speed | None) -> Speed | NoneFound:
         """Find a law of little energy that takes a duration [s], from several that do, then a smooth one."""
-        limits = Bounds()
-        quick, floor = self._above_floor(Bounds(longest=duration), "energy")
+        limits = Bounds(share=self.bounds.share)
+        quick, floor = self._above_floor(limits._replace(longest=duration), "energy")
         if isinstance(quick, NoneFound):
             return quick
-        if quick.duration >= duration * (1.0 - SAME_DURATION):
-            found = quick
-        else:
+        found: Speed | NoneFound = near or quick
+        if near is None and quick.duration < duration * (1.0 - SAME_DURATION):
             found = self._from_slow_starts(quick, duration, floor)
             if isinstance(found, NoneFound):
                 return found
-        share = limits._replace(energy=(1.0 + self.share) * found.energy)
+        share = self.bounds._replace(longest=None, energy=(1.0 + self.share) * found.energy)
         smooth = self.program.minimise("bend", share._replace(longest=duration), self.units, floor=floor)
         if isinstance(smooth, Speed) and np.isfinite(smooth.duration):
             if smooth.duration >= duration * (1.0 - SAME_DURATION):
@@ -389,26 +438,32 @@ class _Search(NamedTuple):
                 return start
         if not starts:
             return NoneFound(self.program, "no law slow enough was found")
-        starts.sort(key=lambda speed: speed.energy)
-        best = starts[0]
-        for start in starts[:TRIED_STARTS]:
-            for _ in range(MAX_ENERGY_STEPS):
-                better = self._step("energy", start, quick, Bounds(), floor, 1)
-                gained = better.energy < (1.0 - MIN_ENERGY_GAIN) * start.energy
-                start = min(start, better, key=lambda speed: speed.energy)
-                if not gained:
-                    break
-            best = min(best, start, key=lambda speed: speed.energy)
-        return best
+        starts.sort(key=_energy_of)
+        return min((self._descend(start, starts[0], quick, floor) for start in starts[:TRIED_STARTS]), key=_energy_of)
+
+    def _descend(self, law: Speed, rival: Speed, quick: Speed, floor: float) -> Speed:
+        """Lower the energy of a law step by step, as long as that pays and the rival's is within reach."""
+        for left in range(MAX_ENERGY_STEPS - 1, -1, -1):
+            better = self._step("energy", law, quick, Bounds(share=self.bounds.share), floor, 1)
+            gain = law.energy - better.energy
+            law = min(law, better, key=_energy_of)
+            if gain < MIN_ENERGY_GAIN * law.energy or law.energy - left * gain > rival.energy:
+                break
+        return law
 
     def _slow_starts(self, quick: Speed, duration: float, floor: float) -> Iterator[Speed]:
         """Find laws of a duration [s] that wait somewhere, and the law of least peak in that duration."""
-        for cap in self._caps(duration):
-            slow = self.program.minimise(
-                "energy", Bounds(), self.units, floor=floor, cap=np.maximum(cap, 1.01 * floor)
-            )
-            if isinstance(slow, Speed) and duration <= slow.duration < np.inf:
-                yield self._blend(quick, slow, duration)
+        for width in WAITING_WIDTHS:
+            found = False
+            for cap in self._caps(duration, width):
+                slow = self.program.minimise(
+                    "energy", Bounds(share=self.bounds.share), self.units, floor=floor, cap=np.maximum(cap, 1.01 * floor)
+                )
+                if isinstance(slow, Speed) and duration <= slow.duration < np.inf:
+                    found = True
+                    yield self._blend(quick, slow, duration)
+            if found:
+                break
         gentle = replace(self.program, problem=self.program.problem.with_goal("peak_torque"))
         least = _least_cost(gentle)
         if not isinstance(least, NoneFound):
@@ -416,7 +471,7 @@ class _Search(NamedTuple):
             if isinstance(slow, Speed) and slow.duration >= duration * (1.0 - SAME_DURATION):
                 yield slow
 
-    def _caps(self, duration: float) -> Iterator[Array]:
+    def _caps(self, duration: float, width: float) -> Iterator[Array]:
         """Return bounds (m,) of positive rows with which a law waits at an end, or where holding costs least."""
         program = self.program
         sigma = program.problem.task.stretch.inverse(np.clip(program.positive[1], -1.0, 1.0))
@@ -426,24 +481,30 @@ class _Search(NamedTuple):
         inner = np.flatnonzero(
             (rest[2:-2] <= rest[1:-3]) & (rest[2:-2] <= rest[3:-1]) & (rest[2:-2] < 0.9 * min(rest[0], rest[-1]))
         )
-        for width in WAITING_WIDTHS:
-            start, end = sigma < width, sigma > 1.0 - width
-            for waiting in (start, end, start | end, *(np.abs(sigma - sigma[k + 2]) < 0.5 * width for k in inner)):
-                yield np.where(waiting, (0.7 * width / duration) ** 2, np.inf)
+        start, end = sigma < width, sigma > 1.0 - width
+        for waiting in (start, end, start | end, *(np.abs(sigma - sigma[k + 2]) < 0.5 * width for k in inner)):
+            yield np.where(waiting, (0.7 * width / duration) ** 2, np.inf)
+
+
+def _energy_of(speed: Speed) -> float:
+    return speed.energy
 
 
 def _exceeded_places(program: SpeedProgram, found: Speed, bounds: Bounds) -> Array:
     """Return places in xi (R,) between the points where a limit or the bound of the peak is exceeded."""
-    xi = np.sort(program.xi)
-    between = 0.5 * (xi[1:] + xi[:-1])
-    near = np.abs(between[:, None] - program.problem.places).min(axis=1, initial=np.inf) < 1e-9
-    between = between[~near]
+    limit, reference = program.problem.specification.torque_limit, program.problem.reference
+    bounded = np.inf if bounds.peak is None else bounds.peak * (1.0 + LIMIT_MARGIN) * reference
+    allowed = np.minimum(limit, bounded)
+    reached = program.rows.used_share(found.y, allowed)[: len(program.xi)]
+    order = np.argsort(program.xi)
+    xi, reached = program.xi[order], reached[order]
+    gaps = np.flatnonzero(np.maximum(reached[1:], reached[:-1]) > NEARLY_REACHED)
+    if not len(gaps):
+        return np.empty(0)
+    between = (xi[gaps, None] + (xi[gaps + 1] - xi[gaps])[:, None] * BETWEEN).ravel()
+    between = between[np.abs(between[:, None] - program.problem.places).min(axis=1, initial=np.inf) > SAME_PLACE]
     rows = motor_rows(program.problem, program.basis, program.conditions, between)
-    limit = program.problem.specification.torque_limit
-    allowed = np.minimum(limit, np.inf if bounds.peak is None else bounds.peak * (1.0 + LIMIT_MARGIN) * program.problem.reference)
-    over = np.stack([np.abs(torque(found.y)) / allowed[j] for j, torque in enumerate(rows.torque)], axis=1).max(axis=1)
-    fast = [rows @ found.y for rows in rows.squared_speed]
-    over = np.max([over, *fast], axis=0)
+    over = rows.used_share(found.y, allowed)
     padded = np.pad(over, 1, constant_values=-np.inf)
     highest = (over >= padded[:-2]) & (over >= padded[2:])
     return between[highest & (over > 1.0)]

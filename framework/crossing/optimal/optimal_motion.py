@@ -26,7 +26,7 @@ from framework.crossing.optimal.optimal_task import (
 )
 from framework.crossing.optimal.phase_plane import Deflections, DeflectionsOnPath
 from framework.crossing.optimal.rest_of_springs import check_rest
-from framework.crossing.optimal.undeformed_law import find_law
+from framework.crossing.optimal.undeformed_law import find_law, tighten_found_law
 from framework.crossing.specification import Specification
 from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.known_deflections import KnownDeflections
@@ -71,15 +71,13 @@ def optimal_motion(task: Task) -> OptimalMotion:
     check_speeds(task, places)
     if robot.n_e:
         return _elastic(task, places)
-    tightened, cells = task, None
+    best = find_law(task, places)
     for _ in range(MAX_PASSES):
-        best = find_law(tightened, places, cells=cells)
         dynamics, law, _ = _resolved(task, best.law, None)
         excess = limit_excess(dynamics, task.specification)
         if excess <= 1.0:
             return OptimalMotion(dynamics, law, best)
-        specification = tightened.specification.tightened((1.0 - LIMIT_TIGHTENING) / excess)
-        tightened, cells = task._replace(specification=specification), np.array(best.law.cells)
+        best = tighten_found_law(task, places, best, excess)
     raise NotConverged(
         f"{robot.name}: no law within all limits is resolved in {MAX_PASSES} passes",
         residual=abs(excess - 1.0),

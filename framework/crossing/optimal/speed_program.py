@@ -99,6 +99,11 @@ class MotorRows(NamedTuple):
         torque = tuple(Affine(weights @ matrix, weights @ offset) for matrix, offset in self.torque)
         return MotorRows(torque, tuple(weights @ matrix for matrix in self.squared_speed))
 
+    def used_share(self, y: Array, allowed: Array) -> Array:
+        """Return the largest torque over what is allowed (n_a,) [N m], or squared speed over its limit's, (M,)."""
+        torques = [np.abs(torque(y)) / most for torque, most in zip(self.torque, allowed, strict=True)]
+        return np.asarray(np.max([*torques, *(rows @ y for rows in self.squared_speed)], axis=0))
+
     def stack(self, other: MotorRows) -> MotorRows:
         """Return the rows of both."""
         torque = tuple(
@@ -113,14 +118,15 @@ class Bounds(NamedTuple):
     """What a solution has to keep besides condition (8).
 
     longest: its duration [s]; peak: its torques over the reference; energy: its integral of the sum of
-    (torque over reference)^2; torque_limits, speed_limits: whether those of the specification are kept.
+    (torque over reference)^2; torque_limits: whether those of the specification are kept.
+    share: of the limits, which is used.
     """
 
     longest: float | None = None
     peak: float | None = None
     energy: float | None = None
     torque_limits: bool = True
-    speed_limits: bool = True
+    share: float = 1.0 - LIMIT_MARGIN
 
 
 class Units(NamedTuple):
@@ -314,24 +320,24 @@ class SpeedProgram:
         """Return bounds of torques and squared speeds as rows that may not be negative."""
         limit = self.problem.specification.torque_limit
         reference, rows = self.problem.reference, []
-        scale, free = units.time**2, 1.0 - LIMIT_MARGIN
+        scale = units.time**2
         for motor, (matrix, offset) in enumerate(self.rows.torque):
             unit = reference[motor] * units.torque
             largest = np.inf if bounds.peak is None else bounds.peak / units.torque
             limited = bool(np.isfinite(limit[motor]))
             if bounds.torque_limits and limited and goal != "limits":
-                largest = min(largest, free * limit[motor] / unit)
+                largest = min(largest, bounds.share * limit[motor] / unit)
             torque = Rows({"y": matrix / (unit * scale)}, offset / unit)
             if goal == "peak_torque" or (goal == "limits" and limited):
-                rows += _within(torque, None, free if goal == "limits" else 1.0)
+                rows += _within(torque, None, bounds.share if goal == "limits" else 1.0)
             if np.isfinite(largest):
                 rows += _within(torque, largest)
         for matrix in self.rows.squared_speed:
             speed = matrix / scale
             if goal in ("peak_speed", "limits"):
                 rows.append(_scaled(Rows({"y": -speed, "peak": _column(matrix, 1.0)}, np.zeros(matrix.shape[0]))))
-            elif bounds.speed_limits:
-                rows.append(_scaled(Rows({"y": -speed}, np.full(matrix.shape[0], free**2))))
+            else:
+                rows.append(_scaled(Rows({"y": -speed}, np.full(matrix.shape[0], bounds.share**2))))
         return rows
 
     def _cones(self, units: Units, *, timed: bool, powered: bool) -> list[list[Rows]]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.crossing.condition import CrossingPoint
-from framework.crossing.optimal.best_law import COST_SHARE, Best, NoneFound, find_best_law
+from framework.crossing.optimal.best_law import COST_SHARE, Best, NoneFound, find_best_law, tighten_law
 from framework.crossing.optimal.limit_refusals import refuse_law
 from framework.crossing.optimal.optimal_task import Task, check_speeds, conditions_at, crossing_places, other_law
 from framework.crossing.optimal.phase_plane import Deflections, SquaredSpeed, demand
@@ -72,6 +72,19 @@ def find_law(
         f"use {other_law(task)}another duration",
         residual=error,
     )
+
+
+def tighten_found_law(task: Task, places: Sequence[CrossingPoint], best: Best, excess: float) -> Best:
+    """Find a law near the best with limits divided by an excess > 1; raises NotConverged where there is none."""
+    tightened = tighten_law(best, excess)
+    if isinstance(tightened, NoneFound):
+        raise NotConverged(
+            f"{task.branch.robot.name}: no law near the best keeps all limits between its points",
+            residual=excess - 1.0,
+        )
+    if not task.branch.robot.is_damped:
+        return tightened
+    return tightened._replace(law=_meeting_conditions(task, places, tightened.law))
 
 
 def problem_of(
