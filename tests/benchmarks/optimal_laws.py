@@ -1,6 +1,6 @@
 """Sixty random robots, twelve requests of optimal laws each: contradictions, gaps, turns and processor time.
 
-    python -m tests.benchmarks.optimal_laws [--robots 0 7 12 | --seeds 0 60] [--no-bounds]
+    python -m tests.benchmarks.optimal_laws [--robots 0 7 12 | --seeds 0 60] [--longest 1 20 1000]
 
 Robots, paths and durations D are those of `tests.oracles.random_crossings`. Asked for are the least peak
 and energy at D and within 1, 20 and 1000 D, and the least time at 1.25 times the least peak within D, with
@@ -36,7 +36,7 @@ class Line(NamedTuple):
     gap: float = np.nan  # share
 
 
-def lines_of(one: RandomCrossing, *, bounds: bool = True) -> list[Line]:
+def lines_of(one: RandomCrossing, *, ratios: Sequence[float] = LONGEST, bounds: bool = True) -> list[Line]:
     """Plan all requests of a robot."""
     duration = one.duration
 
@@ -47,15 +47,15 @@ def lines_of(one: RandomCrossing, *, bounds: bool = True) -> list[Line]:
         plan("peak at D", Asked("peak_torque", duration=duration)),
         plan("energy at D", Asked("energy", duration=duration)),
     ]
-    for ratio in LONGEST:
+    for ratio in ratios:
         longest = ratio * duration
-        lines.append(plan(f"peak within {ratio} D", Asked("peak_torque", longest=longest)))
-        lines.append(plan(f"energy within {ratio} D", Asked("energy", longest=longest)))
+        lines.append(plan(f"peak within {ratio:g} D", Asked("peak_torque", longest=longest)))
+        lines.append(plan(f"energy within {ratio:g} D", Asked("energy", longest=longest)))
     least = next(line.answer.peak for line in lines if line.group == "peak within 1 D")
     if least > 0.0:
-        for ratio in LONGEST:
+        for ratio in ratios:
             asked = Asked("time", longest=ratio * duration, torque_limit=AMPLE * least)
-            lines.append(plan(f"time at {AMPLE} within {ratio} D", asked))
+            lines.append(plan(f"time at {AMPLE} within {ratio:g} D", asked))
         lines.append(plan(f"time at {NARROW}", Asked("time", torque_limit=NARROW * least)))
     if not bounds:
         return lines
@@ -121,6 +121,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--robots", type=int, nargs="*")
     parser.add_argument("--seeds", type=int, nargs=2, default=(0, COUNT), metavar=("FIRST", "END"))
+    parser.add_argument("--longest", type=float, nargs="+", default=LONGEST, help="durations, 1 the first")
     parser.add_argument("--no-bounds", action="store_true")
     arguments = parser.parse_args()
     lines: list[Line] = []
@@ -128,7 +129,7 @@ def main() -> None:
     for k in range(*arguments.seeds) if arguments.robots is None else arguments.robots:
         one = random_crossing(k)
         print(f"{one.name}, D = {one.duration} s", flush=True)
-        own = lines_of(one, bounds=not arguments.no_bounds)
+        own = lines_of(one, ratios=arguments.longest, bounds=not arguments.no_bounds)
         for line in own:
             print(text_of(line), flush=True)
         found = contradictions(line.answer for line in own)

@@ -245,7 +245,7 @@ class BestLaws:
         return sparse.diags_array(self.rows[:, 1]) @ mean + sparse.diags_array(self.rows[:, 2]) @ slope
 
     def _units(self, limit: float | None = None) -> tuple[float, float]:
-        """Return units of time [s] and torque [N m] by condition (8) and weight, or where nothing falls by 1 s."""
+        """Return units of time [s] and torque [N m] by condition (8) and weight; 1 s where nothing falls."""
         gamma, inertia = np.abs(self.rows[:, 0]), np.abs(self.rows[:, 1:]).max(axis=1)
         falls = gamma > WEIGHTLESS * inertia
         time = float(np.sqrt(inertia[falls] / gamma[falls]).min(initial=np.inf))
