@@ -32,7 +32,7 @@ SAME_DURATION = 1e-6  # of a duration
 MAX_UNIT_CHANGES, MAX_UNIT_RATIO = 8, 5.0  # of units that are corrected: of the optimum to its unit, or inverse
 MAX_SLOW_STEPS, MAX_ENERGY_STEPS = 6, 6  # of the tangent of T(z), towards slow laws and little energy
 MIN_ENERGY_GAIN = 1e-3
-TRIED_STARTS = 2  # of laws slow enough, from which the least energy is sought
+MAX_INNER_COST = 0.9  # of holding the robot inside its path, over that at an end, where a law may wait
 WAITING_WIDTHS = (0.15, 0.05)  # in sigma, of stretches where a law may wait; the second where the first is none
 MAX_ROW_ROUNDS = 3  # of solving with rows where a limit was exceeded between the points
 BETWEEN = np.arange(1, 6) / 6  # places between two points, where a limit that is nearly reached is looked at
@@ -424,7 +424,7 @@ class _Search(NamedTuple):
             if smooth.duration >= duration * (1.0 - SAME_DURATION):
                 return smooth
             quick = smooth
-        return self._step("bend", found, quick, share, floor, 2)
+        return self._step("bend", found, quick, share, floor, 1)
 
     def _from_slow_starts(self, quick: Speed, duration: float, floor: float) -> Speed | NoneFound:
         """Find the law of least energy by tangents of T from laws of a duration [s] that wait somewhere.
@@ -438,16 +438,16 @@ class _Search(NamedTuple):
                 return start
         if not starts:
             return NoneFound(self.program, "no law slow enough was found")
-        starts.sort(key=_energy_of)
-        return min((self._descend(start, starts[0], quick, floor) for start in starts[:TRIED_STARTS]), key=_energy_of)
+        best = min(starts, key=_energy_of)
+        return self._descend(best, quick, floor)
 
-    def _descend(self, law: Speed, rival: Speed, quick: Speed, floor: float) -> Speed:
-        """Lower the energy of a law step by step, as long as that pays and the rival's is within reach."""
-        for left in range(MAX_ENERGY_STEPS - 1, -1, -1):
+    def _descend(self, law: Speed, quick: Speed, floor: float) -> Speed:
+        """Lower the energy of a law step by step, as long as that pays."""
+        for _ in range(MAX_ENERGY_STEPS):
             better = self._step("energy", law, quick, Bounds(share=self.bounds.share), floor, 1)
             gain = law.energy - better.energy
             law = min(law, better, key=_energy_of)
-            if gain < MIN_ENERGY_GAIN * law.energy or law.energy - left * gain > rival.energy:
+            if gain < MIN_ENERGY_GAIN * law.energy:
                 break
         return law
 
@@ -472,17 +472,20 @@ class _Search(NamedTuple):
                 yield slow
 
     def _caps(self, duration: float, width: float) -> Iterator[Array]:
-        """Return bounds (m,) of positive rows with which a law waits at an end, or where holding costs least."""
+        """Return bounds (m,) of positive rows with which a law waits where holding costs least.
+
+        That is at one end, where it rests anyway, or at a place inside that costs less than either.
+        """
         program = self.program
         sigma = program.problem.task.stretch.inverse(np.clip(program.positive[1], -1.0, 1.0))
         points = program.problem.task.stretch.inverse(program.xi)
         offsets = np.stack([torque.offset[: len(points)] for torque in program.rows.torque], axis=1)
         rest = np.interp(sigma, points, ((offsets / program.problem.reference) ** 2).sum(axis=1))
-        inner = np.flatnonzero(
-            (rest[2:-2] <= rest[1:-3]) & (rest[2:-2] <= rest[3:-1]) & (rest[2:-2] < 0.9 * min(rest[0], rest[-1]))
-        )
+        inner = 1 + np.flatnonzero((rest[1:-1] <= rest[:-2]) & (rest[1:-1] <= rest[2:]))
+        inner = inner[rest[inner] < MAX_INNER_COST * min(rest[0], rest[-1])]
         start, end = sigma < width, sigma > 1.0 - width
-        for waiting in (start, end, start | end, *(np.abs(sigma - sigma[k + 2]) < 0.5 * width for k in inner)):
+        ends = [start] if rest[0] < rest[-1] else [end]
+        for waiting in (*ends, *(np.abs(sigma - sigma[k]) < 0.5 * width for k in inner)):
             yield np.where(waiting, (0.7 * width / duration) ** 2, np.inf)
 
 

@@ -31,7 +31,7 @@ from framework.motion.exact_duration import SpeedSpace
 from framework.motion.speed_basis import ONE_CELL, SpeedBasis
 from framework.tolerances import LIMIT_MARGIN
 
-POINTS, POINTS_ABOUT = 5, 10  # of a cell; about crossings, where an odd number would have one on the pole, and at ends
+POINTS, POINTS_ABOUT = 4, 8  # of a cell; about crossings, where an odd number would have one on the pole, and at ends
 FINE_PARTS, FINE_POINTS = 4, 8  # of a cell, and of each of these, where a duration is integrated
 POLE_WIDTH = 0.05  # in xi, beside a crossing, where rows are freed of their pole
 MAX_ROW_SIZE = 100.0  # of entries in units: larger rows are scaled down
