@@ -23,8 +23,8 @@ from framework.motion.cone_program import Unsolved
 from framework.motion.optimal_law import OptimalLaw
 from framework.tolerances import LIMIT_MARGIN, SAME_PLACE, SQUARED_SPEED_FLOORS
 
-FIRST_CELLS, MAX_CELLS = 60, 250
-MAX_REFINEMENTS, MIN_REFINEMENT_GAIN = 5, 2e-3  # of the cells; below, the cost is not worth another
+FIRST_CELLS, MAX_CELLS = 60, 180
+MAX_REFINEMENTS, MIN_REFINEMENT_CHANGE = 5, 2e-3  # of the cells; of the cost, below which it is not worth another
 LOW_COEFFICIENT = 1e-5  # of the median: lower ones would go on falling on smaller cells
 MAX_BEND = 0.1  # second difference of coefficients over the least of the three, above which cells are cut
 COST_SHARE = 4e-3  # of the least cost, which smoothness may take
@@ -117,6 +117,16 @@ def find_best_law(
     return _search_smooth(_Search(program, units, least, share))
 
 
+def resume_law(best: Best, problem: LawProblem) -> Best | NoneFound:
+    """Find the law of a problem that differs little from that of `best`, on the same cells and from its law."""
+    program = SpeedProgram.on_cells(problem, best.program.cells)
+    found = _least_cost(program, best.search.units)
+    if isinstance(found, NoneFound):
+        return found
+    least, units = found
+    return _search_smooth(best.search._replace(program=program, least=least, units=units), best.speed)
+
+
 def tighten_law(best: Best, excess: float) -> Best | NoneFound:
     """Find a smooth law again, with limits divided by an excess > 1 that the certificate of `best` shows."""
     search = best.search._replace(kept=best.search.kept * (1.0 - LIMIT_TIGHTENING) / excess)
@@ -136,17 +146,22 @@ def _gentlest_within_limits(problem: LawProblem, none: NoneFound, share: float) 
 
 def _search_smooth(search: _Search, near: Speed | None = None) -> Best | NoneFound:
     """Find the smooth law, with rows wherever a limit was exceeded between the points."""
-    duration = search.program.problem.specification.duration
+    duration, program = search.program.problem.specification.duration, search.program
     try:
         for _ in range(MAX_ROW_ROUNDS + 1):
             found = search.smoothest() if duration is None else search.lasting(duration, near)
             if isinstance(found, NoneFound):
-                return found
+                valued = _least_cost(search.program, search.units)
+                if isinstance(valued, NoneFound) or search.program is program:
+                    return found
+                # added rows have raised the least cost by more than the share
+                search, near, program = search._replace(least=valued[0], units=valued[1]), None, search.program
+                continue
             exceeded = _exceeded_places(search.program, found, search.bounds)
             if not len(exceeded):
                 break
             search, near = search._replace(program=search.program.extend(exceeded)), found
-        return _best_of(search, found)
+        return found if isinstance(found, NoneFound) else _best_of(search, found)
     except InvalidInput as reason:  # z comes too near to zero
         return NoneFound(search.program, str(reason))
 
@@ -207,14 +222,11 @@ def refine_value(
                 return found
             finer = peaks[0].cells
             return found if len(finer) == len(cells) else _value_on(problem, finer)
-        cost = cost_of(goal, found[0])
-        if best is None or cost < cost_of(goal, best[1]):
-            gain = 1.0 if best is None else 1.0 - cost / cost_of(goal, best[1])
-            best = program, *found
-        else:
-            gain = 0.0
+        # a higher cost on smaller cells is right too: of more points, between which the limits were exceeded
+        change = np.inf if best is None else abs(1.0 - cost_of(goal, found[0]) / cost_of(goal, best[1]))
+        best = program, *found
         cut = _cells_to_cut(program, found[0].y)
-        if gain < MIN_REFINEMENT_GAIN or not cut.any() or len(cells) > MAX_CELLS:
+        if change < MIN_REFINEMENT_CHANGE or not cut.any() or len(cells) > MAX_CELLS:
             break
         cells = _cut_cells(problem, cells, cut)
     assert best is not None
@@ -352,6 +364,8 @@ class _Search(NamedTuple):
         if isinstance(smooth, NoneFound) or smooth.duration >= duration * (1.0 - 2.0 * SAME_DURATION):
             return smooth
         free = self.bounds._replace(longest=None)
+        if near is not None:
+            return self._step("bend", near, smooth, free, floor, 1)
         slow = self._slow(duration, free, floor)
         if isinstance(slow, NoneFound):
             return slow
@@ -376,10 +390,14 @@ class _Search(NamedTuple):
         return self.program.speed(self.program.space.blend(quick.y, slow.y, duration))
 
     def _slow(self, duration: float, bounds: Bounds, floor: float) -> Speed | NoneFound:
-        """Find a law that takes longer: one that waits at its ends, then slower ones by tangents of T."""
-        task = self.program.problem.task
-        sigma = task.stretch.inverse(self.program.xi[1:-1])
-        weights = np.exp(-sigma / WAITING_WIDTHS[0]) + np.exp(-(1.0 - sigma) / WAITING_WIDTHS[0]) + 1e-3
+        """Find a law that takes longer: a smooth one that waits at its ends, else slower ones by tangents of T."""
+        sigma = self.program.problem.task.stretch.inverse(np.clip(self.program.positive[1], -1.0, 1.0))
+        for width in WAITING_WIDTHS:
+            cap = np.where(np.minimum(sigma, 1.0 - sigma) < width, _waiting_speed(width, duration, floor), np.inf)
+            slow = self.program.minimise("bend", bounds, self.units, floor=floor, cap=cap)
+            if isinstance(slow, Speed) and duration <= slow.duration < np.inf:
+                return slow
+        weights = np.ones(self.program.z.shape[0])
         for _ in range(MAX_SLOW_STEPS):
             slow = self.program.minimise("slowness", bounds, self.units, floor=floor, weights=weights)
             if isinstance(slow, Unsolved):
@@ -455,9 +473,9 @@ class _Search(NamedTuple):
         """Find laws of a duration [s] that wait somewhere, and the law of least peak in that duration."""
         for width in WAITING_WIDTHS:
             found = False
-            for cap in self._caps(duration, width):
+            for cap in self._caps(duration, width, floor):
                 slow = self.program.minimise(
-                    "energy", Bounds(share=self.bounds.share), self.units, floor=floor, cap=np.maximum(cap, 1.01 * floor)
+                    "energy", Bounds(share=self.bounds.share), self.units, floor=floor, cap=cap
                 )
                 if isinstance(slow, Speed) and duration <= slow.duration < np.inf:
                     found = True
@@ -471,7 +489,7 @@ class _Search(NamedTuple):
             if isinstance(slow, Speed) and slow.duration >= duration * (1.0 - SAME_DURATION):
                 yield slow
 
-    def _caps(self, duration: float, width: float) -> Iterator[Array]:
+    def _caps(self, duration: float, width: float, floor: float) -> Iterator[Array]:
         """Return bounds (m,) of positive rows with which a law waits where holding costs least.
 
         That is at one end, where it rests anyway, or at a place inside that costs less than either.
@@ -486,7 +504,12 @@ class _Search(NamedTuple):
         start, end = sigma < width, sigma > 1.0 - width
         ends = [start] if rest[0] < rest[-1] else [end]
         for waiting in (*ends, *(np.abs(sigma - sigma[k]) < 0.5 * width for k in inner)):
-            yield np.where(waiting, (0.7 * width / duration) ** 2, np.inf)
+            yield np.where(waiting, _waiting_speed(width, duration, floor), np.inf)
+
+
+def _waiting_speed(width: float, duration: float, floor: float) -> float:
+    """Return the squared speed [1/s^2], above a floor, at which a width in sigma takes longer than a duration [s]."""
+    return max((0.7 * width / duration) ** 2, 1.01 * floor)
 
 
 def _energy_of(speed: Speed) -> float:

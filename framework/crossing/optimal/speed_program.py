@@ -309,7 +309,7 @@ class SpeedProgram:
         program = ConeProgram(
             sizes, cost, square, equal, nonnegative, self._cones(units, timed=timed, powered=powered)
         )
-        optimum = solve_cone_program(program, accurate=powered)
+        optimum = solve_cone_program(program)
         if isinstance(optimum, Unsolved):
             return optimum
         y = self.meet_conditions(optimum.unknowns["y"] / scale)

@@ -12,7 +12,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.crossing.condition import CrossingPoint
-from framework.crossing.optimal.best_law import COST_SHARE, Best, NoneFound, find_best_law, tighten_law
+from framework.crossing.optimal.best_law import COST_SHARE, Best, NoneFound, find_best_law, resume_law, tighten_law
 from framework.crossing.optimal.limit_refusals import refuse_law
 from framework.crossing.optimal.optimal_task import Task, check_speeds, conditions_at, crossing_places, other_law
 from framework.crossing.optimal.phase_plane import Deflections, SquaredSpeed, demand
@@ -58,12 +58,15 @@ def find_law(
         As `find_undeformed_law`.
     """
     problem = problem_of(task, places, deflections)._replace(degree=degree)
-    best = found_or_refused(problem, cells, share)
+    best = _found_or_refused(problem, find_best_law(problem, cells, share=share))
     if not task.branch.robot.is_damped:
         return best
     for _ in range(MAX_TANGENTS):
         problem = problem_of(task, places, deflections, best.law.squared_speed)
-        best = found_or_refused(problem, np.array(best.law.cells), share)
+        found = resume_law(best, problem)
+        if isinstance(found, NoneFound):
+            found = find_best_law(problem, best.program.cells, share=share)
+        best = _found_or_refused(problem, found)
         error = _tangent_error(problem, best)
         if error <= DAMPING_TORQUE_ERROR:
             return best._replace(law=_meeting_conditions(task, places, best.law))
@@ -97,12 +100,11 @@ def problem_of(
     return LawProblem(task, *conditions_at(task, places, deflections, before), deflections, before)
 
 
-def found_or_refused(problem: LawProblem, cells: Array | None, share: float) -> Best:
-    """Return the best law of a problem; raises as `find_undeformed_law`."""
-    best = find_best_law(problem, cells, share=share)
-    if isinstance(best, NoneFound):
-        raise refuse_law(problem, best)
-    return best
+def _found_or_refused(problem: LawProblem, found: Best | NoneFound) -> Best:
+    """Return what was found for a problem; raises as `find_undeformed_law`."""
+    if isinstance(found, NoneFound):
+        raise refuse_law(problem, found)
+    return found
 
 
 def _tangent_error(problem: LawProblem, best: Best) -> float:
