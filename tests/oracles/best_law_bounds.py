@@ -25,7 +25,6 @@ import clarabel
 import numpy as np
 import pinocchio as pin
 from scipy import sparse
-from scipy.optimize import linprog
 
 from framework import ParallelRobot, locate_singularities, track_path
 from framework.motion.path import Path
@@ -36,6 +35,7 @@ CELLS = 1000
 WAITING_CELLS, WAITING_WIDTH = 300, 0.02  # in s, where a law waits at first
 MAX_INNER_PLACES, MAX_TANGENTS = 2, 6  # of waits inside the path; of steps from each
 MIN_GAIN, NEARLY = 1e-3, 0.999  # of a step, of the energy; of a duration
+LEAST_HALF_WIDTH, NARROWER_CELLS = 1 / 64, 10  # of the cell of a crossing, to others there; on either side
 WEIGHTLESS = 1e-9  # [1/s^2]: gamma over alpha and beta
 MAX_ENTRY = 100.0  # of a row of torques: beside a crossing they are larger, and scaled
 TOLERANCE = 1e-10  # of the cone solver: at its own 1e-8 it takes 6 % too much energy for the least
@@ -133,11 +133,12 @@ def _platform_axes(robot: ParallelRobot) -> list[int]:
 
 
 def edges_about(crossings: np.ndarray, count: int) -> np.ndarray:
-    """Return ends of cells in s, narrower towards both ends; each crossing is in the middle of one."""
+    """Return ends of cells in s, narrower towards both ends and the crossings; each is in the middle of one."""
     edges = 0.5 - 0.5 * np.cos(np.pi * np.arange(count + 1) / count)
     for s in crossings:
-        half = 0.25 * np.pi / count * np.sqrt(s * (1.0 - s))
-        edges = np.concatenate([edges[np.abs(edges - s) > 1.5 * half], [s - half, s + half]])
+        width = 0.5 * np.pi / count * np.sqrt(s * (1.0 - s))
+        about = width * np.geomspace(LEAST_HALF_WIDTH, 1.0, NARROWER_CELLS)
+        edges = np.concatenate([edges[np.abs(edges - s) > 1.5 * width], s - about, s + about])
     return np.sort(edges)
 
 
@@ -185,10 +186,8 @@ class BestLaws:
         """The largest torque [N m] at rest at both ends: every smooth law has it."""
         return float(np.abs(torques_along(self.robot, self.path, np.array([0.0, 1.0])).constant).max())
 
-    def least_peak(self, longest: float | None = None) -> float:
-        """Estimate the least peak [N m] of laws within a duration [s], or of all, by a linear program."""
-        if longest is None:
-            return max(self._linear_least_peak(), self.holding)
+    def least_peak(self, longest: float) -> float:
+        """Estimate the least peak [N m] of laws within a duration [s]."""
         return max(self._cone("peak_torque", longest=longest), self.holding)
 
     def least_time(self, limit: float) -> float:
@@ -253,31 +252,6 @@ class BestLaws:
             size = float(np.median(np.abs(self.torques.per_u)))
             return (1.0, size) if limit is None else (float(np.sqrt(size / limit)), limit)
         return time, limit or float(np.median(np.abs(self.torques.constant)))
-
-    def _linear_least_peak(self) -> float:
-        unit, size = self._units()
-        blocks, right = [], []
-        one = sparse.csr_array(np.ones((len(self.smooth), 1)))
-        for matrix, constant in zip(self._torque_rows(), self.torques.constant.T, strict=True):
-            scaled = matrix / (size * unit**2)
-            big = 1.0 / np.maximum(1.0, np.abs(scaled).max(axis=1).toarray().ravel())
-            for sign in (1.0, -1.0):
-                blocks.append(sparse.diags_array(big) @ sparse.hstack([sign * scaled, -one]))
-                right.append(-sign * big * constant / size)
-        equal = self._condition_rows() / unit**2
-        norm = 1.0 / np.abs(equal).max(axis=1).toarray().ravel()
-        n = equal.shape[1]
-        solved = linprog(
-            np.append(np.zeros(n), 1.0),
-            A_ub=sparse.csr_array(sparse.vstack(blocks)),
-            b_ub=np.concatenate(right),
-            A_eq=sparse.csr_array(
-                sparse.hstack([sparse.diags_array(norm) @ equal, sparse.csr_array((len(norm), 1))])
-            ),
-            b_eq=-norm * self.rows[:, 0],
-            method="highs-ipm",
-        )
-        return float(solved.fun) * size if solved.success else np.nan
 
     def _cone(self, goal: str, **bounds: float) -> float:
         """Return the optimum; NaN where the solver finds none."""
