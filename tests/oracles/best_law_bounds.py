@@ -133,7 +133,7 @@ def _platform_axes(robot: ParallelRobot) -> list[int]:
 
 
 def edges_about(crossings: np.ndarray, count: int) -> np.ndarray:
-    """Return ends of cells in s, narrower towards both ends and the crossings; each is in the middle of one."""
+    """Return ends of cells in s, narrower towards both ends and crossings, each in the middle of one."""
     edges = 0.5 - 0.5 * np.cos(np.pi * np.arange(count + 1) / count)
     for s in crossings:
         width = 0.5 * np.pi / count * np.sqrt(s * (1.0 - s))
