@@ -309,6 +309,13 @@ Where limits bind along the path a quickest law costs a fourth of it. At 1e-4 th
 exceeded, and the law is sought once more, in every second case; measured on upright five-bars.
 """
 
+BOUND_MARGIN = 1e-4
+"""Share by which the bound of all laws' peaks must exceed the limits for a refusal to be called proved.
+
+Its series count with errors of 1e-9 to 1e-4 of it, which take the decay of their coefficients for granted.
+At 1e-3 refusals that near to the limits are not called proved; at 1e-5 less is left for a slower decay.
+"""
+
 SQUARED_SPEED_FLOORS = (1e-2, 1e-4, 1e-6, 1e-8)
 """Least squared speeds of an optimal law over the mean speed squared, tried in turn: it is to creep nowhere.
 

@@ -202,7 +202,7 @@ def test_plan_gives_the_object_of_the_contract(document, flexibility, geometry, 
     found = document(*PLAN, "--scene", "C", "--flexibility", flexibility)
     assert list(found) == PLAN_KEYS
     keys = ("version", "robot", "robot_file", "flexibility", "geometry", "duration")
-    assert [found[key] for key in keys] == [2, "five_bar", "five_bar", flexibility, geometry, 1.5]
+    assert [found[key] for key in keys] == [3, "five_bar", "five_bar", flexibility, geometry, 1.5]
     assert list(found["law"]) == ["degree", "chebyshev", "domain"]
     assert (found["law"]["degree"], found["law"]["domain"]) == (degree, [0.0, 1.5])
     (crossing,) = found["crossings"]

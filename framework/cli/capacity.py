@@ -17,7 +17,8 @@ def add(commands: Any) -> None:
     """Add the command to the parser."""
     details = (
         "By bisection over plans, from one within all limits to one that is refused; what binds is why that "
-        "is, and whether with a proof. Without --duration each plan is the quickest within the limits."
+        "is, and from where it is proved that no law is left. Without --duration each plan is the quickest "
+        "within the limits."
     )
     parser = command(commands, "capacity", run, details)
     add_robot(parser)
@@ -46,6 +47,7 @@ def _document(capacity: Capacity) -> dict[str, Any]:
         "refused": capacity.refused if np.isfinite(capacity.refused) else None,
         "binds": None if capacity.refusal is None else str(capacity.refusal),
         "proved": capacity.proved,
+        "impossible": capacity.impossible if np.isfinite(capacity.impossible) else None,
         "undecided": capacity.undecided if np.isfinite(capacity.undecided) else None,
         "failure": None if capacity.failure is None else str(capacity.failure),
         "wrenches": capacity.plan.request.wrenches,
@@ -63,8 +65,11 @@ def capacity_text(capacity: Capacity) -> str:
         f"  peak torque       {arguments.peaks(plan.robot, plan.peak_torque)}",
     ]
     if capacity.refusal is not None:
-        word = "refused, proved" if getattr(capacity.refusal, "proof", None) is not None else "refused"
+        word = "refused, proved" if capacity.proved else "refused"
         lines.append(f"  {word:16s}  {capacity.refused:.6g} times: {capacity.refusal}")
+    if np.isfinite(capacity.impossible):
+        beyond = "" if plan.robot.is_damped else " and more"
+        lines.append(f"  no law, proved    with {capacity.impossible:.6g} times{beyond}")
     if capacity.failure is not None:
         lines.append(f"  undecided         {capacity.undecided:.6g} times: {capacity.failure}")
     if not np.isfinite(capacity.end):

@@ -26,7 +26,7 @@ from framework.cli.parser import (
 )
 from framework.cli.raw import report_raw
 from framework.crossing.neglected_effects import NeglectedEffect
-from framework.crossing.optimal.lower_bound import estimated_best
+from framework.crossing.optimal.peak_bound import bound_plan
 from framework.crossing.options import MOTION
 from framework.crossing.path_modification import plan_request_with_modified_path
 from framework.crossing.plan import ADVANCES, plan_request
@@ -34,10 +34,11 @@ from framework.crossing.request import Request
 from framework.crossing.restored import read_document
 from framework.crossing.result import CrossingPlan
 from framework.crossing.saved import FILE, plan_document
-from framework.errors import InvalidInput, NotConverged, point
+from framework.errors import InvalidInput, point
 from framework.kinematics.idle_turns import driven_turns
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.law import Law, PlannedLaw
+from framework.motion.optimal_law import OptimalLaw
 from framework.output import written_together
 
 if TYPE_CHECKING:
@@ -156,19 +157,30 @@ def law_name(law: PlannedLaw) -> str:
     return f"law of degree {law.degree}" if law.kind == Law.kind else f"{law.kind} law"
 
 
-def _best(plan: CrossingPlan) -> list[str]:
-    """Return a line on how far an optimal law is from an estimate of the best."""
-    try:
-        best = estimated_best(plan)
-    except NotConverged as unknown:
-        return [f"  estimate          {unknown}"]
-    if best is None or plan.optimality is None:
+def _describe_bound(plan: CrossingPlan) -> list[str]:
+    """Return a line on the bound of all laws, and how far the plan is above."""
+    bound = bound_plan(plan)
+    if bound is None or plan.optimality is None:
         return []
     peak = np.array(list(plan.peak_torque.values())) / plan.optimality.reference
     quickest = plan.optimality.specification.goal == "time"
-    over = (plan.duration if quickest else float(peak.max())) / best - 1.0
-    least = f"{best:.4g} s" if quickest else f"a peak of {best * plan.optimality.reference.max():.4g} N m"
-    return [f"  estimate          any law needs about {least} at least, this one {100 * over:.1f} % more"]
+    over = (plan.duration if quickest else float(peak.max())) / bound.value - 1.0
+    unit = plan.optimality.reference.max()
+    least = (
+        f"takes less than {bound.value:.4g} s"
+        if quickest
+        else f"has a peak below {bound.value * unit:.4g} N m"
+    )
+    return [f"  bound             no law {least}, this one {100 * over:.1f} % more"]
+
+
+def _describe_smoothness(plan: CrossingPlan) -> list[str]:
+    """Return a line on the gap of an optimal law to the least cost found, and on the turns of its speed."""
+    if plan.optimality is None or not isinstance(plan.law, OptimalLaw):
+        return []
+    goal = plan.optimality.specification.goal.replace("_", " ")
+    over = f"{100 * plan.optimality.gap:.2g} % above the least {goal} found"
+    return [f"  smoothed          {over}; its speed turns {plan.law.turns} times"]
 
 
 def plan_text(plan: CrossingPlan) -> str:
@@ -181,7 +193,7 @@ def plan_text(plan: CrossingPlan) -> str:
     if plan.law.kind != Law.kind or (plan.request.kind == "auto" and plan.reason != ADVANCES):
         lines.append(f"  law               {plan.reason}")
     if plan.law.kind != Law.kind:
-        lines += _best(plan)
+        lines += [*_describe_smoothness(plan), *_describe_bound(plan)]
     lines += _wrenches(plan)
     lines += _crossings(plan)
     lines.append(f"  peak torque       {arguments.peaks(robot, plan.peak_torque)}")

@@ -3,8 +3,9 @@
 Torques and condition (8) of a rigid robot are linear in the multiple m of a wrench and in the squared speed z
 (`optimal`), so the admissible pairs (m, z) are a convex set, and the multiples with a law an interval. Its
 upper end is bisected, from a multiple that is planned, with its certificate, to one that is refused, or that
-planning decides nothing about. Elastic robots are bisected alike; there each end is what planning says,
-without a proof that the multiples between are one interval.
+planning decides nothing about. A search that finds no law proves nothing: above the refused multiple one is
+sought for which the bound of all laws (`peak_bound`) is above the limits.
+Elastic robots are bisected alike; there each end is what planning says, without a proof.
 """
 
 from __future__ import annotations
@@ -15,6 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from framework.crossing.crossing_points import path_to_cross
+from framework.crossing.optimal.optimal_task import Task
+from framework.crossing.optimal.peak_bound import find_refuting_bound
 from framework.crossing.options import takes_options
 from framework.crossing.plan import plan_request
 from framework.crossing.request import Request
@@ -27,6 +31,7 @@ from framework.motion.path import Path
 from framework.singularity.points_on_path import SearchedPath, search_path
 
 BRACKET_RATIO = 1e-3  # of the refused multiple over the planned one, less 1
+IMPOSSIBLE_RATIOS = (1.0, 1.003, 1.01, 1.03, 1.1, 1.3, 2.0)  # of multiples over the refused, tried in turn
 MAX_DOUBLINGS = 20  # of the multiple, up or down, before it counts as without bound, or as none
 
 
@@ -37,6 +42,8 @@ class Capacity:
     plan: with the largest; its certificate and limits are those of any plan.
     refused: the least multiple that was refused (`NoLaw`, `LimitsExceeded`); infinite where none was.
     refusal: what binds: why that is refused, None where nothing is.
+    impossible: a multiple that no law carries, by a bound of all laws, nor a larger one unless motors are
+        damped; infinite where none was found.
     undecided: the least multiple that was neither planned nor refused, since planning failed on it for a
         reason that says nothing about laws (`NotConverged` and others); infinite where there was none.
     failure: that reason.
@@ -46,6 +53,7 @@ class Capacity:
     plan: CrossingPlan
     refused: float = np.inf
     refusal: NoLaw | LimitsExceeded | None = None
+    impossible: float = np.inf
     undecided: float = np.inf
     failure: NoAnswer | None = None
 
@@ -56,8 +64,9 @@ class Capacity:
 
     @property
     def proved(self) -> bool:
-        """Whether the least multiple that was not planned is refused with a proof (`NoLaw.proof`)."""
-        return self.refused < self.undecided and getattr(self.refusal, "proof", None) is not None
+        """Whether the least multiple that was not planned is refused with a proof."""
+        proved = getattr(self.refusal, "proof", None) is not None or self.impossible <= self.refused
+        return self.refused < self.undecided and proved
 
 
 @takes_options
@@ -110,7 +119,7 @@ def largest_load_of(
     unloaded = task.planned(0.0)
     if isinstance(unloaded, NoAnswer):
         raise unloaded
-    return _bisected(task, _bracketed(task, Capacity(0.0, unloaded)))
+    return _bound_capacity(task, _bisected(task, _bracketed(task, Capacity(0.0, unloaded))))
 
 
 @dataclass
@@ -128,11 +137,22 @@ class _Multiples:
         """Return the plan under a multiple, or why there is none."""
         self.count += 1
         self.progress(self.count)
-        request = replace(self.request, wrenches=self.unit.times(multiple).document or None)
         try:
-            return plan_request(self.robot, request, searched=self.searched)
+            return plan_request(self.robot, self._request(multiple), searched=self.searched)
         except NoAnswer as refusal:
             return refusal
+
+    def _request(self, multiple: float) -> Request:
+        return replace(self.request, wrenches=self.unit.times(multiple).document or None)
+
+    def is_impossible(self, multiple: float) -> bool:
+        """Return whether a bound of all laws is above the limits under a multiple."""
+        request = self._request(multiple)
+        try:
+            to_cross = path_to_cross(self.searched, request)
+        except NoAnswer:
+            return False
+        return find_refuting_bound(Task(to_cross, request, specification_of(self.robot, request))) is not None
 
     def narrowed(self, capacity: Capacity, multiple: float) -> Capacity:
         """Return the capacity with one more multiple tried."""
@@ -164,3 +184,11 @@ def _bisected(task: _Multiples, capacity: Capacity) -> Capacity:
             break
         capacity = task.narrowed(capacity, float(np.sqrt(capacity.multiple * capacity.end)))
     return capacity
+
+
+def _bound_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
+    """Return the capacity with the least multiple tried above the refused one that no law carries."""
+    if not np.isfinite(capacity.refused):
+        return capacity
+    tried = (ratio * capacity.refused for ratio in IMPOSSIBLE_RATIOS)
+    return replace(capacity, impossible=next((m for m in tried if task.is_impossible(m)), np.inf))

@@ -76,7 +76,7 @@ class PolynomialDurations(NamedTuple):
 
 
 class OptimalDurations(NamedTuple):
-    """The least duration [s] of a law of free shape within the limits of the motors, 0 without limits.
+    """The least duration [s] found of a law of free shape within the limits of the motors, 0 without limits.
 
     None where none was found, with the reason. There is never a longest.
     """
@@ -96,7 +96,7 @@ class OptimalDurations(NamedTuple):
         if not self.shortest:
             return "without limits laws of free shape have no shortest duration and no longest"
         return (
-            f"within the limits laws of free shape last at least {self.shortest:.4g} s, and have no longest"
+            f"within the limits the quickest law of free shape found takes {self.shortest:.4g} s; none is the slowest"
         )
 
 

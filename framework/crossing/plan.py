@@ -215,7 +215,7 @@ def _optimal(work: _Work, reason: str) -> CrossingPlan:
     to_cross, request, started = work
     specification = specification_of(to_cross.branch.robot, request)
     dynamics, law, best = optimal_motion(Task(to_cross, request, specification))
-    seconds, optimality = time.perf_counter() - started, Optimality(specification, best.reference)
+    seconds, optimality = time.perf_counter() - started, Optimality(specification, best.reference, best.gap)
     return certified_plan(
         to_cross, request, dynamics, law, (), seconds=seconds, reason=reason, optimality=optimality
     )

@@ -204,7 +204,7 @@ def _optimality(stated: dict[str, Any], robot: ParallelRobot, request: Request) 
     if goal != request.goal:
         raise InvalidInput(f"optimality.optimize: got {goal!r}, but the request says {request.goal!r}")
     reference = finite_numbers("optimality.reference", reference, robot.n_a)
-    return Optimality(specification_of(robot, request), reference)
+    return Optimality(specification_of(robot, request), reference, stated["optimality"]["gap"])
 
 
 def _check_same(saved: dict[str, Any], plan: CrossingPlan) -> None:

@@ -54,10 +54,16 @@ class Crossing(ReadOnlyArrays):
 
 @dataclass(frozen=True, eq=False)
 class Optimality(ReadOnlyArrays):
-    """The specification of an optimal law, and the torques (n_a,) [N m] that its peak is relative to."""
+    """The specification of an optimal law, and how good the law is.
+
+    reference: torques (n_a,) [N m] that its peak and energy are relative to.
+    gap: its cost over the least one found, less 1: of laws however restless, on the same cells, in at most
+        the same duration. That is no bound of all laws.
+    """
 
     specification: Specification
     reference: Array
+    gap: float
 
 
 @dataclass(frozen=True, repr=False, eq=False)

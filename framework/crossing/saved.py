@@ -68,6 +68,7 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> dict[st
         else {
             "optimize": plan.optimality.specification.goal,
             "reference": plan.optimality.reference.tolist(),
+            "gap": plan.optimality.gap,
         },
         "seconds": plan.seconds,
     }

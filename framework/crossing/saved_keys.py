@@ -63,6 +63,7 @@ _LAWS: Mapping[str, Table] = {
         "smoothness": required(whole),
         "squared_speed": required(_series),
         "cells": _NUMBERS,
+        "turns": required(whole),
         "dense_at": _NUMBERS,
     },
 }
@@ -115,7 +116,11 @@ PLAN: Table = {
     "optimality": required(
         or_null(
             _mapping_of(
-                {"optimize": required(one_of("goal", GOALS)), "reference": required(list_of(positive))}
+                {
+                    "optimize": required(one_of("goal", GOALS)),
+                    "reference": required(list_of(positive)),
+                    "gap": required(not_negative),
+                }
             )
         )
     ),

@@ -264,8 +264,9 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         integrals = np.asarray(chebyshev.chebint(self.series, lbnd=-1, axis=1)).sum(axis=1)
         return least_value(self.series) / float(0.25 * np.diff(self.cells) @ integrals)
 
+    @cached_property
     def turns(self) -> int:
-        """Count how often s' changes between rising and falling, swings below 1e-3 of its largest left out."""
+        """How often s' changes between rising and falling, swings below 1e-3 of its largest left out."""
         sigma = self.stretch.inverse(np.linspace(-1.0, 1.0, TURN_SAMPLES))
         return count_turns(self.phi(sigma, 1) * np.sqrt(self.squared_speed(sigma)))
 
@@ -278,6 +279,7 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
             "squared_speed": self.coefficients.tolist(),
             "cells": list(self.cells),
             "dense_at": list(self.dense_at),
+            "turns": self.turns,
             "domain": [0.0, self.duration],
         }
 

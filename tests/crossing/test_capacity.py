@@ -11,6 +11,7 @@ import pytest
 import robots
 from framework import InvalidInput, LimitsExceeded, NoLaw, NotConverged, plan_crossing
 from framework.cli import main
+from framework.cli.capacity import capacity_text
 from framework.crossing.capacity import largest_load
 from framework.crossing.scenes import scene_path
 from framework.kinematics.external_wrenches import ExternalWrenches
@@ -56,6 +57,13 @@ def test_the_ends_carry_what_they_rest_on():
     assert found.plan.certificate.tail < 1e-9
     assert found.plan.request.wrenches == {"left_tip": [0, -found.multiple, 0, 0, 0, 0]}
     assert found.refusal.evidence.least.torque_peak > 1.0
+
+
+@pytest.mark.slow
+def test_a_little_above_the_refused_multiple_it_is_proved_that_no_law_is_left():
+    found = capacity()
+    assert found.refused <= found.impossible <= 1.01 * found.multiple
+    assert "no law, proved" in capacity_text(found)
 
 
 def test_a_table_is_scaled_as_a_whole():
@@ -104,6 +112,8 @@ def test_only_a_refusal_is_one(monkeypatch, refusal, proved):
     assert (found.refused, found.undecided)[decided] == math.inf
     assert (found.failure, found.refusal)[decided] is refusal
     assert found.proved == proved
+    if decided:  # 6.1 times are planned, so that a bound of all laws must lie above
+        assert 6.1 < found.impossible < 7.0
 
 
 def test_the_command_says_no_where_no_multiple_is_planned(monkeypatch, capsys):
@@ -138,6 +148,6 @@ def test_the_command_says_the_multiple_and_what_binds(capsys):
     assert main([*words, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["multiple"] == pytest.approx(capacity().multiple, rel=2e-3)
-    assert "meets condition (8)" in document["binds"]
+    assert "condition (8)" in document["binds"]
     assert main([*words[:-3]]) == 2
     assert "give a wrench" in capsys.readouterr().err

@@ -1,7 +1,7 @@
 """Spatial robots under gravity on random lines across their loci: planned, or refused.
 
-Torques are held against the equations of motion that the tests write anew, refusals against the phase plane,
-whose discretisation is another one.
+Torques are held against the equations of motion that the tests write anew, refusals against
+the bound of all laws.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import pytest
 
 import robots
 from framework import CrossingPlan, Line, NoAnswer, NoLaw, ParallelRobot, locate_singularities, plan_crossing
-from framework.crossing.optimal.lower_bound import estimated_best
+from framework.crossing.optimal.peak_bound import bound_plan
 from framework.crossing.refusals.refusal_proofs import HoldingTorque
 from framework.crossing.scenes import scene_path
 from tests.oracles.equations_of_motion import defects
@@ -55,59 +55,45 @@ def check_plan(plan: CrossingPlan, duration: float) -> None:
     assert found.force < 1e-9
 
 
-def check_refusal(refusal: NoLaw, limit: float, best: float | None) -> None:
-    """`best` is the phase plane's least peak [N m] on this path in this duration, if it was looked for."""
+def check_refusal(refusal: NoLaw, limit: float, bound: float | None) -> None:
+    """`bound` is that of every law's peak [N m] on this path in this duration, if it was computed."""
     proof = refusal.proof
     if isinstance(proof, HoldingTorque):
         assert proof.torque > proof.limit == limit
         return
     least = refusal.evidence.least
     assert least.torque_peak is None or least.torque_peak > 1.0
-    # the estimate is without smoothness at the ends: less than what a smooth law needs, but not much
-    if best is not None and least.torque_peak is not None:
-        assert 0.95 < best / limit / least.torque_peak < 1.0 + 1e-3
+    if bound is not None and least.torque_peak is not None:
+        assert 0.95 < bound / limit / least.torque_peak < 1.0
 
 
-def settled_estimate(plan: CrossingPlan) -> float:
-    """The phase plane's least peak over the reference, with four times the cells where it has not settled.
-
-    A few of them sprint so sharply through their singularity that they need them.
-    """
-    coarse, fine = (estimated_best(plan, cells) for cells in (120, 240))
-    assert coarse is not None
-    if fine is not None and fine > 1.01 * coarse:
-        fine = estimated_best(plan, 960)
-    assert fine is not None
-    return fine
-
-
-def check_random_motion(name: str, k: int, *, estimate: bool) -> None:
+def check_random_motion(name: str, k: int, *, bounded: bool) -> None:
     robot, found = random_motions(name, k + 1)
     line, duration = found[k]
     plan = plan_crossing(robot, line, duration=duration, law="optimal")
     check_plan(plan, duration)
     torque = float(np.abs(plan.torque(np.linspace(0.0, duration, 6001))).max())
-    least = None
-    if estimate:
-        least = settled_estimate(plan) * float(plan.optimality.reference.max())
-        assert 1.0 - 1e-3 < torque / least < 1.02
+    bound = None
+    if bounded:
+        bound = bound_plan(plan).value * float(plan.optimality.reference.max())
+        assert 1.0 - 1e-9 < torque / bound < 1.02
     limited = plan_crossing(robot, line, duration=duration, torque_limit=1.03 * torque)
     assert np.abs(limited.torque(np.linspace(0.0, duration, 6001))).max() <= 1.03 * torque
     with pytest.raises(NoLaw) as refused:
         plan_crossing(robot, line, duration=duration, torque_limit=0.9 * torque)
-    check_refusal(refused.value, 0.9 * torque, least)
+    check_refusal(refused.value, 0.9 * torque, bound)
 
 
 @pytest.mark.parametrize("name", ["delta"])
 def test_a_random_line_is_crossed_and_refused_with_a_proof_where_the_motors_are_too_weak(name):
-    check_random_motion(name, 0, estimate=False)
+    check_random_motion(name, 0, bounded=False)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("k", range(COUNT))
 @pytest.mark.parametrize("name", SCENES)
 def test_random_lines_of_all_spatial_robots(name, k):
-    check_random_motion(name, k, estimate=True)
+    check_random_motion(name, k, bounded=True)
 
 
 def test_a_stop_on_the_locus_is_refused_with_what_gravity_leaves_of_condition_8():

@@ -132,7 +132,8 @@ def test_no_limit_is_no_reason_for_another_law(robot, none):
     as_it_is = scene_request(robot, "C")
     without = scene_request(robot, "C", torque_limit=none, speed_limit=[None])
     assert (without.kind, without.times, without.speeds) == ("polynomial", as_it_is.times, as_it_is.speeds)
-    assert scene_request(robot, "C", torque_limit=[0.2, None]).kind == "optimal"
+    limited = Request.of(robot, LINE, duration=1.5, torque_limit=[0.2, None])
+    assert (limited.kind, limited.bounded) == ("auto", True)
     with pytest.raises(InvalidInput, match="torque_limit or speed_limit is needed"):
         scene_request(robot, "C", torque_limit=none, optimize="time")
 

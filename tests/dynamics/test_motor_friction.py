@@ -10,7 +10,7 @@ import robots
 from framework import Line, ParallelRobot, inverse_dynamics, load_plan, plan_crossing, simulate
 from framework.cli import main
 from framework.crossing.optimal.limit_curves import limit_curves
-from framework.crossing.optimal.lower_bound import estimated_best
+from framework.crossing.optimal.peak_bound import bound_plan
 from framework.dynamics.motor_friction import PlannedFriction
 from framework.errors import InvalidInput, NoLaw
 from framework.model.description import JointDynamics
@@ -136,15 +136,15 @@ def test_the_least_peak_counts_friction():
     assert max(with_it.peak_torque.values()) < of_other_law * (1.0 + 1e-3)
 
 
-def test_limit_curves_and_estimate_count_friction_and_damping(quickest):
+def test_limit_curves_and_bound_count_friction_and_damping(quickest):
     curves = limit_curves(quickest)
     width = curves.highest_acceleration - curves.lowest_acceleration
     above = (curves.highest_acceleration - curves.acceleration) / width
     assert np.all((above > -1e-9) & (above < 1.0 + 1e-9))
     np.testing.assert_array_less(curves.speed, curves.highest_speed)
     assert np.mean(np.minimum(above, 1 - above) < 0.02) > 0.4  # along the edge but for smoothness
-    best = estimated_best(quickest)
-    assert 0.9 * quickest.duration < best < quickest.duration
+    bound = bound_plan(quickest).value
+    assert 0.98 * quickest.duration < bound < quickest.duration
 
 
 def test_the_option_is_typed_and_saved(tmp_path, capsys):

@@ -7,5 +7,6 @@
 * `task_programs`: the program of least degree for a task, or why it has no law;
 * `optimal_motion`: law and certified torques in turn;
 * `elastic_balance`: the nearest law that an elastic robot can follow;
-* `lower_bound`: an estimate of the best possible; `limit_curves`: speeds that the motors allow.
+* `peak_bound`: bounds of every law, by duality (`dual_program`, on the functions of `path_series`);
+* `limit_curves`: speeds that the motors allow.
 """

@@ -67,9 +67,11 @@ class Best(NamedTuple):
         return cost_of(self.search.goal, self.speed)
 
     @property
-    def least(self) -> float:
-        """The least cost that the program found, of laws however restless."""
-        return cost_of(self.search.goal, self.search.least)
+    def gap(self) -> float:
+        """The cost over the least that the program found, of laws however restless, less 1."""
+        least = self.search.least
+        found = least.value if self.search.goal == "time" else cost_of(self.search.goal, least)
+        return max(self.cost / found - 1.0, 0.0)
 
 
 class NoneFound(NamedTuple):
@@ -87,14 +89,14 @@ class NoneFound(NamedTuple):
 def cost_of(goal: str, speed: Speed) -> float:
     """Return what a goal counts: duration [s], peak of torques over the reference, energy over it [s].
 
-    Or the peak of speeds over their limits, or the larger of both peaks.
+    Or the peak of speeds over their limits, or the larger of the peaks of torques and squared speeds.
     """
     return {
         "time": speed.duration,
         "peak_torque": speed.peak,
         "energy": speed.energy,
         "peak_speed": speed.peak_speed,
-        "limits": max(speed.peak, speed.peak_speed),
+        "limits": max(speed.peak, speed.peak_speed**2),
     }[goal]
 
 
@@ -270,6 +272,8 @@ def units_of(goal: str, found: Speed, units: Units) -> Units:
     time = found.value if np.isfinite(found.value) else found.duration
     if not np.isfinite(time):
         return units
+    if goal == "limits":  # the least multiple is one of torques and of squared speeds
+        return Units(time, 1.0)
     return Units(time, float(np.sqrt(found.energy / time)) if goal == "energy" else found.peak)
 
 

@@ -1,7 +1,7 @@
 """Why no law was found within the limits, and which limits and duration would do.
 
-A search on cells proves nothing. Proved are two bounds of every law: at rest at its ends the robot has to be
-held, and the peak of torque has a bound by duality (`peak_bound`). What is advised was found first.
+A search on cells proves nothing. Two bounds of every law do: at rest at its ends the robot has to be held, and
+the peak of torque has a bound by duality (`peak_bound`). What is advised was planned first.
 """
 
 from __future__ import annotations
@@ -11,8 +11,9 @@ from dataclasses import replace
 import numpy as np
 
 from framework.arrays import Array
-from framework.crossing.optimal.best_law import Best, NoneFound, cost_of, find_best_law, refine_value
+from framework.crossing.optimal.best_law import Best, NoneFound, find_best_law, refine_value
 from framework.crossing.optimal.optimal_task import Task
+from framework.crossing.optimal.peak_bound import prove_no_law
 from framework.crossing.optimal.phase_plane import demand
 from framework.crossing.optimal.speed_program import LawProblem
 from framework.crossing.refusals.refusal_proofs import HoldingTorque, LeastLimits, SearchEvidence, advice_of
@@ -49,28 +50,31 @@ def refuse_law(problem: LawProblem, none: NoneFound) -> NoLaw | NotConverged:
             proof=holding,
             evidence=evidence,
         )
-    return NoLaw(
-        f"{robot.name}: no law of free shape was found: {evidence.sentence}{would_do}", evidence=evidence
-    )
+    bound = prove_no_law(problem)
+    none_is = "no law of free shape was found"
+    if bound is not None:
+        needed, _ = told_apart(bound.value, 1.0)
+        none_is = f"no law is admissible: the torque of each peaks at {needed} times the limits or more"
+    return NoLaw(f"{robot.name}: {none_is}: {evidence.sentence}{would_do}", proof=bound, evidence=evidence)
 
 
 def find_least_limits(problem: LawProblem) -> LeastLimits:
     """Find limits within which there is a law, in proportion to those of a problem that has none."""
     specification = problem.specification
-    torque = _least_multiple(problem, "peak_torque") if specification.limited else None
-    speed = _least_multiple(problem, "peak_speed") if specification.limited_speeds else None
+    torque = _least_multiples(problem, "peak_torque")[0] if specification.limited else None
+    speed = _least_multiples(problem, "peak_speed")[1] if specification.limited_speeds else None
     together = torque is None and speed is None and specification.limited and specification.limited_speeds
     if together:
-        torque = speed = _least_multiple(problem, "limits")
+        torque, speed = _least_multiples(problem, "limits")
     return LeastLimits.of(specification, torque, speed, together=together and torque is not None)
 
 
-def _least_multiple(problem: LawProblem, goal: str) -> float | None:
-    """Return the least multiple found of torque limits, of speed limits or of both that a law keeps."""
+def _least_multiples(problem: LawProblem, goal: str) -> tuple[float, float] | tuple[None, None]:
+    """Return the multiples of torque and of speed limits of the law whose peaks are least by a goal, if any."""
     limit = problem.specification.torque_limit
     weighed = problem._replace(weighing=np.where(np.isfinite(limit), limit, np.inf))
-    valued = refine_value(weighed.with_goal(goal, torque_limits=goal != "peak_torque"))
-    return None if isinstance(valued, NoneFound) else cost_of(goal, valued[1])
+    valued = refine_value(weighed.with_goal(goal), torque_limits=goal != "peak_torque")
+    return (None, None) if isinstance(valued, NoneFound) else (valued[1].peak, valued[1].peak_speed)
 
 
 def _has_law(problem: LawProblem, limits: dict[str, Array]) -> bool:

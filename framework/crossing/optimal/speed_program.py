@@ -65,12 +65,9 @@ class LawProblem(NamedTuple):
     def specification(self) -> Specification:
         return self.task.specification
 
-    def with_goal(self, goal: str, *, torque_limits: bool = True) -> LawProblem:
-        """Return the problem with another goal, its torque limits kept or only the reference."""
+    def with_goal(self, goal: str) -> LawProblem:
+        """Return the problem with another goal."""
         specification = replace(self.specification, goal=goal)
-        if not torque_limits:
-            unlimited = np.full(len(specification.torque_limit), np.inf)
-            specification = replace(specification, torque_limit=unlimited)
         return self._replace(task=self.task._replace(specification=specification), weighing=self.reference)
 
     @property

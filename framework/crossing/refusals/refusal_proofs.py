@@ -10,6 +10,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.crossing.specification import Specification
+from framework.errors import told_apart
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.tolerances import LIMIT_MARGIN
 
@@ -106,6 +107,10 @@ class HoldingTorque:
     limit: float
 
 
+def _above_one(ratio: float) -> str:
+    return told_apart(ratio, 1.0)[0]
+
+
 @dataclass(frozen=True, eq=False)
 class SearchEvidence:
     """What a search found in place of a law within the limits: no proof that there is none.
@@ -128,12 +133,12 @@ class SearchEvidence:
         peaks = {"torque": self.least.torque_peak, "speed": self.least.speed_peak}
         if self.least.together:
             parts.append(
-                f"torques {self.least.torque_peak:.4g} and speeds {self.least.speed_peak:.4g} times the "
+                f"torques {_above_one(self.least.torque_peak)} and speeds {_above_one(self.least.speed_peak)} times the "
                 f"limits were needed together"
             )
             peaks = {}
         parts += [
-            f"the least peak of {what} found is {peak:.4g} times the limits"
+            f"the least peak of {what} found is {_above_one(peak)} times the limits"
             for what, peak in peaks.items()
             if peak is not None
         ]
