@@ -52,7 +52,7 @@ class NearestSingularPose(ReadOnlyArrays):
     rays: int
     x: Array | None  # (n,) platform there
     q: Array | None  # (nq,)
-    twist: Array | None  # (n,) t_s, see `unit_twist`
+    twist: Array | None  # (n,) t_s, see `twist_norm`
 
     @property
     def status(self) -> str:
