@@ -13,10 +13,10 @@ from framework.kinematics.parallel_robot import ParallelRobot
 def holding_torques(
     robot: ParallelRobot, linearised: LinearisedLoops, q: Array, wrench: Array | None = None
 ) -> Array:
-    """Compute motor torques (T, n_a) at rest [N m, N], motor side, springs of links as they are at q.
+    """Compute motor torques (T, n_a) at rest [N m, N], motor side.
 
-    By virtual work, dry friction not counted: torque . dq_a + wrench . dx = power of weight and springs. They
-    grow without bound towards Type 2.
+    By virtual work, dry friction not counted: torque . dq_a + wrench . dx = power of weight and springs, the
+    springs of links deflected as at q. The torques grow without bound towards Type 2.
 
     Args:
         linearised: the loops at q (T, nq).
