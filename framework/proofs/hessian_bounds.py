@@ -28,7 +28,7 @@ class ChainBounds(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LeverChain:
-    """The joints from a point to the frame from which it is seen, with their levers."""
+    """The joints from a point to the frame of its observer, with their levers."""
 
     robot_length: float  # [m]
     turning: BoolArray  # (n,) the leg's joints that are hinges of the chain
@@ -51,8 +51,8 @@ class LeverChain:
         length = float(np.linalg.norm(start.placement.translation))
 
         def pass_joint(joint: int) -> None:
-            mine = columns == model.joints[joint].idx_v
-            inside[mine], levers[mine], between[mine] = True, length, slides
+            is_own = columns == model.joints[joint].idx_v
+            inside[is_own], levers[is_own], between[is_own] = True, length, slides
 
         for joint in [j for j in reversed(up) if j not in down]:
             pass_joint(joint)
@@ -75,12 +75,13 @@ class LeverChain:
         curved = 0.5 * np.einsum("bi,bij,bj->b", turns, lesser, turns)
         total = turns.sum(axis=1)
         position = curved + total * slides
-        moved = (turns * levers).sum(axis=1) + slides
-        distance = (length * position + 0.5 * moved**2) * self.robot_length
+        travel = (turns * levers).sum(axis=1) + slides
+        distance = (length * position + 0.5 * travel**2) * self.robot_length
         return ChainBounds(position, 0.5 * total**2, distance, length)
 
 
 def _slides_of(robot: ParallelRobot, joint: int) -> IntArray:
+    """Return the sliding columns of a joint."""
     first, count = robot.model.joints[joint].idx_v, robot.model.joints[joint].nv
     columns = np.arange(first, first + count)
     return columns[robot.sliding[columns]]

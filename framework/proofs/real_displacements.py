@@ -13,9 +13,9 @@ from typing import Literal
 import numpy as np
 
 from framework.arrays import Array, BoolArray, ReadOnlyArrays
-from framework.proofs.homotopy import path_ends, refined
-from framework.proofs.krawczyk import are_apart, chart_for, enclosures
-from framework.proofs.quadric_family import ComplexArray, is_first
+from framework.proofs.homotopy import PathEnds, path_ends, refine
+from framework.proofs.krawczyk import Enclosures, are_apart, chart_for, enclosures
+from framework.proofs.quadric_family import ComplexArray, QuadricFamily, is_first
 from framework.proofs.rounding import ROUND_UP, gamma
 from framework.proofs.study_paving import are_all_real
 from framework.proofs.study_quadric import Displacements
@@ -28,7 +28,7 @@ Status = Literal["proved", "numerically complete", "at least", "architecturally 
 
 @dataclass(frozen=True)
 class PathCount:
-    """The number of paths of a homotopy to one system, by how they end."""
+    """The number of paths of a homotopy to one system, by kinds of ends."""
 
     paths: int
     finite: int  # at single solutions that are apart
@@ -87,11 +87,11 @@ def real_solutions(
         return RealSolutions(
             np.zeros((0, family.size)), R, p, nothing, nowhere, family.bound, "architecturally singular"
         )
-    rows, slack = group.eliminated(coefficients)
+    rows, slack = group.eliminate_square(coefficients)
     slack = rounding * slack
-    attempts = [_of_paths(group, rows, slack, 0)]
+    attempts = [_prove_path_ends(group, rows, slack, 0)]
     while attempts[-1].status == "at least" and len(attempts) < MAX_ATTEMPTS:
-        attempts.append(_of_paths(group, rows, slack, len(attempts)))
+        attempts.append(_prove_path_ends(group, rows, slack, len(attempts)))
     attempts.reverse()  # of equal ones the last
     best = min(
         attempts,
@@ -102,40 +102,53 @@ def real_solutions(
     return best
 
 
-def _of_paths(group: Displacements, coefficients: Array, slack: Array, attempt: int) -> RealSolutions:
-    """Prove what the ends of all paths on the ways of one attempt allow; coefficients (K, M) off by slack."""
+def _prove_path_ends(group: Displacements, coefficients: Array, slack: Array, attempt: int) -> RealSolutions:
+    """Find and prove the solutions by one attempt of paths; coefficients (K, M) are known up to slack."""
     family, quadrics = group.family, group.family.quadrics(coefficients)
     ends = path_ends(family, coefficients, seed=attempt)
     z = ends.z[ends.arrived]
     chart = chart_for(z)
-    z = refined(quadrics, z, chart.astype(complex))
+    z = refine(quadrics, z, chart.astype(complex))
     real = np.abs(z.imag).max(axis=1) < DISTINCT_SOLUTIONS * np.linalg.norm(z, axis=1)
     z[real] = z[real].real
     radii = np.tensordot(slack, np.abs(family.members), axes=1)
     radii = np.concatenate([radii, np.zeros_like(family.fixed)])
     proof = enclosures(quadrics, radii, chart, z)
     first = is_first(z / np.linalg.norm(z, axis=1, keepdims=True))
-    at_infinity = ends.infinite[ends.arrived] & ~proof.proved
-    proved_finite = _is_finite(family.members[0], z[proof.proved], proof.radii[proof.proved])
-    at_infinity[proof.proved] = ~proved_finite
-    vague = real & ~proof.proved & ~at_infinity  # a real solution beside another one
-    never_arrived = ends.last[ends.infinite & ~ends.arrived]
-    count = PathCount(
-        len(ends.z),
-        finite=int(np.sum(first & ~at_infinity & ~vague)),
-        infinite=int(np.sum(first & at_infinity) + np.sum(is_first(never_arrived))),
-        multiple=int(np.sum(ends.multiple) + np.sum(first & vague)),
-    )
+    count = _count_paths(family, ends, z, real, first, proof)
     decided = proof.proved & (real | (np.abs(z.imag) > proof.radii).any(axis=1))
     status: Status = "at least"
     if np.sum(decided) == family.bound and are_apart(z, proof.radii):
         status = "proved"
     elif count.finite + count.infinite == count.paths == family.bound:
         status = "numerically complete"
-    chosen = real & first
-    R, p = group.in_space(z[chosen].real)
-    return RealSolutions(
-        z[chosen].real, R, p, proof.proved[chosen].astype(float), count, family.bound, status
+    z, proved = z[real & first], proof.proved[real & first].astype(float)
+    return RealSolutions(z.real, *group.embed(z.real), proved, count, family.bound, status)
+
+
+def _count_paths(
+    family: QuadricFamily,
+    ends: PathEnds,
+    z: ComplexArray,
+    real: BoolArray,
+    first: BoolArray,
+    proof: Enclosures,
+) -> PathCount:
+    """Count the paths by their ends.
+
+    Args:
+        z: (S, N) the ends of the paths that arrived; of these `real` and `first`, which repeats no other.
+    """
+    proved = proof.proved
+    at_infinity = ends.infinite[ends.arrived] & ~proved
+    at_infinity[proved] = ~_is_finite(family.members[0], z[proved], proof.radii[proved])
+    vague = real & ~proved & ~at_infinity  # a real solution beside another one
+    never_arrived = ends.last[ends.infinite & ~ends.arrived]
+    return PathCount(
+        len(ends.z),
+        finite=int(np.sum(first & ~at_infinity & ~vague)),
+        infinite=int(np.sum(first & at_infinity) + np.sum(is_first(never_arrived))),
+        multiple=int(np.sum(ends.multiple) + np.sum(first & vague)),
     )
 
 

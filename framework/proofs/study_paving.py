@@ -20,9 +20,9 @@ CHART_OVERLAP = 1.3  # |x| of known solutions that are looked at in a chart, 1 b
 
 
 def are_all_real(group: Displacements, coefficients: Array, slack: Array, z: Array) -> bool:
-    """Whether z (k, 8) are proved to be all real solutions of conditions (K, M); False if it is not known.
+    """Whether z (k, 8) are proved to be all real solutions of conditions (K, M).
 
-    The first condition has |p|^2 once and the others have none (`Displacements.eliminated`).
+    The first condition has |p|^2 once and the others have none (`Displacements.eliminate_square`).
     """
     reach = farthest_displacement(group, coefficients, slack)
     if group.family.size != 8 or reach is None:
@@ -31,7 +31,7 @@ def are_all_real(group: Displacements, coefficients: Array, slack: Array, z: Arr
 
 
 def farthest_displacement(group: Displacements, coefficients: Array, slack: Array) -> float | None:
-    """Bound |p|: |p|^2 <= b |p| + c by the first condition, as no entry of R is larger than one."""
+    """Bound |p| by the first condition: |p|^2 <= b |p| + c, no entry of R exceeding one."""
     first, off = np.zeros(17), np.zeros(17)
     first[group.chosen], off[group.chosen] = coefficients[0], slack[0]
     if first[1] != 1.0:
