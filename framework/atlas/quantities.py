@@ -26,7 +26,7 @@ from framework.statics.stiffness import (
 
 @dataclass(frozen=True, eq=False)
 class Poses(ReadOnlyArrays):
-    """T assembled configurations and what several quantities share."""
+    """T assembled configurations with the values that several quantities share."""
 
     robot: ParallelRobot
     q: Array  # (T, nq)
@@ -45,7 +45,7 @@ class Poses(ReadOnlyArrays):
     def loaded(self) -> LoadedStack:
         return loaded_stack(self.robot, self.q, wrench=self.wrench)
 
-    def carried(self, values: Array) -> Array:
+    def mask_loaded(self, values: Array) -> Array:
         """Return values (T,) of the loaded poses, not a number where the load is not carried."""
         return np.where(self.loaded.reason == LoadReason.CARRIED, values, np.nan)
 
@@ -68,7 +68,7 @@ class Quantity:
 
     @property
     def takes_wrench(self) -> bool:
-        """Whether the wrench counts for it."""
+        """Whether the quantity depends on the wrench."""
         return self.loaded or self.holding
 
     def __reduce__(self) -> tuple[Callable[..., Quantity], tuple[str, tuple[float, ...] | None]]:
@@ -131,14 +131,14 @@ QUANTITIES = {
         ),
         Quantity(
             *("loaded_stiffness", "stiffness under load in the softest direction, motors locked", "N/m"),
-            lambda poses: poses.carried(least_stiffness(poses.robot, poses.loaded.free)),
+            lambda poses: poses.mask_loaded(least_stiffness(poses.robot, poses.loaded.free)),
             decades=True,
             springs=True,
             loaded=True,
         ),
         Quantity(
             *("loaded_frequency", "first natural frequency under load, motors locked", "Hz"),
-            lambda poses: poses.carried(locked_motor_frequency(poses.loaded.free)),
+            lambda poses: poses.mask_loaded(locked_motor_frequency(poses.loaded.free)),
             springs=True,
             loaded=True,
         ),
@@ -146,10 +146,10 @@ QUANTITIES = {
 }
 
 
-def chosen(
+def choose_quantities(
     robot: ParallelRobot, names: Sequence[str] | None, wrench: ArrayLike | None = None
 ) -> tuple[Quantity, ...]:
-    """Return the quantities of these names, and g, from which the locus is drawn; by default all that apply.
+    """Return the quantities of names, by default all that apply, and g, from which the locus is drawn.
 
     "Apply" leaves out torques that differ by gears or by a norm alone, and what takes a load.
 
@@ -180,18 +180,17 @@ def chosen(
                 f"quantity {name}: is the torque against a unit force, and the platform of {robot.name} "
                 f"only turns"
             )
-    quantities_chosen = tuple(QUANTITIES[name] for name in dict.fromkeys(names))
+    quantities = tuple(QUANTITIES[name] for name in dict.fromkeys(names))
     if wrench is None:
-        return quantities_chosen
-    if not any(quantity.takes_wrench for quantity in quantities_chosen):
+        return quantities
+    if not any(quantity.takes_wrench for quantity in quantities):
         loaded = [quantity.key for quantity in QUANTITIES.values() if quantity.takes_wrench]
         raise InvalidInput(f"wrench: counts for {', '.join(loaded)} alone; ask for one of them")
     load = tuple(finite_numbers("wrench", wrench, robot.n).tolist())
-    if any(quantity.loaded for quantity in quantities_chosen):
+    if any(quantity.loaded for quantity in quantities):
         given_wrench(robot, load)  # a load that deflects has to have a potential
     return tuple(
-        replace(quantity, wrench=load) if quantity.takes_wrench else quantity
-        for quantity in quantities_chosen
+        replace(quantity, wrench=load) if quantity.takes_wrench else quantity for quantity in quantities
     )
 
 

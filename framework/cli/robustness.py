@@ -198,7 +198,7 @@ def _report(
 
 def _what_is_kept(options: argparse.Namespace, kept: dict[str, KeptRuns]) -> list[str]:
     """Return the message on a study that is interrupted: the runs that are kept."""
-    count = sum(len(chunk) for place in kept.values() for chunk, _ in place.found())
+    count = sum(len(chunk) for place in kept.values() for chunk, _ in place.read())
     if not count:
         return []
     return [

@@ -39,10 +39,10 @@ class KeptRuns:
         plan = {key: value for key, value in setup["plan"].items() if key != "seconds"}
         return KeptRuns(KeptChunks.of(out, {**setup, "plan": plan}, controller), len(setup["limit"]))
 
-    def found(self) -> list[tuple[range, Run]]:
+    def read(self) -> list[tuple[range, Run]]:
         """Return the finished runs, by their numbers."""
         runs = []
-        for name, arrays in self.chunks.found().items():
+        for name, arrays in self.chunks.read().items():
             try:
                 first, stop = map(int, name.split("-"))
             except ValueError:

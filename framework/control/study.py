@@ -69,7 +69,7 @@ class Study(ReadOnlyArrays):
 class RunStore(Protocol):
     """A place for finished runs, so that a study that is stopped goes on from them."""
 
-    def found(self) -> list[tuple[range, Run]]:
+    def read(self) -> list[tuple[range, Run]]:
         """Return the finished runs, by their numbers."""
         ...
 
@@ -109,7 +109,7 @@ def run_study(
     if seed < 0:
         raise InvalidInput(f"seed: needs a whole number of at least 0, got {seed!r}")
     started = time.perf_counter()
-    finished = _chosen(keeper.found() if keeper is not None else [], runs)
+    finished = _chosen(keeper.read() if keeper is not None else [], runs)
 
     def report(under_way: float = 0.0) -> None:
         progress(sum(map(len, finished)) + int(under_way))
