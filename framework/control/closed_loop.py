@@ -79,8 +79,8 @@ def run_closed_loop(
         monitor.act(torque, record=record)
         if k == last or not monitor.alive.any():
             break
-        pushed = world(ref.times[k] + 0.5 * ref.period, integrate(nominal, q, 0.5 * ref.period * v))
-        q, v = stepper.step(q, v, torque - friction.torque(v), ref.period, pushed=pushed)
+        force = world(ref.times[k] + 0.5 * ref.period, integrate(nominal, q, 0.5 * ref.period * v))
+        q, v = stepper.step(q, v, torque - friction.torque(v), ref.period, world=force)
         # one run without numbers would leave none in stacked solves: runs that are over stand at their start
         slow = np.abs(v) * ref.period < MAX_JOINT_STEP * nominal.column_scale
         monitor.end(ref.times[k + 1], np.asarray(~(np.isfinite(q).all(axis=1) & slow.all(axis=1))))
