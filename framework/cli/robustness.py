@@ -169,7 +169,7 @@ def _with_feedback(options: argparse.Namespace, setup: StudySetup, study: Study)
     if options.controller or not lost:
         return {}
     try:
-        passed = setup.passed(FEEDBACK, lost)
+        passed = setup.count_passes(FEEDBACK, lost)
     except FrameworkError:  # this controller is not for every robot
         return {}
     return {"with_feedback": {"controller": FEEDBACK, "runs": len(lost), "passed": passed}}

@@ -52,16 +52,17 @@ class KeptRuns:
         return runs
 
     def keep(self, chunk: range, run: Run) -> None:
-        """Put a finished chunk there.
+        """Store a finished chunk.
 
         Raises:
-            OutputError: it cannot be written.
+            OutputError: the chunk cannot be written.
         """
         arrays = {name: np.asarray(getattr(run, name)) for name in _kept_arrays(0, 0)}
         self.chunks.keep(f"{chunk.start}-{chunk.stop}", arrays)
 
 
 def _run(kept: Arrays) -> Run:
+    """Return the runs of a stored chunk."""
     return Run(
         passed=kept["passed"],
         why=tuple(kept["why"].tolist()),

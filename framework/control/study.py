@@ -62,19 +62,19 @@ class Study(ReadOnlyArrays):
 
     @property
     def failures(self) -> list[tuple[int, int]]:
-        """Seeds of the runs that failed: `draw(robot, spread, seed)` gives each of them back."""
+        """Seeds of the runs that failed, from which `draw(robot, spread, seed)` makes each again."""
         return [(self.seed, int(k)) for k in np.flatnonzero(~self.passed)]
 
 
 class RunStore(Protocol):
-    """A place for finished runs, so that a study that is stopped goes on from them."""
+    """A place for finished runs, from which a stopped study goes on."""
 
     def read(self) -> list[tuple[range, Run]]:
         """Return the finished runs, by their numbers."""
         ...
 
     def keep(self, chunk: range, run: Run) -> None:
-        """Put a finished chunk there."""
+        """Store a finished chunk."""
         ...
 
 
@@ -109,28 +109,28 @@ def run_study(
     if seed < 0:
         raise InvalidInput(f"seed: needs a whole number of at least 0, got {seed!r}")
     started = time.perf_counter()
-    finished = _chosen(keeper.read() if keeper is not None else [], runs)
+    finished = _select_chunks(keeper.read() if keeper is not None else [], runs)
 
     def report(under_way: float = 0.0) -> None:
         progress(sum(map(len, finished)) + int(under_way))
 
     task = partial(run_chunk, controller, loop, spread, seed)
 
-    def watched(part: range) -> Run:
-        return task(part, partial(_part_of, report, len(part)))
+    def run_and_report(part: range) -> Run:
+        return task(part, lambda share: report(share * len(part)))
 
     missing = _missing(finished, runs, min(chunk or RUNS_PER_CHUNK, RUNS_PER_CHUNK))
     report()
-    for part, run in completed(watched if executor is None else task, missing, executor):
+    for part, run in completed(run_and_report if executor is None else task, missing, executor):
         finished[part] = run
         if keeper is not None:
             keeper.keep(part, run)
         report()
     in_order = [finished[part] for part in sorted(finished, key=lambda part: part.start)]
-    return _joined(in_order, name, spread, seed, time.perf_counter() - started)
+    return _join(in_order, name, spread, seed, time.perf_counter() - started)
 
 
-def _joined(chunks: Sequence[Run], controller: str, spread: Spread, seed: int, seconds: float) -> Study:
+def _join(chunks: Sequence[Run], controller: str, spread: Spread, seed: int, seconds: float) -> Study:
     """Join the runs of all chunks into one study."""
     return Study(
         controller=controller,
@@ -146,15 +146,15 @@ def _joined(chunks: Sequence[Run], controller: str, spread: Spread, seed: int, s
     )
 
 
-def _chosen(stored: list[tuple[range, Run]], runs: int) -> dict[range, Run]:
-    """Return those of the kept chunks that belong to this study and do not overlap."""
-    chosen: dict[range, Run] = {}
+def _select_chunks(stored: list[tuple[range, Run]], runs: int) -> dict[range, Run]:
+    """Return the stored chunks that belong to the study and do not overlap."""
+    chunks: dict[range, Run] = {}
     end = 0
     for part, run in sorted(stored, key=lambda item: item[0].start):
         if end <= part.start < part.stop <= runs:
-            chosen[part] = run
+            chunks[part] = run
             end = part.stop
-    return chosen
+    return chunks
 
 
 def _missing(finished: Iterable[range], runs: int, chunk: int) -> list[range]:
@@ -165,10 +165,6 @@ def _missing(finished: Iterable[range], runs: int, chunk: int) -> list[range]:
         missing += [gap[first : first + chunk] for first in range(0, len(gap), chunk)]
         end = part.stop
     return missing
-
-
-def _part_of(report: Callable[[float], None], size: int, share: float) -> None:
-    report(share * size)
 
 
 def run_chunk(
