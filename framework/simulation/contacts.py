@@ -23,8 +23,6 @@ from framework.simulation.equations import EquationsOfMotion
 from framework.tolerances import RANK_ROUNDING
 
 CONTACT_TYPES = {AXES[:3]: pin.ContactType.CONTACT_3D, AXES: pin.ContactType.CONTACT_6D}
-# its defaults give NaN where rows are redundant, as in a planar loop written in 3D
-PROXIMAL_SETTINGS = (1e-12, 1e-12, 1e-8, 20)  # accuracies, absolute and relative; mu; iterations
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +89,8 @@ class ContactDynamics:
             data=data,
             contacts=contacts,
             contact_data=contact_data,
-            settings=pin.ProximalSettings(*PROXIMAL_SETTINGS),
+            # by default NaN where rows are redundant, as in a planar loop written in 3D
+            settings=pin.ProximalSettings(accuracy=1e-12, mu=1e-8, max_iter=20),
             stiffness=equations.stiffness if equations.stiffness.any() else None,
             rest=robot.joint_rest,
             damping=equations.damping if equations.damping.any() else None,
