@@ -33,7 +33,7 @@ from framework.errors import FrameworkError, InvalidInput, choose_from
 from framework.input import read_text
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.parameters import declared_parameters
-from framework.parallel.kept import ArrayField, ChunkStore, complete_chunks
+from framework.parallel.kept import ArrayField, KeptChunks, complete_chunks
 from framework.statics.loading import LoadReason
 
 DESIGNS_PER_TASK = 4  # designs of a task
@@ -104,7 +104,7 @@ def design_study(
     designs: Designs,
     *,
     executor: Executor | None = None,
-    keeper: ChunkStore | None = None,
+    keeper: KeptChunks | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> DesignStudy:
     """Map all designs and reduce each map to areas and ranges. Options as for `workspace_map`."""

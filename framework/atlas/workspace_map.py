@@ -29,7 +29,7 @@ from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.modes import mode_signs
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.locus.locus_on_map import MapLocus, MapPoses, locus_on_map
-from framework.parallel.kept import ArrayField, ChunkStore, complete_chunks
+from framework.parallel.kept import ArrayField, KeptChunks, complete_chunks
 from framework.statics.loading import LOAD_WORDS, LoadReason
 
 BAND_ROWS = 8  # of a band; poses between coarse ones at most
@@ -115,7 +115,7 @@ def workspace_map(
     *,
     wrench: ArrayLike | None = None,
     executor: Executor | None = None,
-    keeper: ChunkStore | None = None,
+    keeper: KeptChunks | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> WorkspaceMap:
     """Compute quantities over a window, at the poses that continuation from the reference reaches.

@@ -23,9 +23,8 @@ from framework.cli.parser import (
 )
 from framework.cli.replay import replayed
 from framework.control.controllers import CONTROLLERS
-from framework.control.kept_runs import KeptRuns
 from framework.control.run_monitor import SENSORS, ControlLoop
-from framework.control.study import Study, run_study
+from framework.control.study import KeptRuns, Study, run_study
 from framework.control.study_setup import FILE, StudySetup
 from framework.control.variation import Spread
 from framework.errors import FrameworkError

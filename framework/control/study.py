@@ -8,11 +8,12 @@ can be kept for a study that is stopped.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
-from typing import Protocol
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ from framework.control.estimation import Controller
 from framework.control.run_monitor import ControlLoop, Run
 from framework.control.variation import Spread, draw
 from framework.errors import InvalidInput
+from framework.parallel.kept import ArrayField, Arrays, KeptChunks, fits
 from framework.parallel.tasks import completed
 
 RUNS_PER_CHUNK = 250  # runs that are stacked; more do not make a run cheaper
@@ -66,18 +68,6 @@ class Study(ReadOnlyArrays):
         return [(self.seed, int(k)) for k in np.flatnonzero(~self.passed)]
 
 
-class RunStore(Protocol):
-    """A place for finished runs, from which a stopped study goes on."""
-
-    def read(self) -> list[tuple[range, Run]]:
-        """Return the finished runs, by their numbers."""
-        ...
-
-    def keep(self, chunk: range, run: Run) -> None:
-        """Store a finished chunk."""
-        ...
-
-
 def run_study(
     controller: Controller,
     loop: ControlLoop,
@@ -88,7 +78,7 @@ def run_study(
     seed: int = 0,
     executor: Executor | None = None,
     chunk: int | None = None,
-    keeper: RunStore | None = None,
+    keeper: KeptRuns | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Study:
     """Do `runs` closed-loop runs, each of a robot drawn from the spread.
@@ -179,3 +169,67 @@ def run_chunk(
     robot = controller.reference.robot
     variations = [draw(robot, spread, (seed, number)) for number in chunk]
     return run_closed_loop(controller, loop, spread, variations, advanced=advanced)
+
+
+# ------------------------------------------------------------------ finished runs on disk
+
+
+def _kept_arrays(runs: int, motors: int) -> dict[str, ArrayField]:
+    """Return the arrays of a chunk of runs, fields of `Run`."""
+    numbers = ArrayField("f", (runs,))
+    return {
+        "passed": ArrayField("b", (runs,)),
+        "why": ArrayField("U", (runs,)),
+        "tracking_error": numbers,
+        "end_error": numbers,
+        "peak_torque": ArrayField("f", (runs, motors)),
+        "payload": numbers,
+    }
+
+
+@dataclass(frozen=True)
+class KeptRuns:
+    """Chunks of one controller's runs in a folder."""
+
+    chunks: KeptChunks
+    motors: int  # of the robot
+
+    @staticmethod
+    def of(out: Path, setup: Mapping[str, Any], controller: str) -> KeptRuns:
+        """Return the place in the folder `out` for runs of that setup, a document of JSON."""
+        plan = {key: value for key, value in setup["plan"].items() if key != "seconds"}
+        return KeptRuns(KeptChunks.of(out, {**setup, "plan": plan}, controller), len(setup["limit"]))
+
+    def read(self) -> list[tuple[range, Run]]:
+        """Return the finished runs, by their numbers."""
+        runs = []
+        for name, arrays in self.chunks.read().items():
+            try:
+                first, stop = map(int, name.split("-"))
+            except ValueError:
+                continue  # not one of ours: computed anew
+            if fits(arrays, _kept_arrays(stop - first, self.motors)):
+                runs.append((range(first, stop), _run(arrays)))
+        return runs
+
+    def keep(self, chunk: range, run: Run) -> None:
+        """Store a finished chunk.
+
+        Raises:
+            OutputError: the chunk cannot be written.
+        """
+        arrays = {name: np.asarray(getattr(run, name)) for name in _kept_arrays(0, 0)}
+        self.chunks.keep(f"{chunk.start}-{chunk.stop}", arrays)
+
+
+def _run(kept: Arrays) -> Run:
+    """Return the runs of a stored chunk."""
+    return Run(
+        passed=kept["passed"],
+        why=tuple(kept["why"].tolist()),
+        tracking_error=kept["tracking_error"],
+        end_error=kept["end_error"],
+        peak_torque=kept["peak_torque"],
+        payload=kept["payload"],
+        x=np.empty((0, 0, 0)),  # not kept
+    )

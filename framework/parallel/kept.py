@@ -16,7 +16,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,25 +77,13 @@ class KeptChunks:
             np.savez(temporary / name, allow_pickle=False, **arrays)
 
 
-class ChunkStore(Protocol):
-    """A place for finished chunks."""
-
-    def read(self) -> Mapping[str, Arrays]:
-        """Return the finished chunks, by name."""
-        ...
-
-    def keep(self, name: str, arrays: Arrays) -> None:
-        """Store a finished chunk."""
-        ...
-
-
 def complete_chunks(
     compute: Callable[[K], Arrays],
     tasks: Mapping[str, K],
     fields: Callable[[K], Mapping[str, ArrayField]],
     *,
     executor: Executor | None,
-    keeper: ChunkStore | None,
+    keeper: KeptChunks | None,
     progress: Callable[[Collection[str]], None],
 ) -> dict[str, NDArray[Any]]:
     """Compute the chunks of all tasks that are not stored; return all arrays joined in order of the tasks.

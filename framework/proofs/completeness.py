@@ -1,8 +1,8 @@
 """Proof that equations have no other solutions in boxes than the known ones.
 
 A box is dropped where its linear enclosure has no solution, or where it lies within a region in which a known
-solution is the only one; it is narrowed by the enclosure, or cut. `study_paving` and `leg_paving` supply the
-equations.
+solution is the only one; it is narrowed by the enclosure, or cut. The equations are those of
+`real_displacements` and `leg_paving`.
 """
 
 from __future__ import annotations

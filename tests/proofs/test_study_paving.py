@@ -7,8 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from framework.proofs.branch_and_bound import Boxes
 from framework.proofs.completeness import KnownSolutions, has_no_others, unique_radius
-from framework.proofs.real_displacements import real_solutions
-from framework.proofs.study_paving import Chart, farthest_displacement
+from framework.proofs.real_displacements import Chart, farthest_displacement, real_solutions
 from framework.proofs.study_quadric import rod, spatial
 from framework.tolerances import LEG_COEFFICIENT_ROUNDING
 from tests.proofs.test_real_displacements import COUNTS, conditions, lengths_at
