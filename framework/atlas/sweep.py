@@ -27,7 +27,7 @@ from framework.tolerances import BRANCH_TURN, BRANCHES_CROSS, DETERMINANT_LOST
 
 NEWTON_STEPS = 10  # Newton steps to a neighbour; a step along the tangent that needs more is no good one
 MAX_JOINT_STEP = 0.5  # [rad, lengths] that such a step may move a joint by
-ReasonArray = NDArray[np.uint8]
+
 STEP_PARTS = 4  # of a step that is too long to be trusted, with the last stride
 DIRECTIONS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 

@@ -186,15 +186,14 @@ def _poses_by_motors(robot: ParallelRobot, q_a: Array, progress: Callable[[int],
     Raises:
         Type2Singularity: the assembly mode ends at an instant or on the way to one.
     """
-    q = np.empty((len(q_a), robot.model.nq))
-    count = 0
+    q: list[Array] = []
     try:
-        for count, pose in enumerate(follow_motors(robot, q_a), start=1):
-            q[count - 1] = pose.q
-            progress(count)
+        for pose in follow_motors(robot, q_a):
+            q.append(pose.q)
+            progress(len(q))
     except Type2Singularity as end:
-        raise _type2_of_motors(robot, end.q, end.platform, end.residual, count / len(q)) from end
-    return q
+        raise _type2_of_motors(robot, end.q, end.platform, end.residual, len(q) / len(q_a)) from end
+    return np.array(q)
 
 
 def _check_apart(robot: ParallelRobot, q: Array, linearised: LinearisedLoops) -> None:

@@ -146,13 +146,14 @@ def is_proved(robot: ParallelRobot, q: Array, *, locked: str = "motors") -> bool
 
 def distinct_joints(joints: Array) -> list[Array]:
     """Return the rows of (T, k) that repeat no earlier row, hinges up to whole turns."""
-    distinct: list[Array] = []
-    for row in joints:
-        if not any(are_alike(row, earlier) for earlier in distinct):
-            distinct.append(row)
+    return [joints[k] for k in distinct_rows(joints)]
+
+
+def distinct_rows(joints: Array) -> list[int]:
+    """Return the indices of the rows of (T, k) that repeat no earlier row, hinges up to whole turns."""
+    distinct: list[int] = []
+    for k, turns in enumerate(np.exp(1j * joints)):
+        offsets = (np.abs(turns - np.exp(1j * joints[earlier])).max(initial=0.0) for earlier in distinct)
+        if all(offset > DISTINCT_SOLUTIONS for offset in offsets):
+            distinct.append(k)
     return distinct
-
-
-def are_alike(first: Array, second: Array) -> bool:
-    """Whether joints are the same, hinges up to whole turns."""
-    return bool(np.abs(np.exp(1j * first) - np.exp(1j * second)).max(initial=0.0) <= DISTINCT_SOLUTIONS)

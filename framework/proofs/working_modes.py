@@ -24,9 +24,9 @@ from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tree_model import positions_beyond_limits
 from framework.proofs.leg_paving import leg_solutions_complete
 from framework.proofs.passive_joints import (
-    are_alike,
     close_all_loops,
     distinct_joints,
+    distinct_rows,
     is_proved,
     random_starts,
 )
@@ -147,17 +147,8 @@ def _has_no_others(robot: ParallelRobot, leg: Leg, solutions: Array, q: Array, x
     offsets = np.array([_from_reference(robot, pose) for pose in q]) / robot.column_scale
     return all(
         leg_solutions_complete(robot, columns, fixed, q[k], solutions - offsets[k, columns], x)
-        for k in _first_of_each(offsets[:, previous])
+        for k in distinct_rows(offsets[:, previous])
     )
-
-
-def _first_of_each(joints: Array) -> list[int]:
-    """Return the indices of rows (T, k) that repeat no earlier row, hinges up to whole turns."""
-    first: list[int] = []
-    for k, row in enumerate(joints):
-        if not any(are_alike(row, joints[earlier]) for earlier in first):
-            first.append(k)
-    return first
 
 
 def _closed_modes(robot: ParallelRobot, q: Array, x: Array) -> list[WorkingMode]:

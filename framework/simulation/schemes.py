@@ -85,7 +85,7 @@ def midpoint(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) -> 
     return State(integrate(robot, q, 0.5 * h * (v + new)), new)
 
 
-def extrapolate_euler(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) -> State:
+def extrapolate(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) -> State:
     """Step by the linear implicit Euler method, extrapolated once."""
     robot = stack.robots[0]
 
@@ -129,8 +129,4 @@ def runge_kutta(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) 
 
 
 Scheme = Callable[[RobotStack, Array, Array, Array, float], State]
-SCHEMES: dict[str, Scheme] = {
-    "midpoint": midpoint,
-    "extrapolated": extrapolate_euler,
-    "contacts": runge_kutta,
-}
+SCHEMES: dict[str, Scheme] = {"midpoint": midpoint, "extrapolated": extrapolate, "contacts": runge_kutta}
