@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import robots
 from framework.atlas.map_files import setup_document, write_map
-from framework.atlas.quantities import chosen
+from framework.atlas.quantities import choose_quantities
 from framework.atlas.window import Window
 from framework.atlas.workspace_map import workspace_map
 from framework.parallel.kept import KeptChunks
@@ -26,7 +26,7 @@ from framework.parallel.tasks import executor_of
 if __name__ == "__main__":
     out, workers, dask = Path(sys.argv[1]), int(sys.argv[2]), sys.argv[3] or None
     robot = robots.load("five_bar", flexibility="flexible_links")
-    quantities = chosen(robot, None)
+    quantities = choose_quantities(robot, None)
     window = Window((0, 1), np.array([-0.3, -0.4]), np.array([0.3, 0.5]), (120, 60), robot.reference.x)
     kept = KeptChunks.of(out, setup_document(robot, window, quantities))
     with executor_of(workers=workers, dask=dask) as executor:

@@ -13,7 +13,7 @@ import pytest
 import robots
 from framework import ParallelRobot
 from framework.atlas.map_files import setup_document
-from framework.atlas.quantities import chosen
+from framework.atlas.quantities import choose_quantities
 from framework.atlas.window import Window
 from framework.atlas.workspace_map import workspace_map
 from framework.cli import main
@@ -73,7 +73,7 @@ def test_what_is_kept_of_a_map_is_named_by_the_working_mode_too():
     setups = []
     for reference in (described.reference, other):
         robot = ParallelRobot.from_description(replace(described, reference=reference))
-        setups.append(setup_document(robot, window, chosen(robot, keys)))
+        setups.append(setup_document(robot, window, choose_quantities(robot, keys)))
     assert setups[0]["robot_hash"] == setups[1]["robot_hash"]
     assert setups[0] != setups[1]
 
@@ -106,7 +106,7 @@ def test_misuse_is_told_in_one_line(arguments, complaint, capsys):
 
 def test_a_map_that_is_stopped_says_what_is_kept_and_goes_on(tmp_path, capsys, monkeypatch):
     module, count = sys.modules[workspace_map.__module__], []
-    filled = module.filled_band
+    filled = module.fill_band
 
     def stopped(*given):
         if len(count) == 2:
@@ -115,11 +115,11 @@ def test_a_map_that_is_stopped_says_what_is_kept_and_goes_on(tmp_path, capsys, m
         return filled(*given)
 
     command = ("five_bar", "--size", 24, "--quantity", "g", "--out", tmp_path)
-    monkeypatch.setattr(module, "filled_band", stopped)
+    monkeypatch.setattr(module, "fill_band", stopped)
     code, told, _ = mapped(capsys, *command)
     assert code == 130
     assert "2 bands are kept" in told["error"]["message"]
-    monkeypatch.setattr(module, "filled_band", lambda *given: count.append(given[3].name) or filled(*given))
+    monkeypatch.setattr(module, "fill_band", lambda *given: count.append(given[3].name) or filled(*given))
     assert mapped(capsys, *command)[0] == 0
     assert len(count) == len(set(count)) == 3
     assert not kept(tmp_path)

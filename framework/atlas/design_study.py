@@ -25,16 +25,15 @@ from numpy.typing import NDArray
 
 from framework.arrays import Array, ReadOnlyArrays
 from framework.atlas.map_files import package_versions
-from framework.atlas.quantities import QUANTITIES, chosen, unit_of
-from framework.atlas.survey import surveyed
+from framework.atlas.quantities import QUANTITIES, choose_quantities, unit_of
+from framework.atlas.survey import survey_window
 from framework.atlas.window import Window, map_axes
-from framework.atlas.workspace_map import ChunkStore, WorkspaceMap, workspace_map
+from framework.atlas.workspace_map import WorkspaceMap, workspace_map
 from framework.errors import FrameworkError, InvalidInput, choose_from
 from framework.input import read_text
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.parameters import declared_parameters
-from framework.parallel.kept import ArrayField, fits
-from framework.parallel.tasks import completed
+from framework.parallel.kept import ArrayField, KeptChunks, complete_chunks
 from framework.statics.loading import LoadReason
 
 DESIGNS_PER_TASK = 4  # designs of a task
@@ -105,47 +104,40 @@ def design_study(
     designs: Designs,
     *,
     executor: Executor | None = None,
-    keeper: ChunkStore | None = None,
+    keeper: KeptChunks | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> DesignStudy:
     """Map all designs and reduce each map to areas and ranges. Options as for `workspace_map`."""
-    count = len(designs.values)
-    parts = [
-        range(first, min(first + DESIGNS_PER_TASK, count)) for first in range(0, count, DESIGNS_PER_TASK)
-    ]
-    names = {f"{part.start:07d}-{part.stop:07d}": part for part in parts}
-    kept = {} if keeper is None else dict(keeper.found())
-    chunks = {
-        name: kept[name] for name, part in names.items() if fits(kept.get(name), _part_arrays(part, task))
-    }
-    progress(sum(len(names[name]) for name in chunks))
-    todo = [(name, designs.values[part]) for name, part in names.items() if name not in chunks]
-    for (name, _), chunk in completed(partial(map_designs, task), todo, executor):
-        chunks[name] = chunk
-        if keeper is not None:
-            keeper.keep(name, chunk)
-        progress(sum(len(names[finished]) for finished in chunks))
-    columns = {
-        key: np.concatenate([chunks[name][key] for name in names]) for key in chunks[next(iter(names))]
-    }
+    parts = {}
+    for first in range(0, len(designs.values), DESIGNS_PER_TASK):
+        values = designs.values[first : first + DESIGNS_PER_TASK]
+        parts[f"{first:07d}-{first + len(values):07d}"] = values
+    columns = complete_chunks(
+        partial(map_designs, task),
+        parts,
+        partial(_part_arrays, task),
+        executor=executor,
+        keeper=keeper,
+        progress=lambda names: progress(sum(len(parts[name]) for name in names)),
+    )
     why = tuple(columns.pop("why").tolist())
     robot = ParallelRobot.from_file(task.file, flexibility=task.flexibility)
     return DesignStudy(task, designs, columns, column_units(robot, task), why)
 
 
-def _part_arrays(part: range, task: StudyTask) -> dict[str, ArrayField]:
-    """Return the arrays of some designs that are mapped."""
-    numbers = dict.fromkeys(column_names(task), ArrayField("f", (len(part),)))
-    return numbers | {"why": ArrayField("U", (len(part),))}
+def _part_arrays(task: StudyTask, values: Array) -> dict[str, ArrayField]:
+    """Return the fields of the chunk of designs (D, P)."""
+    numbers = dict.fromkeys(column_names(task), ArrayField("f", (len(values),)))
+    return numbers | {"why": ArrayField("U", (len(values),))}
 
 
-def map_designs(task: StudyTask, part: tuple[str, Array]) -> dict[str, NDArray[Any]]:
-    """Map some designs; return their numbers by column, and the reasons why some have none."""
+def map_designs(task: StudyTask, values: Array) -> dict[str, NDArray[Any]]:
+    """Map designs (D, P); return their numbers by column, and the reasons why some have none."""
     rows: list[dict[str, float]] = []
     why: list[str] = []
-    for values in part[1]:
+    for design in values:
         try:
-            workspace = _mapped(task, dict(zip(task.names, values.tolist(), strict=True)))
+            workspace = _map_design(task, dict(zip(task.names, design.tolist(), strict=True)))
             rows.append(_statistics(workspace))
             why.append("")
         except FrameworkError as error:
@@ -169,16 +161,17 @@ def column_units(robot: ParallelRobot, task: StudyTask) -> dict[str, str]:
     area = "m^2" if edges == {"m"} else "rad^2" if edges == {"rad"} else "m rad"
     units = {
         f"{quantity.key}_{part}": unit_of(robot, quantity)
-        for quantity in chosen(robot, task.keys)
+        for quantity in choose_quantities(robot, task.keys)
         for part in STATISTICS
     }
     return {key: area for key in column_names(task) if key.endswith("area")} | units
 
 
-def _mapped(task: StudyTask, parameters: Mapping[str, float]) -> WorkspaceMap:
+def _map_design(task: StudyTask, parameters: Mapping[str, float]) -> WorkspaceMap:
+    """Map the robot of one design."""
     robot = ParallelRobot.from_file(task.file, flexibility=task.flexibility, parameters=parameters)
     if task.window is None:
-        window = surveyed(robot, axes=task.axes, size=task.size)
+        window = survey_window(robot, axes=task.axes, size=task.size)
     else:
         ends, shape = np.array(task.window), (task.size, task.size)
         window = Window(map_axes(robot, task.axes), ends[::2], ends[1::2], shape, robot.reference.x)
@@ -186,9 +179,9 @@ def _mapped(task: StudyTask, parameters: Mapping[str, float]) -> WorkspaceMap:
 
 
 def _statistics(workspace: WorkspaceMap) -> dict[str, float]:
-    """Return areas of poses reached, of those on the reference's side, of those under load; and ranges."""
-    away = np.abs(workspace.window.points() - workspace.robot.reference.x).max(axis=2)
-    side = workspace.assembly.flat[np.argmin(np.where(workspace.reached, away, np.inf))]
+    """Return areas of poses: all reached, on the reference's side, under load; and ranges."""
+    distance = np.abs(workspace.window.points() - workspace.robot.reference.x).max(axis=2)
+    side = workspace.assembly.flat[np.argmin(np.where(workspace.reached, distance, np.inf))]
     cell = float(np.prod(workspace.window.cell))
     columns = {
         "area": cell * int(workspace.reached.sum()),
@@ -214,7 +207,7 @@ def _statistics(workspace: WorkspaceMap) -> dict[str, float]:
 
 
 def study_setup(task: StudyTask, designs: Designs) -> dict[str, Any]:
-    """Return what a study depends on, a document of JSON."""
+    """Return all settings of a study, a document of JSON."""
     robot = ParallelRobot.from_file(task.file, flexibility=task.flexibility)
     content = hashlib.sha256(Path(task.file).read_bytes() + robot.description.urdf_text.encode())
     return {

@@ -41,13 +41,13 @@ def package_versions() -> dict[str, str]:
 
 
 def map_setup(workspace: WorkspaceMap) -> dict[str, Any]:
-    """Return what a map depends on, a document of JSON."""
+    """Return all settings of a map, a document of JSON."""
     setup = setup_document(workspace.robot, workspace.window, workspace.quantities)
     return {**setup, "keep_limits": workspace.keeps_limits}
 
 
 def setup_document(robot: ParallelRobot, window: Window, quantities: Sequence[Quantity]) -> dict[str, Any]:
-    """Return what a map of a robot over a window depends on."""
+    """Return the settings of a map of a robot over a window."""
     names = robot.axis_names
     return {
         "robot": robot.name,
@@ -134,33 +134,26 @@ def _locus_arrays(workspace: WorkspaceMap) -> dict[str, np.ndarray]:
 
 
 def _write_table(workspace: WorkspaceMap, stream: Any) -> None:
-    names = workspace.robot.axis_names
-    keys = [quantity.key for quantity in workspace.quantities]
-    columns = [names[k] for k in workspace.window.axes]
+    """Write the table of a map, a row a pose."""
+    points = workspace.window.points()
+    columns: dict[str, list[Any]] = {
+        workspace.robot.axis_names[k]: points[..., k].ravel().tolist() for k in workspace.window.axes
+    }
+    columns["reached"] = [workspace.reason_words[code] for code in workspace.reason.flat]
+    columns["assembly_mode"] = [mode or "" for mode in workspace.assembly.ravel().tolist()]
+    if workspace.load is not None:
+        words = np.array([LOAD_WORDS[kind] for kind in LoadReason])
+        columns["load"] = np.where(workspace.reached, words[workspace.load], "").ravel().tolist()
+    for quantity in workspace.quantities:
+        values = workspace.values[quantity.key].ravel().tolist()
+        columns[quantity.key] = ["" if value != value else value for value in values]
     writer = csv.writer(stream, lineterminator="\n")
-    loads = [] if workspace.load is None else ["load"]
-    writer.writerow([*columns, "reached", "assembly_mode", *loads, *keys])
-    x = workspace.window.points()[..., list(workspace.window.axes)].reshape(-1, 2)
-    why = [workspace.reason_words[code] for code in workspace.reason.ravel().tolist()]
-    values = np.stack([workspace.values[key].ravel() for key in keys], axis=1)
-    load = [_load_word(workspace, k) for k in range(len(x))]
-    rows = zip(x.tolist(), why, workspace.assembly.ravel().tolist(), load, values.tolist(), strict=True)
-    writer.writerows(
-        [*point, reached, mode or "", *word, *_cells(row)] for point, reached, mode, word, row in rows
-    )
-
-
-def _load_word(workspace: WorkspaceMap, k: int) -> list[str]:
-    if workspace.load is None:
-        return []
-    return [LOAD_WORDS[LoadReason(int(workspace.load.flat[k]))] if workspace.reached.flat[k] else ""]
-
-
-def _cells(row: list[float]) -> list[float | str]:
-    return ["" if value != value else value for value in row]
+    writer.writerow(columns)
+    writer.writerows(zip(*columns.values(), strict=True))
 
 
 def _range(values: np.ndarray) -> dict[str, float | None]:
+    """Return the least, the median and the largest of finite values."""
     finite = values[np.isfinite(values)]
     if not finite.size:
         return {"least": None, "median": None, "largest": None}

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays
-from framework.atlas.sweep import STEP_PARTS, PoseReason, stepped
+from framework.atlas.sweep import STEP_PARTS, PoseReason, step_poses
 from framework.errors import InvalidInput
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import assembled_at, linearised_at
@@ -50,9 +50,9 @@ class NearestSingularPose(ReadOnlyArrays):
     unit: str
     within: float  # how far rays were followed, in the same unit
     rays: int
-    x: Array | None  # (n,) platform there
+    x: Array | None  # (n,) of the platform
     q: Array | None  # (nq,)
-    twist: Array | None  # (n,) t_s, see `unit_twist`
+    twist: Array | None  # (n,) t_s, see `twist_norm`
 
     @property
     def status(self) -> str:
@@ -90,31 +90,31 @@ def nearest_singular_pose(
     if within is not None and not 0 < within < np.inf:
         raise InvalidInput(f"within: needs a positive number, got {within!r}")
     centre = assembled_at(robot, q)
-    alone = robot.translations.all()
-    size = robot.length if alone else 1.0
+    size = robot.length if robot.translations.all() else 1.0
     reach = 0.5 if within is None else within / size
-    unit = "m" if alone else "rad" if not robot.translations.any() else "robot lengths and rad"
+    unit = "robot lengths and rad" if robot.translations.any() else "rad"
+    unit = "m" if robot.translations.all() else unit
     directions = _directions(robot.n)
     hits = _hits(robot, centre.q[0], centre.x[0], directions, reach)
     feet = [_foot(robot, hit, centre.x[0]) for hit in hits]
-    feet += [_on_ray(robot, hit, centre.x[0]) for hit in hits[:1]]
+    feet += [_bisect_ray(robot, hit, centre.x[0]) for hit in hits[:1]]
     near = [foot for foot in feet if foot is not None and foot.distance <= reach]
     nearest = min(near, key=lambda foot: foot.distance, default=None)
     radius = reach if nearest is None else nearest.distance
     proved = regular_ball(robot, centre.q[0], centre.x[0], radius, max_cells=max_cells).radius
-    reached = (proved * size, unit, reach * size, len(directions))
+    search = (proved * size, unit, reach * size, len(directions))
     if nearest is None:
-        return NearestSingularPose(np.inf, *reached, None, None, None)
+        return NearestSingularPose(np.inf, *search, None, None, None)
     twist = uncontrolled_motion(robot, linearised_at(robot, nearest.q[None], nearest.x[None])).twist
-    return NearestSingularPose(nearest.distance * size, *reached, nearest.x, nearest.q, twist)
+    return NearestSingularPose(nearest.distance * size, *search, nearest.x, nearest.q, twist)
 
 
 class Hit(NamedTuple):
-    """A stretch of a ray with the locus in it."""
+    """A stretch of a ray that meets the locus."""
 
-    q: Array  # (nq,) before
-    start: Array  # (n,) platform point before
-    end: Array  # (n,) and behind
+    q: Array  # (nq,) at the start
+    start: Array  # (n,) of the platform
+    end: Array  # (n,)
 
 
 class Foot(NamedTuple):
@@ -143,25 +143,26 @@ def _directions(n: int) -> Array:
 
 
 def _sign(robot: ParallelRobot, q: Array, x: Array) -> Array:
+    """Compute the sign of g (T,) at q (T, nq), x (T, n)."""
     return np.asarray(np.linalg.slogdet(type2_matrix(robot, linearised_at(robot, q, x)))[0])
 
 
 def _hits(robot: ParallelRobot, q: Array, x: Array, directions: Array, reach: float) -> list[Hit]:
-    """Find where the shortest rays that meet the locus do so."""
-    ways = directions * robot.platform_scale
+    """Find the hits of the shortest rays that meet the locus."""
+    rays = directions * robot.platform_scale
     count = max(int(np.ceil(reach / RAY_STEP)), 1)
-    live = np.arange(len(ways))
-    start_q = np.repeat(q[None], len(ways), axis=0)
-    before = _sign(robot, q[None], x[None])[0]
+    live = np.arange(len(rays))
+    start_q = np.repeat(q[None], len(rays), axis=0)
+    sign = _sign(robot, q[None], x[None])[0]
     hits: list[Hit] = []
     for k in range(count):
-        start, end = (x + ways[live] * (reach * step / count) for step in (k, k + 1))
-        step = stepped(robot, start_q[live], start, end, STEP_PARTS)
+        start, end = (x + rays[live] * (reach * step / count) for step in (k, k + 1))
+        step = step_poses(robot, start_q[live], start, end, STEP_PARTS)
         reached = step.reason == PoseReason.REACHED
         live, start, end, end_q = live[reached], start[reached], end[reached], step.q[reached]
         if not len(live):
             break
-        crossed = _sign(robot, end_q, end) != before
+        crossed = _sign(robot, end_q, end) != sign
         hits += [Hit(*one) for one in zip(start_q[live[crossed]], start[crossed], end[crossed], strict=True)]
         start_q[live] = end_q
         live = live[~crossed]
@@ -170,20 +171,20 @@ def _hits(robot: ParallelRobot, q: Array, x: Array, directions: Array, reach: fl
     return hits[:MAX_STARTS]
 
 
-def _on_ray(robot: ParallelRobot, hit: Hit, x: Array) -> Foot | None:
+def _bisect_ray(robot: ParallelRobot, hit: Hit, x: Array) -> Foot | None:
     """Find the singular pose on the ray itself, by bisection."""
-    q, near, far = hit
-    before = _sign(robot, q[None], near[None])[0]
+    q, start, end = hit
+    sign = _sign(robot, q[None], start[None])[0]
     for _ in range(MAX_HALVINGS):
-        middle = 0.5 * (near + far)
-        step = stepped(robot, q[None], near[None], middle[None], STEP_PARTS)
+        middle = 0.5 * (start + end)
+        step = step_poses(robot, q[None], start[None], middle[None], STEP_PARTS)
         if step.reason[0] != PoseReason.REACHED:
             return None
-        if _sign(robot, step.q, middle[None])[0] == before:
-            q, near = step.q[0], middle
+        if _sign(robot, step.q, middle[None])[0] == sign:
+            q, start = step.q[0], middle
         else:
-            far = middle
-    return Foot(float(np.linalg.norm((near - x) / robot.platform_scale)), near, q)
+            end = middle
+    return Foot(float(np.linalg.norm((start - x) / robot.platform_scale)), start, q)
 
 
 def _foot(robot: ParallelRobot, hit: Hit, x: Array) -> Foot | None:
@@ -192,26 +193,22 @@ def _foot(robot: ParallelRobot, hit: Hit, x: Array) -> Foot | None:
     q, y, _ = hit
     offsets = np.concatenate([np.zeros((1, n)), np.eye(n), -np.eye(n)]) * DIFFERENCE_STEP * scale
     for _ in range(MAX_FOOT_STEPS):
-        around = y + offsets
-        step = stepped(
-            robot, np.repeat(q[None], len(around), axis=0), np.repeat(y[None], len(around), axis=0), around
-        )
+        step = step_poses(robot, np.tile(q, (2 * n + 1, 1)), np.tile(y, (2 * n + 1, 1)), y + offsets)
         if (step.reason != PoseReason.REACHED).any():
             return None
-        matrices = type2_matrix(robot, linearised_at(robot, step.q, around))
+        matrices = type2_matrix(robot, linearised_at(robot, step.q, y + offsets))
         g = solve_bordered(matrices, Border.of(matrices[0])).g
         slope = (g[1 : n + 1] - g[n + 1 :]) / (2 * DIFFERENCE_STEP)
-        size = float(slope @ slope)
-        if not size > 0:
+        if not float(slope @ slope) > 0:
             return None
-        away = (y - x) / scale
-        ahead = x + scale * slope * (slope @ away - g[0]) / size
-        move = float(np.linalg.norm((ahead - y) / scale))
+        offset = (y - x) / scale
+        foot = x + scale * slope * (slope @ offset - g[0]) / float(slope @ slope)
+        move = float(np.linalg.norm((foot - y) / scale))
         if move < NEWTON_STEP:
-            return Foot(float(np.linalg.norm(away)), y, q) if abs(g[0]) < RANK_LOST else None
-        ahead = y + min(1.0, RAY_STEP / move) * (ahead - y)
-        one = stepped(robot, q[None], y[None], ahead[None], STEP_PARTS)
-        if one.reason[0] != PoseReason.REACHED:
+            return Foot(float(np.linalg.norm(offset)), y, q) if abs(g[0]) < RANK_LOST else None
+        foot = y + min(1.0, RAY_STEP / move) * (foot - y)
+        step = step_poses(robot, q[None], y[None], foot[None], STEP_PARTS)
+        if step.reason[0] != PoseReason.REACHED:
             return None
-        q, y = one.q[0], ahead
+        q, y = step.q[0], foot
     return None

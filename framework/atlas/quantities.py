@@ -9,12 +9,12 @@ from functools import cached_property
 import numpy as np
 
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.dynamics.forces import balanced_forces, static_forces
 from framework.dynamics.tangent_stiffness import given_wrench
 from framework.errors import InvalidInput, choose_from, finite_numbers
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.singularity.distances import Distances, singularity_distances
-from framework.statics.holding import holding_torques, largest_share_of_limits
 from framework.statics.loading import LoadedStack, LoadReason, loaded_stack
 from framework.statics.stiffness import (
     CompliantMotions,
@@ -26,7 +26,7 @@ from framework.statics.stiffness import (
 
 @dataclass(frozen=True, eq=False)
 class Poses(ReadOnlyArrays):
-    """T assembled configurations and what several quantities share."""
+    """T assembled configurations with the values that several quantities share."""
 
     robot: ParallelRobot
     q: Array  # (T, nq)
@@ -45,7 +45,7 @@ class Poses(ReadOnlyArrays):
     def loaded(self) -> LoadedStack:
         return loaded_stack(self.robot, self.q, wrench=self.wrench)
 
-    def carried(self, values: Array) -> Array:
+    def mask_loaded(self, values: Array) -> Array:
         """Return values (T,) of the loaded poses, not a number where the load is not carried."""
         return np.where(self.loaded.reason == LoadReason.CARRIED, values, np.nan)
 
@@ -68,7 +68,7 @@ class Quantity:
 
     @property
     def takes_wrench(self) -> bool:
-        """Whether the wrench counts for it."""
+        """Whether the quantity depends on the wrench."""
         return self.loaded or self.holding
 
     def __reduce__(self) -> tuple[Callable[..., Quantity], tuple[str, tuple[float, ...] | None]]:
@@ -78,6 +78,31 @@ class Quantity:
 def quantity_of_key(key: str, wrench: tuple[float, ...] | None = None) -> Quantity:
     """Return the quantity of a key; KeyError for any other."""
     return replace(QUANTITIES[key], wrench=wrench)
+
+
+def holding_torques(
+    robot: ParallelRobot, linearised: LinearisedLoops, q: Array, wrench: Array | None = None
+) -> Array:
+    """Compute motor torques (T, n_a) at rest [N m, N], motor side.
+
+    By virtual work, dry friction not counted: torque . dq_a + wrench . dx = power of weight and springs, the
+    springs of links deflected as at q. The torques grow without bound towards Type 2.
+
+    Args:
+        linearised: the loops at q (T, nq).
+        wrench: (n,) of the world ON the platform along its twist, zero by default.
+    """
+    forces = static_forces(robot, q)
+    if wrench is not None:
+        forces = forces - np.einsum("tnv,n->tv", linearised.platform, wrench)
+    return np.asarray(balanced_forces(robot, linearised, forces).joint_torque / robot.gear_ratio)
+
+
+def largest_share_of_limits(robot: ParallelRobot, torques: Array) -> Array:
+    """Return the largest of torques (T, n_a) over its limit, (T,); a motor without one counts for nothing."""
+    limits = [actuator.torque_limit for actuator in robot.description.actuators]
+    limit = np.array([np.inf if one is None else one for one in limits])
+    return np.asarray((np.abs(torques) / limit).max(axis=1))
 
 
 QUANTITIES = {
@@ -131,14 +156,14 @@ QUANTITIES = {
         ),
         Quantity(
             *("loaded_stiffness", "stiffness under load in the softest direction, motors locked", "N/m"),
-            lambda poses: poses.carried(least_stiffness(poses.robot, poses.loaded.free)),
+            lambda poses: poses.mask_loaded(least_stiffness(poses.robot, poses.loaded.free)),
             decades=True,
             springs=True,
             loaded=True,
         ),
         Quantity(
             *("loaded_frequency", "first natural frequency under load, motors locked", "Hz"),
-            lambda poses: poses.carried(locked_motor_frequency(poses.loaded.free)),
+            lambda poses: poses.mask_loaded(locked_motor_frequency(poses.loaded.free)),
             springs=True,
             loaded=True,
         ),
@@ -146,10 +171,10 @@ QUANTITIES = {
 }
 
 
-def chosen(
+def choose_quantities(
     robot: ParallelRobot, names: Sequence[str] | None, wrench: ArrayLike | None = None
 ) -> tuple[Quantity, ...]:
-    """Return the quantities of these names, and g, from which the locus is drawn; by default all that apply.
+    """Return the quantities of names, by default all that apply, and g, from which the locus is drawn.
 
     "Apply" leaves out torques that differ by gears or by a norm alone, and what takes a load.
 
@@ -180,18 +205,17 @@ def chosen(
                 f"quantity {name}: is the torque against a unit force, and the platform of {robot.name} "
                 f"only turns"
             )
-    quantities_chosen = tuple(QUANTITIES[name] for name in dict.fromkeys(names))
+    quantities = tuple(QUANTITIES[name] for name in dict.fromkeys(names))
     if wrench is None:
-        return quantities_chosen
-    if not any(quantity.takes_wrench for quantity in quantities_chosen):
+        return quantities
+    if not any(quantity.takes_wrench for quantity in quantities):
         loaded = [quantity.key for quantity in QUANTITIES.values() if quantity.takes_wrench]
         raise InvalidInput(f"wrench: counts for {', '.join(loaded)} alone; ask for one of them")
     load = tuple(finite_numbers("wrench", wrench, robot.n).tolist())
-    if any(quantity.loaded for quantity in quantities_chosen):
+    if any(quantity.loaded for quantity in quantities):
         given_wrench(robot, load)  # a load that deflects has to have a potential
     return tuple(
-        replace(quantity, wrench=load) if quantity.takes_wrench else quantity
-        for quantity in quantities_chosen
+        replace(quantity, wrench=load) if quantity.takes_wrench else quantity for quantity in quantities
     )
 
 

@@ -22,7 +22,7 @@ NOT_JOINED = "within all limits, not joined to the reference within them"
 TOO_WEAK = "beyond the torque limits at rest"
 
 
-def within_ranges(workspace: WorkspaceMap) -> WorkspaceMap:
+def restrict_to_ranges(workspace: WorkspaceMap) -> WorkspaceMap:
     """Return the map with values only at poses that are joined to the reference within all joints' ranges.
 
     Where motors have limits of torque also within these at rest, by the quantity `holding`. A pose beyond
@@ -47,7 +47,7 @@ def within_ranges(workspace: WorkspaceMap) -> WorkspaceMap:
     beyond = workspace.reached & ~within
     weak = within & (workspace.values.get("holding", np.zeros(within.shape)) > 1.0)
     within &= ~weak
-    joined = _joined(workspace, within)
+    joined = _join_to_reference(workspace, within)
     reason = workspace.reason.astype(np.uint16)
     reason[within & ~joined] = len(PoseReason)
     reason[weak] = len(PoseReason) + 1
@@ -78,28 +78,28 @@ def check_reference(robot: ParallelRobot) -> None:
 
 def check_window(robot: ParallelRobot, window: Window) -> None:
     """Raise InvalidInput where no pose of a window is within one step of the reference."""
-    if not _steps_away(robot, window).min() <= 1.0:
+    if not _steps_from_reference(robot, window).min() <= 1.0:
         raise InvalidInput(
             f"window: it does not contain the reference {point(robot.reference.x)} of {robot.name}, to which "
             f"poses within limits have to be joined; take one that does, or leave the limits out"
         )
 
 
-def _steps_away(robot: ParallelRobot, window: Window) -> Array:
+def _steps_from_reference(robot: ParallelRobot, window: Window) -> Array:
     """Compute the distance (I, J) of poses from the reference, in the longer edge of the window's cells."""
-    away = np.abs(window.points() - robot.reference.x) / robot.platform_scale
-    return np.asarray(away.max(axis=2) / (longest_cell_edge(robot, window) * (1.0 + SAME_PLACE)))
+    offset = np.abs(window.points() - robot.reference.x) / robot.platform_scale
+    return np.asarray(offset.max(axis=2) / (longest_cell_edge(robot, window) * (1.0 + SAME_PLACE)))
 
 
-def _joined(workspace: WorkspaceMap, within: BoolArray) -> BoolArray:
-    """Return which poses neighbours join to the one nearest to the reference, of those within limits.
+def _join_to_reference(workspace: WorkspaceMap, within: BoolArray) -> BoolArray:
+    """Return the poses within limits that neighbours join to the pose nearest to the reference, (I, J).
 
     Raises:
-        LimitsExceeded: that is more than one step away from it.
+        LimitsExceeded: the nearest pose is more than one step away from the reference.
     """
-    away = np.where(within, _steps_away(workspace.robot, workspace.window), np.inf)
-    nearest = np.argmin(away)
-    if not away.flat[nearest] <= 1.0:
+    distance = np.where(within, _steps_from_reference(workspace.robot, workspace.window), np.inf)
+    nearest = np.argmin(distance)
+    if not distance.flat[nearest] <= 1.0:
         raise LimitsExceeded(
             f"{workspace.robot.name}: no pose of the map within one step of the reference is within all "
             f"limits; take a finer map, or leave the limits out",

@@ -23,7 +23,7 @@ SURVEY_REACH, SURVEY_TURN = 1.6, 1.6  # [robot lengths], [rad] half an edge of i
 SURVEY_MARGIN = 1.0  # [cells] of that, beyond the outermost poses reached: the next pose is not
 
 
-def surveyed(
+def survey_window(
     robot: ParallelRobot,
     *,
     axes: tuple[str, str] | None = None,
@@ -49,7 +49,7 @@ def surveyed(
     half = np.where(robot.translations, SURVEY_REACH * robot.length, SURVEY_TURN)[list(over)]
     about = held[list(over)]
     survey = Window(over, about - half, about + half, (SURVEY_EDGE_POSES, SURVEY_EDGE_POSES), held)
-    q, reason = seeded(robot, survey, 1)
+    q, reason = seed_poses(robot, survey, 1)
     is_reached = reason == PoseReason.REACHED
     within = is_reached & (shares_beyond_limits(robot.limits, q) <= 0.0).all(axis=-1)
     reached = np.argwhere(within if keep_limits and within.any() else is_reached)
@@ -59,7 +59,7 @@ def surveyed(
     return Window(over, lower, upper, (size, size), held)
 
 
-def seeded(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array, NDArray[np.uint8]]:
+def seed_poses(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array, NDArray[np.uint8]]:
     """Compute configurations (I, J, nq) and reasons at every `stride`-th pose, reached from the reference.
 
     Where cells are longer than a step may be, poses between them are looked at on the way.

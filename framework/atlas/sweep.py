@@ -27,7 +27,7 @@ from framework.tolerances import BRANCH_TURN, BRANCHES_CROSS, DETERMINANT_LOST
 
 NEWTON_STEPS = 10  # Newton steps to a neighbour; a step along the tangent that needs more is no good one
 MAX_JOINT_STEP = 0.5  # [rad, lengths] that such a step may move a joint by
-ReasonArray = NDArray[np.uint8]
+
 STEP_PARTS = 4  # of a step that is too long to be trusted, with the last stride
 DIRECTIONS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 
@@ -83,23 +83,23 @@ def _fill(
     untried = np.ones((len(DIRECTIONS), *reason.shape), dtype=bool)
     while True:
         filled = np.isfinite(q[..., 0])
-        targets = np.zeros(reason.shape, dtype=bool)
+        is_target = np.zeros(reason.shape, dtype=bool)
         sources = np.zeros((*reason.shape, 2), dtype=np.intp)
         for k, (down, right) in enumerate(DIRECTIONS):
-            reachable = _shifted(filled, down, right) & unfilled & ~filled & untried[k] & ~targets
+            reachable = _shift(filled, down, right) & unfilled & ~filled & untried[k] & ~is_target
             untried[k] &= ~reachable
-            targets |= reachable
+            is_target |= reachable
             sources[reachable] = np.argwhere(reachable) - (down, right)
-        if not targets.any():
+        if not is_target.any():
             return
-        to, (i, j) = np.nonzero(targets), sources[targets].T
-        step = stepped(robot, q[i, j], x[i, j], x[to], parts)
+        target, (i, j) = np.nonzero(is_target), sources[is_target].T
+        step = step_poses(robot, q[i, j], x[i, j], x[target], parts)
         reached = step.reason == PoseReason.REACHED
-        q[to] = np.where(reached[:, None], step.q, np.nan)
-        reason[to] = np.where(reached, PoseReason.REACHED, np.maximum(reason[to], step.reason))
+        q[target] = np.where(reached[:, None], step.q, np.nan)
+        reason[target] = np.where(reached, PoseReason.REACHED, np.maximum(reason[target], step.reason))
 
 
-def _shifted(mask: BoolArray, down: int, right: int) -> BoolArray:
+def _shift(mask: BoolArray, down: int, right: int) -> BoolArray:
     """Whether the neighbour at -(down, right) is known."""
     shifted = np.zeros_like(mask)
     inner = tuple(slice(max(k, 0), min(k, 0) or None) for k in (down, right))
@@ -108,81 +108,76 @@ def _shifted(mask: BoolArray, down: int, right: int) -> BoolArray:
     return shifted
 
 
-def stepped(robot: ParallelRobot, q: Array, start: Array, end: Array, parts: int = 1) -> StepEnds:
+def step_poses(robot: ParallelRobot, q: Array, start: Array, end: Array, parts: int = 1) -> StepEnds:
     """Assemble configurations at platform coordinates `end` (T, n), from q (T, nq) at `start` (T, n).
 
-    What is refused in one step is tried in `parts`.
+    A step that is refused is tried in `parts`.
     """
-    step = _one_step(robot, q, start, end)
+    step = _step_once(robot, q, start, end)
     again = step.reason == PoseReason.OTHER_MODE
     if parts == 1 or not again.any():
         return step
-    here, reason = q[again], np.zeros(np.count_nonzero(again), dtype=np.uint8)
-    way = end[again] - start[again]
+    part_q, reason = q[again], np.zeros(np.count_nonzero(again), dtype=np.uint8)
+    offset = end[again] - start[again]
     for k in range(parts):
         good = reason == PoseReason.REACHED
         if not good.any():
             break
-        at = start[again][good] + way[good] * (k / parts)
-        part = _one_step(robot, here[good], at, at + way[good] / parts)
-        here[good], reason[good] = part.q, part.reason
-    step.q[again], step.reason[again] = here, reason
+        part_start = start[again][good] + offset[good] * (k / parts)
+        part = _step_once(robot, part_q[good], part_start, part_start + offset[good] / parts)
+        part_q[good], reason[good] = part.q, part.reason
+    step.q[again], step.reason[again] = part_q, reason
     return step
 
 
-def _one_step(robot: ParallelRobot, q: Array, start: Array, end: Array) -> StepEnds:
-    lengths, still = robot.column_scale, np.zeros((len(q), robot.n_e))
-    before = linearised_at(robot, q, start)
+def _step_once(robot: ParallelRobot, q: Array, start: Array, end: Array) -> StepEnds:
+    """Assemble configurations at `end` (T, n), from q (T, nq) at `start` (T, n), in one step each."""
+    linearised = linearised_at(robot, q, start)
     twist, _ = robot.platform.twist(start, end - start)
-    move = joint_rates(robot, before, twist, still)
-    ahead = integrate(robot, q, move)
-    there, after, closed = close_each(robot, end, ahead, iterations=NEWTON_STEPS, farthest=MAX_JOINT_STEP)
+    move = joint_rates(robot, linearised, twist, np.zeros((len(q), robot.n_e)))
+    predicted = integrate(robot, q, move)
+    corrected, end_linearised, closed = close_each(
+        robot, end, predicted, iterations=NEWTON_STEPS, farthest=MAX_JOINT_STEP
+    )
     with np.errstate(invalid="ignore"):
-        correction = np.abs(_between(robot, ahead, there) / lengths).max(axis=1)
-        advance = np.abs(move / lengths).max(axis=1)
-        near = closed & is_small(correction, advance)
-        kept = near.copy()
-        kept[near] = _same_branch(robot, before, after, end, twist, move, correction, advance, near)
-    reason = np.where(closed, np.where(kept, PoseReason.REACHED, PoseReason.OTHER_MODE), PoseReason.OPEN)
-    return StepEnds(there, reason.astype(np.uint8))
+        correction = np.abs(_offsets(robot, predicted, corrected) / robot.column_scale).max(axis=1)
+        advance = np.abs(move / robot.column_scale).max(axis=1)
+        small = np.flatnonzero(closed & is_small(correction, advance))
+        same = small[_keep_working_mode(robot, linearised, end_linearised, small)]
+        # where branches cross, the tangent turns by more than the correction of one branch tells
+        twist, _ = robot.platform.twist(end, twist)
+        turn = joint_rates(robot, end_linearised.at(same), twist[same], np.zeros((len(same), robot.n_e)))
+        turn = np.abs((turn - move[same]) / robot.column_scale).max(axis=1)
+        bent = turn > BRANCH_TURN * correction[same] + 0.25 * advance[same]
+        bent[bent] = _cross_branches(robot, end_linearised.at(same[bent]))
+    reason = np.where(closed, PoseReason.OTHER_MODE, PoseReason.OPEN).astype(np.uint8)
+    reason[same[~bent]] = PoseReason.REACHED
+    return StepEnds(corrected, reason)
 
 
-def _same_branch(
-    robot: ParallelRobot,
-    before: LinearisedLoops,
-    after: LinearisedLoops,
-    end: Array,
-    twist: Array,
-    move: Array,
-    correction: Array,
-    advance: Array,
-    which: BoolArray,
+def _keep_working_mode(
+    robot: ParallelRobot, start: LinearisedLoops, end: LinearisedLoops, which: IntArray
 ) -> BoolArray:
-    """Whether steps end on the branch of their start, for `which` (T,) of them."""
-    places = np.flatnonzero(which)
-    (sign_one, size_one), (sign_two, size_two) = before.factors.slogdet, after.factors.slogdet
-    sure = (sign_one == sign_two) & (size_two - size_one > np.log(DETERMINANT_LOST))
-    kept = [
-        bool(sure[k]) or keeps_working_mode(robot, before.at(int(k)), after.at(int(k)))[0] for k in places
-    ]
-    same = np.array(kept, dtype=np.bool_)
-    places = places[same]
-    # where branches cross, the tangent turns by more than the correction of one branch tells
-    twist, _ = robot.platform.twist(end, twist)
-    some = after.at(places)
-    turned = joint_rates(robot, some, twist[places], np.zeros((len(places), robot.n_e))) - move[places]
-    turned = np.abs(turned / robot.column_scale).max(axis=1)
-    bent = turned > BRANCH_TURN * correction[places] + 0.25 * advance[places]
-    if bent.any():
-        loops = scaled(robot, after.at(places[bent]).closures, robot.loops.rotation)[:, :, robot.moving]
-        values = np.linalg.svd(loops, compute_uv=False)
-        crossing = values[:, -1] < BRANCHES_CROSS * np.maximum(values[:, 0], 1.0)
-        same[np.flatnonzero(same)[bent]] = ~crossing
-    return same
+    """Whether no Type 1 singularity lies between start and end, for `which` (t,) of T steps."""
+    (start_sign, start_size), (end_sign, end_size) = start.factors.slogdet, end.factors.slogdet
+    sure = (start_sign == end_sign) & (end_size - start_size > np.log(DETERMINANT_LOST))
+    return np.array(
+        [sure[k] or keeps_working_mode(robot, start.at(k), end.at(k))[0] for k in which.tolist()],
+        dtype=np.bool_,
+    )
 
 
-def _between(robot: ParallelRobot, one: Array, two: Array) -> Array:
-    """Return tangent vectors (T, nv) from configurations to others, each (T, nq)."""
+def _cross_branches(robot: ParallelRobot, linearised: LinearisedLoops) -> BoolArray:
+    """Whether branches cross near configurations, (T,): the loops nearly lose rank."""
+    if not len(linearised.residual):
+        return np.zeros(0, dtype=np.bool_)
+    loops = scaled(robot, linearised.closures, robot.loops.rotation)[:, :, robot.moving]
+    values = np.linalg.svd(loops, compute_uv=False)
+    return np.asarray(values[:, -1] < BRANCHES_CROSS * np.maximum(values[:, 0], 1.0))
+
+
+def _offsets(robot: ParallelRobot, start: Array, end: Array) -> Array:
+    """Compute tangent vectors (T, nv) from start (T, nq) to end (T, nq)."""
     if robot.model.nq == robot.model.nv:
-        return two - one
-    return np.concatenate([difference(robot, a, b[None]) for a, b in zip(one, two, strict=True)])
+        return end - start
+    return np.concatenate([difference(robot, a, b[None]) for a, b in zip(start, end, strict=True)])

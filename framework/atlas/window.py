@@ -57,10 +57,10 @@ class Window(ReadOnlyArrays):
 
 
 def map_axes(robot: ParallelRobot, names: tuple[str, str] | None = None) -> tuple[int, int]:
-    """Return the two platform coordinates of a map: those named, or the first two translations, or two turns.
+    """Return the two platform coordinates of a map, by default the first two, translations first.
 
     Raises:
-        InvalidInput: the robot has fewer than two, or not those.
+        InvalidInput: the robot has fewer than two, or none of these names.
     """
     if robot.n < 2:
         raise InvalidInput(

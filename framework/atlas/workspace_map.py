@@ -14,23 +14,22 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from framework.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays
-from framework.atlas.quantities import Quantity, chosen, quantity_values
-from framework.atlas.survey import MAX_NEIGHBOUR_DISTANCE, longest_cell_edge, seeded, surveyed
-from framework.atlas.sweep import REASON_WORDS, PoseReason, fill_grid, stepped
+from framework.atlas.quantities import Quantity, choose_quantities, quantity_values
+from framework.atlas.survey import MAX_NEIGHBOUR_DISTANCE, longest_cell_edge, seed_poses, survey_window
+from framework.atlas.sweep import REASON_WORDS, PoseReason, fill_grid, step_poses
 from framework.atlas.window import Window
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.modes import mode_signs
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.locus.locus_on_map import MapLocus, MapPoses, locus_on_map
-from framework.parallel.kept import ArrayField, fits
-from framework.parallel.tasks import completed
+from framework.parallel.kept import ArrayField, KeptChunks, complete_chunks
 from framework.statics.loading import LOAD_WORDS, LoadReason
 
 BAND_ROWS = 8  # of a band; poses between coarse ones at most
@@ -61,15 +60,15 @@ class WorkspaceMap(ReadOnlyArrays):
 
     @cached_property
     def locus(self) -> MapLocus:
-        """The singular locus over the window on this branch, traced when it is first asked for."""
+        """The singular locus over the window on this branch, traced at the first use."""
         window = self.window
         x, g = window.points(), self.values["g"]
         poses = MapPoses(window.axes, window.lower, window.upper, x, self.q, self.reached, g, self._lead)
         return locus_on_map(self.robot, poses)
 
     def _lead(self, q: Array, start: Array, end: Array) -> tuple[Array, BoolArray]:
-        """Lead q (T, nq) from x = start (T, n) to x = end; return q there, and whether on the same branch."""
-        ends = stepped(self.robot, q, start, end)
+        """Lead q (T, nq) from start (T, n) to end (T, n); return whether on the same branch."""
+        ends = step_poses(self.robot, q, start, end)
         return ends.q, ends.reason == PoseReason.REACHED
 
     @property
@@ -79,12 +78,12 @@ class WorkspaceMap(ReadOnlyArrays):
 
     @property
     def keeps_limits(self) -> bool:
-        """Whether only poses within the limits count as reached (`ranges.within_ranges`)."""
+        """Whether only poses within the limits count as reached (`ranges.restrict_to_ranges`)."""
         return len(self.reason_words) > len(PoseReason)
 
     @property
     def beyond_ranges(self) -> BoolArray:
-        """(I, J) reached, but not within the ranges of the joints (`ranges.within_ranges`)."""
+        """(I, J) reached, but not within the ranges of the joints (`ranges.restrict_to_ranges`)."""
         return np.asarray(self.reason >= len(PoseReason))
 
     @property
@@ -96,20 +95,8 @@ class WorkspaceMap(ReadOnlyArrays):
         return {LOAD_WORDS[kind]: int(np.sum(load == kind)) for kind in LoadReason}
 
 
-class ChunkStore(Protocol):
-    """A place for finished bands."""
-
-    def found(self) -> Mapping[str, Chunk]:
-        """Return the finished bands, by name."""
-        ...
-
-    def keep(self, name: str, arrays: Chunk) -> None:
-        """Put a finished band there."""
-        ...
-
-
 class RowBand(NamedTuple):
-    """A task: rows of the window, with the coarse poses in them and on the row behind them."""
+    """A task: rows of the window, with the coarse poses of the rows and the next one."""
 
     first: int
     stop: int
@@ -128,13 +115,13 @@ def workspace_map(
     *,
     wrench: ArrayLike | None = None,
     executor: Executor | None = None,
-    keeper: ChunkStore | None = None,
+    keeper: KeptChunks | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> WorkspaceMap:
     """Compute quantities over a window, at the poses that continuation from the reference reaches.
 
     Args:
-        window: what is reached over the first two translations by default, see `surveyed`.
+        window: what is reached over the first two translations by default, see `survey_window`.
         quantities: keys of `QUANTITIES`; those that apply by default, and g always.
         wrench: (n,) of the world ON the platform [N, N m], beside the weight, for quantities under load.
         executor: where bands are computed; this process when None. It must be able to pickle the robot.
@@ -142,22 +129,31 @@ def workspace_map(
         progress: called with the number of poses that are done.
 
     Raises:
-        InvalidInput: x and the loops do not determine the robot's joints, or see `chosen`.
+        InvalidInput: x and the loops do not determine the robot's joints, or see `choose_quantities`.
         OutOfReach: no pose near the reference is reached.
     """
     expect_robot(robot)
     require_square(robot)
     started = time.perf_counter()
-    quantities_chosen = chosen(robot, quantities, wrench)
-    window = surveyed(robot) if window is None else window
-    grids = _filled(robot, window, quantities_chosen, executor, keeper, progress)
-    _join_bands(robot, window.points(), quantities_chosen, grids)
+    choice = choose_quantities(robot, quantities, wrench)
+    window = survey_window(robot) if window is None else window
+    bands = {band.name: band for band in _bands(robot, window)}
+    width = window.shape[1]
+    grids = complete_chunks(
+        partial(fill_band, robot, window, choice),
+        bands,
+        partial(_band_arrays, quantities=choice),
+        executor=executor,
+        keeper=keeper,
+        progress=lambda names: progress(width * sum(bands[name].stop - bands[name].first for name in names)),
+    )
+    _join_bands(robot, window.points(), choice, grids)
     reference = linearised_at(robot, robot.reference.q[None], robot.reference.x[None])
     return WorkspaceMap(
         robot=robot,
         window=window,
-        quantities=quantities_chosen,
-        values={quantity.key: grids[quantity.key] for quantity in quantities_chosen},
+        quantities=choice,
+        values={quantity.key: grids[quantity.key] for quantity in choice},
         q=grids["q"],
         reason=grids["reason"],
         working_mode=int(mode_signs(robot, reference)[0][0]),
@@ -167,44 +163,14 @@ def workspace_map(
     )
 
 
-def _filled(
-    robot: ParallelRobot,
-    window: Window,
-    quantities: tuple[Quantity, ...],
-    executor: Executor | None,
-    keeper: ChunkStore | None,
-    progress: Callable[[int], None],
-) -> dict[str, NDArray]:
-    """Fill all bands of a window that are not kept already, and put them together."""
-    bands = _bands(robot, window)
-    kept = {} if keeper is None else dict(keeper.found())
-    chunks = {
-        band.name: kept[band.name]
-        for band in bands
-        if fits(kept.get(band.name), _band_arrays(band, quantities))
-    }
-    missing = [band for band in bands if band.name not in chunks]
-    rows = bands[-1].stop - sum(band.stop - band.first for band in missing)
-    progress(rows * window.shape[1])
-    for band, chunk in completed(partial(filled_band, robot, window, quantities), missing, executor):
-        chunks[band.name] = chunk
-        if keeper is not None:
-            keeper.keep(band.name, chunk)
-        rows += band.stop - band.first
-        progress(rows * window.shape[1])
-    return {key: np.concatenate([chunks[band.name][key] for band in bands]) for key in chunks[bands[0].name]}
-
-
-def filled_band(
-    robot: ParallelRobot, window: Window, quantities: tuple[Quantity, ...], band: RowBand
-) -> Chunk:
+def fill_band(robot: ParallelRobot, window: Window, quantities: tuple[Quantity, ...], band: RowBand) -> Chunk:
     """Compute the poses and quantities of one band."""
     x = window.points()[band.first : band.first + len(band.q)]
     q, reason = band.q.copy(), band.reason.copy()
     strides = np.array([1, 2, 4])
     fill_grid(robot, x, q, reason, strides[strides < max(_stride(robot, window), 2)][::-1])
     rows = band.stop - band.first
-    return _evaluated(robot, x[:rows], quantities, q[:rows], reason[:rows])
+    return _evaluate(robot, x[:rows], quantities, q[:rows], reason[:rows])
 
 
 # ------------------------------------------------------------------ the parts
@@ -217,17 +183,17 @@ def _stride(robot: ParallelRobot, window: Window) -> int:
 
 
 def _bands(robot: ParallelRobot, window: Window) -> list[RowBand]:
-    q, reason = seeded(robot, window, _stride(robot, window))
+    """Return the bands of a window with their coarse poses."""
+    q, reason = seed_poses(robot, window, _stride(robot, window))
     reason[reason != PoseReason.REACHED] = PoseReason.NO_NEIGHBOUR  # a nearer neighbour may reach it
     bands = []
     for first in range(0, len(q), BAND_ROWS):
         stop = min(first + BAND_ROWS, len(q))
         rows = slice(first, min(stop + 1, len(q)))
-        left = reason[rows].copy()
-        left[stop - first :][left[stop - first :] == PoseReason.NO_NEIGHBOUR] = (
-            PoseReason.OPEN
-        )  # the next band's own
-        bands.append(RowBand(first, stop, q[rows], left))
+        band_reason = reason[rows].copy()
+        next_row = band_reason[stop - first :]
+        next_row[next_row == PoseReason.NO_NEIGHBOUR] = PoseReason.OPEN  # the next band's own
+        bands.append(RowBand(first, stop, q[rows], band_reason))
     return bands
 
 
@@ -244,9 +210,10 @@ def _band_arrays(band: RowBand, quantities: tuple[Quantity, ...]) -> dict[str, A
     return arrays | {quantity.key: ArrayField("f", shape) for quantity in quantities}
 
 
-def _evaluated(
+def _evaluate(
     robot: ParallelRobot, x: Array, quantities: tuple[Quantity, ...], q: Array, reason: NDArray[np.uint8]
 ) -> dict[str, NDArray]:
+    """Compute the arrays of a chunk from its poses q (I, J, nq)."""
     reached = reason == PoseReason.REACHED
     chunk: dict[str, NDArray] = {"q": q, "reason": reason, "assembly": np.zeros(reason.shape, dtype=np.int8)}
     chunk |= {quantity.key: np.full(reason.shape, np.nan) for quantity in quantities}
@@ -263,18 +230,18 @@ def _evaluated(
 def _join_bands(
     robot: ParallelRobot, x: Array, quantities: tuple[Quantity, ...], grids: dict[str, NDArray]
 ) -> None:
-    """Reach what only a step across the border of two bands reaches, in place."""
-    reason, before = grids["reason"], grids["reason"] == PoseReason.REACHED
-    border = np.zeros_like(before)
+    """Reach the poses that only steps across the border of two bands reach, in place."""
+    reason, filled = grids["reason"], grids["reason"] == PoseReason.REACHED
+    border = np.zeros_like(filled)
     for first in range(BAND_ROWS, len(x), BAND_ROWS):
-        border[first - 1] = ~before[first - 1] & before[first]
-        border[first] = ~before[first] & before[first - 1]
-    for unfilled in (border, ~before):  # the others only if a border has let something in
+        border[first - 1] = ~filled[first - 1] & filled[first]
+        border[first] = ~filled[first] & filled[first - 1]
+    for unfilled in (border, ~filled):  # the others only if a border has let something in
         reason[unfilled & (reason != PoseReason.REACHED)] = PoseReason.NO_NEIGHBOUR
         fill_grid(robot, x, grids["q"], reason, np.array([1]))
         if not (reason[border] == PoseReason.REACHED).any():
             return
-    i, j = np.nonzero((reason == PoseReason.REACHED) & ~before)
-    chunk = _evaluated(robot, x[i, j][None], quantities, grids["q"][i, j][None], reason[i, j][None])
+    i, j = np.nonzero((reason == PoseReason.REACHED) & ~filled)
+    chunk = _evaluate(robot, x[i, j][None], quantities, grids["q"][i, j][None], reason[i, j][None])
     for key, values in chunk.items():
         grids[key][i, j] = values[0]

@@ -16,7 +16,7 @@ from framework.atlas.design_study import (
     study_setup,
     write_study,
 )
-from framework.atlas.quantities import chosen
+from framework.atlas.quantities import choose_quantities
 from framework.atlas.window import map_axes
 from framework.catalogue import robot_file
 from framework.cli.parser import Report
@@ -47,7 +47,7 @@ def report_design_study(options: argparse.Namespace) -> Report:
         axes=(robot.axis_names[axes[0]], robot.axis_names[axes[1]]),
         window=None if options.window is None else finite_window(options),
         size=options.size or STUDY_EDGE_POSES,
-        keys=tuple(quantity.key for quantity in chosen(robot, options.quantity)),
+        keys=tuple(quantity.key for quantity in choose_quantities(robot, options.quantity)),
     )
 
     def computed(kept: KeptChunks | None) -> DesignStudy:
@@ -63,7 +63,7 @@ def report_design_study(options: argparse.Namespace) -> Report:
         try:
             study = computed(kept)
         except KeyboardInterrupt as stop:
-            count = len(kept.found())
+            count = len(kept.read())
             words = [f"{count} chunks are kept in {out}, and the same command goes on from them"]
             raise type(stop)(*words[: bool(count)]) from None
         write_study(study, folder)

@@ -139,7 +139,7 @@ def _limits_in_words(robot: ParallelRobot, limits: PlatformLimits | None) -> lis
     for k, (name, polytope) in enumerate(limits.polytopes.items() if limits else ()):
         ranges = (
             f"{axis} {low:.4g} .. {high:.4g} {unit[k]}"
-            for axis, (low, high), unit in zip(robot.axis_names, polytope.alone(), units, strict=True)
+            for axis, (low, high), unit in zip(robot.axis_names, polytope.axis_ranges(), units, strict=True)
         )
         alone = ", each alone" if robot.n > 1 else ""
         lines.append(f"  {name + ' limits':<17} {', '.join(ranges)}{alone}")
@@ -152,7 +152,7 @@ def _limits_document(limits: PlatformLimits | None) -> dict[str, Any]:
     """Return ranges and polytopes on the platform's coordinates, for JSON."""
     return {
         name: {
-            "alone": _finite(polytope.alone()),
+            "alone": _finite(polytope.axis_ranges()),
             "bounds": _finite(polytope.bounds()),
             "vertices": polytope.vertices.tolist(),
             "normals": polytope.normals.tolist(),

@@ -23,9 +23,8 @@ from framework.cli.parser import (
 )
 from framework.cli.replay import replayed
 from framework.control.controllers import CONTROLLERS
-from framework.control.kept_runs import KeptRuns
 from framework.control.run_monitor import SENSORS, ControlLoop
-from framework.control.study import Study, run_study
+from framework.control.study import KeptRuns, Study, run_study
 from framework.control.study_setup import FILE, StudySetup
 from framework.control.variation import Spread
 from framework.errors import FrameworkError
@@ -169,7 +168,7 @@ def _with_feedback(options: argparse.Namespace, setup: StudySetup, study: Study)
     if options.controller or not lost:
         return {}
     try:
-        passed = setup.passed(FEEDBACK, lost)
+        passed = setup.count_passes(FEEDBACK, lost)
     except FrameworkError:  # this controller is not for every robot
         return {}
     return {"with_feedback": {"controller": FEEDBACK, "runs": len(lost), "passed": passed}}
@@ -198,7 +197,7 @@ def _report(
 
 def _what_is_kept(options: argparse.Namespace, kept: dict[str, KeptRuns]) -> list[str]:
     """Return the message on a study that is interrupted: the runs that are kept."""
-    count = sum(len(chunk) for place in kept.values() for chunk, _ in place.found())
+    count = sum(len(chunk) for place in kept.values() for chunk, _ in place.read())
     if not count:
         return []
     return [

@@ -9,9 +9,9 @@ import numpy as np
 
 from framework.atlas.map_files import DOCUMENT, map_document, setup_document, write_map
 from framework.atlas.nearest import NearestSingularPose, nearest_singular_pose
-from framework.atlas.quantities import QUANTITIES, Quantity, chosen, has_torque_limits, unit_of
-from framework.atlas.ranges import check_reference, check_window, within_ranges
-from framework.atlas.survey import EDGE_POSES, surveyed
+from framework.atlas.quantities import QUANTITIES, Quantity, choose_quantities, has_torque_limits, unit_of
+from framework.atlas.ranges import check_reference, check_window, restrict_to_ranges
+from framework.atlas.survey import EDGE_POSES, survey_window
 from framework.atlas.window import MAX_EDGE_POSES, Window, held_coordinates, map_axes
 from framework.atlas.workspace_map import WorkspaceMap, workspace_map
 from framework.cli import arguments
@@ -130,7 +130,7 @@ def run(options: argparse.Namespace) -> Report:
     if options.keep_limits:
         check_reference(robot)
     path = None if options.scene is None else scene_path(scene(robot, options.scene))
-    quantities = chosen(robot, _quantities(options, robot), options.wrench)
+    quantities = choose_quantities(robot, _quantities(options, robot), options.wrench)
     window = _window(options, robot, path)
     if options.keep_limits:
         check_window(robot, window)
@@ -156,7 +156,10 @@ def _quantities(options: argparse.Namespace, robot: ParallelRobot) -> list[str] 
     names = None if options.quantity is None else list(options.quantity)
     if not options.keep_limits or not has_torque_limits(robot):
         return names
-    return [*([quantity.key for quantity in chosen(robot, None)] if names is None else names), "holding"]
+    return [
+        *([quantity.key for quantity in choose_quantities(robot, None)] if names is None else names),
+        "holding",
+    ]
 
 
 def _window(options: argparse.Namespace, robot: ParallelRobot, path: Path | None) -> Window:
@@ -164,7 +167,7 @@ def _window(options: argparse.Namespace, robot: ParallelRobot, path: Path | None
     centre = path(np.zeros(1))[0] if options.at is None and path is not None else options.at
     size = options.size or EDGE_POSES
     if options.window is None:
-        return surveyed(robot, axes=axes, at=centre, size=size, keep_limits=options.keep_limits)
+        return survey_window(robot, axes=axes, at=centre, size=size, keep_limits=options.keep_limits)
     bounds = np.array(finite_window(options))
     return Window(
         map_axes(robot, axes), bounds[::2], bounds[1::2], (size, size), held_coordinates(robot, centre)
@@ -189,12 +192,12 @@ def _mapped(
             keeper=kept,
             progress=progress,
         )
-    return within_ranges(workspace) if options.keep_limits else workspace
+    return restrict_to_ranges(workspace) if options.keep_limits else workspace
 
 
 def _what_is_kept(options: argparse.Namespace, kept: KeptChunks) -> list[str]:
     """Return the message on a map that is interrupted: the rows that are kept."""
-    count = len(kept.found())
+    count = len(kept.read())
     return (
         [f"{count} bands are kept in {options.out}, and the same command goes on from them"] if count else []
     )

@@ -2,25 +2,74 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 
-from framework.arrays import Array
+from framework.arrays import Array, IntArray
 from framework.control.estimation import Controller, Measurement, RobotState
-from framework.control.imperfections import DelayLine, MotorFriction
 from framework.control.reference import Reference
 from framework.control.run_monitor import PERIODS_PER_CHECK, ControlLoop, Run, RunMonitor
-from framework.control.variation import Spread, Variation, noise_of, varied
+from framework.control.variation import Spread, Variation, noise_of, vary
 from framework.errors import InvalidInput, NotAssembled
 from framework.kinematics.frames import integrate
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.ordered_sums import matvec
 from framework.simulation import Stepper
+from framework.simulation.schemes import State
 from framework.simulation.world_forces import WorldForces
 
 MAX_JOINT_STEP = 3.0  # [rad, robot lengths] that a joint may move in one sampling period: more is a runaway
+FRICTION_SMOOTHING = 0.02  # of the largest planned motor speed: below, Coulomb friction is smoothed
+MIN_SPEED = 1e-12  # [rad/s] for motors that stand still all the time: 0 / 0 otherwise
+
+
+@dataclass(frozen=True, eq=False)
+class MotorFriction:
+    """Coulomb friction on the motors, smoothed at speeds that are small for this plan."""
+
+    size: Array  # (R, n_a) [N m]
+    slow: Array  # (n_a,) [rad/s]
+    robot: ParallelRobot
+
+    @staticmethod
+    def of(controller: Controller, variations: Sequence[Variation]) -> MotorFriction:
+        """Return the friction of R varied robots."""
+        ref = controller.reference
+        size = np.array([variation.friction for variation in variations]) * np.abs(ref.torque).max(axis=0)
+        slow = FRICTION_SMOOTHING * np.maximum(np.abs(ref.motor_speed).max(axis=0), MIN_SPEED)
+        return MotorFriction(size, slow, ref.robot)
+
+    def torque(self, v: Array) -> Array:
+        """Return the torque of friction (R, n_a) [N m], motor side."""
+        speed = self.robot.gear_ratio * v[:, self.robot.actuated]
+        return np.asarray(self.size * np.tanh(speed / self.slow))
+
+
+@dataclass(frozen=True, eq=False)
+class DelayLine:
+    """Torques that arrive a whole number of sampling periods late, each run by its own."""
+
+    delays: IntArray  # (R,)
+    past: deque[Array]
+
+    @staticmethod
+    def of(controller: Controller, variations: Sequence[Variation]) -> DelayLine:
+        """Return the delays of R varied robots."""
+        ref = controller.reference
+        periods = np.rint([variation.delay / ref.period for variation in variations])
+        delays = np.minimum(periods, len(ref.times)).astype(np.intp)  # longer: never in this motion
+        return DelayLine(delays, deque(maxlen=int(delays.max(initial=0)) + 1))
+
+    def delay(self, torque: Array) -> Array:
+        """Return the torques (R, n_a) that act now, the first ones at the beginning."""
+        self.past.append(torque)
+        if len(self.past) == 1:
+            return torque
+        late = np.minimum(self.delays, len(self.past) - 1)
+        return np.array([self.past[-1 - d][r] for r, d in enumerate(late)])
 
 
 def torque_limit(reference: Reference, loop: ControlLoop) -> Array:
@@ -49,7 +98,7 @@ def run_closed_loop(
     record: bool = False,
     advanced: Callable[[float], None] = lambda share: None,
 ) -> Run:
-    """Drive R varied robots along the plan from rest, all starting where the plan starts.
+    """Drive R varied robots along the plan from rest, all from the start of the plan.
 
     `record` keeps all torques; `advanced` is called with the share of the motion that is done.
 
@@ -57,76 +106,82 @@ def run_closed_loop(
         InvalidInput: the loops of a varied robot do not close; a limit that is no torque.
     """
     ref, limit = controller.reference, torque_limit(controller.reference, loop)
-    nominal, last = ref.robot, len(ref.times) - 1
-    stepper, *start = _started(controller, variations)
-    q, v = start
-    world = _world_of(ref, [robot.model for robot in stepper.stack.robots])
-    noise = noise_of(nominal, spread, [variation.seed for variation in variations], last + 1)
-    friction = MotorFriction.of(controller, variations)
+    robots, last = _Robots.of(controller, spread, variations), len(ref.times) - 1
     line = DelayLine.of(controller, variations)
-    monitor = RunMonitor.of(len(variations), nominal)
+    monitor = RunMonitor.of(len(variations), ref.robot)
+    q, v = robots.start
     for k in range(last + 1):
         if k % PERIODS_PER_CHECK == 0 or k == last:
             advanced(k / last)
-            x = nominal.platform.unwrap(stepper.platform(q, v)[0], ref.x[k])
-            monitor.check(ref.times[k], x, ref.x[k])
-        measurement = _measured(
-            ref, k, stepper, q, v, noise=None if noise is None else noise[k], sensors=loop.sensors
-        )
+            monitor.check(ref.times[k], robots.platform(k, q, v), ref.x[k])
         with np.errstate(all="ignore"):
-            command = controller.torque(k, measurement)
-        torque = line.delayed(np.clip(np.nan_to_num(command, nan=0.0), -limit, limit))
+            command = controller.torque(k, robots.measure(k, q, v, loop.sensors))
+        torque = line.delay(np.clip(np.nan_to_num(command, nan=0.0), -limit, limit))
         monitor.act(torque, record=record)
         if k == last or not monitor.alive.any():
             break
-        pushed = world(ref.times[k] + 0.5 * ref.period, integrate(nominal, q, 0.5 * ref.period * v))
-        q, v = stepper.step(q, v, torque - friction.torque(v), ref.period, pushed=pushed)
+        q, v = robots.step(k, q, v, torque)
         # one run without numbers would leave none in stacked solves: runs that are over stand at their start
-        slow = np.abs(v) * ref.period < MAX_JOINT_STEP * nominal.column_scale
+        slow = np.abs(v) * ref.period < MAX_JOINT_STEP * ref.robot.column_scale
         monitor.end(ref.times[k + 1], np.asarray(~(np.isfinite(q).all(axis=1) & slow.all(axis=1))))
         running = monitor.alive[:, None]
-        q, v = np.where(running, q, start[0]), np.where(running, v, start[1])
+        q, v = np.where(running, q, robots.start.q), np.where(running, v, robots.start.v)
     return monitor.verdict(loop, variations)
 
 
-def _world_of(reference: Reference, models: Sequence[pin.Model]) -> Callable[[float, Array], Array | None]:
-    """Return the generalised forces (R, nv) of the world on R robots at t [s] and q (R, nq)."""
-    world = WorldForces.of(reference.robot, reference.wrenches, reference.law)
-    if not world.acts:
-        return lambda t, q: None
-    return lambda t, q: world(reference.robot, np.repeat(min(t, reference.times[-1]), len(q)), q, models)
+@dataclass(frozen=True, eq=False)
+class _Robots:
+    """R varied robots with their encoders, the friction of their motors and the world."""
 
+    reference: Reference
+    stepper: Stepper
+    start: State  # q (R, nq), v (R, nv)
+    world: WorldForces
+    friction: MotorFriction
+    noise: Array | None  # (K, R, 2, nv) of the encoders
 
-def _started(controller: Controller, variations: Sequence[Variation]) -> tuple[Stepper, Array, Array]:
-    """Return the varied robots at rest at the start of the plan, loops closed: q (R, nq), v (R, nv)."""
-    ref = controller.reference
-    real = [varied(ref.robot, variation) for variation in variations]
-    count = len(real)
-    try:
-        stepper = Stepper.of(real, like=ref.robot)
-        torque, start = np.tile(ref.torque[0], (count, 1)), np.tile(ref.motion.q[0], (count, 1))
+    @staticmethod
+    def of(controller: Controller, spread: Spread, variations: Sequence[Variation]) -> _Robots:
+        """Return the robots at rest at the start of the plan, loops closed."""
+        ref, count = controller.reference, len(variations)
         world = WorldForces.of(ref.robot, ref.wrenches, ref.law)
-        q, v = stepper.start(start, None, torque, world=world)
-    except NotAssembled as error:
-        raise InvalidInput(f"places: with so large a spread a robot cannot be assembled: {error}") from None
-    return stepper, q, v
+        try:
+            stepper = Stepper.of([vary(ref.robot, each) for each in variations], like=ref.robot)
+            torque, q = np.tile(ref.torque[0], (count, 1)), np.tile(ref.motion.q[0], (count, 1))
+            start = stepper.start(q, None, torque, world=world)
+        except NotAssembled as error:
+            raise InvalidInput(
+                f"places: with so large a spread a robot cannot be assembled: {error}"
+            ) from None
+        noise = noise_of(ref.robot, spread, [each.seed for each in variations], len(ref.times))
+        return _Robots(ref, stepper, start, world, MotorFriction.of(controller, variations), noise)
 
+    def platform(self, k: int, q: Array, v: Array) -> Array:
+        """Compute platform coordinates (R, n) at instant k."""
+        return self.reference.robot.platform.unwrap(self.stepper.platform(q, v)[0], self.reference.x[k])
 
-def _measured(
-    ref: Reference, k: int, stepper: Stepper, q: Array, v: Array, *, noise: Array | None, sensors: str
-) -> Measurement:
-    """Return what the encoders say, `noise` (R, 2, nv) included."""
-    robot = ref.robot
-    turned = np.zeros_like(v) if noise is None else noise[:, 0]
-    rates = v if noise is None else v + noise[:, 1]
-    n, motors = robot.gear_ratio, robot.actuated
-    angle, speed = n * (joint_angle(robot, q) + turned[:, motors]), n * rates[:, motors]
-    if sensors == "motors":
-        return Measurement(angle, speed, None)
-    from_joints = np.linalg.pinv(ref.N[k])  # (n, nv)
-    x = robot.platform.unwrap(stepper.platform(q, v)[0], ref.x[k]) + matvec(from_joints, turned)
-    dx = ref.dx[k] + matvec(from_joints, rates - ref.motion.v[k])
-    return Measurement(angle, speed, RobotState(integrate(robot, q, turned), rates, x, dx))
+    def measure(self, k: int, q: Array, v: Array, sensors: str) -> Measurement:
+        """Return the readings of the encoders at instant k, noise included."""
+        ref, robot = self.reference, self.reference.robot
+        offset = np.zeros_like(v) if self.noise is None else self.noise[k][:, 0]
+        rates = v if self.noise is None else v + self.noise[k][:, 1]
+        n, motors = robot.gear_ratio, robot.actuated
+        angle, speed = n * (joint_angle(robot, q) + offset[:, motors]), n * rates[:, motors]
+        if sensors == "motors":
+            return Measurement(angle, speed, None)
+        from_joints = np.linalg.pinv(ref.N[k])  # (n, nv)
+        x = self.platform(k, q, v) + matvec(from_joints, offset)
+        dx = ref.dx[k] + matvec(from_joints, rates - ref.motion.v[k])
+        return Measurement(angle, speed, RobotState(integrate(robot, q, offset), rates, x, dx))
+
+    def step(self, k: int, q: Array, v: Array, torque: Array) -> State:
+        """Return the states one period after instant k under motor torques (R, n_a)."""
+        ref, world = self.reference, None
+        if self.world.acts:
+            middle = np.repeat(min(ref.times[k] + 0.5 * ref.period, ref.times[-1]), len(q))
+            models = [robot.model for robot in self.stepper.stack.robots]
+            world = self.world(ref.robot, middle, integrate(ref.robot, q, 0.5 * ref.period * v), models)
+        return self.stepper.step(q, v, torque - self.friction.torque(v), ref.period, world=world)
 
 
 def joint_angle(robot: ParallelRobot, q: Array) -> Array:

@@ -37,7 +37,7 @@ class ComputedTorque:
     multipliers: Array | None
 
     @staticmethod
-    def tuned(
+    def tune(
         reference: Reference, *, aware: bool, frequency: float = 20.0, damping: float = 1.0
     ) -> ComputedTorque:
         """Return the law with error dynamics of one natural `frequency` [rad/s].
@@ -73,9 +73,9 @@ class ComputedTorque:
         else:
             planned = self.multipliers[k]
             multipliers = planned + consistent_solution(P, r[:, columns] - matvec(P, planned))
-        held = (r - matvec(J.transpose(0, 2, 1), multipliers)) / robot.column_scale
+        torque = ((r - matvec(J.transpose(0, 2, 1), multipliers)) / robot.column_scale)[:, robot.actuated]
         n = robot.gear_ratio
-        return np.asarray(robot.rotor_inertia * n * motion.a[:, robot.actuated] + held[:, robot.actuated] / n)
+        return np.asarray(robot.rotor_inertia * n * motion.a[:, robot.actuated] + torque / n)
 
 
 class _Motion(NamedTuple):

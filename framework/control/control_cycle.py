@@ -92,7 +92,7 @@ class ControlCycle:
             raise type2_pose(robot, start.x, "is unbounded there: start elsewhere")
         self._bias: Array | None = None
         self._sprung = bool(robot.joint_stiffness.any())
-        self._moved(self.q, np.zeros(robot.n_a))
+        self._set_state(self.q, np.zeros(robot.n_a))
 
     def update(self, q_a: ArrayLike, dq_a: ArrayLike) -> None:
         """Take the pose to motor joints q_a (n_a,) with rates dq_a (n_a,), joint side of the gears.
@@ -105,13 +105,13 @@ class ControlCycle:
         """
         target = finite_numbers(f"q_a ({self._names})", q_a, self.robot.n_a)
         rates = finite_numbers(f"dq_a ({self._names})", dq_a, self.robot.n_a)
-        q = self._closed(target)
+        q = self._close_loops(target)
         if q is None:
             self._linearise(self.q)  # back to the last cycle, if the way ends
             q = forward_kinematics(self.robot, target, near=self.q).q.copy()
             self._linearise(q)
         self._motors = target.copy() if self._flat else self.robot.actuated_coordinates(q[None])[0]
-        self._moved(q, rates)
+        self._set_state(q, rates)
 
     def torque(self, ddq_a: ArrayLike) -> Array:
         """Compute motor torques (n_a,) [N m, N], motor side, for accelerations ddq_a (n_a,), joint side.
@@ -124,7 +124,7 @@ class ControlCycle:
         robot = self.robot
         acceleration = finite_numbers(f"ddq_a ({self._names})", ddq_a, robot.n_a)
         a = self._drift_acceleration() + self.T @ acceleration
-        return self._along_motors(a) + robot.rotor_inertia * robot.gear_ratio * acceleration
+        return self._motor_torque(a) + robot.rotor_inertia * robot.gear_ratio * acceleration
 
     @property
     def mass(self) -> Array:
@@ -137,23 +137,23 @@ class ControlCycle:
     @property
     def bias(self) -> Array:
         """Motor torques (n_a,) at zero accelerations of the motors."""
-        return self._along_motors(self._drift_acceleration())
+        return self._motor_torque(self._drift_acceleration())
 
     @property
     def type2(self) -> float:
-        """Distance from Type 2: 1 / |P^-1|, columns summed, in radians and lengths of the robot; 0 there.
+        """Distance from Type 2: 1 / |P^-1|, columns summed, in radians and lengths of the robot.
 
-        P are the passive columns of the loops. Between the least singular value of P divided by and times the
-        square root of its size; it never changes its sign, as the cycle never leaves the assembly mode.
-        Infinite without passive joints.
+        P are the passive columns of the loops. The distance is 0 at Type 2, and lies between the least
+        singular value of P divided by and times the square root of its size. The sign never changes, as the
+        cycle never leaves the assembly mode. Infinite without passive joints.
         """
         return self._type2 if len(self._following) else np.inf
 
     @property
     def type1(self) -> float:
-        """Distance from Type 1: the least singular value of dx/dq_a, in radians and robot lengths; 0 there.
+        """Distance from Type 1: the least singular value of dx/dq_a, in radians and robot lengths.
 
-        The sign is that of its determinant, which changes there.
+        It is 0 at Type 1; the sign is that of the determinant, which changes at Type 1.
         """
         robot = self.robot
         platform = robot.platform.jacobian(self._equations.frame_stack(self.q))[0]
@@ -162,7 +162,7 @@ class ControlCycle:
         return float(np.copysign(least, np.linalg.det(matrix)))
 
     def _linearise(self, q: Array) -> float:
-        """Compute T at q (nq,), and the step (n_p,) of Newton's method there; return its size."""
+        """Compute T and Newton's step (n_p,) at q (nq,); return the size of the step."""
         equations, columns = self._equations, self._following
         equations.place(q)
         jacobian, residual = equations.jacobian, equations.residual
@@ -192,12 +192,12 @@ class ControlCycle:
         self.T[columns] = solution[:, 1:] * self._size[:, None]
         return float(np.abs(solution[:, 0]).max())
 
-    def _closed(self, target: Array) -> Array | None:
+    def _close_loops(self, target: Array) -> Array | None:
         """Close the loops at motor joints (n_a,) along the tangent; None if the step does not count."""
-        columns, before = self._following, self._determinant
+        columns, determinant = self._following, self._determinant
         turn = target - self._motors
         along = self.T @ turn
-        q, correction = self._integrated(self.q, along), np.zeros(len(columns))
+        q, correction = self._integrate(self.q, along), np.zeros(len(columns))
         if self._flat:
             q[self._actuated] = target
         largest = MAX_PREDICTOR_MOVE
@@ -206,9 +206,9 @@ class ControlCycle:
             if not size < largest:
                 return None
             if size > 0.0:
-                moved = np.zeros(len(along))
-                moved[columns] = self._step
-                q, correction, largest = self._integrated(q, moved), correction + self._step, size
+                step = np.zeros(len(along))
+                step[columns] = self._step
+                q, correction, largest = self._integrate(q, step), correction + self._step, size
             if size < LAST_STEP:
                 break
         else:
@@ -219,16 +219,17 @@ class ControlCycle:
         counts = (
             is_small(corrected, advance)
             and is_straight(turned, corrected, advance)
-            and self._determinant * before > DETERMINANT_LOST * before**2
+            and self._determinant * determinant > DETERMINANT_LOST * determinant**2
             and self.type2 > BRANCHES_MEET
         )
         return q if counts else None
 
-    def _integrated(self, q: Array, step: Array) -> Array:
+    def _integrate(self, q: Array, step: Array) -> Array:
+        """Return the configuration (nq,) after a step (nv,) from q."""
         return q + step if self._flat else np.asarray(pin.integrate(self.robot.model, q, step))
 
-    def _moved(self, q: Array, rates: Array) -> None:
-        """Take rates, residual and platform to q (nq,), where T is known, with motor rates (n_a,)."""
+    def _set_state(self, q: Array, rates: Array) -> None:
+        """Set q (nq,), at which T is computed, with rates of the motors (n_a,), residual and platform."""
         self.q, self.v, self._bias = q, self.T @ rates, None
         self._equations.move(q, self.v)
         self.residual = float(np.abs(self._equations.residual).max(initial=0.0))
@@ -267,8 +268,8 @@ class ControlCycle:
                 self._bias[columns] = -dgetrs(self._lu, self._pivots, drift)[0] * self._size
         return self._bias
 
-    def _along_motors(self, a: Array) -> Array:
-        """Compute what accelerations a (nv,) ask of the motors but for their rotors (n_a,), motor side."""
+    def _motor_torque(self, a: Array) -> Array:
+        """Compute motor torques (n_a,) for accelerations a (nv,), without the rotors' own, motor side."""
         robot = self.robot
         force = pin.rnea(robot.model, self._data, self.q, self.v, a)
         if robot.is_damped:

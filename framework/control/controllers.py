@@ -12,10 +12,10 @@ from framework.control.reference import Reference
 from framework.errors import InvalidInput, choose_from
 
 CONTROLLERS: Mapping[str, Callable[[Reference], Controller]] = {
-    "feedforward": FeedforwardPD.tuned,
-    "lqr": TimeVaryingLQR.tuned,
-    "computed_torque": lambda reference: ComputedTorque.tuned(reference, aware=True),
-    "naive_computed_torque": lambda reference: ComputedTorque.tuned(reference, aware=False),
+    "feedforward": FeedforwardPD.tune,
+    "lqr": TimeVaryingLQR.tune,
+    "computed_torque": lambda reference: ComputedTorque.tune(reference, aware=True),
+    "naive_computed_torque": lambda reference: ComputedTorque.tune(reference, aware=False),
 }
 
 

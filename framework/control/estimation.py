@@ -29,7 +29,7 @@ class RobotState(NamedTuple):
 
 
 class Measurement(NamedTuple):
-    """The readings of the encoders; `state` is None when there are encoders on the motors alone."""
+    """The readings of the encoders; `state` is None with encoders on the motors alone."""
 
     motor_angle: Array  # (R, n_a) [rad], motor side
     motor_speed: Array  # (R, n_a)
@@ -37,7 +37,7 @@ class Measurement(NamedTuple):
 
 
 class Controller(Protocol):
-    """A control law, prepared for one reference; it keeps no state between two calls."""
+    """A control law for one reference, without a state of its own."""
 
     @property
     def reference(self) -> Reference: ...
@@ -53,12 +53,10 @@ def estimated_state(reference: Reference, k: int, measurement: Measurement, *, a
         return measurement.state
     robot, N = reference.robot, reference.N[k]
     G = robot.gear_ratio[:, None] * N[robot.actuated]  # (n_a, n)
-    angle, speed = (
-        measurement.motor_angle - reference.motor_angle[k],
-        measurement.motor_speed - reference.motor_speed[k],
-    )
-    turned = np.stack([angle, speed])
-    step, rate = consistent_solution(G[None], turned) if aware else matvec(_inverse(G), turned)
+    angle = measurement.motor_angle - reference.motor_angle[k]
+    speed = measurement.motor_speed - reference.motor_speed[k]
+    errors = np.stack([angle, speed])
+    step, rate = consistent_solution(G[None], errors) if aware else matvec(_inverse(G), errors)
     return RobotState(
         q=integrate(robot, reference.motion.q[k], matvec(N, step)),
         v=reference.motion.v[k] + matvec(N, rate),
@@ -83,7 +81,7 @@ def consistent_solution(matrices: Array, right: Array) -> Array:
 
 
 def _inverse(matrix: Array) -> Array:
-    """Return the inverse as a program takes it that knows no better; infinite where there is none."""
+    """Return the inverse of a matrix; infinite for a singular one."""
     try:
         return np.asarray(np.linalg.inv(matrix))
     except np.linalg.LinAlgError:

@@ -28,11 +28,11 @@ class FeedforwardPD:
     k_d: Array  # (n_a,) [N m s/rad]
 
     @staticmethod
-    def tuned(reference: Reference, *, frequency: float = 40.0, damping: float = 1.0) -> FeedforwardPD:
+    def tune(reference: Reference, *, frequency: float = 40.0, damping: float = 1.0) -> FeedforwardPD:
         """Return the controller whose gains give each motor the natural `frequency` [rad/s].
 
-        That is so for each alone, at the start of the motion. With springs a motor feels its rotor before
-        it feels the rest; the frequency is then lowered to what a sampled damper may do to a rotor.
+        Each motor has it alone, at the start of the motion. With springs a motor feels its rotor first, and
+        the frequency is lowered to the damping that a sampled controller may give a rotor.
         """
         robot, motion = reference.robot, reference.motion
         mass = dynamics_at(robot, motion.q[0]).platform_inertia

@@ -28,7 +28,7 @@ class TimeVaryingLQR:
     gain: Array  # (K, n_a, 2n)
 
     @staticmethod
-    def tuned(
+    def tune(
         reference: Reference, *, position: float = 1e-3, speed: float = 2e-2, torque: float | None = None
     ) -> TimeVaryingLQR:
         """Return the controller for which errors of `position` and `speed` are worth a `torque` [N m].
@@ -51,7 +51,7 @@ class TimeVaryingLQR:
         size = robot.platform_scale
         Q = np.diag(np.concatenate([1 / (position * size) ** 2, 1 / (speed * size) ** 2]))
         R = np.eye(robot.n_a) / worth**2
-        A, B = _linearised(reference)
+        A, B = linearise_error(reference)
         return TimeVaryingLQR(reference, riccati(A, B, Q, R, reference.period))
 
     def torque(self, k: int, measurement: Measurement) -> Array:
@@ -62,8 +62,11 @@ class TimeVaryingLQR:
         return np.asarray(ref.held[k] + matvec(self.gain[k], error))
 
 
-def _linearised(reference: Reference) -> tuple[Array, Array]:
-    """Linearise the error e = [x; dx]: de/dt = A e + B tau; A (K, 2n, 2n), B (K, 2n, n_a)."""
+def linearise_error(reference: Reference) -> tuple[Array, Array]:
+    """Linearise the error e = [x; dx] along the plan.
+
+    de/dt = A e + B tau with A (K, 2n, 2n) and B (K, 2n, n_a).
+    """
     robot, motion, n = reference.robot, reference.motion, reference.robot.n
     slopes = forward_derivatives(
         robot,
@@ -82,12 +85,12 @@ def _linearised(reference: Reference) -> tuple[Array, Array]:
 def riccati(A: Array, B: Array, Q: Array, R: Array, period: float) -> Array:
     """Solve the discrete Riccati equation from the end back: gains (K, n_a, 2n), held for a period."""
     count, size, inputs = B.shape
-    joined = np.zeros((count, size + inputs, size + inputs))
-    joined[:, :size, :size], joined[:, :size, size:] = A * period, B * period
     from scipy.linalg import expm
 
-    held = expm(joined)
-    F, G = held[:, :size, :size], held[:, :size, size:]
+    system = np.zeros((count, size + inputs, size + inputs))
+    system[:, :size, :size], system[:, :size, size:] = A * period, B * period
+    discrete = expm(system)
+    F, G = discrete[:, :size, :size], discrete[:, :size, size:]
     gain = np.empty((count, inputs, size))
     P = Q.copy()
     for k in range(count - 1, -1, -1):

@@ -45,7 +45,7 @@ class Reference(ReadOnlyArrays):
         return self.wrenches.on_base_axes(self.robot, frames, np.asarray(self.law(self.times)))
 
     def wrenches_at(self, t: Array, frames: FrameStack) -> tuple[AppliedWrench, ...]:
-        """Compute the wrenches at instants t (T,) [s] on robots with these frames."""
+        """Compute the wrenches at instants t (T,) [s] on robots with given frames."""
         return self.wrenches.at(self.robot, frames, np.asarray(self.law(t)))
 
 

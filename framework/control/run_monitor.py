@@ -57,7 +57,7 @@ class Run(ReadOnlyArrays):
 
 @dataclass(eq=False)
 class RunMonitor:
-    """Follows R runs, and says which of them pass."""
+    """Errors and torques of R runs, with the reasons of failures."""
 
     robot: ParallelRobot
     alive: NDArray[np.bool_]
@@ -76,7 +76,7 @@ class RunMonitor:
         )
 
     def check(self, time: float, x: Array, planned: Array) -> None:
-        """Compare platforms x (R, n) with the plan (n,); end those that are far off or not finite."""
+        """Compare platforms x (R, n) with the plan (n,); end runs far off or not finite."""
         size = self.robot.platform_scale
         self.error = np.nan_to_num(np.abs((x - planned) / size), nan=MAX_DEVIATION).max(axis=1)
         self.end(time, ~(self.error < MAX_DEVIATION))
@@ -86,13 +86,13 @@ class RunMonitor:
         self.places.append(np.where(self.alive[:, None], x, np.nan))
 
     def end(self, time: float, runs: NDArray[np.bool_]) -> None:
-        """End the runs of which (R,) says so, those that are not over yet."""
+        """End the runs marked in (R,) that are not over yet."""
         for run in np.flatnonzero(self.alive & runs):
             self.why[run] = f"lost at t = {time:.4g} s"
         self.alive = self.alive & ~runs
 
     def act(self, torque: Array, *, record: bool) -> None:
-        """Take note of the torques (R, n_a) of one sampling period; keep them all to `record` them."""
+        """Note the peaks of the torques (R, n_a) of one sampling period; `record` keeps all torques."""
         self.peak = np.fmax(self.peak, np.where(self.alive[:, None], np.abs(torque), 0.0))
         if record:
             self.torques.append(torque)

@@ -8,11 +8,12 @@ can be kept for a study that is stopped.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
-from typing import Protocol
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ from framework.control.estimation import Controller
 from framework.control.run_monitor import ControlLoop, Run
 from framework.control.variation import Spread, draw
 from framework.errors import InvalidInput
+from framework.parallel.kept import ArrayField, Arrays, KeptChunks, fits
 from framework.parallel.tasks import completed
 
 RUNS_PER_CHUNK = 250  # runs that are stacked; more do not make a run cheaper
@@ -62,20 +64,8 @@ class Study(ReadOnlyArrays):
 
     @property
     def failures(self) -> list[tuple[int, int]]:
-        """Seeds of the runs that failed: `draw(robot, spread, seed)` gives each of them back."""
+        """Seeds of the runs that failed, from which `draw(robot, spread, seed)` makes each again."""
         return [(self.seed, int(k)) for k in np.flatnonzero(~self.passed)]
-
-
-class RunStore(Protocol):
-    """A place for finished runs, so that a study that is stopped goes on from them."""
-
-    def found(self) -> list[tuple[range, Run]]:
-        """Return the finished runs, by their numbers."""
-        ...
-
-    def keep(self, chunk: range, run: Run) -> None:
-        """Put a finished chunk there."""
-        ...
 
 
 def run_study(
@@ -88,7 +78,7 @@ def run_study(
     seed: int = 0,
     executor: Executor | None = None,
     chunk: int | None = None,
-    keeper: RunStore | None = None,
+    keeper: KeptRuns | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Study:
     """Do `runs` closed-loop runs, each of a robot drawn from the spread.
@@ -109,28 +99,28 @@ def run_study(
     if seed < 0:
         raise InvalidInput(f"seed: needs a whole number of at least 0, got {seed!r}")
     started = time.perf_counter()
-    finished = _chosen(keeper.found() if keeper is not None else [], runs)
+    finished = _select_chunks(keeper.read() if keeper is not None else [], runs)
 
     def report(under_way: float = 0.0) -> None:
         progress(sum(map(len, finished)) + int(under_way))
 
     task = partial(run_chunk, controller, loop, spread, seed)
 
-    def watched(part: range) -> Run:
-        return task(part, partial(_part_of, report, len(part)))
+    def run_and_report(part: range) -> Run:
+        return task(part, lambda share: report(share * len(part)))
 
     missing = _missing(finished, runs, min(chunk or RUNS_PER_CHUNK, RUNS_PER_CHUNK))
     report()
-    for part, run in completed(watched if executor is None else task, missing, executor):
+    for part, run in completed(run_and_report if executor is None else task, missing, executor):
         finished[part] = run
         if keeper is not None:
             keeper.keep(part, run)
         report()
     in_order = [finished[part] for part in sorted(finished, key=lambda part: part.start)]
-    return _joined(in_order, name, spread, seed, time.perf_counter() - started)
+    return _join(in_order, name, spread, seed, time.perf_counter() - started)
 
 
-def _joined(chunks: Sequence[Run], controller: str, spread: Spread, seed: int, seconds: float) -> Study:
+def _join(chunks: Sequence[Run], controller: str, spread: Spread, seed: int, seconds: float) -> Study:
     """Join the runs of all chunks into one study."""
     return Study(
         controller=controller,
@@ -146,15 +136,15 @@ def _joined(chunks: Sequence[Run], controller: str, spread: Spread, seed: int, s
     )
 
 
-def _chosen(stored: list[tuple[range, Run]], runs: int) -> dict[range, Run]:
-    """Return those of the kept chunks that belong to this study and do not overlap."""
-    chosen: dict[range, Run] = {}
+def _select_chunks(stored: list[tuple[range, Run]], runs: int) -> dict[range, Run]:
+    """Return the stored chunks that belong to the study and do not overlap."""
+    chunks: dict[range, Run] = {}
     end = 0
     for part, run in sorted(stored, key=lambda item: item[0].start):
         if end <= part.start < part.stop <= runs:
-            chosen[part] = run
+            chunks[part] = run
             end = part.stop
-    return chosen
+    return chunks
 
 
 def _missing(finished: Iterable[range], runs: int, chunk: int) -> list[range]:
@@ -165,10 +155,6 @@ def _missing(finished: Iterable[range], runs: int, chunk: int) -> list[range]:
         missing += [gap[first : first + chunk] for first in range(0, len(gap), chunk)]
         end = part.stop
     return missing
-
-
-def _part_of(report: Callable[[float], None], size: int, share: float) -> None:
-    report(share * size)
 
 
 def run_chunk(
@@ -183,3 +169,67 @@ def run_chunk(
     robot = controller.reference.robot
     variations = [draw(robot, spread, (seed, number)) for number in chunk]
     return run_closed_loop(controller, loop, spread, variations, advanced=advanced)
+
+
+# ------------------------------------------------------------------ finished runs on disk
+
+
+def _kept_arrays(runs: int, motors: int) -> dict[str, ArrayField]:
+    """Return the arrays of a chunk of runs, fields of `Run`."""
+    numbers = ArrayField("f", (runs,))
+    return {
+        "passed": ArrayField("b", (runs,)),
+        "why": ArrayField("U", (runs,)),
+        "tracking_error": numbers,
+        "end_error": numbers,
+        "peak_torque": ArrayField("f", (runs, motors)),
+        "payload": numbers,
+    }
+
+
+@dataclass(frozen=True)
+class KeptRuns:
+    """Chunks of one controller's runs in a folder."""
+
+    chunks: KeptChunks
+    motors: int  # of the robot
+
+    @staticmethod
+    def of(out: Path, setup: Mapping[str, Any], controller: str) -> KeptRuns:
+        """Return the place in the folder `out` for runs of that setup, a document of JSON."""
+        plan = {key: value for key, value in setup["plan"].items() if key != "seconds"}
+        return KeptRuns(KeptChunks.of(out, {**setup, "plan": plan}, controller), len(setup["limit"]))
+
+    def read(self) -> list[tuple[range, Run]]:
+        """Return the finished runs, by their numbers."""
+        runs = []
+        for name, arrays in self.chunks.read().items():
+            try:
+                first, stop = map(int, name.split("-"))
+            except ValueError:
+                continue  # not one of ours: computed anew
+            if fits(arrays, _kept_arrays(stop - first, self.motors)):
+                runs.append((range(first, stop), _run(arrays)))
+        return runs
+
+    def keep(self, chunk: range, run: Run) -> None:
+        """Store a finished chunk.
+
+        Raises:
+            OutputError: the chunk cannot be written.
+        """
+        arrays = {name: np.asarray(getattr(run, name)) for name in _kept_arrays(0, 0)}
+        self.chunks.keep(f"{chunk.start}-{chunk.stop}", arrays)
+
+
+def _run(kept: Arrays) -> Run:
+    """Return the runs of a stored chunk."""
+    return Run(
+        passed=kept["passed"],
+        why=tuple(kept["why"].tolist()),
+        tracking_error=kept["tracking_error"],
+        end_error=kept["end_error"],
+        peak_torque=kept["peak_torque"],
+        payload=kept["payload"],
+        x=np.empty((0, 0, 0)),  # not kept
+    )

@@ -43,7 +43,7 @@ PACKAGES = ("parallel-singularity-crossing", "pin", "numpy", "scipy")
 
 @dataclass(frozen=True, eq=False)
 class StudySetup:
-    """A plan, how it is sampled and judged, and how robots differ from their model."""
+    """A plan with its sampling, its loop and the spread of robots about their model."""
 
     plan: CrossingPlan  # as it is read back from its own document
     period: float  # [s]
@@ -80,14 +80,14 @@ class StudySetup:
         variation = draw(self.plan.robot, self.spread, (self.seed, number))
         return run_closed_loop(self.controller(controller), self.loop, self.spread, [variation], record=True)
 
-    def passed(self, controller: str, numbers: Sequence[int]) -> int:
-        """Count how many runs of these numbers pass with a controller."""
+    def count_passes(self, controller: str, numbers: Sequence[int]) -> int:
+        """Count the runs of given numbers that pass with a controller."""
         variations = [draw(self.plan.robot, self.spread, (self.seed, number)) for number in numbers]
         run = run_closed_loop(self.controller(controller), self.loop, self.spread, variations)
         return int(np.count_nonzero(run.passed))
 
     def to_dict(self, folder: Path | None = None) -> dict[str, Any]:
-        """Return the set-up as robustness.json in this folder has it, with the versions of libraries."""
+        """Return the content of robustness.json in a folder, with the versions of libraries."""
         return {
             "seed": self.seed,
             "period": self.period,
@@ -99,10 +99,13 @@ class StudySetup:
 
     @staticmethod
     def from_dict(saved: dict[str, Any], file: Path, *, robot_file: str | None = None) -> StudySetup:
-        """Read what `to_dict` wrote; `file` is where that stood, `robot_file` the robot's where it has moved.
+        """Return the setup of a document of `to_dict`, read from `file`.
+
+        Args:
+            robot_file: the robot's file, if not where the document says.
 
         Raises:
-            InvalidInput: it is not that, or the robot has changed since.
+            InvalidInput: the document is another one, or the robot has changed since.
         """
         with naming(file, InvalidInput):
             stated = read_table("", saved, _STUDY, others=None)
@@ -124,7 +127,7 @@ _STUDY: Table = {
 
 
 def versions() -> dict[str, str]:
-    """Return what a rerun has to have in common with a run to be the same to the last bit."""
+    """Return the versions on which the last bit of a run depends."""
     packages = {package: version(package) for package in PACKAGES}
     return {**packages, "python": platform.python_version(), "machine": platform.machine()}
 

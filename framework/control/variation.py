@@ -37,7 +37,7 @@ class Spread:
 
 @dataclass(frozen=True, eq=False)
 class Variation:
-    """The differences of one robot drawn from the spread; its seed reproduces them."""
+    """The differences of one robot from the model, reproduced by a seed."""
 
     seed: tuple[int, int]  # of the study, number of the run
     payload: float  # factor on the platform body's inertia
@@ -48,7 +48,7 @@ class Variation:
 
 
 def draw(robot: ParallelRobot, spread: Spread, seed: tuple[int, int]) -> Variation:
-    """Draw the variation of one seed; it does not depend on any other run."""
+    """Draw the variation of one seed, independent of all other runs."""
     random = np.random.default_rng(np.random.SeedSequence(seed))
     return Variation(
         seed=seed,
@@ -73,11 +73,11 @@ def noise_of(
     return np.asarray(np.stack(runs, axis=1) * size * robot.column_scale)
 
 
-def varied(robot: ParallelRobot, variation: Variation) -> ParallelRobot:
-    """Return the robot as it really is. Its loops close at another configuration if the geometry differs.
+def vary(robot: ParallelRobot, variation: Variation) -> ParallelRobot:
+    """Return the robot with the differences of a variation.
 
-    What was proved of the robot is kept, and of its loop equations only the independent ones: redundant ones
-    hold for exact places only; a real machine has clearance there.
+    Where the geometry differs, the loops close at another configuration. Of the loop equations only the
+    independent ones are kept: redundant ones hold for exact places alone; a real machine has clearance.
 
     The payload is the inertia of the platform's link, or of the moving body that the platform frame is
     on when that link has none of its own.
@@ -87,10 +87,10 @@ def varied(robot: ParallelRobot, variation: Variation) -> ParallelRobot:
     joint = frame.parentJoint
     inertia = frame.inertia
     payload = frame.placement.act(inertia) if inertia.mass > 0 else model.inertias[joint]
-    model.inertias[joint] = _scaled(model.inertias[joint], payload, variation.payload)
-    for k, place in enumerate(variation.shifts):
+    model.inertias[joint] = _scale_part(model.inertias[joint], payload, variation.payload)
+    for k, shift in enumerate(variation.shifts):
         placement = model.jointPlacements[k + 1]
-        model.jointPlacements[k + 1] = pin.SE3(placement.rotation, placement.translation + place)
+        model.jointPlacements[k + 1] = pin.SE3(placement.rotation, placement.translation + shift)
     return replace(
         robot,
         model=model,
@@ -100,8 +100,8 @@ def varied(robot: ParallelRobot, variation: Variation) -> ParallelRobot:
     )
 
 
-def _scaled(whole: pin.Inertia, part: pin.Inertia, factor: float) -> pin.Inertia:
-    """Return `whole` with `factor` times the part in it."""
+def _scale_part(whole: pin.Inertia, part: pin.Inertia, factor: float) -> pin.Inertia:
+    """Return the inertia `whole` with one part scaled by a factor."""
     matrix = whole.matrix() + (factor - 1) * part.matrix()
     mass = matrix[0, 0]
     if mass <= 0:

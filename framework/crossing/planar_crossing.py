@@ -29,7 +29,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.optimal_law import Smoothstep
 from framework.motion.path import Path
 from framework.singularity.points_on_path import SearchedPath, SingularPoint, search_path
-from framework.singularity.type2 import SingularityMeasure, sign_along, singularity_measure, unit_twist
+from framework.singularity.type2 import SingularityMeasure, sign_along, singularity_measure, twist_norm
 
 UPRIGHT_GRAVITY = 9.81  # [m/s^2] as robot files have it by default
 PATH_SMOOTHNESS = 2  # derivatives of s that vanish at both ends of the best laws
@@ -73,7 +73,7 @@ class PlanarCrossing(NamedTuple):
         measure, twist = _measured(robot, closed)
         nearest = int(np.argmin(np.abs(measure.g)))
         _, twist_there = _measured(robot, branch.closed(np.array([self.point.s])))
-        size = unit_twist(robot, twist_there[0]) * sign_along(twist[nearest], branch.path(s, 1)[nearest])
+        size = twist_norm(robot, twist_there[0]) * sign_along(twist[nearest], branch.path(s, 1)[nearest])
         speeds = motor_speeds(robot, closed.linearised)[0]
         step = STEP_ASIDE * robot.length
         aside = [

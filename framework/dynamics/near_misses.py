@@ -52,7 +52,7 @@ def _is_seen(
 
     # with its deflections the robot is nearest to the singularity somewhat earlier or later
     turning = extremum_near(matrices, (edges - start) / duration, (near - start) / duration, miss.size)
-    times = start + duration * np.array([turning.s, *turning.beyond(2 * abs(turning.g))])
+    times = start + duration * np.array([turning.s, *turning.bracket(2 * abs(turning.g))])
     motion = checked_motion(searched.branch, result, times)[1]
     computed = joint_forces(robot, motion).joint_torque
     expected = state.grid.fit(state.forces.joint_torque)(times)

@@ -11,7 +11,7 @@ from framework.dynamics.forces import tree_forces
 from framework.dynamics.result import InverseDynamics
 from framework.kinematics.motion_rates import Motion, joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.singularity.type2 import sign_along, singularity_measure, unit_twist
+from framework.singularity.type2 import sign_along, singularity_measure, twist_norm
 
 
 class WrenchCurves(NamedTuple):
@@ -40,7 +40,7 @@ def wrench_curves(robot: ParallelRobot, motion: Motion) -> WrenchCurves:
     measure = singularity_measure(robot, motion.linearised)
     twist = np.einsum("tnv,tv->tn", motion.linearised.platform, measure.motion)
     nearest = int(np.argmin(np.abs(measure.g)))
-    size = unit_twist(robot, twist[nearest]) or 1.0
+    size = twist_norm(robot, twist[nearest]) or 1.0
     size *= sign_along(twist[nearest], motion.linearised.platform[nearest] @ motion.v[nearest])
     return WrenchCurves(measure.g, twist / size, wrench, np.sum(forces * measure.motion, axis=1) / size)
 

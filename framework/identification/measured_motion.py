@@ -166,10 +166,7 @@ def _with_derivatives(values: Array, period: float, cutoff: float) -> list[Array
 def _by_motors(robot: ParallelRobot, angles: list[Array], progress: Callable[[int], None]) -> Motion:
     """Compute the motion of all joints for motor joints, their rates and accelerations (T, n_a)."""
     q_a, dq_a, ddq_a = angles
-    q = np.empty((len(q_a), robot.model.nq))
-    for k, pose in enumerate(follow_motors(robot, q_a)):
-        q[k] = pose.q
-        progress(k + 1)
+    q = _poses_by_motors(robot, q_a, progress)
     linearised = linearised_at(robot, q, None)
     _check_apart(robot, q, linearised)
     units = np.broadcast_to(np.eye(robot.n)[:, None], (robot.n, len(q), robot.n))
@@ -181,6 +178,22 @@ def _by_motors(robot: ParallelRobot, angles: list[Array], progress: Callable[[in
     return without_elastic_rates(
         robot, q, v, drifting.a + np.einsum("tvn,tna,ta->tv", rates, to_twist, missing)
     )
+
+
+def _poses_by_motors(robot: ParallelRobot, q_a: Array, progress: Callable[[int], None]) -> Array:
+    """Follow the motors' joints (T, n_a) and return the poses (T, nq).
+
+    Raises:
+        Type2Singularity: the assembly mode ends at an instant or on the way to one.
+    """
+    q: list[Array] = []
+    try:
+        for pose in follow_motors(robot, q_a):
+            q.append(pose.q)
+            progress(len(q))
+    except Type2Singularity as end:
+        raise _type2_of_motors(robot, end.q, end.platform, end.residual, len(q) / len(q_a)) from end
+    return np.array(q)
 
 
 def _check_apart(robot: ParallelRobot, q: Array, linearised: LinearisedLoops) -> None:
@@ -197,13 +210,20 @@ def _check_apart(robot: ParallelRobot, q: Array, linearised: LinearisedLoops) ->
         return
     k = int(np.flatnonzero(meets)[0])
     x = robot.platform.coordinates(linearised.frames)[k]
-    raise Type2Singularity(
+    raise _type2_of_motors(robot, q[k], x, float(linearised.gap[k]), k / len(q))
+
+
+def _type2_of_motors(
+    robot: ParallelRobot, q: Array, x: Array, residual: float, share: float
+) -> Type2Singularity:
+    """Return the refusal of motors that pass Type 2 beside q (nq,), after this share of the recording."""
+    return Type2Singularity(
         f"{robot.name}: the recorded motors pass a Type 2 singularity or come near one beside "
-        f"{', '.join(robot.axis_names)} = {point(x)}, where they do not say how the robot goes on; the data "
-        f"need the measured platform as well (platform_{robot.axis_names[0]} ...)",
-        q=q[k],
-        residual=float(linearised.gap[k]),
-        share=k / len(q),
+        f"{', '.join(robot.axis_names)} = {point(x)}, where they do not say how the robot goes on; the poses "
+        f"must come from the measured platform (platform_{robot.axis_names[0]} ...)",
+        q=q,
+        residual=residual,
+        share=share,
         platform=x,
     )
 

@@ -28,9 +28,9 @@ class Band(ReadOnlyArrays):
     upper: int  # above it
     row_order: IntArray  # (k,) the rows as they stand in the band
     column_order: IntArray  # (k,)
-    row_place: IntArray  # (k,) where each row stands in the band
-    column_place: IntArray  # (k,)
-    place: IntArray  # (E,) where each entry stands in the memory of one instant, k columns of the band
+    row_position: IntArray  # (k,) where each row stands in the band
+    column_position: IntArray  # (k,)
+    index: IntArray  # (E,) where each entry stands in the memory of one instant, k columns of the band
 
     @staticmethod
     def of(row: IntArray, column: IntArray, size: int) -> Band:
@@ -43,12 +43,12 @@ class Band(ReadOnlyArrays):
         graph = coo_array((np.ones(2 * len(row)), both), shape=(2 * size, 2 * size)).tocsr()
         order = reverse_cuthill_mckee(graph, symmetric_mode=True).astype(np.intp)
         row_order, column_order = order[order < size], order[order >= size] - size
-        row_place, column_place = np.argsort(row_order), np.argsort(column_order)
-        i, j = row_place[row], column_place[column]
+        row_position, column_position = np.argsort(row_order), np.argsort(column_order)
+        i, j = row_position[row], column_position[column]
         lower, upper = int(np.max(i - j, initial=0)), int(np.max(j - i, initial=0))
         # LAPACK's storage: entry (i, j) in column j, at lower + upper + i - j; the first `lower` are its own
-        place = j * (2 * lower + upper + 1) + lower + upper + i - j
-        return Band(size, lower, upper, row_order, column_order, row_place, column_place, place)
+        index = j * (2 * lower + upper + 1) + lower + upper + i - j
+        return Band(size, lower, upper, row_order, column_order, row_position, column_position, index)
 
     @property
     def height(self) -> int:
@@ -67,7 +67,7 @@ class Band(ReadOnlyArrays):
 
         count = len(values)
         band = np.zeros((count, self.size * self.height))
-        band[:, self.place] = values
+        band[:, self.index] = values
         columns = band.reshape(count * self.size, self.height).T
         return Factors(self, *dgbtrf(columns, self.lower, self.upper, overwrite_ab=1))
 
@@ -88,25 +88,25 @@ class Factors:
             numpy.linalg.LinAlgError: one of the matrices is singular to the last bit.
         """
         band = self.band
-        return self._solve(right, band.row_order, band.column_place, transposed=False)
+        return self._solve(right, band.row_order, band.column_position, transposed=False)
 
     def solve_transposed(self, right: Array) -> Array:
         """Compute solutions for the transposed matrices; shapes and error as in `solve`."""
         band = self.band
-        return self._solve(right, band.column_order, band.row_place, transposed=True)
+        return self._solve(right, band.column_order, band.row_position, transposed=True)
 
-    def _solve(self, right: Array, before: IntArray, after: IntArray, *, transposed: bool) -> Array:
+    def _solve(self, right: Array, order: IntArray, position: IntArray, *, transposed: bool) -> Array:
         from scipy.linalg.lapack import dgbtrs
 
         if self.singular:
             raise np.linalg.LinAlgError(f"singular matrix at instant {(self.singular - 1) // self.band.size}")
         if not right.size:
             return np.empty(right.shape)
-        stacked = right.take(before, axis=-1).reshape(-1, self.lu.shape[1]).T  # (T k, right-hand sides)
+        stacked = right.take(order, axis=-1).reshape(-1, self.lu.shape[1]).T  # (T k, right-hand sides)
         solution, _ = dgbtrs(
             self.lu, self.band.lower, self.band.upper, stacked, self.pivots, trans=transposed, overwrite_b=1
         )
-        return np.asarray(solution.T.reshape(right.shape).take(after, axis=-1))
+        return np.asarray(solution.T.reshape(right.shape).take(position, axis=-1))
 
     @cached_property
     def slogdet(self) -> tuple[Array, Array]:

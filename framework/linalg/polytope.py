@@ -48,7 +48,7 @@ class Polytope(ReadOnlyArrays):
             return (np.nan, np.nan) if low - high > SAME_PLACE * max(abs(low), abs(high)) else (high, high)
         return low, high
 
-    def alone(self) -> Array:
+    def axis_ranges(self) -> Array:
         """Compute the range (n, 2) of each coordinate when all others are zero, see `reach`."""
         return np.array([self.reach(axis) for axis in np.eye(self.normals.shape[1])])
 
@@ -63,60 +63,62 @@ class Polytope(ReadOnlyArrays):
 
 
 def zonotope(centre: Array, generators: Array) -> Polytope:
-    """Compute the sums centre (n,) + t_1 g_1 + ... + t_m g_m of generators (m, n), every |t_k| <= 1."""
-    n = len(centre)
-    _, values, right = np.linalg.svd(generators)
-    rank = int(np.sum(values > RANK_ROUNDING * values.max(initial=0.0)))
-    span, across = right[:rank], right[rank:]
-    inside = generators @ span.T  # (m, rank)
-    directions = [across]
-    for chosen in combinations(range(len(generators)), max(rank - 1, 0)) if rank else ():
-        normal = _normal(inside[list(chosen)], rank)
-        if normal is not None:
-            directions.append(normal[None] @ span)
-    normals = np.concatenate([np.reshape(part, (-1, n)) for part in directions])
-    normals = _distinct(np.concatenate([normals, -normals]))
+    """Compute the sums of centre (n,) and generators (m, n), each times a factor in [-1, 1]."""
+    span, across, _ = _row_space(generators)
+    normals = np.concatenate([across, *(normal[None] @ span for normal in _normals(generators @ span.T))])
+    normals = _remove_repeated(np.concatenate([normals, -normals]))
     width = np.abs(normals @ generators.T).sum(axis=1)
-    across_the_flat = np.abs(normals @ span.T).max(axis=1, initial=0.0) < RANK_ROUNDING
-    width[across_the_flat] = 0.0  # but for rounding
+    is_across = np.abs(normals @ span.T).max(axis=1, initial=0.0) < RANK_ROUNDING
+    width[is_across] = 0.0  # but for rounding
     offsets = normals @ centre + width
-    signs = np.array(list(product((-1.0, 1.0), repeat=len(generators))))
-    points = _distinct(centre + signs @ generators)
-    return Polytope(normals, offsets, _extreme(points, normals, offsets), np.empty((0, n)))
+    points = _remove_repeated(centre + _signs(len(generators)) @ generators)
+    return Polytope(normals, offsets, _vertices(points, normals, offsets), np.empty((0, len(centre))))
 
 
 def slabs(rows: Array, limits: Array) -> Polytope:
     """Return the points y (n,) with |rows y| <= limits, rows (m, n) and positive limits (m,)."""
-    n = rows.shape[1]
     sizes = np.linalg.norm(rows, axis=1)
-    kept = sizes > 0
-    normals = np.concatenate([rows[kept], -rows[kept]]) / np.tile(sizes[kept], 2)[:, None]
-    offsets = np.tile(limits[kept] / sizes[kept], 2)
-    _, values, right = np.linalg.svd(rows)
-    rank = int(np.sum(values > RANK_ROUNDING * values.max(initial=0.0)))
-    free, span = right[rank:], right[:rank]
-    inside = rows @ span.T
-    points = [np.zeros((0, n))]
-    for chosen in combinations(range(len(rows)), rank) if rank else ():
-        square = inside[list(chosen)]
-        if np.linalg.svd(square, compute_uv=False)[-1] > RANK_ROUNDING * values[0]:
-            corners = np.array(list(product((-1.0, 1.0), repeat=rank))) * limits[list(chosen)]
-            points.append(np.linalg.solve(square, corners.T).T @ span)
+    acting = sizes > 0
+    normals = np.concatenate([rows[acting], -rows[acting]]) / np.tile(sizes[acting], 2)[:, None]
+    offsets = np.tile(limits[acting] / sizes[acting], 2)
+    span, free, largest = _row_space(rows)
+    inside, signs = rows @ span.T, _signs(len(span))
+    points = [np.zeros((0, rows.shape[1]))]
+    for subset in map(list, combinations(range(len(rows)), len(span)) if len(span) else ()):
+        if np.linalg.svd(inside[subset], compute_uv=False)[-1] > RANK_ROUNDING * largest:
+            points.append(np.linalg.solve(inside[subset], (signs * limits[subset]).T).T @ span)
     corners = np.concatenate(points)
     corners = corners[np.all(np.abs(corners @ rows.T) <= limits * (1 + SAME_PLACE), axis=1)]
-    return Polytope(normals, offsets, _distinct(corners), free)
+    return Polytope(normals, offsets, _remove_repeated(corners), free)
 
 
-def _normal(rows: Array, n: int) -> Array | None:
-    """Compute the unit vector (n,) orthogonal to rows (n - 1, n); None if there are several."""
-    if not len(rows):
-        return np.ones(1)
+def _row_space(rows: Array) -> tuple[Array, Array, float]:
+    """Compute orthonormal bases of the rows (m, n) and across, and the largest singular value."""
     _, values, right = np.linalg.svd(rows)
-    return None if values[-1] <= RANK_ROUNDING * values[0] or values[0] == 0.0 else right[n - 1]
+    largest = float(values.max(initial=0.0))
+    rank = int(np.sum(values > RANK_ROUNDING * largest))
+    return right[:rank], right[rank:], largest
 
 
-def _distinct(points: Array) -> Array:
-    """Return points (k, n) without those that repeat others but for rounding."""
+def _signs(count: int) -> Array:
+    """Return all combinations (2^count, count) of the signs -1 and 1."""
+    return np.array(list(product((-1.0, 1.0), repeat=count)))
+
+
+def _normals(generators: Array) -> list[Array]:
+    """Return the unit normals (n,) of every n - 1 independent generators (m, n)."""
+    n, normals = generators.shape[1], []
+    if n == 1:
+        return [np.ones(1)]
+    for subset in combinations(range(len(generators)), n - 1) if n else ():
+        _, values, right = np.linalg.svd(generators[list(subset)])
+        if values[-1] > RANK_ROUNDING * values[0]:
+            normals.append(right[n - 1])
+    return normals
+
+
+def _remove_repeated(points: Array) -> Array:
+    """Return the points (k, n) without repetitions, equal but for rounding."""
     size = np.abs(points).max(initial=0.0)
     if not size:
         return points[:1]
@@ -124,7 +126,7 @@ def _distinct(points: Array) -> Array:
     return points[np.sort(first)]
 
 
-def _extreme(points: Array, normals: Array, offsets: Array) -> Array:
+def _vertices(points: Array, normals: Array, offsets: Array) -> Array:
     """Return the vertices among points (k, n), at which the touching half-spaces leave no freedom."""
     size = np.abs(offsets).max(initial=0.0)
     touching = points @ normals.T >= offsets - SAME_PLACE * size

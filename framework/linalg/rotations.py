@@ -45,9 +45,9 @@ def rotation_vector(rotation: Array) -> Array:
 
 
 def left_jacobian_series(square: Array, half_rate: Array) -> tuple[Array, Array, Array, Array]:
-    """Compute a = (1 - cos t) / t^2, b = (t - sin t) / t^3 and their time derivatives, each (T, 1).
+    """Compute the left Jacobian's coefficients a, b and time derivatives: a, da, b, db, each (T, 1).
 
-    `square` is t^2, `half_rate` half its time derivative.
+    `square` (T,) is t^2, `half_rate` (T,) half its time derivative; see `left_jacobian_coefficients`.
     """
     (a, da, _), (b, db, _) = left_jacobian_coefficients(square)
     rate = (2 * half_rate)[:, None]
@@ -55,9 +55,10 @@ def left_jacobian_series(square: Array, half_rate: Array) -> tuple[Array, Array,
 
 
 def left_jacobian_coefficients(square: Array) -> Array:
-    """Compute a = (1 - cos t) / t^2, b = (t - sin t) / t^3 and two derivatives along t^2, (2, 3, T).
+    """Compute the left Jacobian's coefficients a, b with two derivatives along t^2, (2, 3, T).
 
-    `square` (T,) is t^2. Below one radian by their series, which the closed forms lose to cancellation.
+    a = (1 - cos t) / t^2 and b = (t - sin t) / t^3; `square` (T,) is t^2. Below one radian the closed forms
+    lose digits to cancellation, and the series of a and b are taken.
     """
     small = square < 1.0
     if small.all():
@@ -82,7 +83,7 @@ def left_jacobian_coefficients(square: Array) -> Array:
 
 
 def _left_jacobian_series(square: Array) -> Array:
-    """Compute the same (2, 3, T) by their series."""
+    """Compute `left_jacobian_coefficients` (2, 3, T) by series."""
     series = np.zeros((*_SERIES.shape[:2], len(square)))
     for k in range(_SERIES.shape[2] - 1, -1, -1):  # a matrix product would round by the length of the stack
         series = series * square + _SERIES[:, :, k, None]

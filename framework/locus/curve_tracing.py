@@ -40,38 +40,26 @@ class Points(NamedTuple):
     orientation: Array  # (S,) det [dF/du ; t']: its sign changes at branch points
     cusp: Array  # (S,) slope of g along the motion that locked motors do not hold, without dimension
     eta: Array  # (S, m) that motion, of unit size, turned so that `cusp` is continuous
-    border: Borders  # of P there
+    b: Array  # (S, m) of the borders of P
+    c: Array  # (S, m)
+
+    @property
+    def border(self) -> Borders:
+        """Borders of P at the points."""
+        return Borders(self.b, self.c)
 
     def take(self, which: IntArray | BoolArray | slice) -> Points:
-        """Return some of the points, (s,) of them."""
-        q, tangent, orientation, cusp, eta, border = self
-        return Points(
-            q[which],
-            tangent[which],
-            orientation[which],
-            cusp[which],
-            eta[which],
-            Borders(border.b[which], border.c[which]),
-        )
+        """Return the points `which` (s,) of the S."""
+        return Points(*(part[which] for part in self))
 
-    def turned(self) -> Points:
+    def reverse(self) -> Points:
         """Return the same points of curves that are followed the other way."""
         return self._replace(tangent=-self.tangent, orientation=-self.orientation)
 
     @staticmethod
-    def joined(parts: list[Points]) -> Points:
+    def join(parts: list[Points]) -> Points:
         """Return points one after the other."""
-        return Points(
-            q=np.concatenate([part.q for part in parts]),
-            tangent=np.concatenate([part.tangent for part in parts]),
-            orientation=np.concatenate([part.orientation for part in parts]),
-            cusp=np.concatenate([part.cusp for part in parts]),
-            eta=np.concatenate([part.eta for part in parts]),
-            border=Borders(
-                np.concatenate([part.border.b for part in parts]),
-                np.concatenate([part.border.c for part in parts]),
-            ),
-        )
+        return Points(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
     def single(self, k: int) -> Points:
         """Return the k-th of the points, S = 1."""
@@ -80,7 +68,7 @@ class Points(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """A curve as it was traced."""
+    """A traced curve."""
 
     points: Points  # in order; a closed curve ends with its first
     ends: tuple[str, str]  # closed, left (the region), stalled (where the equations lose rank) or long
@@ -90,14 +78,13 @@ def solutions_near(equations: LocusEquations, q: Array) -> Array:
     """Search solutions (s, nq), maybe none, by Newton's method with least, bounded steps from q (S, nq)."""
     size = np.full(len(q), np.inf)
     for _ in range(MAX_SEARCH_STEPS):
-        linearised = equations.at(q)
-        change = -(np.linalg.pinv(linearised.slopes, rcond=RANK_ROUNDING) @ linearised.values[:, :, None])[
-            :, :, 0
-        ]
+        evaluated = equations.evaluate(q)
+        inverse = np.linalg.pinv(evaluated.slopes, rcond=RANK_ROUNDING)
+        change = -(inverse @ evaluated.values[:, :, None])[:, :, 0]
         size = np.abs(change).max(axis=1)
         sound = np.isfinite(size)
         q, change, size = q[sound], change[sound], size[sound]
-        q = equations.moved(q, change / np.maximum(size / MAX_SEARCH_STEP, 1.0)[:, None])
+        q = equations.move(q, change / np.maximum(size / MAX_SEARCH_STEP, 1.0)[:, None])
         if not len(q) or size.max() < NEWTON_STEP:
             break
     return q[size < NEWTON_STEP]
@@ -105,7 +92,7 @@ def solutions_near(equations: LocusEquations, q: Array) -> Array:
 
 def points_at(equations: LocusEquations, q: Array) -> Points:
     """Return the points of curves at solutions q (S, nq)."""
-    return _points(equations, q, equations.at(q), None, None)
+    return _points(equations, q, equations.evaluate(q), None)
 
 
 def whole_curves(
@@ -114,7 +101,7 @@ def whole_curves(
     inside: Callable[[Array], BoolArray],
     longest: float = MAX_STEP,
 ) -> list[Curve]:
-    """Trace the distinct curves through starts (S of them).
+    """Trace the distinct curves through S starts.
 
     Args:
         inside: which configurations (T, nq) are in the region; the first point outside is kept.
@@ -126,23 +113,23 @@ def whole_curves(
     for first in range(len(starts.q)):
         if first in done:
             continue
-        ahead, end = _chained(pieces, first, 0, done)
+        along, end = _chain(pieces, first, 0, done)
         if end == "closed":
-            curves.append(Curve(Points.joined(ahead), (end, end)))
+            curves.append(Curve(Points.join(along), (end, end)))
             continue
-        back, begin = _chained(pieces, first, 1, done)
-        before = Points.joined(back).take(slice(None, 0, -1)).turned()
-        curves.append(Curve(Points.joined([before, *ahead]), (begin, end)))
+        against, begin = _chain(pieces, first, 1, done)
+        head = Points.join(against).take(slice(None, 0, -1)).reverse()
+        curves.append(Curve(Points.join([head, *along]), (begin, end)))
     return curves
 
 
 class _Piece(NamedTuple):
-    """A curve from a start, one way, to where it ends."""
+    """A curve from a start, one way, to its end."""
 
     points: Points  # the start itself is the first
     end: str  # met (another start, which is the last point), or see `Curve`
     start: int  # that was met
-    side: int  # the side of it that leads on: 0 along its tangent, 1 against it
+    side: int  # of the start that leads on: 0 along its tangent, 1 against
 
 
 class _Fronts(NamedTuple):
@@ -154,17 +141,17 @@ class _Fronts(NamedTuple):
     piece: IntArray  # (F,) the start's number, plus their count against its tangent
 
     def take(self, which: BoolArray) -> _Fronts:
-        """Return some of them."""
+        """Return the fronts `which` (f,) of the F."""
         return _Fronts(self.points.take(which), self.bend[which], self.step[which], self.piece[which])
 
-    def moved(self, ahead: Points, good: BoolArray, step: Array, longest: float) -> _Fronts:
-        """Return the fronts after steps (F,), at the points ahead where these are good."""
+    def advance(self, ahead: Points, good: BoolArray, step: Array, longest: float) -> _Fronts:
+        """Return the fronts after steps (F,): the points ahead where good, else the same points."""
         count = len(step)
         turning = (ahead.tangent - self.points.tangent) / step[:, None]
         turn = np.linalg.norm(turning, axis=1) * step
         growth = np.clip(TURN_SHARE * MAX_TANGENT_TURN / np.maximum(turn, MIN_STEP), MIN_GROWTH, MAX_GROWTH)
         return _Fronts(
-            points=Points.joined([ahead, self.points]).take(np.where(good, 0, count) + np.arange(count)),
+            points=Points.join([ahead, self.points]).take(np.where(good, 0, count) + np.arange(count)),
             bend=np.where(good[:, None], turning, self.bend),
             step=np.where(good, np.minimum(step * growth, longest), step),
             piece=self.piece,
@@ -174,67 +161,67 @@ class _Fronts(NamedTuple):
 def _pieces(
     equations: LocusEquations, starts: Points, inside: Callable[[Array], BoolArray], longest: float
 ) -> dict[tuple[int, int], _Piece]:
-    """Trace pieces from every start (S of them) along its tangent (side 0) and against it (side 1)."""
+    """Trace a piece from each of S starts along its tangent (side 0) and against (side 1)."""
     count = len(starts.q)
-    first = Points.joined([starts, starts.turned()])
-    step = np.full(2 * count, min(FIRST_STEP, longest))
-    fronts = _Fronts(first, np.zeros_like(first.tangent), step, np.arange(2 * count))
-    traced = [[first.single(k)] for k in range(2 * count)]
+    fronts = _first_fronts(starts, min(FIRST_STEP, longest))
+    traced = [[fronts.points.single(k)] for k in range(2 * count)]
     pieces: dict[tuple[int, int], _Piece] = {}
     while len(fronts.piece):
-        ahead, good = advanced(equations, fronts.points, fronts.step, fronts.bend)
+        ahead, good = advance(equations, fronts.points, fronts.step, fronts.bend)
         step = np.where(good, fronts.step, 0.5 * fronts.step)
         stalled = ~good & (step < MIN_STEP)
-        meets, side = _met(equations, fronts.points, ahead, step, starts)
-        left = ~inside(ahead.q)
-        ended = np.zeros(len(step), dtype=bool)
+        start, side = _find_met_starts(equations, fronts.points, ahead, step, starts)
+        ends = np.select([stalled, ~good, start >= 0, ~inside(ahead.q)], ["stalled", "", "met", "left"], "")
         for k in np.flatnonzero(good | stalled).tolist():
-            piece, end, start = int(fronts.piece[k]), "", -1
-            if stalled[k]:
-                end = "stalled"
-            elif meets[k] >= 0:
-                end, start = "met", int(meets[k])
-                reached = starts.single(start)
-                traced[piece].append(reached if side[k] == 0 else reached.turned())
-            else:
+            piece = int(fronts.piece[k])
+            if ends[k] == "met":
+                reached = starts.single(int(start[k]))
+                traced[piece].append(reached if side[k] == 0 else reached.reverse())
+            elif good[k]:
                 traced[piece].append(ahead.single(k))
-                if left[k]:
-                    end = "left"
-                elif len(traced[piece]) == MAX_POINTS:
-                    end = "long"
-            ended[k] = bool(end)
-            if end:
-                points = Points.joined(traced[piece])
-                pieces[piece % count, piece // count] = _Piece(points, end, start, int(side[k]))
-        fronts = fronts.moved(ahead, good, step, longest).take(~ended)
+                if not ends[k] and len(traced[piece]) == MAX_POINTS:
+                    ends[k] = "long"
+            if ends[k]:
+                points = Points.join(traced[piece])
+                pieces[piece % count, piece // count] = _Piece(
+                    points, str(ends[k]), int(start[k]), int(side[k])
+                )
+        fronts = fronts.advance(ahead, good, step, longest).take(ends == "")
     return pieces
 
 
-def _met(
+def _first_fronts(starts: Points, step: float) -> _Fronts:
+    """Return the fronts at S starts: all along their tangents, then all against."""
+    points = Points.join([starts, starts.reverse()])
+    count = len(points.q)
+    return _Fronts(points, np.zeros_like(points.tangent), np.full(count, step), np.arange(count))
+
+
+def _find_met_starts(
     equations: LocusEquations, points: Points, ahead: Points, step: Array, starts: Points
 ) -> tuple[IntArray, IntArray]:
-    """Find the start (F,) that each front passes in a step, or -1, and the side of it (F,) that leads on."""
-    before = equations.apart(points.q[:, None], starts.q[None])  # (F, S, k)
-    behind = equations.apart(ahead.q[:, None], starts.q[None])
-    chord = before - behind
+    """Find the start (F,) that each front passes in a step, or -1, and its side (F,) that leads on."""
+    to_start = equations.offsets(points.q[:, None], starts.q[None])  # (F, S, k)
+    from_end = equations.offsets(ahead.q[:, None], starts.q[None])
+    chord = to_start - from_end
     square = np.maximum(np.sum(chord**2, axis=2), np.finfo(float).tiny)
     length = np.sqrt(square)
-    along_before = np.einsum("fsk,fk->fs", before, points.tangent)
-    along_behind = np.einsum("fsk,fk->fs", behind, ahead.tangent)
-    share = np.clip(np.sum(before * chord, axis=2) / square, 0.0, 1.0)
-    aside = np.linalg.norm(before - share[:, :, None] * chord, axis=2)
+    distance = np.einsum("fsk,fk->fs", to_start, points.tangent)
+    remaining = np.einsum("fsk,fk->fs", from_end, ahead.tangent)
+    share = np.clip(np.sum(to_start * chord, axis=2) / square, 0.0, 1.0)
+    aside = np.linalg.norm(to_start - share[:, :, None] * chord, axis=2)
     cosine = ahead.tangent @ starts.tangent.T  # (F, S)
-    passed = (along_before > MIN_START_DISTANCE) & (along_behind <= 0) & (length < 2 * step[:, None])
-    passed &= (aside < MAX_CURVE_OFFSET * length + MIN_START_DISTANCE) & (np.abs(cosine) > MIN_CURVE_COSINE)
-    first = np.argmin(np.where(passed, along_before, np.inf), axis=1)
+    passes = (distance > MIN_START_DISTANCE) & (remaining <= 0) & (length < 2 * step[:, None])
+    passes &= (aside < MAX_CURVE_OFFSET * length + MIN_START_DISTANCE) & (np.abs(cosine) > MIN_CURVE_COSINE)
+    first = np.argmin(np.where(passes, distance, np.inf), axis=1)
     each = np.arange(len(first))
-    return np.where(passed.any(axis=1), first, -1), np.where(cosine[each, first] > 0, 0, 1)
+    return np.where(passes.any(axis=1), first, -1), np.where(cosine[each, first] > 0, 0, 1)
 
 
-def _chained(
+def _chain(
     pieces: dict[tuple[int, int], _Piece], first: int, side: int, done: set[int]
 ) -> tuple[list[Points], str]:
-    """Collect the pieces from one start on, one way, and how they end; `closed` if at the start itself."""
+    """Collect the pieces that follow one start, one way, and the end; `closed` at the start itself."""
     done.add(first)
     parts, start = list[Points](), first
     while True:
@@ -251,63 +238,70 @@ def _chained(
 
 
 def _distinct(equations: LocusEquations, q: Array) -> IntArray:
-    """Return indices of configurations (S, nq) that are not one of those before them."""
-    apart = np.linalg.norm(equations.apart(q[:, None], q[None]), axis=2)
-    return np.flatnonzero(~(np.tril(apart < MIN_START_DISTANCE, -1)).any(axis=1))
+    """Return the indices of configurations (S, nq) that repeat no earlier one."""
+    distance = np.linalg.norm(equations.offsets(q[:, None], q[None]), axis=2)
+    return np.flatnonzero(~(np.tril(distance < MIN_START_DISTANCE, -1)).any(axis=1))
 
 
-def advanced(equations: LocusEquations, points: Points, step: Array, bend: Array) -> tuple[Points, BoolArray]:
+def advance(equations: LocusEquations, points: Points, step: Array, bend: Array) -> tuple[Points, BoolArray]:
     """Compute the points a step (S,) on, predicted with the tangents' rates `bend` (S, k), and which count.
 
-    Those that do not count are the points themselves: their step is too long.
+    A point whose step does not count is returned as it was: the step is too long.
     """
-    q = equations.moved(points.q, step[:, None] * points.tangent + 0.5 * step[:, None] ** 2 * bend)
-    good, live, moved = np.zeros(len(q), dtype=bool), np.arange(len(q)), np.zeros(len(q))
+    q = equations.move(points.q, step[:, None] * points.tangent + 0.5 * step[:, None] ** 2 * bend)
+    good, live, correction = np.zeros(len(q), dtype=bool), np.arange(len(q)), np.zeros(len(q))
     ahead = points
     for _ in range(MAX_CORRECTIONS):
-        border = Borders(points.border.b[live], points.border.c[live])
-        linearised = equations.at(q[live], border)
-        square = np.concatenate([linearised.slopes, points.tangent[live][:, None]], axis=1)
-        values = np.concatenate([linearised.values, np.zeros((len(live), 1))], axis=1)
-        sound = np.linalg.slogdet(square)[0] != 0
-        square[~sound] = np.eye(square.shape[1])
-        change = -np.linalg.solve(square, values[:, :, None])[:, :, 0]
-        largest = np.abs(change).max(axis=1)
-        moved[live] += largest
-        q[live] = equations.moved(q[live], change)
-        sound &= moved[live] < MAX_CORRECTION_RATIO * step[live]
-        ready = sound & (largest < NEWTON_STEP)
+        start = points.take(live)
+        evaluated = equations.evaluate(q[live], start.border)
+        change, sound = _corrector(evaluated, start.tangent)
+        correction[live] += np.abs(change).max(axis=1)
+        q[live] = equations.move(q[live], change)
+        sound &= correction[live] < MAX_CORRECTION_RATIO * step[live]
+        ready = sound & (np.abs(change).max(axis=1) < NEWTON_STEP)
         if ready.any():
             accepted = live[ready]
-            near = Evaluated(*(part[ready] for part in linearised))
-            corrected = _points(equations, q[accepted], near, points.tangent[accepted], points.eta[accepted])
-            turn = np.linalg.norm(corrected.tangent - points.tangent[accepted], axis=1)
-            good[accepted] = turn < MAX_TANGENT_TURN
-            place = np.arange(len(q))
-            place[accepted] = len(q) + np.arange(len(accepted))
-            ahead = Points.joined([ahead, corrected]).take(place)
+            corrected = _points(equations, q[accepted], evaluated.take(ready), start.take(ready))
+            turns = corrected.tangent - start.tangent[ready]
+            good[accepted] = np.linalg.norm(turns, axis=1) < MAX_TANGENT_TURN
+            index = np.arange(len(q))
+            index[accepted] = len(q) + np.arange(len(accepted))
+            ahead = Points.join([ahead, corrected]).take(index)
         live = live[sound & ~ready]
         if not len(live):
             break
     return ahead, good
 
 
-def _points(
-    equations: LocusEquations, q: Array, near: Evaluated, towards: Array | None, eta: Array | None
-) -> Points:
-    """Return points q (S, nq), the equations at them or within `NEWTON_STEP`; the last two give signs."""
-    tangent = np.linalg.svd(near.slopes)[2][:, -1]
-    if towards is not None:
-        tangent = np.where(np.sum(tangent * towards, axis=1, keepdims=True) < 0, -tangent, tangent)
-    motion = near.eta / np.linalg.norm(near.eta, axis=1, keepdims=True)
-    if eta is not None:
-        motion = np.where(np.sum(motion * eta, axis=1, keepdims=True) < 0, -motion, motion)
-    square = np.concatenate([near.slopes, tangent[:, None]], axis=1)
+def _corrector(evaluated: Evaluated, tangent: Array) -> tuple[Array, BoolArray]:
+    """Compute Newton's step (S, k) normal to tangents (S, k), and whether the system is regular (S,)."""
+    square = np.concatenate([evaluated.slopes, tangent[:, None]], axis=1)
+    values = np.concatenate([evaluated.values, np.zeros((len(tangent), 1))], axis=1)
+    regular = np.linalg.slogdet(square)[0] != 0
+    square[~regular] = np.eye(square.shape[1])
+    return -np.linalg.solve(square, values[:, :, None])[:, :, 0], regular
+
+
+def _points(equations: LocusEquations, q: Array, evaluated: Evaluated, previous: Points | None) -> Points:
+    """Return the points q (S, nq), with signs as at the previous ones.
+
+    Args:
+        evaluated: the equations at q, or within `NEWTON_STEP` of q.
+    """
+    tangent = np.linalg.svd(evaluated.slopes)[2][:, -1]
+    motion = evaluated.eta / np.linalg.norm(evaluated.eta, axis=1, keepdims=True)
+    if previous is not None:
+        flips = np.sum(tangent * previous.tangent, axis=1, keepdims=True) < 0
+        tangent = np.where(flips, -tangent, tangent)
+        flips = np.sum(motion * previous.eta, axis=1, keepdims=True) < 0
+        motion = np.where(flips, -motion, motion)
+    border = equations.border(evaluated.P)
     return Points(
         q=q,
         tangent=tangent,
-        orientation=np.linalg.det(square),
-        cusp=np.sum(near.slopes[:, -1, -motion.shape[1] :] * motion, axis=1),
+        orientation=np.linalg.det(np.concatenate([evaluated.slopes, tangent[:, None]], axis=1)),
+        cusp=np.sum(evaluated.slopes[:, -1, -motion.shape[1] :] * motion, axis=1),
         eta=motion,
-        border=equations.border(near.P),
+        b=border.b,
+        c=border.c,
     )

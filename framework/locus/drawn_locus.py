@@ -11,7 +11,6 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from framework.arrays import Array
 from framework.kinematics.inverse_kinematics import close_each
@@ -38,16 +37,11 @@ class LocusCurves(NamedTuple):
     reach: float  # [m] half an edge of the square that was searched
 
     def serves(self, x: Array) -> bool:
-        """Whether these are the curves about x (T, n) too: the same held coordinates, well inside."""
-        off = np.abs(x - self.about)
-        held = np.delete(off, self.axes, axis=1)
-        kept = held.max(initial=0.0) < SAME_PLACE * self.reach
-        return bool(kept and off[:, self.axes].max() < 0.5 * self.reach)
-
-
-class _Reached(NamedTuple):
-    closed: NDArray[np.bool_]  # (T,)
-    g: Array  # (T,) det P: it changes sign where g does, and needs no border
+        """Whether x (T, n) has the same fixed coordinates and lies well inside."""
+        offset = np.abs(x - self.about)
+        fixed = np.delete(offset, self.axes, axis=1)
+        is_same = fixed.max(initial=0.0) < SAME_PLACE * self.reach
+        return bool(is_same and offset[:, self.axes].max() < 0.5 * self.reach)
 
 
 def locus_curves(robot: ParallelRobot, q: Array, x: Array) -> LocusCurves | None:
@@ -56,7 +50,7 @@ def locus_curves(robot: ParallelRobot, q: Array, x: Array) -> LocusCurves | None
     None for a robot without exactly two translations, without passive joints, or with redundant motors (whose
     g has no sign).
     """
-    straight = _straight(robot)
+    straight = robot.platform.sliding.tolist()
     if len(straight) != 2 or not _has_signed_measure(robot):
         return None
     traced = trace_locus(robot, q, one_mode=True)
@@ -73,72 +67,57 @@ def locus_patch(robot: ParallelRobot, q: Array, x: Array) -> Array | None:
 
     None for a robot without exactly three translations, or where the surface cannot be followed.
     """
-    straight = _straight(robot)
+    straight = robot.platform.sliding.tolist()
     if len(straight) != 3 or not _has_signed_measure(robot):
         return None
+
+    def measure(shift: Array) -> Array:
+        """Compute det P (T,) at shifts (T, 3) of x; NaN where the loops do not close.
+
+        It changes its sign where g does, and needs no border.
+        """
+        targets, guess = (np.repeat(row[None], len(shift), axis=0) for row in (x, q))
+        targets[:, straight] += shift
+        _, linearised, closed = close_each(
+            robot, targets, guess, iterations=NEWTON_STEPS, farthest=MAX_JOINT_STEP
+        )
+        return np.where(closed, np.linalg.det(type2_matrix(robot, linearised)), np.nan)
+
     step = DIFFERENCE_STEP * robot.length
-    measures = _measure_about(robot, np.repeat(q[None], 6, axis=0), x, straight)(
-        np.concatenate([step * np.eye(3), -step * np.eye(3)])
-    )
-    slope = (measures[:3] - measures[3:]) / (2 * step)
+    slope = np.subtract(*np.split(measure(np.concatenate([step * np.eye(3), -step * np.eye(3)])), 2))
+    slope /= 2 * step
     size = float(np.linalg.norm(slope))
     if not (np.isfinite(size) and size > 0):
         return None
     normal = slope / size
-    aside = np.linalg.svd(normal[None])[2][1:]  # (2, 3)
     span = np.linspace(-PATCH_SIZE, PATCH_SIZE, PATCH_POINTS) * robot.length
-    flat = np.stack(np.meshgrid(span, span, indexing="ij"), axis=-1).reshape(-1, 2) @ aside
-    measure = _measure_about(robot, np.repeat(q[None], len(flat), axis=0), x, straight)
-    onto = np.repeat(normal[None], len(flat), axis=0)
-    points = _pulled_onto(measure, flat, onto, np.full(len(flat), size), MAX_PATCH_HEIGHT * robot.length)
+    grid = np.stack(np.meshgrid(span, span, indexing="ij"), axis=-1).reshape(-1, 2)
+    flat = grid @ np.linalg.svd(normal[None])[2][1:]
+    points = _pull_onto(measure, flat, normal, size, MAX_PATCH_HEIGHT * robot.length)
     if np.isnan(points).any():
         return None
     return (points + x[straight]).reshape(PATCH_POINTS, PATCH_POINTS, 3)
 
 
-def _straight(robot: ParallelRobot) -> list[int]:
-    """Return the platform coordinates that are translations along base axes."""
-    return robot.platform.sliding.tolist()
-
-
 def _has_signed_measure(robot: ParallelRobot) -> bool:
+    """Whether the robot has passive joints and no redundant motors, so that g has a sign."""
     return len(robot.following) > 0 and robot.n_a == robot.n
 
 
-def _measure_about(
-    robot: ParallelRobot, near: Array, x: Array, straight: list[int]
-) -> Callable[[Array], Array]:
-    """Return det P as a function of shifts (T, 2 or 3) of x, nan where loops do not close; near (T, nq)."""
-
-    def measure(shift: Array) -> Array:
-        targets = np.repeat(x[None], len(shift), axis=0)
-        targets[:, straight] += shift
-        reached = _reach(robot, targets, near)
-        return np.where(reached.closed, reached.g, np.nan)
-
-    return measure
-
-
-def _pulled_onto(
-    measure: Callable[[Array], Array], start: Array, normal: Array, slope: Array, farthest: float
+def _pull_onto(
+    measure: Callable[[Array], Array], start: Array, normal: Array, slope: float, farthest: float
 ) -> Array:
-    """Move points (T, k) along their normals to where the measure vanishes, by the secant method.
+    """Move points (T, k) along a normal (k,) to where the measure vanishes, by the secant method.
 
     Not a number for a point that would have to go farther than `farthest`, or whose loops do not close.
     """
-    height, value, rate = np.zeros(len(start)), measure(start), slope
+    height, value, rate = np.zeros(len(start)), measure(start), np.full(len(start), slope)
     for _ in range(SECANT_STEPS):
         step = np.clip(-value / rate, -0.2 * farthest, 0.2 * farthest)
         step = np.where(np.isfinite(step), step, 0.0)
-        after = measure(start + (height + step)[:, None] * normal)
-        moved = np.abs(step) > MIN_SECANT_STEP * farthest
-        rate = np.where(moved, (after - value) / np.where(moved, step, 1.0), rate)
-        height, value = height + step, after
+        new = measure(start + (height + step)[:, None] * normal)
+        is_step = np.abs(step) > MIN_SECANT_STEP * farthest
+        rate = np.where(is_step, (new - value) / np.where(is_step, step, 1.0), rate)
+        height, value = height + step, new
     good = np.isfinite(value) & (np.abs(height) < farthest)
     return np.where(good[:, None], start + height[:, None] * normal, np.nan)
-
-
-def _reach(robot: ParallelRobot, x: Array, guess: Array) -> _Reached:
-    """Compute det P of the robot assembled at x (T, n) from guesses (T, nq) near by, where it can be."""
-    _, linearised, closed = close_each(robot, x, guess, iterations=NEWTON_STEPS, farthest=MAX_JOINT_STEP)
-    return _Reached(closed, np.linalg.det(type2_matrix(robot, linearised)))

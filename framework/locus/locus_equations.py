@@ -1,8 +1,8 @@
 """The singular locus in two of a robot's freedoms, as equations of a curve in the space of its joints.
 
 Unknown are all k joints that move (motors and passive ones, radians and lengths of the robot). Equations: the
-loops are closed, all freedoms but two are held, and g = 0, k - 1 in all: their solutions are curves. In joint
-space they go on smoothly where the platform's plane shows an end, a corner or a point: through Type 1
+loops are closed, all freedoms but two are fixed, and g = 0, k - 1 in all. The solutions are curves, which go
+on smoothly in joint space where the platform's plane shows an end, a corner or a point: through Type 1
 singularities from one working mode into the next, through legs of zero length, around a self-motion.
 g and its gradient are Govaerts': with P eta + b g = 0, c' eta = 1 and psi' P + g c' = 0, psi' b = 1,
 dg = -psi' dP eta (Govaerts 2000, section 3.3).
@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, IntArray
+from framework.arrays import Array, BoolArray, IntArray
 from framework.errors import InvalidInput, choose_from
 from framework.kinematics.closures import scaled
 from framework.kinematics.frames import FrameStack, between, integrate
@@ -43,25 +43,28 @@ class Evaluated(NamedTuple):
     P: Array  # (S, m, m)
     eta: Array  # (S, m) the motion that locked motors hold least, c' eta = 1
 
+    def take(self, which: BoolArray) -> Evaluated:
+        """Return the equations at the configurations `which` of the S."""
+        return Evaluated(*(part[which] for part in self))
+
 
 @dataclass(frozen=True, eq=False)
 class LocusEquations:
-    """Closures, held freedoms and g of a robot as functions of its joints near any configuration."""
+    """Closures, fixed freedoms and g of a robot as functions of its joints near any configuration."""
 
     robot: ParallelRobot
-    x: Array  # (n,) the platform's coordinates at which some are held
-    motors: Array  # (n_a,) the motors' joints at which some are held
-    held_axes: IntArray  # into the platform's coordinates
-    held_motors: IntArray  # into the motors
-    free: tuple[int, int]  # the two platform coordinates or motors that are not held
-    in_motors: bool  # whether they are motors
+    x: Array  # (n,) the platform's coordinates in the slice
+    motors: Array  # (n_a,) the motors' joints in the slice
+    in_motors: bool  # whether freedoms are the motors; else the platform's coordinates
+    free: tuple[int, int]  # the two freedoms that are not fixed
+    fixed: IntArray  # (n - 2,) the others
 
     @staticmethod
     def of(robot: ParallelRobot, q: Array, x: Array, free: tuple[str, str] | None) -> LocusEquations:
-        """Return the equations of the slice through q (nq,), x (n,) in which two freedoms are left.
+        """Return the equations of the slice through q (nq,), x (n,) in two freedoms.
 
         Args:
-            free: two axes of the platform or two actuators, whose others are held; the two translations by
+            free: two axes of the platform or two actuators, whose others are fixed; the two translations by
                 default.
 
         Raises:
@@ -88,16 +91,13 @@ class LocusEquations:
         if free[0] == free[1] or free[1] not in column_names:
             raise InvalidInput(f"free: needs two axes or two motors, got {', '.join(free)}")
         first, second = column_names.index(free[0]), column_names.index(free[1])
-        held = np.delete(np.arange(robot.n), [first, second])
-        none = np.zeros(0, dtype=np.intp)
         return LocusEquations(
             robot=robot,
             x=x,
             motors=robot.actuated_coordinates(q[None])[0],
-            held_axes=none if in_motors else held,
-            held_motors=held if in_motors else none,
-            free=(first, second),
             in_motors=in_motors,
+            free=(first, second),
+            fixed=np.delete(np.arange(robot.n), [first, second]),
         )
 
     @property
@@ -107,17 +107,17 @@ class LocusEquations:
 
     @property
     def free_names(self) -> tuple[str, str]:
-        """The two freedoms that are left."""
+        """Names of the two free ones."""
         names = self.robot.actuator_names if self.in_motors else self.robot.axis_names
         return names[self.free[0]], names[self.free[1]]
 
-    def moved(self, q: Array, u: Array) -> Array:
-        """Return configurations q (S, nq) moved by u (S, k) [rad, lengths]."""
+    def move(self, q: Array, u: Array) -> Array:
+        """Return the configurations (S, nq) after steps u (S, k) [rad, lengths] from q."""
         step = np.zeros((len(u), self.robot.model.nv))
         step[:, self.robot.moving] = u * self.robot.column_scale[self.robot.moving]
         return integrate(self.robot, q, step)
 
-    def apart(self, start: Array, q: Array) -> Array:
+    def offsets(self, start: Array, q: Array) -> Array:
         """Compute offsets (..., k) of q (..., nq) from start (..., nq), hinges the short way round."""
         columns = self.robot.moving
         offset = between(self.robot, start, q)[..., columns] / self.robot.column_scale[columns]
@@ -131,51 +131,53 @@ class LocusEquations:
         sign = -np.sign(np.linalg.det(left) * np.linalg.det(right))
         return Borders(left[:, :, -1] * sign[:, None], right[:, -1])
 
-    def at(self, q: Array, border: Borders | None = None) -> Evaluated:
+    def evaluate(self, q: Array, border: Borders | None = None) -> Evaluated:
         """Evaluate the equations at q (S, nq); each with its own border by default."""
-        robot, k, count = self.robot, self.size, len(q)
+        robot, k = self.robot, self.size
         step = np.concatenate([np.zeros((1, k)), DIFFERENCE_STEP * np.eye(k), -DIFFERENCE_STEP * np.eye(k)])
-        around = np.repeat(q, len(step), axis=0)
-        poses = self.moved(around, np.tile(step, (count, 1)))
+        poses = self.move(np.repeat(q, len(step), axis=0), np.tile(step, (len(q), 1)))
         linearised = linearised_at(robot, poses, np.broadcast_to(self.x, (len(poses), robot.n)))
-        P = passive_matrix(robot, linearised).reshape(count, len(step), len(robot.following), -1)
-        unmoved = slice(None, None, len(step))
+        centres = slice(None, None, len(step))
         sizes = robot.structure.row_sizes
-        loops = scaled(robot, linearised.closures[unmoved], robot.loops.rotation) / sizes[:, None]
-        gaps = linearised.residual[unmoved, robot.n :] / sizes
+        loops = scaled(robot, linearised.closures[centres], robot.loops.rotation) / sizes[:, None]
+        gaps = linearised.residual[centres, robot.n :] / sizes
         gaps = gaps * np.where(robot.loops.rotation, 1.0, 1.0 / robot.length)
-        border = self.border(P[:, 0]) if border is None else border
-        eta, psi, g = _bordered(P[:, 0], border)
-        change = (P[:, 1 : k + 1] - P[:, k + 1 :]) / (2 * DIFFERENCE_STEP)  # (S, k, m, m)
-        dg = -np.einsum("si,skij,sj->sk", psi, change, eta)
-        held, held_slopes = self._held(poses, linearised.frames, count)
+        P = passive_matrix(robot, linearised).reshape(len(q), len(step), len(robot.following), -1)
+        eta, psi, g = _solve_bordered(P[:, 0], self.border(P[:, 0]) if border is None else border)
+        dg = -np.einsum("si,skij,sj->sk", psi, _differences(P), eta)
+        offsets = self._fixed_offsets(poses, linearised.frames).reshape(len(q), len(step), len(self.fixed))
         return Evaluated(
-            values=np.concatenate([gaps, held, g[:, None]], axis=1),
-            slopes=np.concatenate([loops[:, :, robot.moving], held_slopes, dg[:, None]], axis=1),
+            values=np.concatenate([gaps, offsets[:, 0], g[:, None]], axis=1),
+            slopes=np.concatenate(
+                [loops[:, :, robot.moving], _differences(offsets).swapaxes(1, 2), dg[:, None]], axis=1
+            ),
             P=P[:, 0],
             eta=eta,
         )
 
-    def _held(self, poses: Array, frames: FrameStack, count: int) -> tuple[Array, Array]:
-        """Compute offsets (S, held) of the held freedoms and their slopes (S, held, k), without dimension."""
-        robot, k = self.robot, self.size
+    def _fixed_offsets(self, poses: Array, frames: FrameStack) -> Array:
+        """Compute the offsets (T, n - 2) of the fixed freedoms at poses (T, nq), without dimension."""
+        robot, fixed = self.robot, self.fixed
         if self.in_motors:
-            columns = robot.actuated[self.held_motors]
-            off = robot.actuated_coordinates(poses)[:, self.held_motors] - self.motors[self.held_motors]
-            off, sliding = off / robot.column_scale[columns], robot.sliding[columns]
+            columns = robot.actuated[fixed]
+            sliding = robot.sliding[columns]
+            offset = robot.actuated_coordinates(poses)[:, fixed] - self.motors[fixed]
+            offset = offset / robot.column_scale[columns]
         else:
-            sliding = robot.translations[self.held_axes]
-            off = (robot.platform.coordinates(frames) - self.x)[:, self.held_axes]
-            off = off / np.where(sliding, robot.length, 1.0)
-        if not off.shape[1]:
-            return np.zeros((count, 0)), np.zeros((count, 0, k))
-        off[:, ~sliding] = np.mod(off[:, ~sliding] + np.pi, 2 * np.pi) - np.pi
-        off = off.reshape(count, 2 * k + 1, -1)
-        slopes = (off[:, 1 : k + 1] - off[:, k + 1 :]) / (2 * DIFFERENCE_STEP)
-        return off[:, 0], slopes.swapaxes(1, 2)
+            sliding = robot.translations[fixed]
+            offset = (robot.platform.coordinates(frames) - self.x)[:, fixed]
+            offset = offset / np.where(sliding, robot.length, 1.0)
+        offset[:, ~sliding] = np.mod(offset[:, ~sliding] + np.pi, 2 * np.pi) - np.pi
+        return np.asarray(offset)
 
 
-def _bordered(P: Array, border: Borders) -> tuple[Array, Array, Array]:
+def _differences(values: Array) -> Array:
+    """Compute slopes (S, k, ...) by central differences of values (S, 2 k + 1, ...), the centre first."""
+    k = values.shape[1] // 2
+    return np.asarray((values[:, 1 : k + 1] - values[:, k + 1 :]) / (2 * DIFFERENCE_STEP))
+
+
+def _solve_bordered(P: Array, border: Borders) -> tuple[Array, Array, Array]:
     """Compute eta (S, m), psi (S, m) and g (S,) of matrices (S, m, m)."""
     count, m = P.shape[:2]
     bordered = np.zeros((count, m + 1, m + 1))

@@ -38,7 +38,7 @@ MAX_ANGLE_STEP = 3.0  # [rad] between neighbours: the angle has been counted on 
 
 
 class MapPoses(NamedTuple):
-    """A grid of poses over two platform coordinates, on one branch: what a map hands over."""
+    """The grid of poses of a map over two platform coordinates, on one branch."""
 
     axes: tuple[int, int]  # the two platform coordinates
     lower: Array  # (2,) their least values [m, rad]
@@ -66,7 +66,7 @@ class MapCurve(ReadOnlyArrays):
 
 @dataclass(frozen=True, eq=False)
 class MapLocus(ReadOnlyArrays):
-    """The locus on the branch of a map, or why it is not traced."""
+    """The locus on the branch of a map, or the reason why none is traced."""
 
     curves: tuple[MapCurve, ...]
     sign_changes: int  # of g between neighbouring poses
@@ -96,39 +96,59 @@ def locus_on_map(robot: ParallelRobot, poses: MapPoses) -> MapLocus:
         equations = LocusEquations.of(robot, poses.q[first], poses.x[first], _free(robot, poses))
     except InvalidInput as error:
         return MapLocus((), 0, np.zeros((0, 2)), str(error), 0.0)
-    changes, least = _sign_changes(poses.g), _least(poses.g)
-    curves, left = list[MapCurve](), np.ones(len(changes), dtype=bool)
-    change_modes, least_modes = (_modes(robot, poses, places) for places in (changes[:, :2], least))
+    changes = _sign_changes(poses.g)
+    curves, unexplained = _trace_modes(equations, poses, changes)
+    seconds = time.perf_counter() - started
+    return MapLocus(tuple(curves), len(changes), _middles(poses, changes[unexplained]), "", seconds)
+
+
+def _trace_modes(
+    equations: LocusEquations, poses: MapPoses, changes: IntArray
+) -> tuple[list[MapCurve], BoolArray]:
+    """Trace the curves of all working modes; return which changes (e, 4) of sign none explains, (e,).
+
+    Modes with most starts come first.
+    """
+    least = _least(poses.g)
+    curves, unexplained = list[MapCurve](), np.ones(len(changes), dtype=bool)
+    change_modes, least_modes = (_modes(equations.robot, poses, ij) for ij in (changes[:, :2], least))
     modes, counts = np.unique(np.concatenate([change_modes, least_modes]), axis=0, return_counts=True)
     for mode in modes[np.argsort(-counts, kind="stable")]:
         of_mode = (change_modes == mode).all(axis=1)
-        starts = [poses.q[tuple(place)] for place in least[(least_modes == mode).all(axis=1)]]
+        starts = [poses.q[tuple(ij)] for ij in least[(least_modes == mode).all(axis=1)]]
         for _ in range(MAX_ROUNDS):
-            todo = np.flatnonzero(left & of_mode)
-            starts += [poses.q[tuple(place)] for place in changes[_spread_out(todo), :2]]
+            todo = np.flatnonzero(unexplained & of_mode)
+            starts += [poses.q[tuple(ij)] for ij in changes[_choose_evenly(todo), :2]]
             if not starts:
                 break
-            for curve in _traced(robot, poses, starts):
-                for part in _parts(equations, poses, curve):
-                    if _apart(poses, part.x, curves, SAME_CURVE_CELLS).any():
-                        curves.append(part)
-            left = _apart(poses, _middles(poses, changes), curves, EXPLAINED_CELLS)
-            unexplained = np.count_nonzero(left & of_mode)
-            if unexplained in (0, len(todo)) or len(todo) <= STARTS_PER_ROUND:
+            _add_curves(equations, poses, starts, curves)
+            unexplained = _is_apart(poses, _middles(poses, changes), curves, EXPLAINED_CELLS)
+            remaining = np.count_nonzero(unexplained & of_mode)
+            if remaining in (0, len(todo)) or len(todo) <= STARTS_PER_ROUND:
                 break
             starts = []
-    seconds = time.perf_counter() - started
-    return MapLocus(tuple(curves), len(changes), _middles(poses, changes[left]), "", seconds)
+    return curves, unexplained
 
 
-def _spread_out(places: IntArray) -> IntArray:
-    """Return `STARTS_PER_ROUND` of places, evenly chosen."""
-    if len(places) <= STARTS_PER_ROUND:
-        return places
-    return places[np.linspace(0, len(places) - 1, STARTS_PER_ROUND).round().astype(np.intp)]
+def _add_curves(
+    equations: LocusEquations, poses: MapPoses, starts: list[Array], curves: list[MapCurve]
+) -> None:
+    """Trace curves from starts, and add their parts on the map that repeat no other."""
+    for curve in _trace_near(equations.robot, poses, starts):
+        for part in _parts(equations, poses, curve):
+            if _is_apart(poses, part.x, curves, SAME_CURVE_CELLS).any():
+                curves.append(part)
+
+
+def _choose_evenly(indices: IntArray) -> IntArray:
+    """Return `STARTS_PER_ROUND` of the indices, evenly chosen."""
+    if len(indices) <= STARTS_PER_ROUND:
+        return indices
+    return indices[np.linspace(0, len(indices) - 1, STARTS_PER_ROUND).round().astype(np.intp)]
 
 
 def _free(robot: ParallelRobot, poses: MapPoses) -> tuple[str, str]:
+    """Return the names of the map's axes."""
     return robot.axis_names[poses.axes[0]], robot.axis_names[poses.axes[1]]
 
 
@@ -138,7 +158,7 @@ def _modes(robot: ParallelRobot, poses: MapPoses, places: IntArray) -> Array:
     return leg_signs(robot, linearised_at(robot, poses.q[i, j], poses.x[i, j]))
 
 
-def _traced(robot: ParallelRobot, poses: MapPoses, starts: list[Array]) -> list[LocusCurve]:
+def _trace_near(robot: ParallelRobot, poses: MapPoses, starts: list[Array]) -> list[LocusCurve]:
     """Trace the curves near starts, all in the mode of the first, as far as the map goes."""
     axes = list(poses.axes)
     centre = robot.platform.coordinates(frames_at(robot, starts[0][None]))[0, axes]
@@ -161,24 +181,24 @@ def _traced(robot: ParallelRobot, poses: MapPoses, starts: list[Array]) -> list[
 
 
 def _sign_changes(g: Array) -> IntArray:
-    """Find neighbours between which g changes its sign: (e, 4), the first's place and the second's."""
+    """Find neighbours between which g changes its sign: (e, 4), indices of the first and the second."""
     changes = []
     for down, right in ((1, 0), (0, 1)):
         first, second = g[: len(g) - down, : g.shape[1] - right], g[down:, right:]
-        places = np.argwhere(first * second < 0)
-        changes.append(np.concatenate([places, places + np.array([down, right])], axis=1))
+        indices = np.argwhere(first * second < 0)
+        changes.append(np.concatenate([indices, indices + np.array([down, right])], axis=1))
     return np.concatenate(changes)
 
 
 def _least(g: Array) -> IntArray:
-    """Find places (t, 2) where |g| is less than at all of eight neighbours."""
+    """Find the indices (t, 2) at which |g| is less than at all of eight neighbours."""
     size = np.pad(np.where(np.isfinite(g), np.abs(g), np.inf), 1, constant_values=np.inf)
     rows, columns = g.shape
     shifts = [(i, j) for i in range(3) for j in range(3) if (i, j) != (1, 1)]
-    around = np.min([size[i : i + rows, j : j + columns] for i, j in shifts], axis=0)
+    neighbours = np.min([size[i : i + rows, j : j + columns] for i, j in shifts], axis=0)
     inner = size[1:-1, 1:-1]
-    places = np.argwhere(inner < around)
-    return places[np.argsort(inner[tuple(places.T)], kind="stable")[:MAX_TOUCHES]]
+    minima = np.argwhere(inner < neighbours)
+    return minima[np.argsort(inner[tuple(minima.T)], kind="stable")[:MAX_TOUCHES]]
 
 
 def _middles(poses: MapPoses, changes: IntArray) -> Array:
@@ -186,65 +206,59 @@ def _middles(poses: MapPoses, changes: IntArray) -> Array:
     return poses.lower + 0.5 * (changes[:, :2] + changes[:, 2:]) * poses.cell
 
 
-def _apart(poses: MapPoses, places: Array, curves: list[MapCurve], cells: float) -> BoolArray:
-    """Whether places (e, 2) are more than `cells` cells away from all curves."""
-    away, scaled = np.ones(len(places), dtype=bool), places / poses.cell
+def _is_apart(poses: MapPoses, x: Array, curves: list[MapCurve], cells: float) -> BoolArray:
+    """Whether points x (e, 2) are more than `cells` cells away from all curves, (e,)."""
+    is_apart, scaled = np.ones(len(x), dtype=bool), x / poses.cell
     for curve in curves:
         points = curve.x / poses.cell
         start, chord = points[:-1], np.diff(points, axis=0)
         size = np.maximum(np.sum(chord**2, axis=1), np.finfo(float).tiny)
-        for k in np.flatnonzero(away).tolist():
-            off = scaled[k] - start
-            share = np.clip(np.sum(off * chord, axis=1) / size, 0.0, 1.0)
-            away[k] = np.abs(off - share[:, None] * chord).max(axis=1).min() > cells
-    return away
+        for k in np.flatnonzero(is_apart).tolist():
+            offset = scaled[k] - start
+            share = np.clip(np.sum(offset * chord, axis=1) / size, 0.0, 1.0)
+            is_apart[k] = np.abs(offset - share[:, None] * chord).max(axis=1).min() > cells
+    return is_apart
 
 
 # ------------------------------------------------------------------ the curves
 
 
 def _parts(equations: LocusEquations, poses: MapPoses, curve: LocusCurve) -> list[MapCurve]:
-    """Return what of a curve is on the branch of the map's poses, cut where an angle jumps by a turn."""
-    axes, robot = list(poses.axes), equations.robot
+    """Return the parts of a curve on the map's branch, cut where an angle jumps by a turn."""
+    axes = list(poses.axes)
     x = curve.x[:, axes]
-    place = np.round((x - poses.lower) / poses.cell).astype(int)
-    sure, off = _compared(equations, poses, curve, place)
-    jumps = (np.abs(np.diff(x, axis=0)) > MAX_ANGLE_STEP) & ~robot.translations[axes]
-    breaks = np.flatnonzero(jumps.any(axis=1) | (off[1:] != off[:-1])) + 1
+    is_on, is_off = _compare_branches(equations, poses, curve, x)
+    jumps = (np.abs(np.diff(x, axis=0)) > MAX_ANGLE_STEP) & ~equations.robot.translations[axes]
+    breaks = np.flatnonzero(jumps.any(axis=1) | (is_off[1:] != is_off[:-1])) + 1
     parts = np.split(np.arange(len(x)), breaks)
-    return [MapCurve(x[part], curve.q[part]) for part in parts if len(part) > 1 and sure[part].any()]
+    return [MapCurve(x[part], curve.q[part]) for part in parts if len(part) > 1 and is_on[part].any()]
 
 
-def _compared(
-    equations: LocusEquations,
-    poses: MapPoses,
-    curve: LocusCurve,
-    place: IntArray,
+def _compare_branches(
+    equations: LocusEquations, poses: MapPoses, curve: LocusCurve, x: Array
 ) -> tuple[BoolArray, BoolArray]:
-    """Whether points (m,) of a curve surely are on the map's branch, and whether they surely are not.
+    """Return which points x (m, 2) of a curve surely are on the map's branch, and which surely are not.
 
-    Where inverse kinematics is singular too no step leads to a point: there its configuration is compared
-    with the poses around. Points at and beyond the rim of the reached poses may be neither.
+    Where the inverse kinematics is singular too no step leads to a point, and the point's configuration is
+    compared with the neighbouring poses. Points at and beyond the rim of the reached poses may be neither.
     """
-    around = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)])
-    near = place[:, None] + around  # (m, 9, 2), the point's own in the middle
-    on_map = ((near >= 0) & (near < np.array(poses.g.shape))).all(axis=2)
-    near = np.where(on_map[:, :, None], near, 0)
-    on_map &= poses.reached[near[..., 0], near[..., 1]]
-    sure, off = np.zeros((2, len(place)), dtype=bool)
+    own = np.round((x - poses.lower) / poses.cell).astype(int)
+    cells = own[:, None] + np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)])  # (m, 9, 2), own is 4
+    on_map = ((cells >= 0) & (cells < np.array(poses.g.shape))).all(axis=2)
+    cells = np.where(on_map[:, :, None], cells, 0)
+    on_map &= poses.reached[cells[..., 0], cells[..., 1]]
+    is_on, is_off = np.zeros((2, len(x)), dtype=bool)
     inside = np.flatnonzero(on_map[:, 4])
     if not len(inside):
-        return sure, off
-    i, j = place[inside].T
-    q = poses.q
-    ends, led = poses.lead(q[i, j], poses.x[i, j], curve.x[inside])
+        return is_on, is_off
+    cells, on_map, q = cells[inside], on_map[inside], curve.q[inside]
+    poses_q = poses.q[cells[..., 0], cells[..., 1]]  # (m, 9, nq)
+    ends, arrives = poses.lead(poses_q[:, 4], poses.x[cells[:, 4, 0], cells[:, 4, 1]], curve.x[inside])
     with np.errstate(invalid="ignore"):
-        gap = np.abs(equations.apart(curve.q[inside], ends)).max(axis=1)
-        cells = np.abs(equations.apart(q[i, j][:, None], q[near[inside, :, 0], near[inside, :, 1]])).max(
-            axis=2
-        )
-        far = np.abs(equations.apart(q[i, j], curve.q[inside])).max(axis=1)
-    among = far <= np.where(on_map[inside], cells, 0.0).max(axis=1)
-    sure[inside] = np.where(led, gap < DISTINCT_SOLUTIONS, among)
-    off[inside] = ~sure[inside] & (led | on_map[inside].all(axis=1))
-    return sure, off
+        gap = np.abs(equations.offsets(q, ends)).max(axis=1)
+        distances = np.abs(equations.offsets(poses_q[:, 4:5], poses_q)).max(axis=2)
+        distance = np.abs(equations.offsets(poses_q[:, 4], q)).max(axis=1)
+    among = distance <= np.where(on_map, distances, 0.0).max(axis=1)
+    is_on[inside] = np.where(arrives, gap < DISTINCT_SOLUTIONS, among)
+    is_off[inside] = ~is_on[inside] & (arrives | on_map.all(axis=1))
+    return is_on, is_off

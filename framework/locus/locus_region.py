@@ -55,40 +55,38 @@ class Region:
         mode = np.ones(1) if self.mode is None else self.mode
         return np.asarray((leg_determinants(robot, linearised) * mode).min(axis=1))
 
-    def cut(self, curve: Curve) -> Curve:
-        """Return the curve without what is beyond the working mode: it ends next to a Type 1 singularity."""
+    def clip(self, curve: Curve) -> Curve:
+        """Return the part of a curve in the working mode, which ends next to a Type 1 singularity."""
         points = curve.points
         if self.mode is None or len(points.q) < 2:
             return curve
-        parts = [points, points]
         clear = self.clearance(points.q)
-        for end, last, before in ((0, 0, 1), (1, -1, -2)):
-            if curve.ends[end] != "left" or clear[last] >= 0 or clear[before] <= 0:
+        clipped = points
+        for end, last, inner in ((0, 0, 1), (1, -1, -2)):
+            if curve.ends[end] != "left" or clear[last] >= 0 or clear[inner] <= 0:
                 continue
-            inside, outside = points.single(before), points.single(last)
+            inside, outside = points.single(inner), points.single(last)
             if end == 0:  # the region is entered: seen from its inside, the other way round
-                inside, outside = inside.turned(), outside.turned()
-            edge = self._edge(inside, outside, CUT_CLEARANCE_RATIO * float(clear[before]))
-            inner = parts[end].take(slice(None, -1) if end else slice(1, None))
-            joined = [inner]
+                inside, outside = inside.reverse(), outside.reverse()
+            edge = self._edge(inside, outside, CUT_CLEARANCE_RATIO * float(clear[inner]))
+            clipped = clipped.take(slice(None, -1) if end else slice(1, None))
             if edge is not None:
-                joined = [inner, edge] if end else [edge.turned(), inner]
-            parts = [Points.joined(joined)] * 2
-        return Curve(parts[-1], curve.ends)
+                clipped = Points.join([clipped, edge] if end else [edge.reverse(), clipped])
+        return Curve(clipped, curve.ends)
 
     def _edge(self, inside: Points, outside: Points, margin: float) -> Points | None:
         """Find the point between two neighbours at which the clearance is a margin."""
 
-        def left(point: Points) -> float:
+        def excess(point: Points) -> float:
             return float(self.clearance(point.q)[0]) - margin
 
-        return root_between(self.equations, inside, outside, left, small=0.1 * margin)
+        return root_between(self.equations, inside, outside, excess, small=0.1 * margin)
 
 
-def drawn_in_mode(region: Region, count: int, seed: int) -> Array:
-    """Draw configurations (count, nq) of the region's working mode, led from its centre to random places.
+def draw_in_mode(region: Region, count: int, seed: int) -> Array:
+    """Draw configurations (count, nq) of the region's working mode, led from its centre to random targets.
 
-    All take their steps together; one that cannot stays where it was.
+    All take their steps together; a configuration that cannot take a step stays.
     """
     equations, robot = region.equations, region.equations.robot
     axes = list(equations.free) if not equations.in_motors else list(range(robot.n))
@@ -105,9 +103,9 @@ def drawn_in_mode(region: Region, count: int, seed: int) -> Array:
     return q
 
 
-def drawn(equations: LocusEquations, q: Array, count: int, seed: int) -> Array:
+def draw_joints(equations: LocusEquations, q: Array, count: int, seed: int) -> Array:
     """Draw configurations (count, nq) to search from: hinges anywhere, slides about q (nq,)."""
     columns, rng = equations.robot.moving, np.random.default_rng(seed)
     spread = np.where(equations.robot.sliding[columns], 1.0, np.pi)
     offsets = rng.uniform(-spread, spread, (count, len(columns)))
-    return equations.moved(np.repeat(q[None], count, axis=0), offsets)
+    return equations.move(np.repeat(q[None], count, axis=0), offsets)

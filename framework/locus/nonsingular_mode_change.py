@@ -57,14 +57,14 @@ def assembly_mode_change(locus: TracedLocus, cusp: LocusPoint) -> AssemblyModeCh
     curve = _curve_of(locus, cusp)
     free = [robot.actuator_names.index(name) for name in locus.free]
     scale = robot.column_scale[robot.actuated][free]
-    inside = _between_the_arms(robot, curve, cusp)[free] / scale
+    inside = _opening_direction(robot, curve, cusp)[free] / scale
     start = float(np.arctan2(inside[1], inside[0]))
     angle = start + np.linspace(0.0, 2 * np.pi, CIRCLE_STEPS + 1)
     for radius in CIRCLE_RADII:
         motors = np.repeat(cusp.motors[None], len(angle), axis=0)
         motors[:, free] += radius * scale * np.stack([np.cos(angle), np.sin(angle)], axis=1)
         motors[-1] = motors[0]
-        change = _led(robot, cusp, motors)
+        change = _follow_circle(robot, cusp, motors)
         if change is not None:
             return change
     return None
@@ -79,31 +79,22 @@ def _curve_of(locus: TracedLocus, cusp: LocusPoint) -> LocusCurve:
     raise InvalidInput("cusp: needs to be one of `locus.cusps`")
 
 
-def _between_the_arms(robot: ParallelRobot, curve: LocusCurve, cusp: LocusPoint) -> Array:
+def _opening_direction(robot: ParallelRobot, curve: LocusCurve, cusp: LocusPoint) -> Array:
     """Return the direction (n_a,) in the space of the motors into which a cusp opens."""
-    off = np.linalg.norm((curve.q - cusp.q) / _scale_of_q(robot), axis=1)
-    k = int(np.clip(np.argmin(off), 1, len(curve.q) - 2))
-    return np.asarray(
-        0.5 * (curve.motors[k - 1] + curve.motors[k + 1]) - _next_to(curve.motors[k], cusp.motors)
-    )
+    scale = robot.column_scale if robot.model.nq == robot.model.nv else 1.0
+    distance = np.linalg.norm((curve.q - cusp.q) / scale, axis=1)
+    k = int(np.clip(np.argmin(distance), 1, len(curve.q) - 2))
+    offset = curve.motors[k] - cusp.motors
+    turns = np.where(np.abs(offset) > 3, 2 * np.pi * np.round(offset / (2 * np.pi)), 0.0)
+    return np.asarray(0.5 * (curve.motors[k - 1] + curve.motors[k + 1]) - (cusp.motors + turns))
 
 
-def _next_to(near: Array, motors: Array) -> Array:
-    """Return motors (n_a,) whose hinges count whole turns as those near by do."""
-    turns = np.round((near - motors) / (2 * np.pi))
-    return np.asarray(motors + np.where(np.abs(near - motors) > 3, 2 * np.pi * turns, 0.0))
-
-
-def _scale_of_q(robot: ParallelRobot) -> Array:
-    return robot.column_scale if robot.model.nq == robot.model.nv else np.ones(robot.model.nq)
-
-
-def _led(robot: ParallelRobot, cusp: LocusPoint, motors: Array) -> AssemblyModeChange | None:
-    """Follow motors (T, n_a) from either of the outer ones of the three modes beside the cusp."""
+def _follow_circle(robot: ParallelRobot, cusp: LocusPoint, motors: Array) -> AssemblyModeChange | None:
+    """Follow motors (T, n_a) from each of the three modes beside the cusp until one changes."""
     scale = robot.platform_scale
     modes = assembly_modes(robot, motors[0]).modes
-    near = sorted(modes, key=lambda mode: float(np.linalg.norm((mode.x - cusp.x) / scale)))[:3]
-    for first in near:
+    nearest = sorted(modes, key=lambda mode: float(np.linalg.norm((mode.x - cusp.x) / scale)))[:3]
+    for first in nearest:
         q, x = [first.q], [first.x]
         try:
             for target in motors[1:]:

@@ -12,8 +12,8 @@ from collections.abc import Callable
 import numpy as np
 
 from framework.arrays import Array
-from framework.locus.curve_tracing import Points, advanced
-from framework.locus.locus_equations import Borders, LocusEquations
+from framework.locus.curve_tracing import Points, advance
+from framework.locus.locus_equations import LocusEquations
 from framework.tolerances import DISTINCT_SOLUTIONS
 
 # of det [dF/du ; t'] at the neighbours: nearer to a branch point the corrector loses its digits
@@ -21,20 +21,6 @@ BRANCH_POINT_RATIO = 1e-6
 DIFFERENCE_STEP = 1e-3  # [rad, lengths] of second differences there
 BRANCH_STEP = 0.02  # [rad, lengths] to the first point of the other curve
 ROOT_SIZE, MAX_ROOT_STEPS = 1e-13, 40  # of a measure without dimension between two points
-
-
-class Between:
-    """The curve between two neighbouring points (S = 1), by the share of the way from one to the other."""
-
-    def __init__(self, equations: LocusEquations, first: Points, second: Points) -> None:
-        self.equations, self.start = equations, first
-        self.whole = float(np.linalg.norm(equations.apart(first.q[0], second.q[0])))
-        self.bend = (second.tangent - first.tangent) / self.whole
-
-    def at(self, share: float) -> Points | None:
-        """Return the point at a share of the way; None where the corrector does not lead to it."""
-        points, good = advanced(self.equations, self.start, np.array([share * self.whole]), self.bend)
-        return points if good[0] else None
 
 
 def root_between(
@@ -45,18 +31,19 @@ def root_between(
     *,
     small: float = ROOT_SIZE,
 ) -> Points | None:
-    """Find the point between two neighbours at which a measure, of opposite signs there, vanishes.
+    """Find the point between two neighbours (S = 1) at which a measure of opposite signs vanishes.
 
-    False position (the Illinois variant) on the share of the way, until the measure is `small`. None where
-    the corrector does not lead to it; near a branch point that is the last point that it led to.
+    False position (the Illinois variant) on the share of the way, until the measure is `small`. Where the
+    corrector fails, as near a branch point, the last point it led to; None if to none.
     """
-    between = Between(equations, first, second)
+    chord = float(np.linalg.norm(equations.offsets(first.q[0], second.q[0])))
+    bend = (second.tangent - first.tangent) / chord
     low, high, at_low, at_high = 0.0, 1.0, measure(first), measure(second)
     root, last = None, 0  # which end was replaced last
     for _ in range(MAX_ROOT_STEPS):
         share = (low * at_high - high * at_low) / (at_high - at_low)
-        point = between.at(share)
-        if point is None:
+        point, good = advance(equations, first, np.array([share * chord]), bend)
+        if not good[0]:
             return root
         root, value = point, measure(point)
         if abs(value) < small or high - low < ROOT_SIZE:
@@ -82,8 +69,19 @@ def branch_point(equations: LocusEquations, first: Points, second: Points) -> Po
 
 
 def branches_at(equations: LocusEquations, crossing: Points) -> list[Points]:
-    """Return points of the curve that crosses at a `branch_point`, one on each side of it."""
-    evaluated = equations.at(crossing.q, crossing.border)
+    """Return points of the curve that crosses at a `branch_point`, one on each side."""
+    tangent = _second_tangent(equations, crossing)
+    points = []
+    for direction in () if tangent is None else (tangent, -tangent):
+        start = crossing._replace(tangent=direction[None])
+        point, good = advance(equations, start, np.array([BRANCH_STEP]), np.zeros_like(start.tangent))
+        points += [point] if good[0] else []
+    return points
+
+
+def _second_tangent(equations: LocusEquations, crossing: Points) -> Array | None:
+    """Compute the unit tangent (k,) of the other curve at a branch point; None if not real."""
+    evaluated = equations.evaluate(crossing.q, crossing.border)
     left, _, right = np.linalg.svd(evaluated.slopes[0])
     tangent = crossing.tangent[0]
     a, b = right[-2:] @ tangent
@@ -91,9 +89,8 @@ def branches_at(equations: LocusEquations, crossing: Points) -> list[Points]:
     normal /= np.linalg.norm(normal)
 
     def second(w: Array) -> float:
-        ends = equations.moved(np.repeat(crossing.q, 2, axis=0), DIFFERENCE_STEP * np.stack([w, -w]))
-        border = Borders(*(np.repeat(part, 2, axis=0) for part in crossing.border))
-        values = equations.at(ends, border).values
+        ends = equations.move(np.repeat(crossing.q, 2, axis=0), DIFFERENCE_STEP * np.stack([w, -w]))
+        values = equations.evaluate(ends, crossing.take(np.zeros(2, dtype=np.intp)).border).values
         return float(left[:, -1] @ (values[0] + values[1] - 2 * evaluated.values[0]) / DIFFERENCE_STEP**2)
 
     along, across = second(tangent), second(normal)
@@ -101,12 +98,6 @@ def branches_at(equations: LocusEquations, crossing: Points) -> list[Points]:
     # w = tangent + r normal with along + 2 mixed r + across r^2 = 0; one root is the curve itself, r = 0
     roots = np.roots([across, 2 * mixed, along])
     if not len(roots) or np.abs(roots.imag).max() > DISTINCT_SOLUTIONS:
-        return []
-    branch_tangent = tangent + roots.real[np.argmax(np.abs(roots))] * normal
-    branch_tangent /= np.linalg.norm(branch_tangent)
-    points = []
-    for direction in (branch_tangent, -branch_tangent):
-        start = crossing._replace(tangent=direction[None])
-        point, good = advanced(equations, start, np.array([BRANCH_STEP]), np.zeros_like(start.tangent))
-        points += [point] if good[0] else []
-    return points
+        return None
+    second_tangent = tangent + roots.real[np.argmax(np.abs(roots))] * normal
+    return np.asarray(second_tangent / np.linalg.norm(second_tangent))

@@ -31,7 +31,7 @@ from framework.locus.curve_tracing import (
     whole_curves,
 )
 from framework.locus.locus_equations import LocusEquations
-from framework.locus.locus_region import Region, drawn, drawn_in_mode
+from framework.locus.locus_region import Region, draw_in_mode, draw_joints
 from framework.locus.special_points import branch_point, branches_at, root_between
 from framework.tolerances import RANK_LOST
 
@@ -72,7 +72,7 @@ class LocusCurve(ReadOnlyArrays):
 
 @dataclass(frozen=True, eq=False)
 class TracedLocus:
-    """The locus as far as it was found; `curves` are distinct, in the order in which they were found.
+    """The traced part of the locus; `curves` are distinct, in the order of tracing.
 
     That each point is singular is certain, that there is no further curve is not claimed.
     """
@@ -119,23 +119,26 @@ def trace_locus(
     equations = LocusEquations.of(robot, closed.q[0], closed.x[0], free)
     mode = leg_signs(robot, closed.linearised)[0] if one_mode else None
     region = Region(equations, closed.q[0], closed.x[0], reach * robot.length, mode)
-    begun = drawn_in_mode(region, starts, seed) if one_mode else drawn(equations, closed.q[0], starts, seed)
-    solutions = solutions_near(equations, np.concatenate([begun, np.reshape(near, (-1, robot.model.nq))]))
+    if one_mode:
+        guesses = draw_in_mode(region, starts, seed)
+    else:
+        guesses = draw_joints(equations, closed.q[0], starts, seed)
+    solutions = solutions_near(equations, np.concatenate([guesses, np.reshape(near, (-1, robot.model.nq))]))
     solutions = solutions[region.contains(solutions)]
-    curves = _with_branches(equations, region, solutions, longest) if len(solutions) else []
-    described = tuple(_described(equations, region.cut(curve), crossings) for curve, crossings in curves)
+    curves = _trace_branches(equations, region, solutions, longest) if len(solutions) else []
+    described = tuple(_describe(equations, region.clip(curve), crossings) for curve, crossings in curves)
     return TracedLocus(robot, equations.free_names, described, starts=len(solutions))
 
 
-def _with_branches(
+def _trace_branches(
     equations: LocusEquations, region: Region, solutions: Array, longest: float
 ) -> list[tuple[Curve, list[Points]]]:
-    """Trace the curves through solutions (S, nq) and those that cross them, each with its branch points."""
+    """Trace the curves through solutions (S, nq) and all curves that cross, with branch points."""
     curves: list[Curve] = []
     crossings: list[list[Points]] = []
     starts = [points_at(equations, solutions)]
     while starts and len(curves) < MAX_CURVES:
-        traced = whole_curves(equations, Points.joined(starts), region.contains, longest)
+        traced = whole_curves(equations, Points.join(starts), region.contains, longest)
         own_crossings = [_crossings(equations, curve) for curve in traced]
         curves += traced
         crossings += own_crossings
@@ -149,7 +152,7 @@ def _with_branches(
 
 
 def _crossings(equations: LocusEquations, curve: Curve) -> list[Points]:
-    """Find the branch points of a curve, where others cross it.
+    """Find the branch points of a curve, where other curves cross.
 
     Where the equations lose rank all along the curve (Type 1 and Type 2 at once) signs are rounding.
     """
@@ -164,13 +167,14 @@ def _least_slope(equations: LocusEquations, points: Points) -> Array:
     """Compute the smallest singular value (S,) of the equations' derivatives."""
     if not len(points.q):
         return np.zeros(0)
-    return np.asarray(np.linalg.svd(equations.at(points.q, points.border).slopes, compute_uv=False)[:, -1])
+    slopes = equations.evaluate(points.q, points.border).slopes
+    return np.asarray(np.linalg.svd(slopes, compute_uv=False)[:, -1])
 
 
 def _passes(equations: LocusEquations, curve: Curve, point: Points) -> bool:
     """Whether a curve passes a point (S = 1)."""
-    to = equations.apart(point.q, curve.points.q)  # (m, k)
-    start, chord = to[:-1], np.diff(to, axis=0)
+    offsets = equations.offsets(point.q, curve.points.q)  # (m, k)
+    start, chord = offsets[:-1], np.diff(offsets, axis=0)
     length = np.linalg.norm(chord, axis=1)
     near = (length < 2 * MAX_STEP) & (length > 0)  # others jump where a hinge has turned once round
     start, chord, length = start[near], chord[near], length[near]
@@ -179,14 +183,14 @@ def _passes(equations: LocusEquations, curve: Curve, point: Points) -> bool:
     return bool((gap < MAX_CURVE_OFFSET * length).any())
 
 
-def _described(equations: LocusEquations, curve: Curve, crossings: list[Points]) -> LocusCurve:
+def _describe(equations: LocusEquations, curve: Curve, crossings: list[Points]) -> LocusCurve:
     """Describe a curve in the robot's own coordinates."""
     robot, points = equations.robot, curve.points
     linearised = linearised_at(robot, points.q, np.broadcast_to(equations.x, (len(points.q), robot.n)))
     x, motors = robot.platform.coordinates(linearised.frames), robot.actuated_coordinates(points.q)
-    ways = equations.apart(points.q[:-1], points.q[1:])
+    steps = equations.offsets(points.q[:-1], points.q[1:])
     kind = "type_2"
-    if np.abs(ways[:, : robot.n_a]).max(initial=0.0) < RESTING_EXTENT:
+    if np.abs(steps[:, : robot.n_a]).max(initial=0.0) < RESTING_EXTENT:
         kind = "self_motion"
     if np.ptp(x / robot.platform_scale, axis=0).max() < RESTING_EXTENT:
         kind = "joints_only"
@@ -208,8 +212,8 @@ def _described(equations: LocusEquations, curve: Curve, crossings: list[Points])
         kind=kind,
         closed=curve.ends[0] == "closed",
         ends=curve.ends,
-        cusps=tuple(_place(robot, cusp.q[0]) for cusp in cusps if cusp is not None),
-        branch_points=tuple(_place(robot, crossing.q[0]) for crossing in crossings),
+        cusps=tuple(_locus_point(robot, cusp.q[0]) for cusp in cusps if cusp is not None),
+        branch_points=tuple(_locus_point(robot, crossing.q[0]) for crossing in crossings),
     )
 
 
@@ -220,6 +224,7 @@ def _cusp(equations: LocusEquations, first: Points, second: Points) -> Points | 
     return root_between(equations, first, second, lambda point: float(point.cusp[0]))
 
 
-def _place(robot: ParallelRobot, q: Array) -> LocusPoint:
+def _locus_point(robot: ParallelRobot, q: Array) -> LocusPoint:
+    """Return the special point at a configuration q (nq,)."""
     x = robot.platform.coordinates(frames_at(robot, q[None]))[0]
     return LocusPoint(q, x, robot.actuated_coordinates(q[None])[0])

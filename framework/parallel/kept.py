@@ -11,29 +11,33 @@ import json
 import shutil
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping
+from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from framework.output import written_together
+from framework.parallel.tasks import completed
 
 PREFIX = ".crossing-kept-"
 Arrays = Mapping[str, NDArray[Any]]
+K = TypeVar("K")
 
 
 class ArrayField(NamedTuple):
-    """What an array of a chunk must be: its kind of values as numpy has them (b, i, u, f, U), its shape."""
+    """An array of a chunk: the kind of its values as numpy has it (b, i, u, f, U), and its shape."""
 
     kind: str
     shape: tuple[int, ...]
 
 
 def fits(arrays: Arrays | None, table: Mapping[str, ArrayField]) -> bool:
-    """Whether these are the arrays of the table, and no others; None are not."""
+    """Whether arrays are those of a table and no others; None never."""
     return arrays is not None and table == {
         name: ArrayField(array.dtype.kind, array.shape) for name, array in arrays.items()
     }
@@ -47,12 +51,12 @@ class KeptChunks:
 
     @staticmethod
     def of(out: Path, document: Mapping[str, Any], *parts: str) -> KeptChunks:
-        """Return the place in the folder `out` for chunks of what a document of JSON describes completely."""
+        """Return the store in the folder `out` for chunks of a computation, described by a document."""
         text = json.dumps(document, sort_keys=True)
         name = f"{PREFIX}{hashlib.sha256(text.encode()).hexdigest()[:16]}"
         return KeptChunks(out.joinpath(name, *parts))
 
-    def found(self) -> dict[str, Arrays]:
+    def read(self) -> dict[str, Arrays]:
         """Return the finished chunks, by name."""
         chunks: dict[str, Arrays] = {}
         for file in sorted(self.folder.glob("*.npz")):
@@ -64,16 +68,50 @@ class KeptChunks:
         return chunks
 
     def keep(self, name: str, arrays: Arrays) -> None:
-        """Put a finished chunk there.
+        """Store a finished chunk.
 
         Raises:
-            OutputError: it cannot be written.
+            OutputError: the chunk cannot be written.
         """
         with written_together(self.folder) as temporary:
             np.savez(temporary / name, allow_pickle=False, **arrays)
 
 
+def complete_chunks(
+    compute: Callable[[K], Arrays],
+    tasks: Mapping[str, K],
+    fields: Callable[[K], Mapping[str, ArrayField]],
+    *,
+    executor: Executor | None,
+    keeper: KeptChunks | None,
+    progress: Callable[[Collection[str]], None],
+) -> dict[str, NDArray[Any]]:
+    """Compute the chunks of all tasks that are not stored; return all arrays joined in order of the tasks.
+
+    Args:
+        compute: the arrays of a task, whose kinds and shapes are its `fields`.
+        executor: where chunks are computed; this process when None.
+        keeper: where finished chunks are stored, and taken from if stored already.
+        progress: called with the names of all finished chunks.
+    """
+    stored = {} if keeper is None else keeper.read()
+    chunks = {name: stored[name] for name, task in tasks.items() if fits(stored.get(name), fields(task))}
+    progress(chunks)
+    missing = [item for item in tasks.items() if item[0] not in chunks]
+    for (name, _), chunk in completed(partial(_compute_item, compute), missing, executor):
+        chunks[name] = chunk
+        if keeper is not None:
+            keeper.keep(name, chunk)
+        progress(chunks)
+    return {key: np.concatenate([chunks[name][key] for name in tasks]) for key in chunks[next(iter(tasks))]}
+
+
+def _compute_item(compute: Callable[[K], Arrays], item: tuple[str, K]) -> Arrays:
+    """Compute the arrays of a task with a name."""
+    return compute(item[1])
+
+
 def forget(out: Path) -> None:
-    """Remove what computations that were stopped have left in a folder."""
+    """Remove the stores of stopped computations from a folder."""
     for place in out.glob(f"{PREFIX}*"):
         shutil.rmtree(place, ignore_errors=True)

@@ -9,8 +9,8 @@ answers      assembly_modes, working_modes; singular_paving with singular_boxes;
              regular_cells (no singular pose about a pose)
 search       leg_conditions, study_quadric, quadric_family: what legs ask, as systems of quadrics;
              homotopy, real_displacements: all their solutions
-completeness completeness, study_paving, leg_paving: no other solutions than those known
-bounds       derivative_bounds over equation_terms, sharp in small boxes; hessian_bounds in all
+completeness completeness, real_displacements, leg_paving: no other solutions than those known
+bounds       derivative_bounds over equation_terms, sharp in small boxes
 tools        passive_joints (of given motors and platform), rounding, branch_and_bound, interval_newton,
              krawczyk
 """

@@ -34,11 +34,11 @@ from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.proofs.leg_conditions import LegConditions, leg_conditions
 from framework.proofs.leg_paving import leg_solutions_complete
 from framework.proofs.passive_joints import (
+    close_all_loops,
     distance_from_reference,
     distinct_joints,
     is_proved,
     joints_at,
-    loops_closed,
     nearest_turn,
     random_starts,
 )
@@ -69,12 +69,12 @@ class AssemblyModes:
 
     @property
     def complete(self) -> bool:
-        """Whether it is proved that no other exists."""
+        """Whether no other mode is proved to exist."""
         return self.status == "proved"
 
     @property
     def sentence(self) -> str:
-        """Say how many there are, and what that rests on."""
+        """State the number of modes, and the method."""
         if self.status == "architecturally singular":
             return f"none is isolated: the robot is architecturally singular; {self.method}"
         proved = sum(mode.proved for mode in self.modes)
@@ -109,12 +109,12 @@ def assembly_modes(robot: ParallelRobot, q_a: ArrayLike, *, pave: bool = False) 
     q = integrate(robot, robot.reference.q[None], step)
     conditions = leg_conditions(robot, q[0])
     if conditions is None:
-        return _searched(robot, q)
+        return _search(robot, q)
     solutions = real_solutions(conditions.group, conditions.coefficients, conditions.rounding, pave=pave)
-    return _assembled(robot, q, conditions, solutions)
+    return _assemble(robot, q, conditions, solutions)
 
 
-def _assembled(
+def _assemble(
     robot: ParallelRobot, q: Array, conditions: LegConditions, solutions: RealSolutions
 ) -> AssemblyModes:
     """Compute the robot's joints at displacements of the platform, q (1, nq) with its motors in place."""
@@ -139,9 +139,9 @@ def _assembled(
     return AssemblyModes(tuple(modes), status, solutions.bound, solutions.count, method)
 
 
-def _searched(robot: ParallelRobot, q: Array) -> AssemblyModes:
+def _search(robot: ParallelRobot, q: Array) -> AssemblyModes:
     """Search closed poses from many starts, one for each platform pose; motors as in q (1, nq)."""
-    poses, closed = loops_closed(robot, random_starts(robot, q, RANDOM_STARTS), None)
+    poses, closed = close_all_loops(robot, random_starts(robot, q, RANDOM_STARTS), None)
     candidates = [nearest_turn(robot, pose) for pose in poses[closed]]
     candidates.sort(key=lambda pose: distance_from_reference(robot, pose))
     modes: list[AssemblyMode] = []
@@ -162,7 +162,7 @@ def _searched(robot: ParallelRobot, q: Array) -> AssemblyModes:
 
 
 def _are_all(robot: ParallelRobot, q: Array, poses: list[Array]) -> bool:
-    """Whether the loops are proved to close in no other poses than these (nq,), motors as in q (nq,)."""
+    """Whether the loops are proved to close in no other poses than the k (nq,), motors as in q (nq,)."""
     fixed, joints = np.ones(robot.model.nv, dtype=bool), robot.following
     fixed[joints] = False
     offsets = np.array([between(robot, q, pose)[joints] for pose in poses]).reshape(-1, len(joints))

@@ -22,7 +22,7 @@ NO_AXIS = -1
 
 
 class Stack(Protocol):
-    """Pieces in arrays whose first axis counts them."""
+    """Pieces of a region in arrays, one item a piece."""
 
     @property
     def size(self) -> int:
@@ -30,11 +30,11 @@ class Stack(Protocol):
         ...
 
     def take(self, which: BoolArray | IntArray | slice, /) -> Self:
-        """Return some of the pieces."""
+        """Return the pieces `which` (s,)."""
         ...
 
     @classmethod
-    def joined(cls, parts: list[Self], /) -> Self:
+    def join(cls, parts: list[Self], /) -> Self:
         """Return the pieces of several stacks."""
         ...
 
@@ -81,21 +81,24 @@ def branch_and_bound(
             than one that is undecided; without it all are tested.
     """
     ahead, proved, undecided, examined = region, list[K](), list[S](), 0
+
+    def least_distance(pieces: S) -> float:
+        return np.inf if distance is None else float(distance(pieces).min(initial=np.inf))
+
     while ahead.size and examined < max_examined:
         if distance is not None:
             ahead = ahead.take(np.argsort(distance(ahead), kind="stable"))
         result = test(ahead.take(slice(batch)))
         examined += min(batch, ahead.size)
-        ahead = ahead.joined([result.ahead, ahead.take(slice(batch, None))])
+        ahead = ahead.join([result.ahead, ahead.take(slice(batch, None))])
         proved.append(result.proved)
         undecided.append(result.undecided)
+        limit = min(limit, least_distance(result.undecided))
         if distance is not None:
-            limit = min(limit, float(distance(result.undecided).min(initial=np.inf)))
             ahead = ahead.take(distance(ahead) < limit)
-    if distance is not None:
-        limit = min(limit, float(distance(ahead).min(initial=np.inf)))
+    limit = min(limit, least_distance(ahead))
     nothing = region.take(slice(0))
-    return Partition(proved, region.joined([nothing, *undecided]), ahead, limit, examined)
+    return Partition(proved, region.join([nothing, *undecided]), ahead, limit, examined)
 
 
 class Boxes(NamedTuple):
@@ -110,16 +113,16 @@ class Boxes(NamedTuple):
         return len(self.middle)
 
     def take(self, which: BoolArray | IntArray | slice, /) -> Boxes:
-        """Return some of them."""
+        """Return the boxes `which` (s,) of the S."""
         return Boxes(self.middle[which], self.radii[which])
 
     @classmethod
-    def joined(cls, parts: list[Boxes], /) -> Boxes:
+    def join(cls, parts: list[Boxes], /) -> Boxes:
         """Return the boxes of several stacks, at least one."""
         return Boxes(*map(np.concatenate, zip(*parts, strict=True)))
 
-    def within(self, lower: Array, upper: Array) -> Boxes:
-        """Return what is left of them between offsets (S, k) from their middles."""
+    def clip(self, lower: Array, upper: Array) -> Boxes:
+        """Return the parts of the boxes between offsets (S, k) from the middles."""
         middle = self.middle + 0.5 * (lower + upper)
         rounding = MIDDLE_ROUNDING * (1.0 + np.abs(self.middle))
         return Boxes(middle, ROUND_UP * 0.5 * (upper - lower) + rounding)
@@ -130,23 +133,22 @@ class Boxes(NamedTuple):
         radii, shift = self.radii.copy(), np.zeros_like(self.radii)
         radii[each, axis] *= 0.5 * ROUND_UP
         shift[each, axis] = 0.5 * self.radii[each, axis]
-        return Boxes.joined([Boxes(self.middle - shift, radii), Boxes(self.middle + shift, radii)])
+        return Boxes.join([Boxes(self.middle - shift, radii), Boxes(self.middle + shift, radii)])
 
 
-def narrowed_or_halved(
-    before: Boxes, boxes: Boxes, axis: IntArray, is_small: BoolArray
-) -> tuple[Boxes, Boxes]:
-    """Return the boxes that are to be left undecided, and those to be tested next.
+def narrow_or_halve(wide: Boxes, boxes: Boxes, axis: IntArray, is_small: BoolArray) -> tuple[Boxes, Boxes]:
+    """Return the boxes to leave undecided, and the boxes to test next.
 
     Args:
-        before: what the boxes (S of them) have been narrowed from.
-        axis: (S,) to cut them across. With NO_AXIS it is their longest side, unless they have lost half of
-            their volume and are tested again as they are.
-        is_small: (S,) which of these are no longer to be cut.
+        wide: the S boxes before they were narrowed.
+        boxes: the same, narrowed.
+        axis: (S,) to cut across. NO_AXIS stands for the longest side; a box that has lost half of its volume
+            is then not cut but tested again.
+        is_small: (S,) which boxes are too small for another cut.
     """
     free = axis == NO_AXIS
-    shrunk = free & (np.prod(boxes.radii / before.radii, axis=1) < SHRUNK_VOLUME_RATIO)
+    shrunk = free & (np.prod(boxes.radii / wide.radii, axis=1) < SHRUNK_VOLUME_RATIO)
     small = free & is_small & ~shrunk
     cut = ~(shrunk | small)
     halves = boxes.take(cut).halves(np.where(free, boxes.radii.argmax(axis=1), axis)[cut])
-    return boxes.take(small), Boxes.joined([boxes.take(shrunk), halves])
+    return boxes.take(small), Boxes.join([boxes.take(shrunk), halves])

@@ -1,8 +1,8 @@
 """Proof that equations have no other solutions in boxes than the known ones.
 
 A box is dropped where its linear enclosure has no solution, or where it lies within a region in which a known
-solution is the only one; it is narrowed by the enclosure, or cut. `study_paving` and `leg_paving` supply the
-equations.
+solution is the only one; it is narrowed by the enclosure, or cut. The equations are those of
+`real_displacements` and `leg_paving`.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array, BoolArray
-from framework.proofs.branch_and_bound import NO_AXIS, Boxes, Examined, branch_and_bound, narrowed_or_halved
-from framework.proofs.interval_newton import LinearEnclosure, contracted, regularised
+from framework.proofs.branch_and_bound import NO_AXIS, Boxes, Examined, branch_and_bound, narrow_or_halve
+from framework.proofs.interval_newton import LinearEnclosure, contract, damped_mixers
 
 MAX_BOXES = 60_000
 BOXES_PER_BATCH = 4096
@@ -27,20 +27,20 @@ Equations = Callable[[Array, Array], LinearEnclosure]  # of boxes: middles and r
 
 
 class KnownSolutions(NamedTuple):
-    """Solutions, each alone in a box about it."""
+    """Solutions, each alone in a box."""
 
     points: Array  # (k, n)
     radii: Array  # (k,)
     period: Array  # (n,) of the coordinates, inf for those on a line
 
     def contain(self, boxes: Boxes) -> BoolArray:
-        """Whether boxes (B of them) lie within the region of one solution."""
-        off = np.abs(boxes.middle[:, None] - self.points)
+        """Whether each of B boxes lies within the region of one solution, (B,)."""
+        offset = np.abs(boxes.middle[:, None] - self.points)
         periodic = np.isfinite(self.period)
         period = np.where(periodic, self.period, 1.0)
-        wrapped = np.abs(off - period * np.round(off / period))
-        off = np.where(periodic, wrapped, off)
-        inside = np.all(off + boxes.radii[:, None] < self.radii[:, None], axis=2)
+        wrapped = np.abs(offset - period * np.round(offset / period))
+        offset = np.where(periodic, wrapped, offset)
+        inside = np.all(offset + boxes.radii[:, None] < self.radii[:, None], axis=2)
         return np.asarray(np.any(inside, axis=1))
 
 
@@ -61,18 +61,18 @@ def unique_radius(equations: Equations, point: Array) -> float:
 def has_no_others(
     equations: Equations, boxes: Boxes, known: KnownSolutions, max_boxes: int = MAX_BOXES
 ) -> bool:
-    """Whether boxes are shown to hold no solutions but the known ones; False if it is not known."""
+    """Whether boxes are proved to hold no other solutions; False if not decided."""
 
     def test(boxes: Boxes) -> Examined[Boxes, None]:
         linear = equations(*boxes)
-        left = contracted(linear, boxes.radii, regularised(linear, boxes.radii))
-        possible = ~left.empty
-        before = boxes.take(possible)
-        narrow = before.within(left.lower[possible], left.upper[possible])
-        open_ = ~known.contain(narrow)
-        before, narrow = before.take(open_), narrow.take(open_)
+        remaining = contract(linear, boxes.radii, damped_mixers(linear, boxes.radii))
+        possible = ~remaining.empty
+        wide = boxes.take(possible)
+        narrow = wide.clip(remaining.lower[possible], remaining.upper[possible])
+        is_open = ~known.contain(narrow)
+        wide, narrow = wide.take(is_open), narrow.take(is_open)
         is_small = narrow.radii.max(axis=1) < MIN_RADIUS
-        return Examined(None, *narrowed_or_halved(before, narrow, np.full(narrow.size, NO_AXIS), is_small))
+        return Examined(None, *narrow_or_halve(wide, narrow, np.full(narrow.size, NO_AXIS), is_small))
 
     # one undecided box ends the search: all are as near as it is
     end = branch_and_bound(

@@ -41,7 +41,7 @@ class _ChainDerivatives(NamedTuple):
     lever: Array  # (S, L) |u_j|
 
     def take(self, which: BoolArray | IntArray) -> _ChainDerivatives:
-        """Return those of some configurations."""
+        """Return the derivatives at the configurations `which` of the S."""
         return _ChainDerivatives(*(part[which] for part in self))
 
 
@@ -58,7 +58,7 @@ class DerivativeBounds:
 
     @staticmethod
     def of(robot: ParallelRobot, *, reach: float = 1.0) -> DerivativeBounds:
-        """Make the table of a robot; it holds for slides within `reach` robot lengths of the reference.
+        """Make the table of a robot, for slides within `reach` robot lengths of the reference.
 
         Raises:
             InvalidInput: a ball joint moves: its coordinates do not turn about axes one after the other; or
@@ -93,31 +93,30 @@ class DerivativeBounds:
             FRAME_ROUNDING * size / min(float(sizes.min()), 1.0),
         )
 
-    def moved(self, u: Array) -> Array:
-        """Return configurations (S, nq) that are off the reference by u (S, k) [rad, lengths]."""
+    def configurations(self, u: Array) -> Array:
+        """Return the configurations (S, nq) at offsets u (S, k) [rad, lengths] from the reference."""
         step = np.zeros((len(u), self.robot.model.nv))
         step[:, self.robot.moving] = u * self.column_scale
         return integrate(self.robot, np.repeat(self.robot.reference.q[None], len(u), axis=0), step)
 
-    def at(self, q: Array) -> Derivatives:
+    def evaluate(self, q: Array) -> Derivatives:
         """Evaluate the equations and their derivatives at q (S, nq)."""
-        robot, frames = self.robot, frames_at(self.robot, q)
+        frames = frames_at(self.robot, q)
         derivatives = [_derivatives(chain, frames) for chain in self.chains]
-        S, R, k = len(q), len(self.row_scale), len(self.column_scale)
-        values, slopes, hessians = np.zeros((S, R)), np.zeros((S, R, k)), np.zeros((S, R, k, k))
+        scale = self.row_scale[:, None] * self.column_scale  # (R, k)
+        values, slopes = np.zeros((len(q), len(scale))), np.zeros((len(q), *scale.shape))
+        hessians = np.zeros((len(q), *scale.shape, scale.shape[1]))
         for term in self.terms:
-            chain, derivative = self.chains[term.chain], derivatives[term.chain]
-            places, row = chain.places, term.row
+            row, joints = term.row, self.chains[term.chain].places
             if term.kind == "joint":
                 slopes[:, row, term.selected] = 1.0 / self.column_scale[term.selected] / self.row_scale[row]
                 continue
-            value, first, second = _term(term, chain, derivative, frames)
+            value, first, second = _term(term, self.chains[term.chain], derivatives[term.chain], frames)
             values[:, row] += value
-            slopes[:, row, places] += first
-            hessians[:, row, places[:, None], places] += second
-        distance = robot.loops.distance
-        values[:, robot.n :][:, distance] -= 0.5 * robot.loops.length[distance]
-        scale = self.row_scale[:, None] * self.column_scale
+            slopes[:, row, joints] += first
+            hessians[:, row, joints[:, None], joints] += second
+        loops = self.robot.loops
+        values[:, self.robot.n :][:, loops.distance] -= 0.5 * loops.length[loops.distance]
         return Derivatives(
             self,
             frames,
@@ -140,17 +139,11 @@ class Derivatives:
     derivatives: list[_ChainDerivatives]  # of each chain
 
     def take(self, which: BoolArray | IntArray) -> Derivatives:
-        """Return those of some boxes."""
-        frames = self.frames
+        """Return the derivatives in the boxes `which` of the S."""
+        position, rotation, screws, carried, q = self.frames
         return Derivatives(
             self.bounds,
-            FrameStack(
-                frames.position[which],
-                frames.rotation[which],
-                frames.screws[which],
-                frames.carried,
-                frames.q[which],
-            ),
+            FrameStack(position[which], rotation[which], screws[which], carried, q[which]),
             self.values[which],
             self.slopes[which],
             self.hessians[which],
@@ -159,43 +152,40 @@ class Derivatives:
 
     def remainders(self, radii: Array) -> Remainders:
         """Bound the change of values and derivatives within radii (S, k) of the middle."""
-        S, R, k = self.slopes.shape
-        bounds, joint_radii = self.bounds, radii * self.bounds.column_scale
-        thirds = np.zeros((S, R, k, k))
-        widened = [
-            _widened(chain, derivative, joint_radii[:, chain.places])
-            for chain, derivative in zip(bounds.chains, self.derivatives, strict=True)
-        ]
-        for term in bounds.terms:
-            chain = bounds.chains[term.chain]
-            if term.kind != "joint":
-                r = joint_radii[:, chain.places]
-                derivative = _thirds(term, chain, self.derivatives[term.chain], widened[term.chain], r)
-                thirds[:, term.row, chain.places[:, None], chain.places] += derivative
-        scale = bounds.row_scale[:, None] * bounds.column_scale
-        thirds *= ROUND_UP * scale[:, :, None] * bounds.column_scale
-        rounding, hessians = bounds.rounding, np.abs(self.hessians) + bounds.rounding
+        thirds, rounding = self._third_bounds(radii * self.bounds.column_scale), self.bounds.rounding
+        hessians = np.abs(self.hessians) + rounding
         slopes = np.einsum("srij,sj->sri", hessians + 0.5 * thirds, radii)
         values = np.einsum("srij,si,sj->sr", 0.5 * hessians + thirds / 6, radii, radii, optimize=True)
         widening = rounding * (1 + radii.sum(axis=1, keepdims=True))
         return Remainders(ROUND_UP * (values + widening), ROUND_UP * slopes + rounding, thirds + rounding)
 
+    def _third_bounds(self, radii: Array) -> Array:
+        """Bound the third derivatives (S, R, k, k), times the radii (S, k) of the third joint."""
+        bounds, thirds = self.bounds, np.zeros_like(self.hessians)
+        for term in bounds.terms:
+            if term.kind != "joint":
+                chain, derivative = bounds.chains[term.chain], self.derivatives[term.chain]
+                r = radii[:, chain.places]
+                third = _thirds(term, chain, derivative, _widen_levers(chain, derivative, r), r)
+                thirds[:, term.row, chain.places[:, None], chain.places] += third
+        scale = bounds.row_scale[:, None] * bounds.column_scale
+        return np.asarray(thirds * (ROUND_UP * scale[:, :, None] * bounds.column_scale))
+
 
 class Remainders(NamedTuple):
     """Bounds over S boxes, rounding and all."""
 
-    values: Array  # (S, R) of the exact ones there against values + slopes d
-    slopes: Array  # (S, R, k) of the exact ones there against those computed at the middle
+    values: Array  # (S, R) of the exact values against values + slopes d
+    slopes: Array  # (S, R, k) of the exact slopes against those computed at the middle
     hessians: Array  # (S, R, k, k)
 
 
 def _derivatives(chain: Chain, frames: FrameStack) -> _ChainDerivatives:
+    """Compute the derivatives of one chain."""
     screws = frames.screws[:, chain.columns] * chain.signs[:, None]
     turning = screws[..., 3:]
     point = screws[..., :3] + cross(turning, frames.position[:, chain.second, None])
-    places = np.arange(len(chain.places))
-    inner = np.minimum(places[:, None], places)
-    bent = cross(turning[:, inner], point[:, chain.outer])
+    bent = cross(turning[:, chain.inner], point[:, chain.outer])
     origin = 0.0 if chain.first == BASE else frames.position[:, chain.first]
     lever = np.linalg.norm(point, axis=2)
     return _ChainDerivatives(turning, point, bent, frames.position[:, chain.second] - origin, lever)
@@ -223,15 +213,12 @@ def _term(
         second = second + np.einsum("sc,sijc->sij", derivative.offset, derivative.bent)
         return 0.5 * f * np.einsum("sc,sc->s", derivative.offset, derivative.offset), f * first, f * second
     if term.kind == "turn":  # axis . the part of R(q) R(middle)' that is not symmetric: 0 at the middle
-        number = np.arange(len(chain.places))
-        inner = np.minimum(number[:, None], number)
-        swept = 0.5 * cross(derivative.turning[:, inner], derivative.turning[:, chain.outer])
+        swept = 0.5 * cross(derivative.turning[:, chain.inner], derivative.turning[:, chain.outer])
         second = np.einsum("sc,sijc->sij", axis, swept)
         return np.zeros(S), np.einsum("sc,sjc->sj", axis, derivative.turning), second
     carried = frames.rotation[:, chain.second, :, term.selected]
     own_turn = cross(derivative.turning, carried[:, None])
-    number = np.arange(len(chain.places))
-    bent = cross(derivative.turning[:, np.minimum(number[:, None], number)], own_turn[:, chain.outer])
+    bent = cross(derivative.turning[:, chain.inner], own_turn[:, chain.outer])
     return (
         f * np.einsum("sc,sc->s", axis, carried),
         f * np.einsum("sc,sjc->sj", axis, own_turn),
@@ -239,7 +226,7 @@ def _term(
     )
 
 
-def _widened(chain: Chain, derivative: _ChainDerivatives, r: Array) -> Array:
+def _widen_levers(chain: Chain, derivative: _ChainDerivatives, r: Array) -> Array:
     """Bound the levers (S, L) over a box: joints behind move the point."""
     lever, reach = derivative.lever.copy(), np.zeros(len(r))
     for j in reversed(range(len(chain.places))):
@@ -258,12 +245,12 @@ def _thirds(term: Term, chain: Chain, derivative: _ChainDerivatives, lever: Arra
     f = abs(term.factor)
     if term.kind in ("direction", "turn"):
         return f * np.einsum("ijk,sk->sij", (turns[i] & turns[j] & turns[k]).astype(float), r)
-    moved = turns[inner] & turns[middle] & (turns[outer] | (outer != middle))
+    is_bent = turns[inner] & turns[middle] & (turns[outer] | (outer != middle))
     if term.kind == "point":
-        return f * np.einsum("sijk,sk->sij", lever[:, outer] * moved, r)
-    first, last = np.minimum(i, j)[:, :, 0], chain.outer
+        return f * np.einsum("sijk,sk->sij", lever[:, outer] * is_bent, r)
+    first, last = chain.inner, chain.outer
     bent = lever[:, last] * (turns[first] & (turns[last] | (first != last)))
     mixed = lever[:, :, None, None] * bent[:, None]
     mixed = mixed + mixed.transpose(0, 2, 1, 3) + mixed.transpose(0, 2, 3, 1)
     far = np.linalg.norm(derivative.offset, axis=1) + np.sum(lever * r, axis=1)
-    return f * np.einsum("sijk,sk->sij", mixed + far[:, None, None, None] * (lever[:, outer] * moved), r)
+    return f * np.einsum("sijk,sk->sij", mixed + far[:, None, None, None] * (lever[:, outer] * is_bent), r)

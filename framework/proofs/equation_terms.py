@@ -17,7 +17,6 @@ from framework.kinematics.pinocchio_memory import scratch_of
 from framework.kinematics.placements import planar_normal
 from framework.kinematics.platform import FramePlatform
 from framework.kinematics.tree_model import is_ball
-from framework.model.loop_rows import LoopRows
 from framework.tolerances import FILE_ROUNDING
 
 BASE = -1  # in place of a frame
@@ -49,6 +48,12 @@ class Chain(NamedTuple):
         own = np.arange(len(self.places))
         return np.asarray(np.maximum(own[:, None], own))
 
+    @property
+    def inner(self) -> IntArray:
+        """(L, L) the earlier one of two joints."""
+        own = np.arange(len(self.places))
+        return np.asarray(np.minimum(own[:, None], own))
+
 
 class Term(NamedTuple):
     """The part of one chain in an equation."""
@@ -73,47 +78,52 @@ class EquationTerms:
     def of(robot: ParallelRobot) -> EquationTerms:
         """Collect the terms of platform and loops."""
         table = EquationTerms(robot, [], [])
-        platform, loops, n = robot.platform, robot.loops, robot.n
+        platform, n = robot.platform, robot.n
         chain = table.chain(BASE, 0)
         for k in range(n):
             if isinstance(platform, FramePlatform):
                 kind = "point" if robot.translations[k] else "turn"
                 table.terms.append(Term(k, chain, kind, int(platform.axes[k]) % 3, 0, 1.0))
             else:
-                place = int(np.flatnonzero(robot.moving == platform.columns[k])[0])  # type: ignore[attr-defined]
-                table.terms.append(Term(k, chain, "joint", 0, place, 1.0))
-        on_base = _rows_on_base(robot, table)
-        for row in range(len(loops.names)):
-            first, second = int(loops.first[row]), int(loops.second[row])
-            if row in on_base:
-                for frame, sign in ((second, 1.0), (first, -1.0)):
-                    own = table.chain(BASE, frame)
-                    table.terms.append(Term(n + row, own, "point", on_base[row], 0, sign))
-                continue
-            kind = _kind(loops, row)
-            factor = {"distance": 1.0 / (loops.length[row] or 1.0), "direction": float(loops.sign[row])}
-            axes = int(loops.first_axis[row]), int(loops.second_axis[row])
-            own = table.chain(first, second)
-            table.terms.append(Term(n + row, own, kind, *axes, factor.get(kind, 1.0)))
+                joint = int(np.flatnonzero(robot.moving == platform.columns[k])[0])  # type: ignore[attr-defined]
+                table.terms.append(Term(k, chain, "joint", 0, joint, 1.0))
+        base_axes = _rows_on_base(robot)
+        for row in range(len(robot.loops.names)):
+            table.terms.extend(table._row_terms(row, base_axes.get(row)))
         return table
 
+    def _row_terms(self, row: int, base_axis: int | None) -> list[Term]:
+        """Return the terms of a loop equation, written on an axis of the base if that is given."""
+        loops, number = self.robot.loops, self.robot.n + row
+        first, second = int(loops.first[row]), int(loops.second[row])
+        if base_axis is not None:
+            return [
+                Term(number, self.chain(BASE, frame), "point", base_axis, 0, sign)
+                for frame, sign in ((second, 1.0), (first, -1.0))
+            ]
+        kind, factor = "direction" if loops.rotation[row] else "point", 1.0
+        if loops.distance[row]:
+            kind, factor = "distance", 1.0 / (loops.length[row] or 1.0)
+        elif kind == "direction":
+            factor = float(loops.sign[row])
+        axes = int(loops.first_axis[row]), int(loops.second_axis[row])
+        return [Term(number, self.chain(first, second), kind, *axes, factor)]
+
     def chain(self, first: int, second: int) -> int:
-        """Return the index of a chain, which is added where it is new."""
-        for place, chain_known in enumerate(self.chains):
-            if (chain_known.first, chain_known.second) == (first, second):
-                return place
-        model, bodies = self.robot.model, scratch_of(self.robot).bodies
+        """Return the index of a chain, and add the chain if new."""
+        for index, known in enumerate(self.chains):
+            if (known.first, known.second) == (first, second):
+                return index
+        model, bodies, moving = self.robot.model, scratch_of(self.robot).bodies, self.robot.moving.tolist()
         first_joints = [] if first == BASE else list(model.supports[int(bodies[first])])
         second_joints = list(model.supports[int(bodies[second])])
-        back = [j for j in reversed(first_joints) if j not in second_joints]
-        ahead = [j for j in second_joints if j not in first_joints]
-        place_of = {int(column): place for place, column in enumerate(self.robot.moving)}
-        both = [(int(model.joints[j].idx_v), -1.0) for j in back if j]
-        both += [(int(model.joints[j].idx_v), 1.0) for j in ahead if j]
-        both = [(column, sign) for column, sign in both if column in place_of]
-        columns = np.array([column for column, _ in both], dtype=np.intp)
-        places = np.array([place_of[int(column)] for column in columns], dtype=np.intp)
-        signs = np.array([sign for _, sign in both], dtype=float)
+        signed = [(j, -1.0) for j in reversed(first_joints) if j not in second_joints]
+        signed += [(j, 1.0) for j in second_joints if j not in first_joints]
+        signed = [(int(model.joints[j].idx_v), sign) for j, sign in signed if j]
+        signed = [(column, sign) for column, sign in signed if column in moving]
+        columns = np.array([column for column, _ in signed], dtype=np.intp)
+        places = np.array([moving.index(column) for column, _ in signed], dtype=np.intp)
+        signs = np.array([sign for _, sign in signed], dtype=float)
         self.chains.append(Chain(first, second, places, columns, signs, ~self.robot.sliding[columns]))
         return len(self.chains) - 1
 
@@ -128,14 +138,7 @@ def planar_axis(robot: ParallelRobot) -> int | None:
     return axis if np.abs(aside).max() < FILE_ROUNDING else None
 
 
-def _kind(loops: LoopRows, row: int) -> str:
-    """Return the kind of term of a loop equation."""
-    if loops.distance[row]:
-        return "distance"
-    return "direction" if loops.rotation[row] else "point"
-
-
-def _rows_on_base(robot: ParallelRobot, table: EquationTerms) -> dict[int, int]:
+def _rows_on_base(robot: ParallelRobot) -> dict[int, int]:
     """Return axes of the base for the rows of points that are to coincide, where no joint carries both."""
     loops, across = robot.loops, planar_axis(robot)
     carried = scratch_of(robot).carried[:, robot.moving]

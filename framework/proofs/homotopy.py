@@ -59,7 +59,7 @@ def start_system(family: QuadricFamily) -> StartSystem:
     for _ in range(MONODROMY_ROUNDS):
         for near, far in ((0, 1), (1, 0)):
             turned = [np.exp(2j * np.pi * rng.random((family.equations, 1))) * node for node in nodes]
-            ends, arrived = tracked(family, turned[near], turned[far], known[near], rng)
+            ends, arrived = track_paths(family, turned[near], turned[far], known[near], rng)
             both = np.concatenate([known[far], ends[arrived]])
             known[far] = both[is_first(both)]
         if len(known[0]) >= family.bound:
@@ -67,7 +67,7 @@ def start_system(family: QuadricFamily) -> StartSystem:
     return StartSystem(nodes[0], known[0])
 
 
-def tracked(
+def track_paths(
     family: QuadricFamily, start: ComplexArray, end: ComplexArray, z: ComplexArray, rng: np.random.Generator
 ) -> tuple[ComplexArray, BoolArray]:
     """Lead solutions z (S, N) from coefficients to others (K, M); return ends, and which arrived."""
@@ -78,7 +78,7 @@ def tracked(
     live = np.arange(len(z))
     while len(live):
         h = np.minimum(step[live], 1.0 - t[live])
-        ahead, correction = homotopy.advanced(z[live], t[live], h)
+        ahead, correction = homotopy.advance(z[live], t[live], h)
         good = correction < NEWTON_STEP
         z[live[good]] = ahead[good]
         t[live[good]] += h[good]
@@ -91,7 +91,7 @@ def tracked(
     return z / np.linalg.norm(z, axis=1, keepdims=True), t >= 1.0
 
 
-def refined(quadrics: ComplexArray, z: ComplexArray, chart: ComplexArray) -> ComplexArray:
+def refine(quadrics: ComplexArray, z: ComplexArray, chart: ComplexArray) -> ComplexArray:
     """Refine solutions z (S, N) by Newton steps in the chart (N,) . z = 1."""
     z = z / (z @ chart)[:, None]
     system = _LinearHomotopy(quadrics, 0 * quadrics, chart)
@@ -116,7 +116,7 @@ def path_ends(family: QuadricFamily, coefficients: Array, seed: int = 0) -> Path
     start = start_system(family)
     target = (coefficients / np.linalg.norm(coefficients, axis=1, keepdims=True)).astype(complex)
     turned = np.exp(2j * np.pi * rng.random((family.equations, 1))) * start.coefficients
-    z, arrived = tracked(family, turned, target, start.z, rng)
+    z, arrived = track_paths(family, turned, target, start.z, rng)
     again = np.flatnonzero(~arrived | (sizes(family, z) > FOLLOWED_AGAIN_SIZE))
     ends, missing = _endgame(family, turned, target, start.z[again], rng), ~arrived[again]
     infinite, multiple, last = np.zeros_like(arrived), np.zeros_like(arrived), z.copy()
@@ -139,29 +139,35 @@ def _endgame(
     z: ComplexArray,
     rng: np.random.Generator,
 ) -> PathEnds:
-    """Follow paths from z (S, N) on a way that shrinks, until their exponents tell how they end."""
+    """Follow paths from z (S, N) on a way of shrinking segments until the exponents tell the ends."""
     last, end = z.copy(), z.copy()
-    infinite, multiple, arrived, live = (np.full(len(z), value) for value in (False, False, False, True))
+    infinite, multiple, arrived = np.zeros((3, len(z)), dtype=bool)
+    live = np.ones(len(z), dtype=bool)
     logarithms, near = [np.log(sizes(family, z))], start
     for segment in range(1, ENDGAME_SEGMENTS + 1):
-        far, k = target + ENDGAME_SEGMENT_RATIO**segment * (start - target), np.flatnonzero(live)
+        k = np.flatnonzero(live)
         if not len(k):
             break
-        last[k], good = tracked(family, near, far, last[k], rng)
+        far = target + ENDGAME_SEGMENT_RATIO**segment * (start - target)
+        last[k], live[k] = track_paths(family, near, far, last[k], rng)
         logarithms.append(np.log(sizes(family, last)))
-        near, live[k[~good]] = far, False
+        near = far
         if len(logarithms) <= AGREEING_EXPONENTS:
             continue
         w = np.diff(np.array(logarithms[-AGREEING_EXPONENTS - 1 :]), axis=0) / -np.log(ENDGAME_SEGMENT_RATIO)
-        least, largest = w.min(axis=0), w.max(axis=0)
-        agree = largest - least < MAX_EXPONENT_SPREAD * largest
-        large = logarithms[-1] > np.log(MIN_INFINITE_SIZE)
-        infinite |= live & (least > ENDGAME_MIN_EXPONENT) & agree & large
+        infinite |= live & _leave_for_infinity(w, logarithms[-1])
         finite = live & (np.abs(w).max(axis=0) < ENDGAME_MIN_EXPONENT)
-        end[finite], arrived[finite] = tracked(family, far, target, last[finite], rng)
+        end[finite], arrived[finite] = track_paths(family, far, target, last[finite], rng)
         multiple |= finite & ~arrived
         live &= ~(infinite | finite)
     return PathEnds(end, arrived, infinite, multiple, last)
+
+
+def _leave_for_infinity(w: Array, logarithm: Array) -> BoolArray:
+    """Whether exponents w (A, S) of successive segments agree and sizes are large, (S,)."""
+    least, largest = w.min(axis=0), w.max(axis=0)
+    agree = largest - least < MAX_EXPONENT_SPREAD * largest
+    return np.asarray((least > ENDGAME_MIN_EXPONENT) & agree & (logarithm > np.log(MIN_INFINITE_SIZE)))
 
 
 class _LinearHomotopy(NamedTuple):
@@ -181,18 +187,18 @@ class _LinearHomotopy(NamedTuple):
     def rate(self, z: ComplexArray, t: Array) -> ComplexArray:
         """Compute dz/dt (S, N) along the way."""
         S, N = z.shape
-        moved = np.einsum("ski,si->sk", (self.change.reshape(-1, N) @ z.T).T.reshape(S, N - 1, N), z)
-        return _solved(self.slopes(z, t), np.concatenate([-0.5 * moved, np.zeros((S, 1))], axis=1))
+        changes = np.einsum("ski,si->sk", (self.change.reshape(-1, N) @ z.T).T.reshape(S, N - 1, N), z)
+        return _solve(self.slopes(z, t), np.concatenate([-0.5 * changes, np.zeros((S, 1))], axis=1))
 
     def newton(self, z: ComplexArray, t: Array) -> ComplexArray:
         """Compute the Newton step (S, N)."""
         slopes = self.slopes(z, t)
         values = 0.5 * np.einsum("ski,si->sk", slopes, z)
         values[:, -1] = 0.5 * (z @ self.chart - 1.0)
-        return _solved(slopes, -values)
+        return _solve(slopes, -values)
 
-    def advanced(self, z: ComplexArray, t: Array, h: Array) -> tuple[ComplexArray, Array]:
-        """Predict z (S, N) at t + h (Runge and Kutta) and correct it; return it and its last correction."""
+    def advance(self, z: ComplexArray, t: Array, h: Array) -> tuple[ComplexArray, Array]:
+        """Predict z (S, N) at t + h (Runge-Kutta) and correct; return also the last correction."""
         k1 = self.rate(z, t)
         k2 = self.rate(z + 0.5 * h[:, None] * k1, t + 0.5 * h)
         k3 = self.rate(z + 0.5 * h[:, None] * k2, t + 0.5 * h)
@@ -204,7 +210,8 @@ class _LinearHomotopy(NamedTuple):
         return ahead, np.linalg.norm(change, axis=1) / np.linalg.norm(ahead, axis=1)
 
 
-def _solved(matrices: ComplexArray, right: ComplexArray) -> ComplexArray:
+def _solve(matrices: ComplexArray, right: ComplexArray) -> ComplexArray:
+    """Solve systems with matrices (S, N, N) and right sides (S, N), by least squares where singular."""
     try:
         return np.asarray(np.linalg.solve(matrices, right[:, :, None])[:, :, 0])
     except np.linalg.LinAlgError:  # one of them singular to the last bit: its path is shortened

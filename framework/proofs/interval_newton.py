@@ -1,6 +1,6 @@
 """Interval steps for stacks of boxes: linear equations with errors, existence, and bordered systems.
 
-A box is a middle and radii; `LinearEnclosure` holds what equations are in it. `contracted` narrows boxes by
+A box is a middle and radii; `LinearEnclosure` holds what equations are in it. `contract` narrows boxes by
 linear equations (Hansen and Sengupta 1981; Neumaier, Interval Methods for Systems of Equations, 1990, chapter
 5), `existence` is the test of Krawczyk, and `bordered_bounds` encloses Govaerts' measure of singularity.
 Rounding is bounded as `rounding` says.
@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array, BoolArray, IntArray
-from framework.proofs.rounding import ROUND_UP, UNIT_ROUNDOFF, gamma, inverses, off_identity, times
+from framework.proofs.rounding import ROUND_UP, UNIT_ROUNDOFF, gamma, identity_defect, inverses, times
 
 MIN_TERM_RATIO = 1e-12  # of an equation's terms in a box: a smaller one is not solved for
 MAX_CONTRACTION = 0.99  # norm of what an approximate inverse leaves: above it matrices may be singular
@@ -26,8 +26,8 @@ class LinearEnclosure(NamedTuple):
     slopes: Array  # (S, m, k)
     errors: Array  # (S, m) of all else in the box, rounding too
 
-    def combined(self, mixers: Array, radii: Array) -> LinearEnclosure:
-        """Enclose the combinations mixers (S, p, m) of the equations in boxes of these radii (S, k)."""
+    def combine(self, mixers: Array, radii: Array) -> LinearEnclosure:
+        """Enclose the combinations mixers (S, p, m) of the equations in boxes of radii (S, k)."""
         size = np.abs(mixers)
         terms = np.abs(self.values) + times(np.abs(self.slopes), radii)
         rounding = gamma(self.values.shape[1]) * ROUND_UP * terms
@@ -35,8 +35,8 @@ class LinearEnclosure(NamedTuple):
             times(mixers, self.values), mixers @ self.slopes, ROUND_UP * times(size, self.errors + rounding)
         )
 
-    def joined(self, other: LinearEnclosure) -> LinearEnclosure:
-        """Enclose these equations and others in the same boxes."""
+    def join(self, other: LinearEnclosure) -> LinearEnclosure:
+        """Return both enclosures of equations in the same boxes as one."""
         return LinearEnclosure(*(np.concatenate(pair, axis=1) for pair in zip(self, other, strict=True)))
 
 
@@ -52,13 +52,13 @@ class Contracted(NamedTuple):
         return np.asarray((self.lower > self.upper).any(axis=1))
 
 
-def contracted(equations: LinearEnclosure, radii: Array, mixers: Array) -> Contracted:
+def contract(equations: LinearEnclosure, radii: Array, mixers: Array) -> Contracted:
     """Enclose all d with |d| <= radii (S, k) that meet the equations in boxes.
 
     Each equation is solved for each unknown (hull consistency), as it stands and in the combinations of
-    `mixers` (S, p, m), of which `pivoted` and `regularised` are two kinds.
+    `mixers` (S, p, m), of which `pivoting_mixers` and `damped_mixers` are two kinds.
     """
-    values, slopes, errors = equations.joined(equations.combined(mixers, radii))
+    values, slopes, errors = equations.join(equations.combine(mixers, radii))
     size = np.abs(slopes)
     terms = size * radii[:, None]  # (S, m + p, k)
     totals = ROUND_UP * (terms.sum(axis=2) + errors)
@@ -74,7 +74,7 @@ def contracted(equations: LinearEnclosure, radii: Array, mixers: Array) -> Contr
     return Contracted(lower, upper)
 
 
-def pivoted(slopes: Array, radii: Array) -> Array:
+def pivoting_mixers(slopes: Array, radii: Array) -> Array:
     """Compute matrices (S, m, m) that make slopes (S, m, k), m <= k, one on m columns.
 
     The columns are those of the largest terms in the box that are independent, by elimination.
@@ -94,7 +94,7 @@ def pivoted(slopes: Array, radii: Array) -> Array:
     return inverses(np.take_along_axis(slopes, pivots[:, None], axis=2))
 
 
-def regularised(equations: LinearEnclosure, radii: Array) -> Array:
+def damped_mixers(equations: LinearEnclosure, radii: Array) -> Array:
     """Compute the mixers (S, k + m, m), m >= k, of equations that may lose rank in their boxes.
 
     In units of errors and radii, J = U s V': V s / (s^2 + 1) U', the inverse where s is large, and U'.
@@ -107,7 +107,7 @@ def regularised(equations: LinearEnclosure, radii: Array) -> Array:
 
 
 class BorderedBounds(NamedTuple):
-    """Solutions of M z = e and z' M = e' for all M within errors of the middle; e the last unit vector."""
+    """Solutions of M z = e and z' M = e', e the last unit vector, for M in boxes."""
 
     valid: BoolArray  # (S,) every M is regular
     right: Array  # (S, s + 1), at the middle: (eta, g)
@@ -118,10 +118,10 @@ class BorderedBounds(NamedTuple):
 
 
 def bordered_bounds(P: Array, errors: Array, rounding: float) -> BorderedBounds:
-    """Enclose the bordered systems M = [P b; c' 0] of P (S, s, s), for all P within errors (S, s, s).
+    """Enclose the bordered systems of P (S, s, s), for all P within errors (S, s, s).
 
-    b, c are the last singular vectors of P. Every matrix that is singular has g = 0, and where M is regular
-    only those have.
+    M = [P b; c' 0], and b, c are the last singular vectors of P. Every matrix that is singular has g = 0, and
+    where M is regular no other has.
     """
     S, s = P.shape[:2]
     left, _, right = np.linalg.svd(P)
@@ -151,22 +151,23 @@ class _LastColumns(NamedTuple):
 
 
 def _last_columns(M: Array, X: Array, E: Array, rounding: float) -> _LastColumns:
-    """Enclose the last columns of the inverses of all matrices within E of M (S, k, k), X near its inverse.
+    """Enclose the last columns of the inverses of all matrices within E of M (S, k, k).
 
+    With X near the inverse of M,
     |z - z~| <= |X| (|e - M z~| + E |z~|) + N |z - z~| with N = |1 - X M| + |X| E.
     """
     k, z, size = M.shape[1], X[:, :, -1], np.abs(X)
-    N = off_identity(X, M) + size @ E
+    N = identity_defect(X, M) + size @ E
     norm = ROUND_UP * N.sum(axis=2).max(axis=1)
     valid = norm < MAX_CONTRACTION
     remaining = np.where(valid, 1.0 - norm, 1.0)
     unit = np.eye(k)[-1]
     residual = np.abs(unit - times(M, z)) + gamma(k) * (times(np.abs(M), np.abs(z)) + unit)
-    at_middle = ROUND_UP * times(size, residual + rounding * np.abs(z).sum(axis=1, keepdims=True))
-    of_all = ROUND_UP * times(size, residual + times(E, np.abs(z)))
-    farthest = ROUND_UP * of_all.max(axis=1) / remaining
-    error = of_all + ROUND_UP * N.sum(axis=2) * farthest[:, None]
-    last_error = at_middle[:, -1] + ROUND_UP * N[:, -1].sum(axis=1) * at_middle.max(axis=1) / remaining
+    middle_error = ROUND_UP * times(size, residual + rounding * np.abs(z).sum(axis=1, keepdims=True))
+    error = ROUND_UP * times(size, residual + times(E, np.abs(z)))
+    largest = ROUND_UP * error.max(axis=1) / remaining
+    error = error + ROUND_UP * N.sum(axis=2) * largest[:, None]
+    last_error = middle_error[:, -1] + ROUND_UP * N[:, -1].sum(axis=1) * middle_error.max(axis=1) / remaining
     return _LastColumns(valid, z, error, last_error)
 
 
@@ -183,39 +184,46 @@ class Existence(NamedTuple):
 def existence(
     values: Array, slopes: Array, changes: Array, errors: Array, radii: Array, parameter: IntArray | None
 ) -> Existence:
-    """Test m equations in k = m unknowns, or m + 1 of which one is a parameter, as Krawczyk does.
+    """Test by Krawczyk's map whether m equations have one solution in each box.
+
+    The k unknowns are m, or m + 1 of which one is a parameter.
 
     Args:
         values: (S, m) at the middle, with `errors` (S, m).
         slopes: (S, m, k) there; within the radii (S, k) they change by at most `changes` (S, m, k).
         parameter: (S,) the unknown that is one.
     """
-    S, m, k = slopes.shape
-    each = np.arange(S)
-    if parameter is None:
-        others = np.tile(np.arange(k), (S, 1))
-    else:
-        others = np.argsort(np.arange(k) == parameter[:, None], axis=1, kind="stable")[:, :m]
-    square = np.take_along_axis(slopes, others[:, None], axis=2)
-    Y = inverses(square)
-    size = np.abs(Y)
-    root = -times(Y, values)
-    slack = gamma(m) * (size @ np.abs(slopes)) + size @ changes  # (S, m, k)
-    rest = np.abs(np.eye(m) - Y @ square) + gamma(m) * np.eye(m)
-    of_columns = np.take_along_axis(radii, others, axis=1)
-    off = times(size, errors + gamma(m) * np.abs(values)) + times(slack, radii) + times(rest, of_columns)
-    off = ROUND_UP * off + gamma(m) * np.abs(root)
-    along, spread = np.zeros((2, S, k))
-    reach = off
+    m, is_parameter = values.shape[1], np.zeros(radii.shape, dtype=bool)
     if parameter is not None:
-        slope = -times(Y, slopes[each, :, parameter])
+        is_parameter = np.arange(radii.shape[1]) == parameter[:, None]
+    others = np.argsort(is_parameter, axis=1, kind="stable")[:, :m]
+    Y = inverses(np.take_along_axis(slopes, others[:, None], axis=2))
+    root = -times(Y, values)
+    error = _krawczyk_error(Y, others, values, slopes, changes, errors, radii)
+    error = ROUND_UP * error + gamma(m) * np.abs(root)
+    along, spread = np.zeros((2, *radii.shape))
+    reach = error
+    if parameter is not None:
+        slope = -times(Y, slopes[np.arange(len(slopes)), :, parameter])
         np.put_along_axis(along, others, slope, axis=1)
-        along[each, parameter] = 1.0
-        reach = off + ROUND_UP * np.abs(slope) * radii[each, parameter][:, None]
-    inside = ROUND_UP * (np.abs(root) + reach) < of_columns
-    proved = inside.all(axis=1) & (size.max(axis=(1, 2)) > 0)
+        along[is_parameter] = 1.0
+        reach = error + ROUND_UP * np.abs(slope) * radii[is_parameter][:, None]
+    inside = ROUND_UP * (np.abs(root) + reach) < np.take_along_axis(radii, others, axis=1)
     lower, upper = -radii.copy(), radii.copy()
     np.put_along_axis(lower, others, root - ROUND_UP * reach, axis=1)
     np.put_along_axis(upper, others, root + ROUND_UP * reach, axis=1)
-    np.put_along_axis(spread, others, ROUND_UP * off + np.abs(root), axis=1)
+    np.put_along_axis(spread, others, ROUND_UP * error + np.abs(root), axis=1)
+    proved = np.asarray(inside.all(axis=1) & Y.any(axis=(1, 2)))
     return Existence(proved, lower, upper, along, spread)
+
+
+def _krawczyk_error(
+    Y: Array, others: IntArray, values: Array, slopes: Array, changes: Array, errors: Array, radii: Array
+) -> Array:
+    """Bound the part (S, m) of Krawczyk's map beside root and parameter, see `existence`."""
+    m, size = Y.shape[1], np.abs(Y)
+    square = np.take_along_axis(slopes, others[:, None], axis=2)
+    slack = gamma(m) * (size @ np.abs(slopes)) + size @ changes  # (S, m, k)
+    rest = np.abs(np.eye(m) - Y @ square) + gamma(m) * np.eye(m)
+    error = times(size, errors + gamma(m) * np.abs(values)) + times(slack, radii)
+    return error + times(rest, np.take_along_axis(radii, others, axis=1))

@@ -35,7 +35,9 @@ class Enclosures(NamedTuple):
 
 
 def enclosures(quadrics: ComplexArray, radii: Array, chart: Array, z: ComplexArray) -> Enclosures:
-    """Enclose solutions z (S, N) of z' Q z = 0, chart . z = 1, for all Q (N - 1, N, N) in discs.
+    """Enclose solutions z (S, N) of N - 1 quadrics with coefficients in discs.
+
+    The equations are z' Q z = 0 for Q (N - 1, N, N), and chart . z = 1.
 
     Args:
         quadrics: the middles of the symmetric matrices.
@@ -67,9 +69,14 @@ def _radii(quadrics: ComplexArray, radii: Array, chart: Array, z: ComplexArray) 
     slack = np.vstack([2 * ROUND_UP * uncertainty @ size, rounding * np.abs(chart)])
     identity = np.eye(N)
     rest = np.abs(identity - Y @ J) + rounding * (Y_size @ np.abs(J) + identity) + Y_size @ slack
+    return _widen(off, rest, Y_size, sizes + radii)
+
+
+def _widen(off: Array, rest: Array, Y_size: Array, sizes: Array) -> Array | None:
+    """Widen radii (N,) until the test maps the polydisc into itself; None if never."""
     r = 2 * off + MIN_RADIUS
     for _ in range(MAX_WIDENINGS):
-        spread = np.vstack([2 * ROUND_UP * (sizes + radii) @ r, np.zeros(N)])
+        spread = np.vstack([2 * ROUND_UP * sizes @ r, np.zeros(len(r))])
         needed = ROUND_UP * (off + ROUND_UP**2 * ((rest + Y_size @ spread) @ r))
         if np.all(needed < r):
             return np.asarray(r)
@@ -80,7 +87,7 @@ def _radii(quadrics: ComplexArray, radii: Array, chart: Array, z: ComplexArray) 
 
 
 def chart_for(z: ComplexArray, seed: int = 0) -> Array:
-    """Choose a real chart (N,), of some at random, with a plane at infinity far from all points z (S, N)."""
+    """Choose a random real chart (N,) with a plane at infinity far from all points z (S, N)."""
     charts = np.random.default_rng(seed).standard_normal((RANDOM_CHARTS, z.shape[1]))
     charts /= np.linalg.norm(charts, axis=1, keepdims=True)
     heights = np.abs(charts @ z.T) / np.linalg.norm(z, axis=1)

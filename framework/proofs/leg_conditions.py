@@ -40,7 +40,7 @@ class LegConditions(ReadOnlyArrays):
 
 
 class _Edge(NamedTuple):
-    """A way from one body to another: a joint of the tree, or a closure, in one of its two directions."""
+    """A joint of the tree or a closure, in one of two directions from body to body."""
 
     to: int
     joint: int  # of the tree; 0 for a closure
@@ -49,7 +49,7 @@ class _Edge(NamedTuple):
 
 
 def leg_conditions(robot: ParallelRobot, q: Array) -> LegConditions | None:
-    """Find the conditions of all legs motors and springs as at q (nq,); None if there are too few."""
+    """Find the conditions of all legs, motors and springs as at q (nq,); None if too few."""
     group = _group(robot)
     if group is None:
         return None
@@ -105,16 +105,16 @@ def _chains(robot: ParallelRobot) -> Iterator[list[_Edge]]:
         edges.setdefault(second, []).append(_Edge(first, 0, closure, False))
     platform = int(model.frames[robot.frames[0]].parentJoint)
 
-    def beyond(body: int, passed: frozenset[int]) -> Iterator[list[_Edge]]:
+    def continue_chain(body: int, passed: frozenset[int]) -> Iterator[list[_Edge]]:
         if body == platform:
             yield []
             return
         for edge in edges.get(body, []):
             if edge.to not in passed:
-                for rest in beyond(edge.to, passed | {edge.to}):
+                for rest in continue_chain(edge.to, passed | {edge.to}):
                     yield [edge, *rest]
 
-    yield from beyond(0, frozenset({0}))
+    yield from continue_chain(0, frozenset({0}))
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,24 +146,26 @@ class _Sampler:
         )
 
     def displacements(self, chain: list[_Edge]) -> tuple[Array, Array] | None:
-        """Sample R (T, 3, 3) and p (T, 3), in robot lengths; None where a closure is no group of motions."""
+        """Sample R (T, 3, 3) and p (T, 3) [robot lengths]; None where a closure is no group of motions."""
         R, p = np.empty((SAMPLE_POSES, 3, 3)), np.empty((SAMPLE_POSES, 3))
         rng, frame = np.random.default_rng(RANDOM_SEED + 1), self.robot.model.frames[self.robot.frames[0]]
         for k in range(SAMPLE_POSES):
             pose = pin.SE3.Identity()
             for edge in chain:
-                step = self.links[k][edge.joint] if edge.closure is None else self._closed(edge.closure, rng)
+                step = self.links[k][edge.joint]
+                if edge.closure is not None:
+                    step = self._draw_closure_pose(edge.closure, rng)
                 if step is None:
                     return None
                 pose = pose * (step if edge.forward else step.inverse())
-            placed = pose * frame.placement
-            moved = placed * self.reference.inverse()
-            R[k], p[k] = moved.rotation, moved.translation / self.robot.length
+            pose = pose * frame.placement
+            displacement = pose * self.reference.inverse()
+            R[k], p[k] = displacement.rotation, displacement.translation / self.robot.length
             if self.of_point:
-                p[k] = (placed.translation - self.reference.translation) / self.robot.length
+                p[k] = (pose.translation - self.reference.translation) / self.robot.length
         return R, p
 
-    def _closed(self, closure: Closure, rng: np.random.Generator) -> pin.SE3 | None:
+    def _draw_closure_pose(self, closure: Closure, rng: np.random.Generator) -> pin.SE3 | None:
         """Draw a pose of the second frame's body against the first one's that the closure allows."""
         model = self.robot.model
         frame_a, frame_b = (model.frames[model.getFrameId(name)] for name in closure.frames)

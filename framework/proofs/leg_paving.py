@@ -1,12 +1,17 @@
 """Proof that the joints of a leg have no other solutions: their angles are paved (`completeness`).
 
 The equations are those of loops whose joints are the leg's or given, and of the platform's place and
-attitude; their second derivatives are bounded along their chains of joints (`hessian_bounds`).
+attitude. Their second derivatives are bounded along chains of joints. A joint enters a loop equation once, by
+its cosine and sine or its length, when the loop is seen from one of its frames. So along the chain from the
+carried point the bound is, for two hinges, the lesser of their distances from the point, links stretched out;
+for a hinge and a slide, one; for two slides, zero. These bounds hold in boxes of any width, where those of
+`derivative_bounds` are sharp in small ones.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,7 +25,6 @@ from framework.kinematics.platform import FramePlatform, JointPlatform
 from framework.linalg.ordered_sums import cross
 from framework.proofs.branch_and_bound import Boxes
 from framework.proofs.completeness import KnownSolutions, has_no_others, unique_radius
-from framework.proofs.hessian_bounds import ChainBounds, LeverChain
 from framework.proofs.interval_newton import LinearEnclosure
 from framework.proofs.rounding import REACH_MARGIN
 from framework.tolerances import FRAME_ROUNDING, LOOP_GAP
@@ -34,7 +38,7 @@ RANDOM_SEED = 5
 def leg_solutions_complete(
     robot: ParallelRobot, own: IntArray, fixed: BoolArray, q: Array, near: Array, x: Array | None
 ) -> bool:
-    """Whether the joints of a leg are proved to have no other values; False if it is not known.
+    """Whether the joints of a leg are proved to have no other values; False if not decided.
 
     Args:
         own: columns of the velocity vector that are theirs.
@@ -84,7 +88,7 @@ def _region(equations: LegEquations) -> Boxes | None:
 
 @dataclass(frozen=True, eq=False)
 class LegEquations:
-    """The equations of a leg, all other joints as in q; its own in radians and robot lengths from there."""
+    """The equations of a leg in its own joints [rad, robot lengths] from q, all others fixed."""
 
     robot: ParallelRobot
     own: IntArray
@@ -97,12 +101,12 @@ class LegEquations:
 
     @staticmethod
     def of(robot: ParallelRobot, own: IntArray, fixed: BoolArray, q: Array, x: Array | None) -> LegEquations:
-        """Collect the equations whose joints are the leg's, or fixed; the attitude where x determines it."""
+        """Collect the equations whose joints are the leg's, or fixed."""
         carried, rows = scratch_of(robot).carried, robot.rows
-        moved = carried[rows.second] != carried[rows.first]
+        feels = carried[rows.second] != carried[rows.first]
         free_joints = ~fixed
         free_joints[own] = False
-        loops = np.flatnonzero(moved[:, own].any(axis=1) & ~moved[:, free_joints].any(axis=1))
+        loops = np.flatnonzero(feels[:, own].any(axis=1) & ~feels[:, free_joints].any(axis=1))
         pairs = sorted({(int(rows.first[k]), int(rows.second[k])) for k in loops})
         chain_of = [pairs.index((int(rows.first[k]), int(rows.second[k]))) for k in loops]
         chains = [LeverChain.of(robot, own, *pair) for pair in pairs]
@@ -138,11 +142,11 @@ class LegEquations:
         enclosure = self._loops(frames, bounds)
         if self.x is not None:
             on_joints = isinstance(robot.platform, JointPlatform)
-            enclosure = enclosure.joined(
+            enclosure = enclosure.join(
                 self._joints(frames, radii) if on_joints else self._position(frames, bounds[-1])
             )
         if self.attitude is not None:
-            enclosure = enclosure.joined(self._attitude(frames, self.attitude, bounds[-1]))
+            enclosure = enclosure.join(self._attitude(frames, self.attitude, bounds[-1]))
         values, slopes, errors = enclosure
         chain_lengths = np.max([bound.length for bound in bounds], axis=0, initial=0.0)  # (B,)
         rounding = FRAME_ROUNDING * (1.0 + chain_lengths)
@@ -160,7 +164,7 @@ class LegEquations:
             else:
                 errors[:, k] = bounds[chain].attitude if turning[k] else bounds[chain].position
         slopes = equations.jacobian[:, loops][:, :, self.own] * weight[:, None]
-        return LinearEnclosure(equations.residual[:, loops] * weight, self._scaled(slopes), errors)
+        return LinearEnclosure(equations.residual[:, loops] * weight, self._scale_slides(slopes), errors)
 
     def _position(self, frames: FrameStack, bound: ChainBounds) -> LinearEnclosure:
         """Enclose the position of the platform's frame against x."""
@@ -169,20 +173,20 @@ class LegEquations:
         values = (frames.position[:, 0, platform.along] - self.x[platform.sliding]) / length
         slopes = frames.jacobian[:, 0][:, platform.along][:, :, self.own] / length
         errors = np.repeat(bound.position[:, None], len(platform.sliding), axis=1)
-        return LinearEnclosure(values, self._scaled(slopes), errors)
+        return LinearEnclosure(values, self._scale_slides(slopes), errors)
 
     def _attitude(self, frames: FrameStack, attitude: Array, bound: ChainBounds) -> LinearEnclosure:
-        """Enclose the axes of the platform's frame against those of its attitude (3, 3)."""
+        """Enclose the axes of the platform's frame against the attitude (3, 3)."""
         count, n = len(frames.q), len(self.own)
         axes = frames.rotation[:, 0].swapaxes(1, 2)  # (B, 3, 3), one axis a row
         turns = frames.jacobian[:, 0, 3:][:, :, self.own].swapaxes(1, 2)  # (B, n, 3)
         turned = cross(turns[:, None], axes[:, :, None])  # (B, axis, n, 3)
         slopes = turned.swapaxes(2, 3).reshape(count, 9, n)
         errors = np.repeat(bound.attitude[:, None], 9, axis=1)
-        return LinearEnclosure((axes - attitude.T).reshape(count, 9), self._scaled(slopes), errors)
+        return LinearEnclosure((axes - attitude.T).reshape(count, 9), self._scale_slides(slopes), errors)
 
     def _joints(self, frames: FrameStack, radii: Array) -> LinearEnclosure:
-        """Enclose the platform's own joints against x: sine and cosine of what a hinge is off."""
+        """Enclose the platform's own joints against x: sine and cosine of hinges' offsets."""
         platform, robot = self.robot.platform, self.robot
         assert isinstance(platform, JointPlatform)
         assert self.x is not None
@@ -192,19 +196,15 @@ class LegEquations:
         along = np.eye(robot.model.nv)[platform.columns][:, self.own] / scale[:, None]
         curvature = 0.5 * (radii @ np.where(hinges[:, None], along, 0.0).T) ** 2
         sine, cosine = np.where(hinges, np.sin(off), off), np.where(hinges, np.cos(off), 1.0)
-        sine_rate, cosine_rate = cosine, np.where(hinges, -np.sin(off), 0.0)
-        mine = np.isin(platform.columns, self.own)
+        rates = np.concatenate([cosine, np.where(hinges, -np.sin(off), 0.0)], axis=1)
+        is_own = np.tile(np.isin(platform.columns, self.own), 2)
         return LinearEnclosure(
-            np.concatenate([sine[:, mine], cosine[:, mine] - 1.0], axis=1),
-            self._scaled(
-                np.concatenate(
-                    [(rate[:, :, None] * along)[:, mine] for rate in (sine_rate, cosine_rate)], axis=1
-                )
-            ),
-            np.concatenate([curvature[:, mine]] * 2, axis=1),
+            np.concatenate([sine, cosine - 1.0], axis=1)[:, is_own],
+            self._scale_slides((rates[:, :, None] * np.tile(along, (2, 1)))[:, is_own]),
+            np.tile(curvature, 2)[:, is_own],
         )
 
-    def _scaled(self, slopes: Array) -> Array:
+    def _scale_slides(self, slopes: Array) -> Array:
         """Return slopes (B, m, n) along slides in robot lengths instead of metres."""
         return slopes * np.where(self.robot.sliding[self.own], self.robot.length, 1.0)
 
@@ -217,7 +217,7 @@ class LegEquations:
         return self._slides(self.q)
 
     def farthest_slide(self) -> float | None:
-        """Bound the leg's slide [robot lengths]: farther out, no chain closes; None if there is no bound.
+        """Bound the leg's slide [robot lengths] at which a chain can close; None without a bound.
 
         The translations of a chain change by one unit with its slide, whatever its hinges do.
         """
@@ -238,3 +238,76 @@ class LegEquations:
             if np.all(squares > 1 - SLIDE_SLOPE_ROUNDING):
                 bounds.append((chain.length + chain.slides @ others + ends) / robot.length)
         return REACH_MARGIN * min(bounds) if bounds else None
+
+
+# ------------------------------------------------------------------ second derivatives
+
+
+class ChainBounds(NamedTuple):
+    """Bounds on second-order terms over B boxes, all in robot lengths."""
+
+    position: Array  # (B,) of the carried point
+    attitude: Array  # (B,) of a direction
+    distance: Array  # (B,) [m] of half the squared distance of both ends, over the robot's length
+    length: Array  # (B,) of the chain
+
+
+@dataclass(frozen=True, eq=False)
+class LeverChain:
+    """The joints from a point to the frame of its observer, with their levers."""
+
+    robot_length: float  # [m]
+    turning: BoolArray  # (n,) the leg's joints that are hinges of the chain
+    sliding: BoolArray  # (n,)
+    levers: Array  # (n,) [m] from the joint to the point, slides at rest
+    between: Array  # (n, nv) slides on that way
+    length: float  # [m] of the chain, slides at rest
+    slides: Array  # (nv,) of the chain
+
+    @staticmethod
+    def of(robot: ParallelRobot, columns: IntArray, first: int | None, second: int) -> LeverChain:
+        """Walk from the origin of the second frame to the first, None for the base."""
+        model = robot.model
+        start = model.frames[robot.frames[second]]
+        end = None if first is None else model.frames[robot.frames[first]]
+        down = [] if end is None else [int(j) for j in model.supports[end.parentJoint] if j]
+        up = [int(j) for j in model.supports[start.parentJoint] if j]
+        levers, between = np.zeros(len(columns)), np.zeros((len(columns), model.nv))
+        inside, slides = np.zeros(len(columns), dtype=bool), np.zeros(model.nv)
+        length = float(np.linalg.norm(start.placement.translation))
+
+        def pass_joint(joint: int) -> None:
+            is_own = columns == model.joints[joint].idx_v
+            inside[is_own], levers[is_own], between[is_own] = True, length, slides
+
+        for joint in [j for j in reversed(up) if j not in down]:
+            pass_joint(joint)
+            length += float(np.linalg.norm(model.jointPlacements[joint].translation))
+            slides[_slides_of(robot, joint)] = 1.0
+        for joint in [j for j in down if j not in up]:
+            length += float(np.linalg.norm(model.jointPlacements[joint].translation))
+            slides[_slides_of(robot, joint)] = 1.0
+            pass_joint(joint)
+        length += 0.0 if end is None else float(np.linalg.norm(end.placement.translation))
+        slide = robot.sliding[columns]
+        return LeverChain(robot.length, inside & ~slide, inside & slide, levers, between, length, slides)
+
+    def hessian_bounds(self, radii: Array, slid: Array) -> ChainBounds:
+        """Bound second-order terms in boxes of radii (B, n), slides out by at most `slid` (B, nv) [m]."""
+        levers = (self.levers + slid @ self.between.T) / self.robot_length
+        length = (self.length + slid @ self.slides) / self.robot_length
+        turns, slides = radii * self.turning, (radii * self.sliding).sum(axis=1)
+        lesser = np.minimum(levers[:, :, None], levers[:, None])
+        curved = 0.5 * np.einsum("bi,bij,bj->b", turns, lesser, turns)
+        total = turns.sum(axis=1)
+        position = curved + total * slides
+        travel = (turns * levers).sum(axis=1) + slides
+        distance = (length * position + 0.5 * travel**2) * self.robot_length
+        return ChainBounds(position, 0.5 * total**2, distance, length)
+
+
+def _slides_of(robot: ParallelRobot, joint: int) -> IntArray:
+    """Return the sliding columns of a joint."""
+    first, count = robot.model.joints[joint].idx_v, robot.model.joints[joint].nv
+    columns = np.arange(first, first + count)
+    return columns[robot.sliding[columns]]

@@ -44,7 +44,7 @@ def joints_at(robot: ParallelRobot, q: Array, place: Array, turn: Array | None) 
         slopes[:, :3] /= robot.length
         return np.concatenate([off / robot.length, turned], axis=1), slopes
 
-    poses, closed = loops_closed(
+    poses, closed = close_all_loops(
         robot, np.tile(random_starts(robot, q, RANDOM_STARTS), (count, 1)), pose_rows
     )
     nearest_poses: list[Array | None] = []
@@ -57,7 +57,7 @@ def joints_at(robot: ParallelRobot, q: Array, place: Array, turn: Array | None) 
     return nearest_poses
 
 
-def loops_closed(
+def close_all_loops(
     robot: ParallelRobot,
     q: Array,
     more: Callable[[FrameStack], tuple[Array, Array]] | None,
@@ -88,9 +88,9 @@ def loops_closed(
         inverse = np.linalg.pinv(slopes[:, :, columns], rcond=RANK_ROUNDING)
         change = -(inverse @ values[:, :, None])[:, :, 0]
         change /= np.maximum(np.abs(change).max(axis=1, keepdims=True) / MAX_SEARCH_STEP, 1.0)
-        moved = np.zeros((len(q), robot.model.nv))
-        moved[:, columns] = change * robot.column_scale[columns]
-        q = integrate(robot, q, moved)
+        step = np.zeros((len(q), robot.model.nv))
+        step[:, columns] = change * robot.column_scale[columns]
+        q = integrate(robot, q, step)
     return q, np.asarray(size < LOOP_GAP)
 
 
@@ -145,14 +145,15 @@ def is_proved(robot: ParallelRobot, q: Array, *, locked: str = "motors") -> bool
 
 
 def distinct_joints(joints: Array) -> list[Array]:
-    """Return the rows of (T, k) that differ from all before them, hinges up to whole turns."""
-    distinct: list[Array] = []
-    for row in joints:
-        if not any(are_alike(row, earlier) for earlier in distinct):
-            distinct.append(row)
+    """Return the rows of (T, k) that repeat no earlier row, hinges up to whole turns."""
+    return [joints[k] for k in distinct_rows(joints)]
+
+
+def distinct_rows(joints: Array) -> list[int]:
+    """Return the indices of the rows of (T, k) that repeat no earlier row, hinges up to whole turns."""
+    distinct: list[int] = []
+    for k, turns in enumerate(np.exp(1j * joints)):
+        offsets = (np.abs(turns - np.exp(1j * joints[earlier])).max(initial=0.0) for earlier in distinct)
+        if all(offset > DISTINCT_SOLUTIONS for offset in offsets):
+            distinct.append(k)
     return distinct
-
-
-def are_alike(first: Array, second: Array) -> bool:
-    """Whether joints are the same, hinges up to whole turns."""
-    return bool(np.abs(np.exp(1j * first) - np.exp(1j * second)).max(initial=0.0) <= DISTINCT_SOLUTIONS)

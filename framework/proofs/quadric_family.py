@@ -82,7 +82,7 @@ class QuadricFamily:
 
 
 def is_first(z: ComplexArray) -> BoolArray:
-    """Whether each point z (S, N) of projective space, of unit size, differs from all before it, (S,)."""
+    """Whether each unit point z (S, N) of projective space differs from all earlier ones, (S,)."""
     cosine = np.minimum(np.abs(z.conj() @ z.T), 1.0)
     coincide = np.sqrt(1.0 - cosine**2) < DISTINCT_SOLUTIONS
     return np.asarray(~np.tril(coincide, -1).any(axis=1))

@@ -3,6 +3,10 @@
 The ends of all paths (`homotopy`) are enclosed by the test of Krawczyk: one solution there and no
 other, for all coefficients within their rounding. A real solution has a disc about a real point, all others
 one away from it. Where paths are lost, others are tried.
+
+That conditions in space have no other real solutions is proved by paving all dual quaternions z = (x, y)
+(`completeness`): one of x is 1 and the others lie in [-1, 1], which are all turns in four charts. The
+condition with |p|^2 bounds p, and |y| = |p| |x| / 2.
 """
 
 from __future__ import annotations
@@ -13,22 +17,26 @@ from typing import Literal
 import numpy as np
 
 from framework.arrays import Array, BoolArray, ReadOnlyArrays
-from framework.proofs.homotopy import path_ends, refined
-from framework.proofs.krawczyk import are_apart, chart_for, enclosures
-from framework.proofs.quadric_family import ComplexArray, is_first
-from framework.proofs.rounding import ROUND_UP, gamma
-from framework.proofs.study_paving import are_all_real
+from framework.proofs.branch_and_bound import Boxes
+from framework.proofs.completeness import KnownSolutions, has_no_others, unique_radius
+from framework.proofs.homotopy import PathEnds, path_ends, refine
+from framework.proofs.interval_newton import LinearEnclosure
+from framework.proofs.krawczyk import Enclosures, are_apart, chart_for, enclosures
+from framework.proofs.quadric_family import ComplexArray, QuadricFamily, is_first
+from framework.proofs.rounding import REACH_MARGIN, ROUND_UP, gamma
 from framework.proofs.study_quadric import Displacements
 from framework.tolerances import DISTINCT_SOLUTIONS, LEG_COEFFICIENT_ROUNDING
 
 MAX_ATTEMPTS = 4  # on other ways, while paths are lost
+MAX_BOXES = 3_000_000  # in each chart, some 40 s
+CHART_OVERLAP = 1.3  # |x| of known solutions that are looked at in a chart, 1 being its edge
 
 Status = Literal["proved", "numerically complete", "at least", "architecturally singular"]
 
 
 @dataclass(frozen=True)
 class PathCount:
-    """The number of paths of a homotopy to one system, by how they end."""
+    """The number of paths of a homotopy to one system, by kinds of ends."""
 
     paths: int
     finite: int  # at single solutions that are apart
@@ -87,11 +95,11 @@ def real_solutions(
         return RealSolutions(
             np.zeros((0, family.size)), R, p, nothing, nowhere, family.bound, "architecturally singular"
         )
-    rows, slack = group.eliminated(coefficients)
+    rows, slack = group.eliminate_square(coefficients)
     slack = rounding * slack
-    attempts = [_of_paths(group, rows, slack, 0)]
+    attempts = [_prove_path_ends(group, rows, slack, 0)]
     while attempts[-1].status == "at least" and len(attempts) < MAX_ATTEMPTS:
-        attempts.append(_of_paths(group, rows, slack, len(attempts)))
+        attempts.append(_prove_path_ends(group, rows, slack, len(attempts)))
     attempts.reverse()  # of equal ones the last
     best = min(
         attempts,
@@ -102,40 +110,53 @@ def real_solutions(
     return best
 
 
-def _of_paths(group: Displacements, coefficients: Array, slack: Array, attempt: int) -> RealSolutions:
-    """Prove what the ends of all paths on the ways of one attempt allow; coefficients (K, M) off by slack."""
+def _prove_path_ends(group: Displacements, coefficients: Array, slack: Array, attempt: int) -> RealSolutions:
+    """Find and prove the solutions by one attempt of paths; coefficients (K, M) are known up to slack."""
     family, quadrics = group.family, group.family.quadrics(coefficients)
     ends = path_ends(family, coefficients, seed=attempt)
     z = ends.z[ends.arrived]
     chart = chart_for(z)
-    z = refined(quadrics, z, chart.astype(complex))
+    z = refine(quadrics, z, chart.astype(complex))
     real = np.abs(z.imag).max(axis=1) < DISTINCT_SOLUTIONS * np.linalg.norm(z, axis=1)
     z[real] = z[real].real
     radii = np.tensordot(slack, np.abs(family.members), axes=1)
     radii = np.concatenate([radii, np.zeros_like(family.fixed)])
     proof = enclosures(quadrics, radii, chart, z)
     first = is_first(z / np.linalg.norm(z, axis=1, keepdims=True))
-    at_infinity = ends.infinite[ends.arrived] & ~proof.proved
-    proved_finite = _is_finite(family.members[0], z[proof.proved], proof.radii[proof.proved])
-    at_infinity[proof.proved] = ~proved_finite
-    vague = real & ~proof.proved & ~at_infinity  # a real solution beside another one
-    never_arrived = ends.last[ends.infinite & ~ends.arrived]
-    count = PathCount(
-        len(ends.z),
-        finite=int(np.sum(first & ~at_infinity & ~vague)),
-        infinite=int(np.sum(first & at_infinity) + np.sum(is_first(never_arrived))),
-        multiple=int(np.sum(ends.multiple) + np.sum(first & vague)),
-    )
+    count = _count_paths(family, ends, z, real, first, proof)
     decided = proof.proved & (real | (np.abs(z.imag) > proof.radii).any(axis=1))
     status: Status = "at least"
     if np.sum(decided) == family.bound and are_apart(z, proof.radii):
         status = "proved"
     elif count.finite + count.infinite == count.paths == family.bound:
         status = "numerically complete"
-    chosen = real & first
-    R, p = group.in_space(z[chosen].real)
-    return RealSolutions(
-        z[chosen].real, R, p, proof.proved[chosen].astype(float), count, family.bound, status
+    z, proved = z[real & first], proof.proved[real & first].astype(float)
+    return RealSolutions(z.real, *group.embed(z.real), proved, count, family.bound, status)
+
+
+def _count_paths(
+    family: QuadricFamily,
+    ends: PathEnds,
+    z: ComplexArray,
+    real: BoolArray,
+    first: BoolArray,
+    proof: Enclosures,
+) -> PathCount:
+    """Count the paths by their ends.
+
+    Args:
+        z: (S, N) the ends of the paths that arrived; of these `real` and `first`, which repeats no other.
+    """
+    proved = proof.proved
+    at_infinity = ends.infinite[ends.arrived] & ~proved
+    at_infinity[proved] = ~_is_finite(family.members[0], z[proved], proof.radii[proved])
+    vague = real & ~proved & ~at_infinity  # a real solution beside another one
+    never_arrived = ends.last[ends.infinite & ~ends.arrived]
+    return PathCount(
+        len(ends.z),
+        finite=int(np.sum(first & ~at_infinity & ~vague)),
+        infinite=int(np.sum(first & at_infinity) + np.sum(is_first(never_arrived))),
+        multiple=int(np.sum(ends.multiple) + np.sum(first & vague)),
     )
 
 
@@ -147,3 +168,63 @@ def _is_finite(first: Array, z: ComplexArray, radii: Array) -> BoolArray:
     change = np.sum((2 * np.abs(slopes) + radii @ np.abs(first)) * radii, axis=1)
     rounding = gamma(2 * z.shape[1]) * np.einsum("si,ij,sj->s", size, np.abs(first), size)
     return np.asarray(value > ROUND_UP**2 * (change + 2 * rounding))
+
+
+# ------------------------------------------------------------------ no others
+
+
+def are_all_real(group: Displacements, coefficients: Array, slack: Array, z: Array) -> bool:
+    """Whether z (k, 8) are proved to be all real solutions of conditions (K, M).
+
+    The first condition has |p|^2 once and the others have none (`Displacements.eliminate_square`).
+    """
+    reach = farthest_displacement(group, coefficients, slack)
+    if group.family.size != 8 or reach is None:
+        return False
+    return all(Chart(group, coefficients, slack, k).has_no_others(z, reach) for k in range(4))
+
+
+def farthest_displacement(group: Displacements, coefficients: Array, slack: Array) -> float | None:
+    """Bound |p| by the first condition: |p|^2 <= b |p| + c, no entry of R exceeding one."""
+    first, off = np.zeros(17), np.zeros(17)
+    first[group.chosen], off[group.chosen] = coefficients[0], slack[0]
+    if first[1] != 1.0:
+        return None
+    size = np.abs(first) + off
+    b = float(np.linalg.norm(size[2:5]) + np.linalg.norm(size[5:8]))
+    c = float(size[0] + size[8:].sum())
+    return REACH_MARGIN * (b / 2 + float(np.sqrt(b * b / 4 + c)))
+
+
+class Chart:
+    """The conditions where one coordinate of z is 1, in the other seven."""
+
+    def __init__(self, group: Displacements, coefficients: Array, slack: Array, unit_coordinate: int) -> None:
+        self.unit_coordinate, self.free = unit_coordinate, np.delete(np.arange(8), unit_coordinate)
+        self.Q = group.family.quadrics(coefficients).real
+        off = np.tensordot(slack, np.abs(group.family.members), axes=1)
+        off = np.concatenate([off, np.zeros_like(group.family.fixed)])
+        size, rows = np.abs(self.Q), len(self.Q)
+        self.curvature = size[:, self.free][:, :, self.free].reshape(rows, -1)
+        self.uncertainty = (off + gamma(16) * size).reshape(rows, -1)
+
+    def __call__(self, middle: Array, radii: Array) -> LinearEnclosure:
+        """Enclose the conditions in boxes (B, 7)."""
+        count = len(middle)
+        z, size = np.ones((count, 8)), np.ones((count, 8))
+        z[:, self.free], size[:, self.free] = middle, np.abs(middle) + radii
+        slopes = (self.Q.reshape(-1, 8) @ z.T).T.reshape(count, -1, 8)
+        square = (radii[:, :, None] * radii[:, None]).reshape(count, -1)
+        products = (size[:, :, None] * size[:, None]).reshape(count, -1)
+        values = (slopes @ z[:, :, None])[:, :, 0]
+        errors = square @ self.curvature.T + products @ self.uncertainty.T
+        return LinearEnclosure(values, 2 * slopes[:, :, self.free], errors)
+
+    def has_no_others(self, z: Array, reach: float) -> bool:
+        """Whether the chart holds no real solutions but z (k, 8), |p| at most reach."""
+        near = np.abs(z[:, :4]).max(axis=1) <= CHART_OVERLAP * np.abs(z[:, self.unit_coordinate])
+        points = (z[near] / z[near, self.unit_coordinate][:, None])[:, self.free]
+        radii = np.array([unique_radius(self, point) for point in points])
+        solutions = KnownSolutions(points, radii, np.full(7, np.inf))
+        region = Boxes(np.zeros((1, 7)), np.where(self.free < 4, 1.0, reach)[None])
+        return has_no_others(self, region, solutions, MAX_BOXES)

@@ -49,11 +49,12 @@ class RegularBall(NamedTuple):
 def regular_ball(
     robot: ParallelRobot, q: Array, x: Array, within: float, *, max_cells: int = MAX_CELLS
 ) -> RegularBall:
-    """Prove a ball about platform coordinates x (n,), joints q (nq,) there, to be free of singularities.
+    """Prove a ball about the pose x (n,), q (nq,) to be free of singularities.
 
-    In it no pose on the branch of q is singular, of Type 1 or Type 2. Of platforms that turn about three axes
-    or have more than three coordinates, one cell is tried; of those that turn about two, or about one and do
-    not move in a plane, and of robots whose ball joints move or whose joints are coupled, nothing is proved.
+    In the ball no pose on the branch of q is singular, of Type 1 or Type 2. Of platforms that turn about
+    three axes or have more than three coordinates, one cell is tried. Of those that turn about two, or about
+    one and do not move in a plane, and of robots whose ball joints move or whose joints are coupled, nothing
+    is proved.
 
     Args:
         within: the largest radius of interest [robot lengths, rad].
@@ -88,7 +89,7 @@ def _single_cell(test: CellTest, q: Array, within: float) -> float:
 
 
 class _Cubes(NamedTuple):
-    """Cubes of a grid: tested ones with their cells, others with those of the cube they are cut from."""
+    """S cubes of a grid, each with its cell; an untested one with its parent's."""
 
     level: IntArray  # (S,)
     places: IntArray  # (S, n)
@@ -100,11 +101,11 @@ class _Cubes(NamedTuple):
         return len(self.level)
 
     def take(self, which: BoolArray | IntArray | slice, /) -> _Cubes:
-        """Return some of them."""
+        """Return the cubes `which` (s,) of the S."""
         return _Cubes(self.level[which], self.places[which], self.cells.take(which))
 
     @classmethod
-    def joined(cls, parts: list[_Cubes], /) -> _Cubes:
+    def join(cls, parts: list[_Cubes], /) -> _Cubes:
         """Return the cubes of several stacks, at least one."""
         level, places = (np.concatenate([part[field] for part in parts]) for field in (0, 1))
         cells = Cells(*map(np.concatenate, zip(*(part.cells for part in parts), strict=True)))
@@ -135,11 +136,11 @@ class _Grid(NamedTuple):
         return self.width * np.clip(0.0, lower, upper)
 
     def distances(self, cubes: _Cubes) -> Array:
-        """Compute how far they are from the pose, (S,)."""
+        """Compute the distances (S,) of the cubes from the pose."""
         return np.linalg.norm(self.nearest(cubes), axis=1) / ROUND_UP
 
     def inward(self, cubes: _Cubes) -> IntArray:
-        """Return the smallest cubes (S, n) behind these points, on the way to the pose."""
+        """Return the smallest cubes (S, n) behind the nearest points, on the way to the pose."""
         pose = int(np.floor(OFF_CENTRE * 2**MAX_CUTS))
         size = 2 ** (MAX_CUTS - cubes.level[:, None])
         return np.asarray(np.clip(pose, cubes.places * size - 1, (cubes.places + 1) * size))
@@ -151,17 +152,17 @@ def _many_cells(test: CellTest, q: Array, within: float, max_cells: int) -> Regu
     start = test(np.zeros((1, n)), q[None], np.array([grid.width]))
     first = _Cubes(np.zeros(1, dtype=np.intp), np.zeros((1, n), dtype=np.intp), start)
 
-    def tested(cubes: _Cubes) -> Examined[_Cubes, _Cubes]:
-        cubes = _tested(test, grid, cubes, start.signs)
+    def examine(cubes: _Cubes) -> Examined[_Cubes, _Cubes]:
+        cubes = _test_cubes(test, grid, cubes, start.signs)
         proved = cubes.cells.proved
         undecided = cubes.take(~proved & (cubes.level == MAX_CUTS))
         ahead = cubes.take(~proved & (cubes.level < MAX_CUTS)).parts()
         return Examined(cubes.take(proved), undecided, ahead)
 
     end = branch_and_bound(
-        tested, first, batch=CELLS_PER_BATCH, max_examined=max_cells, distance=grid.distances, limit=within
+        examine, first, batch=CELLS_PER_BATCH, max_examined=max_cells, distance=grid.distances, limit=within
     )
-    proved = _Cubes.joined(end.proved)
+    proved = _Cubes.join(end.proved)
     distances = grid.distances(proved)
     proved, distances = proved.take(distances < end.limit), distances[distances < end.limit]
     if not proved.size:
@@ -170,12 +171,12 @@ def _many_cells(test: CellTest, q: Array, within: float, max_cells: int) -> Regu
     return RegularBall(min(end.limit, float(distances[disagree].min(initial=np.inf))), end.examined)
 
 
-def _tested(test: CellTest, grid: _Grid, cubes: _Cubes, signs: Array) -> _Cubes:
+def _test_cubes(test: CellTest, grid: _Grid, cubes: _Cubes, signs: Array) -> _Cubes:
     """Test cubes; one whose joints come out on another branch is not proved, and keeps its parent's cell."""
     z = grid.middles(cubes)
     half = 0.5 * grid.width * 0.5 ** np.asarray(cubes.level, dtype=float)
     parent = cubes.cells._replace(proved=np.zeros(cubes.size, dtype=bool))
-    verdict = test(z, _closed(test, parent, z), half)
+    verdict = test(z, _close(test, parent, z), half)
     elsewhere = (verdict.signs != signs).any(axis=1)
     cells = [
         np.where(elsewhere.reshape(-1, *[1] * (new.ndim - 1)), old, new)
@@ -185,11 +186,11 @@ def _tested(test: CellTest, grid: _Grid, cubes: _Cubes, signs: Array) -> _Cubes:
 
 
 def _agree(test: CellTest, grid: _Grid, cubes: _Cubes, q: Array) -> BoolArray:
-    """Whether each cube has the joints of its neighbour on the way to the pose, and the pose's own has q."""
+    """Whether each cube has its inward neighbour's joints, and the pose's own cube has q, (S,)."""
     robot, scale, cells = test.bounds.robot, test.bounds.column_scale, cubes.cells
     neighbour = _inward_neighbours(grid, cubes)
     nearest = grid.nearest(cubes)
-    joints = _closed(test, cells, nearest)
+    joints = _close(test, cells, nearest)
     point = test(nearest, joints, np.zeros(cubes.size))
     agree = point.proved & (neighbour >= 0)
     for index in (np.arange(cubes.size), neighbour):
@@ -216,12 +217,12 @@ def _inward_neighbours(grid: _Grid, cubes: _Cubes) -> IntArray:
     return neighbour
 
 
-def _closed(test: CellTest, cells: Cells, z: Array) -> Array:
+def _close(test: CellTest, cells: Cells, z: Array) -> Array:
     """Compute joints (S, nq) at points z (S, n), on from the middle of a cell each."""
     robot = test.bounds.robot
     step = np.zeros((len(z), robot.model.nv))
-    moved = np.einsum("skn,sn->sk", cells.slope, z - cells.z)
-    step[:, robot.moving] = np.clip(moved, -MAX_STEP, MAX_STEP) * test.bounds.column_scale
+    offset = np.einsum("skn,sn->sk", cells.slope, z - cells.z)
+    step[:, robot.moving] = np.clip(offset, -MAX_STEP, MAX_STEP) * test.bounds.column_scale
     guess = integrate(robot, cells.q, step)
     result = close_each(robot, test.x + z * test.scale, guess)
     return np.where(result.closed[:, None], result.q, guess)

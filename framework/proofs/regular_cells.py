@@ -19,7 +19,7 @@ import numpy as np
 
 from framework.arrays import Array, BoolArray, IntArray
 from framework.proofs.derivative_bounds import DerivativeBounds, Derivatives, Remainders
-from framework.proofs.rounding import ROUND_UP, WIDENING_RATIO, gamma, inverses, off_identity, times
+from framework.proofs.rounding import ROUND_UP, WIDENING_RATIO, gamma, identity_defect, inverses, times
 
 MAX_WIDENINGS = 6  # of the box of joints, until the test holds
 MAX_RADIUS = 10.0  # [rad, lengths] of a box of joints
@@ -39,7 +39,7 @@ class Cells(NamedTuple):
     signs: Array  # (S, 2) of det dF/dq and det P at the middle
 
     def take(self, which: BoolArray | IntArray | slice) -> Cells:
-        """Return some of them."""
+        """Return the cells `which` (s,) of the S."""
         return Cells(*(part[which] for part in self))  # type: ignore[arg-type]
 
 
@@ -53,7 +53,7 @@ class CellTest(NamedTuple):
     def __call__(self, z: Array, q: Array, half: Array, *, ball: bool = False) -> Cells:
         """Test cells of half a width (S,), or balls of that radius, joints q (S, nq) near their middles."""
         bounds, n, n_a = self.bounds, self.bounds.robot.n, self.bounds.robot.n_a
-        derivatives = bounds.at(q)
+        derivatives = bounds.evaluate(q)
         off = bounds.robot.platform.residual(derivatives.frames, self.x + z * self.scale) / self.scale
         values = np.concatenate([off, derivatives.values[:, n:]], axis=1)
         inverse = inverses(derivatives.slopes)
@@ -82,12 +82,12 @@ def _extent(along: Array, half: Array, ball: bool) -> Array:
 
 
 def _joint_boxes(derivatives: Derivatives, values: Array, inverse: Array, reach: Array) -> _JointBoxes:
-    """Widen boxes of joints until Krawczyk's test holds in them; reach (S, k) is what x may move them."""
+    """Widen boxes of joints until Krawczyk's test holds; x moves the joints by reach (S, k) at most."""
     k, size = inverse.shape[1], np.abs(inverse)
     exact = np.abs(times(inverse, values)) + times(
         size, gamma(k) * np.abs(values) + derivatives.bounds.rounding
     )
-    rest = off_identity(inverse, derivatives.slopes)
+    rest = identity_defect(inverse, derivatives.slopes)
     invertible = (size > 0).any(axis=(1, 2))
     radii = WIDENING_RATIO * (exact + reach) + MIN_RADIUS
     for widening in range(MAX_WIDENINGS):
@@ -111,10 +111,10 @@ def _passive_block_is_regular(
     P, dP = derivatives.slopes[:, n:, n_a:], derivatives.hessians[:, n:, n_a:]
     Y, s, k = inverses(P), P.shape[1], along.shape[1]
     Y_size, dP_size = np.abs(Y), np.abs(dP)
-    moved = np.einsum("sij,sjkl,sln->sikn", Y, dP, along, optimize=True)
+    changes = np.einsum("sij,sjkl,sln->sikn", Y, dP, along, optimize=True)
     step = _extent(along, half, ball=False)
     rounded = np.einsum("sij,sjkl,sl->sik", Y_size, dP_size, step, optimize=True)
-    N = off_identity(Y, P) + _extent(moved, half, ball) + gamma(s * k) * rounded
+    N = identity_defect(Y, P) + _extent(changes, half, ball) + gamma(s * k) * rounded
     beside = np.einsum("sjkl,sl->sjk", dP_size + rounding, box.error)
     beside += 0.5 * np.einsum("sjkl,sl->sjk", box.remainders.hessians[:, n:, n_a:], box.radii)
     beside += rounding * (1 + step.sum(axis=1))[:, None, None]
@@ -123,7 +123,7 @@ def _passive_block_is_regular(
 
 
 def _spectral_radius_below_one(N: Array, weights: Array) -> BoolArray:
-    """Whether matrices N (S, k, k) without sign have a spectral radius below 1: N w < w for some w > 0."""
+    """Whether matrices N >= 0 (S, k, k) have a spectral radius below 1, by N w < w."""
     rows = N.sum(axis=2)
     shifted = rows + PERRON_SHIFT * rows.max(axis=1, keepdims=True)  # near the eigenvector of Perron
     below = np.zeros(len(N), dtype=bool)

@@ -38,8 +38,8 @@ def inverses(matrices: Array) -> Array:
         return inverted
 
 
-def off_identity(inverse: Array, matrices: Array) -> Array:
-    """Bound |1 - X M| entry by entry (S, k, k), its own rounding included, for X near the inverse of M."""
+def identity_defect(inverse: Array, matrices: Array) -> Array:
+    """Bound |1 - X M| entry by entry (S, k, k), rounding included, for X near the inverse of M."""
     identity = np.eye(matrices.shape[1])
     computed = np.abs(identity - inverse @ matrices)
     return np.asarray(computed + gamma(len(identity)) * (np.abs(inverse) @ np.abs(matrices) + identity))

@@ -17,14 +17,15 @@ import numpy as np
 from framework.arrays import Array, BoolArray, IntArray
 from framework.kinematics.modes import legs
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.proofs.branch_and_bound import NO_AXIS, Boxes, Examined, narrowed_or_halved
+from framework.proofs.branch_and_bound import NO_AXIS, Boxes, Examined, narrow_or_halve
 from framework.proofs.derivative_bounds import DerivativeBounds, Derivatives, Remainders
 from framework.proofs.interval_newton import (
+    Contracted,
     LinearEnclosure,
     bordered_bounds,
-    contracted,
+    contract,
     existence,
-    pivoted,
+    pivoting_mixers,
 )
 from framework.proofs.rounding import ROUND_UP, times
 
@@ -92,7 +93,7 @@ def measure_bounds(which: SingularSet, derivatives: Derivatives, remainders: Rem
 
 
 class Arcs(NamedTuple):
-    """Boxes with a proof, and where the platform is there."""
+    """Boxes with a proof, and the platform's coordinates in the boxes."""
 
     x: Array  # (B, n)
     x_radii: Array  # (B, n)
@@ -111,7 +112,7 @@ class _SingularEquations(NamedTuple):
     x_errors: Array  # (S, n) of these in the wider box
 
     def take(self, which: BoolArray) -> _SingularEquations:
-        """Return those of some boxes."""
+        """Return the equations in the boxes `which` of the S."""
         enclosure, *others = self
         own = LinearEnclosure(*(part[which] for part in enclosure))
         return _SingularEquations(own, *(part[which] for part in others))
@@ -138,31 +139,36 @@ class SingularBoxTest:
 
     def __call__(self, boxes: Boxes) -> Examined[Boxes, Arcs]:
         """Drop, keep, narrow or cut boxes."""
-        n = self.bounds.robot.n
-        derivatives = self.bounds.at(self.bounds.moved(boxes.middle))
-        errors = derivatives.remainders(boxes.radii).values
-        loops = LinearEnclosure(derivatives.values[:, n:], derivatives.slopes[:, n:], errors[:, n:])
-        left = contracted(loops, boxes.radii, pivoted(loops.slopes, boxes.radii))
-        possible = ~left.empty & self._meets_window(derivatives, boxes.radii, errors)
-        boxes, derivatives, errors = boxes.take(possible), derivatives.take(possible), errors[possible]
-        lower, upper = left.lower[possible], left.upper[possible]
+        boxes, (lower, upper), derivatives, errors = self._close(boxes)
         axis, is_arc = np.full(boxes.size, NO_AXIS), np.zeros(boxes.size, dtype=bool)
 
-        widest = boxes.radii.max(axis=1, keepdims=True, initial=0.0)
-        wider = TESTED_BOX_RATIO * boxes.radii + WIDENING_CURVATURE * widest**2
+        wider = TESTED_BOX_RATIO * boxes.radii
+        wider += WIDENING_CURVATURE * boxes.radii.max(axis=1, keepdims=True, initial=0.0) ** 2
         remainders = derivatives.remainders(wider)
         g = measure_bounds(self.which, derivatives, remainders)
-        valid = g.valid  # elsewhere nothing is concluded from g
-        equations = self._equations(derivatives, remainders, errors[:, n:], g, boxes.radii)
-        decision = self._decided(boxes.take(valid), wider[valid], equations.take(valid))
-        lower[valid], upper[valid] = decision.lower, decision.upper
-        axis[valid], is_arc[valid] = decision.axis, decision.small
+        equations = self._equations(derivatives, remainders, errors, g, boxes.radii).take(g.valid)
+        decision = self._decide(boxes.take(g.valid), wider[g.valid], equations)  # elsewhere g says nothing
+        lower[g.valid], upper[g.valid] = decision.lower, decision.upper
+        axis[g.valid], is_arc[g.valid] = decision.axis, decision.small
 
-        open_ = (lower <= upper).all(axis=1) & ~is_arc
-        before, narrow = boxes.take(open_), boxes.within(lower, upper).take(open_)
-        size = self.bounds.robot.length * narrow.radii.sum(axis=1)
-        is_small = size < MIN_SIZE_RATIO * self.resolution
-        return Examined(decision.arcs, *narrowed_or_halved(before, narrow, axis[open_], is_small))
+        is_open = (lower <= upper).all(axis=1) & ~is_arc
+        narrow, boxes = boxes.clip(lower, upper).take(is_open), boxes.take(is_open)
+        is_small = self.bounds.robot.length * narrow.radii.sum(axis=1) < MIN_SIZE_RATIO * self.resolution
+        return Examined(decision.arcs, *narrow_or_halve(boxes, narrow, axis[is_open], is_small))
+
+    def _close(self, boxes: Boxes) -> tuple[Boxes, Contracted, Derivatives, Array]:
+        """Return the boxes in which the loops may close within the window.
+
+        With the parts left by the loops, the derivatives, and the errors (S, m) of the loops.
+        """
+        n = self.bounds.robot.n
+        derivatives = self.bounds.evaluate(self.bounds.configurations(boxes.middle))
+        errors = derivatives.remainders(boxes.radii).values
+        loops = LinearEnclosure(derivatives.values[:, n:], derivatives.slopes[:, n:], errors[:, n:])
+        remaining = contract(loops, boxes.radii, pivoting_mixers(loops.slopes, boxes.radii))
+        possible = ~remaining.empty & self._meets_window(derivatives, boxes.radii, errors)
+        parts = Contracted(remaining.lower[possible], remaining.upper[possible])
+        return boxes.take(possible), parts, derivatives.take(possible), errors[possible, n:]
 
     def _meets_window(self, derivatives: Derivatives, radii: Array, errors: Array) -> BoolArray:
         """Whether boxes may have poses in the window, whose angles are the same after a whole turn."""
@@ -183,12 +189,13 @@ class SingularBoxTest:
         g: MeasureBounds,
         radii: Array,
     ) -> _SingularEquations:
+        """Return the equations in boxes of radii (S, k)."""
         n, rounding = self.bounds.robot.n, self.bounds.rounding
         g_errors = ROUND_UP * (g.g_error + np.sum(g.slope_changes * radii, axis=1))
         loops = LinearEnclosure(derivatives.values[:, n:], derivatives.slopes[:, n:], loop_errors)
         measure = LinearEnclosure(g.g[:, None], g.slope[:, None], g_errors[:, None])
         return _SingularEquations(
-            loops.joined(measure),
+            loops.join(measure),
             exact=np.concatenate([np.full_like(loop_errors, rounding), g.g_error[:, None]], axis=1),
             changes=np.concatenate([remainders.slopes[:, n:], g.slope_changes[:, None]], axis=1),
             x=self.bounds.robot.platform.coordinates(derivatives.frames),
@@ -196,28 +203,31 @@ class SingularBoxTest:
             x_errors=remainders.values[:, :n],
         )
 
-    def _decided(self, boxes: Boxes, wider: Array, equations: _SingularEquations) -> _Decision:
+    def _decide(self, boxes: Boxes, wider: Array, equations: _SingularEquations) -> _Decision:
         """Narrow boxes by the equations, and look for an arc in boxes of the radii `wider` (S, k)."""
-        robot, radii, each = self.bounds.robot, boxes.radii, np.arange(boxes.size)
+        robot, each = self.bounds.robot, np.arange(boxes.size)
         values, slopes, _ = equations.enclosure
-        left = contracted(equations.enclosure, radii, pivoted(slopes, radii))
+        lower, upper = contract(equations.enclosure, boxes.radii, pivoting_mixers(slopes, boxes.radii))
         parameter = None
         along, reach = np.full(boxes.size, NO_AXIS), np.zeros(boxes.size)
         if robot.n == 2:  # the joint along which a curve leaves the box first
             tangent = np.linalg.svd(slopes)[2][:, -1]
-            parameter = along = np.argmax(np.abs(tangent) / radii, axis=1)
-            reach = radii[each, along]
+            parameter = along = np.argmax(np.abs(tangent) / boxes.radii, axis=1)
+            reach = boxes.radii[each, along]
             wider[each, along] = reach
         proof = existence(values, slopes, equations.changes, equations.exact, wider, parameter)
-        proved = proof.proved[:, None]
-        lower = np.where(proved, np.maximum(left.lower, proof.lower), left.lower)
-        upper = np.where(proved, np.minimum(left.upper, proof.upper), left.upper)
+        lower = np.where(proof.proved[:, None], np.maximum(lower, proof.lower), lower)
+        upper = np.where(proof.proved[:, None], np.minimum(upper, proof.upper), upper)
         x_radii = np.abs(times(equations.x_slopes, proof.along)) * reach[:, None] + equations.x_errors
         x_radii = ROUND_UP * (x_radii + times(np.abs(equations.x_slopes), proof.spread))
         small = proof.proved & (lower <= upper).all(axis=1)
         small &= (2 * robot.length * x_radii <= self.resolution).all(axis=1)
-        tubes = boxes.within(proof.lower, proof.upper)
-        arcs = Arcs(
-            equations.x[small], (robot.platform_scale * x_radii)[small], tubes.take(small), along[small]
+        x_radii = robot.platform_scale * x_radii
+        boxes = boxes.clip(proof.lower, proof.upper).take(small)
+        return _Decision(
+            lower,
+            upper,
+            axis=np.where(proof.proved, along, NO_AXIS),
+            small=small,
+            arcs=Arcs(equations.x[small], x_radii[small], boxes, along[small]),
         )
-        return _Decision(lower, upper, np.where(proof.proved, along, NO_AXIS), small, arcs)

@@ -35,7 +35,7 @@ MAX_HESSIAN_ENTRIES = 4_000_000  # second derivatives of a batch of boxes: 32 MB
 
 @dataclass(frozen=True, eq=False)
 class PavedSet(ReadOnlyArrays):
-    """The poses of one kind of singularity: B boxes that hold them, U boxes of which that is not known.
+    """The poses of one kind of singularity, in B proved boxes and U undecided ones.
 
     Each of the B holds exactly one singular pose for every value of one of its joints, the `along` one (with
     one freedom: exactly one). Neighbours overlap.
@@ -126,13 +126,14 @@ def pave_singularities(
     start = time.perf_counter()
     bounds = DerivativeBounds.of(robot, reach=reach)
     sets = tuple(
-        _paved(SingularBoxTest(bounds, which, region, resolution), reach, max_boxes)
+        _pave(SingularBoxTest(bounds, which, region, resolution), reach, max_boxes)
         for which in singular_sets(robot)
     )
     return SingularPaving(robot, sets, region, resolution, reach, time.perf_counter() - start)
 
 
 def _positive(name: str, number: object) -> float:
+    """Return a positive number; raise InvalidInput for any other."""
     value = float(finite_numbers(name, [number], 1)[0])  # type: ignore[arg-type]
     if value <= 0:
         raise InvalidInput(f"{name}: needs a positive number, got {number!r}")
@@ -140,6 +141,7 @@ def _positive(name: str, number: object) -> float:
 
 
 def _check(robot: ParallelRobot) -> None:
+    """Raise InvalidInput for a robot that cannot be paved."""
     require_square(robot)
     if robot.n > 2 or robot.n_a != robot.n or not len(robot.following):
         raise InvalidInput(
@@ -150,24 +152,24 @@ def _check(robot: ParallelRobot) -> None:
         raise InvalidInput(f"{robot.name}: a platform that turns is paved in a plane only")
 
 
-def _paved(test: SingularBoxTest, reach: float, max_boxes: int) -> PavedSet:
+def _pave(test: SingularBoxTest, reach: float, max_boxes: int) -> PavedSet:
     """Pave one set, from the whole region on."""
     robot, bounds = test.bounds.robot, test.bounds
     k = len(robot.moving)
     region = Boxes(np.zeros((1, k)), np.where(robot.sliding[robot.moving], reach, ROUND_UP * np.pi)[None])
     batch = max(MAX_HESSIAN_ENTRIES // (len(bounds.row_scale) * k**2), 1)
     partition = branch_and_bound(test, region, batch=batch, max_examined=max_boxes)
-    left = Boxes.joined([partition.undecided, partition.ahead])
-    derivatives = bounds.at(bounds.moved(left.middle))
+    left = Boxes.join([partition.undecided, partition.ahead])
+    derivatives = bounds.evaluate(bounds.configurations(left.middle))
     left_reach = times(np.abs(derivatives.slopes[:, : robot.n]), left.radii)
     left_reach += derivatives.remainders(left.radii).values[:, : robot.n]
     arcs = partition.proved
-    tubes = Boxes.joined([stack.boxes for stack in arcs])
+    tubes = Boxes.join([stack.boxes for stack in arcs])
     return PavedSet(
         name=test.which.name,
         x=np.concatenate([stack.x for stack in arcs]),
         x_radii=np.concatenate([stack.x_radii for stack in arcs]),
-        q=bounds.moved(tubes.middle),
+        q=bounds.configurations(tubes.middle),
         q_radii=tubes.radii * bounds.column_scale,
         along=np.concatenate([stack.along for stack in arcs]),
         undecided_x=robot.platform.coordinates(derivatives.frames),

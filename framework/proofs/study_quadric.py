@@ -20,7 +20,10 @@ from framework.proofs.quadric_family import QuadricFamily
 
 
 def _products() -> tuple[Array, Array]:
-    """Return T (4, 4, 4) of the product of quaternions, (a b)_k = sum T[k, i, j] a_i b_j, and conjugation."""
+    """Return the table of products of quaternions (4, 4, 4), and conjugation (4, 4).
+
+    (a b)_k = sum of table[k, i, j] a_i b_j.
+    """
     table = np.zeros((4, 4, 4))
     units = ((0, 0, 0, 1), (0, 1, 1, -1), (0, 2, 2, -1), (0, 3, 3, -1))
     for k, i, j, sign in units:
@@ -43,9 +46,7 @@ def _forms() -> Array:
         forms[2 + k, 4:, :4] = 2 * table[k + 1] @ star  # y x*
         forms[5 + k, :4, 4:] = 2 * star @ table[k + 1]  # x* y
     for column in range(3):
-        turned = np.einsum("mni,ij->mnj", table, np.eye(4)[:, [column + 1]])[
-            :, :, 0
-        ]  # (x e)_m = turned[m, n] x_n
+        turned = table[:, :, column + 1]  # (x e)_m = turned[m, n] x_n
         for row in range(3):
             # (x e x*)_row
             forms[8 + 3 * row + column, :4, :4] = np.einsum("ij,in,jm->nm", table[row + 1], turned, star)
@@ -53,7 +54,7 @@ def _forms() -> Array:
 
 
 def functions(R: Array, p: Array) -> Array:
-    """Compute 1, |p|^2, p, R'p and R row by row, (T, 17), of displacements R (T, 3, 3), p (T, 3)."""
+    """Compute the 17 functions (T, 17) of displacements R (T, 3, 3), p (T, 3): 1, |p|^2, p, R'p, R."""
     back = np.einsum("tij,ti->tj", R, p)
     square = np.sum(p * p, axis=1, keepdims=True)
     return np.concatenate([np.ones_like(square), square, p, back, R.reshape(-1, 9)], axis=1)
@@ -78,9 +79,9 @@ class Displacements:
 
     family: QuadricFamily
     chosen: IntArray  # (M,) which of the 17 functions are the members of the family
-    places: IntArray  # (N,) which of the 8 coordinates of a dual quaternion z are; see `in_space`
+    places: IntArray  # (N,) which of the 8 coordinates of a dual quaternion z are; see `embed`
 
-    def eliminated(self, coefficients: Array) -> tuple[Array, Array]:
+    def eliminate_square(self, coefficients: Array) -> tuple[Array, Array]:
         """Return equivalent conditions (K, M), |p|^2 in the first alone, and bounds (K, M) on their terms.
 
         Towards infinity |p|^2 outgrows all other functions, and the conditions differ in small terms alone.
@@ -102,7 +103,7 @@ class Displacements:
         rows[1:, column] = sizes[:, column] = 0.0
         return rows, sizes
 
-    def in_space(self, z: Array) -> tuple[Array, Array]:
+    def embed(self, z: Array) -> tuple[Array, Array]:
         """Compute R (T, 3, 3) and p (T, 3) of real solutions z (T, N)."""
         coordinates = np.zeros((len(z), 8))
         coordinates[:, self.places] = z

@@ -23,7 +23,13 @@ from framework.kinematics.modes import Leg, leg_signs, legs
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tree_model import positions_beyond_limits
 from framework.proofs.leg_paving import leg_solutions_complete
-from framework.proofs.passive_joints import are_alike, distinct_joints, is_proved, loops_closed, random_starts
+from framework.proofs.passive_joints import (
+    close_all_loops,
+    distinct_joints,
+    distinct_rows,
+    is_proved,
+    random_starts,
+)
 from framework.proofs.real_displacements import Status
 from framework.tolerances import LOOP_GAP
 
@@ -61,7 +67,7 @@ class WorkingModes:
 
     @property
     def sentence(self) -> str:
-        """Say how many there are, and of which leg."""
+        """State the number of modes, and of solutions of each leg."""
         proved = sum(mode.proved for mode in self.modes)
         inside = sum(mode.within_limits for mode in self.modes)
         each = ", ".join(
@@ -107,7 +113,7 @@ def _leg_solutions(robot: ParallelRobot, x: Array) -> list[list[Array]]:
         return off / scale, robot.platform.jacobian(frames) * robot.column_scale / scale[:, None]
 
     starts = random_starts(robot, robot.reference.q[None], RANDOM_STARTS, columns)
-    q, closed = loops_closed(robot, starts, platform_rows, columns)
+    q, closed = close_all_loops(robot, starts, platform_rows, columns)
     poses = without_spin(robot, robot.reference.q, q[closed], np.repeat(x[None], int(closed.sum()), axis=0))
     offsets = np.array([_from_reference(robot, pose) for pose in poses]).reshape(-1, robot.model.nv)
     offsets = offsets / robot.column_scale
@@ -126,36 +132,27 @@ def _combinations(robot: ParallelRobot, solutions: list[list[Array]]) -> Array:
 
 
 def _has_no_others(robot: ParallelRobot, leg: Leg, solutions: Array, q: Array, x: Array) -> bool:
-    """Whether a leg is proved to have no solutions but these (k, n), as ways from the reference.
+    """Whether a leg is proved to have no other solutions than (k, n), offsets from the reference.
 
     With the legs before it as in any of the modes q (T, nq); without modes, if it stands alone.
     """
-    columns, before = robot.moving[leg.columns], robot.moving[leg.before]
+    columns, previous = robot.moving[leg.columns], robot.moving[leg.before]
     fixed = np.ones(robot.model.nv, dtype=bool)
     fixed[robot.moving] = False
-    fixed[before] = True
+    fixed[previous] = True
     if not len(q):
-        stands_alone = not len(before) and robot.platform.is_point
+        stands_alone = not len(previous) and robot.platform.is_point
         none = solutions.reshape(0, len(columns))
         return stands_alone and leg_solutions_complete(robot, columns, fixed, robot.reference.q, none, x)
     offsets = np.array([_from_reference(robot, pose) for pose in q]) / robot.column_scale
     return all(
         leg_solutions_complete(robot, columns, fixed, q[k], solutions - offsets[k, columns], x)
-        for k in _first_of_each(offsets[:, before])
+        for k in distinct_rows(offsets[:, previous])
     )
 
 
-def _first_of_each(joints: Array) -> list[int]:
-    """Return the indices of rows (T, k) that differ from all before them, hinges up to whole turns."""
-    first: list[int] = []
-    for k, row in enumerate(joints):
-        if not any(are_alike(row, joints[earlier]) for earlier in first):
-            first.append(k)
-    return first
-
-
 def _closed_modes(robot: ParallelRobot, q: Array, x: Array) -> list[WorkingMode]:
-    """Return those of the configurations (T, nq) whose loops are closed with the platform at x (n,)."""
+    """Return the configurations (T, nq) with closed loops and the platform at x (n,) as modes."""
     if not len(q):
         return []
     linearised = linearised_at(robot, q, np.repeat(x[None], len(q), axis=0))

@@ -52,10 +52,10 @@ def accelerations(
     robot = equations.robot
     tangent = equations.tangent(q, v, np.zeros(v.shape))
     basis, light, closing = allowed_motions(equations, tangent)
-    free = equations.applied(torque) + applied - tangent.force
+    free = equations.motor_forces(torque) + applied - tangent.force
     for k in map(int, np.flatnonzero(light.any(axis=1))):
         row = f", row {k}" if len(q) > 1 else ""
-        _check_balance(equations, tangent.at(k), basis[k], light[k], free[k], row)
+        _check_balance(equations, tangent.state(k), basis[k], light[k], free[k], row)
     drift = closure_drift(equations.rows, tangent.frames, frame_motions(robot, tangent.frames, q, v))
     a = -matvec(closing, drift)
     across = basis.swapaxes(1, 2)
@@ -66,10 +66,10 @@ def accelerations(
         np.eye(light.shape[1]),
         matmul(across, matmul(tangent.mass, basis)),
     )
-    pushed = np.where(light, 0.0, matvec(across, free - matvec(tangent.mass, a)))
-    a += matvec(basis, np.linalg.solve(inertia, pushed[..., None])[..., 0])
-    moved = np.abs(basis * light[:, None] / robot.column_scale[:, None]).max(axis=2, initial=0.0)
-    return Accelerations(a, moved > RANK_ROUNDING)
+    unbalanced = np.where(light, 0.0, matvec(across, free - matvec(tangent.mass, a)))
+    a += matvec(basis, np.linalg.solve(inertia, unbalanced[..., None])[..., 0])
+    motion = np.abs(basis * light[:, None] / robot.column_scale[:, None]).max(axis=2, initial=0.0)
+    return Accelerations(a, motion > RANK_ROUNDING)
 
 
 def _check_balance(

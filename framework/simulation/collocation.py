@@ -20,7 +20,8 @@ Source: Hairer and Wanner, Solving Ordinary Differential Equations II, Springer 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -29,7 +30,7 @@ from numpy.polynomial import legendre
 from framework.arrays import LEAST_DIVISOR, Array, ReadOnlyArrays
 from framework.kinematics.frames import integrate
 from framework.kinematics.loop_curvature import loop_curvature
-from framework.simulation.drive import Drive, Gains
+from framework.simulation.drive import Drive
 from framework.simulation.equations import EquationsOfMotion, Tangent
 from framework.simulation.newton_matrix import NewtonMatrix
 
@@ -121,114 +122,134 @@ def solve_step(
     accuracy: float,
 ) -> CollocationStep | StepFailure:
     """Solve a step by Newton's method from guesses of accelerations (s, nv) and multipliers (s, m)."""
-    robot, h = equations.robot, length
-    scale = robot.column_scale
-    times = drive.before_breaks(time + h * table.nodes)
-    a, multipliers = guess[0].copy(), guess[1].copy()
-    gains = drive.gains(time, q0, v0)
+    step = _StepEquations(equations, drive, table, time, length, q0, v0)
+    a, multipliers = guess
     accuracy = accuracy + COORDINATE_ROUNDING * float(np.abs(q0).max())
-    matrix, before, slope = None, np.inf, np.zeros_like(a)
-    held = None if drive.feedback else drive(times, a[:, :0], a[:, :0])  # a torque of time alone
+    matrix, last, slope = None, np.inf, np.zeros_like(a)
     for iteration in range(1, MAX_ITERATIONS + 1):
-        q, v, slope = _nodes(equations, table, h, q0=q0, v0=v0, a=a, near=slope)
-        torque = drive(times, q, v) if held is None else held
-        tangent = equations.tangent(q, v, a)
-        applied = equations.applied(torque)
-        if drive.world.acts:
-            applied += drive.world(robot, times, q)
-            tangent = tangent.under(drive.world.slope(robot, times, q, equations.geometry.before))
-        force = tangent.force - applied - np.einsum("smi,sm->si", tangent.jacobian, multipliers)
-        if not (np.all(np.isfinite(force)) and np.all(np.isfinite(tangent.residual))):
+        balance = step.balance(a, multipliers, slope)
+        slope, residual = balance.slope, balance.tangent.residual
+        if not (np.all(np.isfinite(balance.force)) and np.all(np.isfinite(residual))):
             return StepFailure("not finite", np.inf)
         if matrix is None:
-            matrix = _matrix(equations, table, h, tangent, multipliers=multipliers, gains=gains)
+            matrix = step.newton_matrix(balance.tangent, multipliers)
             if matrix is None:
                 return StepFailure("singular equations", np.inf)
-        change, more_a, more_multipliers = matrix.solve(force, tangent.residual)
-        moved = float(np.abs(change / scale).max())
-        if not moved < MAX_NEWTON_STEP:
-            return StepFailure("Newton steps too far", moved)
-        a, multipliers = a + more_a, multipliers + more_multipliers
-        rate = moved / before if before > 0 else 0.0
-        if moved <= accuracy or (iteration > 1 and rate < 0.5 and moved * rate / (1 - rate) <= accuracy):
-            q, v, slope = _nodes(equations, table, h, q0=q0, v0=v0, a=a, near=slope)
-            power = np.sum(robot.gear_ratio * torque * v[:, robot.actuated], axis=1)
-            power += np.sum(drive.world(robot, times, q) * v, axis=1)
-            left = _unresolved(equations, table, h, slope)
-            return CollocationStep(
-                table, time, h, q0, v0, q, v, a, multipliers, slope, power, iteration, left
-            )
-        if iteration > 2 and rate > DIVERGENCE_RATE and moved > DIVERGENCE_STEP:
-            return StepFailure("Newton diverges", moved)
+        change, a_change, multiplier_change = matrix.solve(balance.force, residual)
+        size = float(np.abs(change / equations.robot.column_scale).max())
+        if not size < MAX_NEWTON_STEP:
+            return StepFailure("Newton steps too far", size)
+        a, multipliers = a + a_change, multipliers + multiplier_change
+        rate = size / last if last > 0 else 0.0
+        if size <= accuracy or (iteration > 1 and rate < 0.5 and size * rate / (1 - rate) <= accuracy):
+            return step.solution(a, multipliers, balance, iteration)
+        if iteration > 2 and rate > DIVERGENCE_RATE and size > DIVERGENCE_STEP:
+            return StepFailure("Newton diverges", size)
         if rate > REFACTORING_RATE:
             matrix = None
-        before = moved
-    return StepFailure("Newton does not converge", moved)
+        last = size
+    return StepFailure("Newton does not converge", size)
 
 
-def _nodes(
-    equations: EquationsOfMotion,
-    table: Collocation,
-    h: float,
-    *,
-    q0: Array,
-    v0: Array,
-    a: Array,
-    near: Array,
-) -> tuple[Array, Array, Array]:
-    """Return q (s, nq), v (s, nv) and the slope (s, nv) of `CollocationStep` for accelerations a (s, nv)."""
-    v = v0 + h * table.once @ a
-    slope = _slope(equations, table, h, q0=q0, v=v, near=near)
-    return integrate(equations.robot, q0, h * table.once @ slope), v, slope
+class _Balance(NamedTuple):
+    """The equations of a step at an iterate."""
+
+    slope: Array  # (s, nv) see `CollocationStep`
+    torque: Array  # (s, n_a)
+    tangent: Tangent
+    force: Array  # (s, nv) what is missing from the balance of forces
 
 
-def _slope(
-    equations: EquationsOfMotion, table: Collocation, h: float, *, q0: Array, v: Array, near: Array
-) -> Array:
-    """Compute the rate (s, nv) of the tangent offset from q0 for velocities v at the nodes."""
-    model = equations.robot.model
-    if model.nq == model.nv:
-        return v
-    slope = near if near.any() else v
-    for _ in range(MAX_SLOPE_ITERATIONS):
-        q = integrate(equations.robot, q0, h * table.once @ slope)
-        inward = [pin.dDifference(model, q0, end, pin.ARG1) for end in q]
-        new = np.einsum("sij,sj->si", np.array(inward), v)
-        if np.abs(new - slope).max() <= COORDINATE_ROUNDING * max(np.abs(v).max(), LEAST_DIVISOR):
-            return new
-        slope = new
-    return slope
+@dataclass(frozen=True, eq=False)
+class _StepEquations:
+    """The equations of one step from (q0, v0) over `length` [s]."""
 
+    equations: EquationsOfMotion
+    drive: Drive
+    table: Collocation
+    time: float
+    length: float
+    q0: Array  # (nq,)
+    v0: Array  # (nv,)
 
-def _matrix(
-    equations: EquationsOfMotion,
-    table: Collocation,
-    h: float,
-    tangent: Tangent,
-    *,
-    multipliers: Array,
-    gains: Gains | None,
-) -> NewtonMatrix | None:
-    """Return Newton's matrix; None where the equations are singular."""
-    by_q = tangent.by_q - loop_curvature(
-        equations.rows, tangent.frames, equations.geometry.before, multipliers
-    )
-    by_v = tangent.by_v
-    if gains is not None:
-        columns = equations.robot.actuated
-        by_v = by_v.copy()
-        by_q[:, columns] -= equations.robot.gear_ratio[:, None] * gains.by_q
-        by_v[:, columns] -= equations.robot.gear_ratio[:, None] * gains.by_v
-    by_motion = np.concatenate([tangent.mass, by_v, by_q], axis=2)
-    return NewtonMatrix.of(h, table.rates, by_motion, tangent.jacobian)
+    @cached_property
+    def times(self) -> Array:
+        """The instants (s,) of the nodes [s]."""
+        return self.drive.shift_breaks(self.time + self.length * self.table.nodes)
 
+    @cached_property
+    def torque(self) -> Array | None:
+        """Torques (s, n_a) of time alone; None with feedback."""
+        nothing = np.empty((self.table.stages, 0))
+        return None if self.drive.feedback else self.drive(self.times, nothing, nothing)
 
-def _unresolved(equations: EquationsOfMotion, table: Collocation, h: float, slope: Array) -> float:
-    """Estimate the first Legendre coefficient that the step leaves out [rad, robot lengths].
+    def nodes(self, a: Array, slope: Array) -> tuple[Array, Array, Array]:
+        """Compute q (s, nq), v (s, nv) and the slope (s, nv) for accelerations a (s, nv)."""
+        integral = self.length * self.table.once
+        v = self.v0 + integral @ a
+        slope = self._slope(v, slope)
+        return integrate(self.equations.robot, self.q0, integral @ slope), v, slope
 
-    Guessed from the fall of the last four, two by two, since a motion may be even or odd.
-    """
-    series = np.abs(table.series @ slope) / equations.robot.column_scale
-    last = float(series[-2:].max())
-    fall = min(1.0, last / max(float(series[-4:-2].max(initial=0.0)), LEAST_DIVISOR))
-    return h * last * fall / (2 * table.stages)
+    def _slope(self, v: Array, guess: Array) -> Array:
+        """Compute the rate (s, nv) of the tangent offset from q0 for velocities v at the nodes."""
+        model = self.equations.robot.model
+        if model.nq == model.nv:
+            return v
+        slope = guess if guess.any() else v
+        for _ in range(MAX_SLOPE_ITERATIONS):
+            q = integrate(self.equations.robot, self.q0, self.length * self.table.once @ slope)
+            inward = [pin.dDifference(model, self.q0, end, pin.ARG1) for end in q]
+            new = np.einsum("sij,sj->si", np.array(inward), v)
+            if np.abs(new - slope).max() <= COORDINATE_ROUNDING * max(np.abs(v).max(), LEAST_DIVISOR):
+                return new
+            slope = new
+        return slope
+
+    def balance(self, a: Array, multipliers: Array, slope: Array) -> _Balance:
+        """Evaluate the equations at accelerations (s, nv) and multipliers (s, m)."""
+        q, v, slope = self.nodes(a, slope)
+        equations, world = self.equations, self.drive.world
+        torque = self.drive(self.times, q, v) if self.torque is None else self.torque
+        tangent = equations.tangent(q, v, a)
+        force = equations.motor_forces(torque)
+        if world.acts:
+            force += world(equations.robot, self.times, q)
+            tangent = tangent.with_world(
+                world.slope(equations.robot, self.times, q, equations.geometry.before)
+            )
+        force = tangent.force - force - np.einsum("smi,sm->si", tangent.jacobian, multipliers)
+        return _Balance(slope, torque, tangent, force)
+
+    def newton_matrix(self, tangent: Tangent, multipliers: Array) -> NewtonMatrix | None:
+        """Return Newton's matrix; None where the equations are singular."""
+        robot, geometry = self.equations.robot, self.equations.geometry
+        by_q = tangent.by_q - loop_curvature(
+            self.equations.rows, tangent.frames, geometry.before, multipliers
+        )
+        by_v = tangent.by_v.copy()
+        gains = self.drive.gains(self.time, self.q0, self.v0)
+        if gains is not None:
+            by_q[:, robot.actuated] -= robot.gear_ratio[:, None] * gains.by_q
+            by_v[:, robot.actuated] -= robot.gear_ratio[:, None] * gains.by_v
+        by_motion = np.concatenate([tangent.mass, by_v, by_q], axis=2)
+        return NewtonMatrix.of(self.length, self.table.rates, by_motion, tangent.jacobian)
+
+    def solution(self, a: Array, multipliers: Array, balance: _Balance, iterations: int) -> CollocationStep:
+        """Return the step with its power and the unresolved part."""
+        robot = self.equations.robot
+        q, v, slope = self.nodes(a, balance.slope)
+        power = np.sum(robot.gear_ratio * balance.torque * v[:, robot.actuated], axis=1)
+        power += np.sum(self.drive.world(robot, self.times, q) * v, axis=1)
+        motion = (self.q0, self.v0, q, v, a, multipliers, slope)
+        unresolved = self._unresolved_part(slope)
+        return CollocationStep(self.table, self.time, self.length, *motion, power, iterations, unresolved)
+
+    def _unresolved_part(self, slope: Array) -> float:
+        """Estimate the first Legendre coefficient that the step leaves out [rad, robot lengths].
+
+        Guessed from the fall of the last four, two by two, since a motion may be even or odd.
+        """
+        series = np.abs(self.table.series @ slope) / self.equations.robot.column_scale
+        last = float(series[-2:].max())
+        fall = min(1.0, last / max(float(series[-4:-2].max(initial=0.0)), LEAST_DIVISOR))
+        return self.length * last * fall / (2 * self.table.stages)

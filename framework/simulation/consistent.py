@@ -41,19 +41,22 @@ def allowed_motions(equations: EquationsOfMotion, tangent: Tangent) -> AllowedMo
     loops = scaled(robot, tangent.jacobian, equations.rows.rotation)
     left, sizes, right = np.linalg.svd(loops)
     # redundant rows are gone; what else loses rank is a singularity of the closures and no free motion
-    allowed, crossed = right[:, count:].swapaxes(1, 2), right[:, :count].swapaxes(1, 2)
+    allowed = right[:, count:].swapaxes(1, 2)
     mass = tangent.mass * scale * scale[:, 0]
     values, vectors = np.linalg.eigh(matmul(allowed.swapaxes(1, 2), matmul(mass, allowed)))
     diagonal = np.diagonal(mass, axis1=1, axis2=2)
     largest = np.maximum(values.max(axis=1, initial=0.0), diagonal.max(axis=1, initial=0.0))
-    sound = sizes > np.finfo(float).eps * max(loops.shape[1:]) * sizes.max(axis=1, initial=0.0)[:, None]
-    inverse = np.where(sound, 1.0 / np.where(sound, sizes, 1.0), 0.0)
-    back = (
-        matmul(crossed * inverse[:, None], left.swapaxes(1, 2))
-        / robot.row_lengths[robot.structure.independent]
-    )
     light = values <= EIGENVALUE_ROUNDING * largest[:, None]
-    return AllowedMotions(scale * matmul(allowed, vectors), light, scale * back)
+    closing = _pseudo_inverse(left, sizes, right) / robot.row_lengths[robot.structure.independent]
+    return AllowedMotions(scale * matmul(allowed, vectors), light, scale * closing)
+
+
+def _pseudo_inverse(left: Array, sizes: Array, right: Array) -> Array:
+    """Compute the pseudo-inverses (T, k, m) of matrices (T, m, k), m <= k, from their singular values."""
+    rounding = np.finfo(float).eps * max(left.shape[1], right.shape[1])
+    sound = sizes > rounding * sizes.max(axis=1, initial=0.0)[:, None]
+    inverse = np.where(sound, 1.0 / np.where(sound, sizes, 1.0), 0.0)
+    return matmul(right[:, : sizes.shape[1]].swapaxes(1, 2) * inverse[:, None], left.swapaxes(1, 2))
 
 
 def free_motions(equations: EquationsOfMotion, tangent: Tangent) -> tuple[Array, Array]:
@@ -79,18 +82,15 @@ def consistent_state(
         NotAssembled: the loops do not close from q.
         NotConverged: the springs of massless parts find no balance.
     """
-    robot, nv = equations.robot, equations.robot.model.nv
-    scale = robot.column_scale
-    rest = np.zeros((1, nv))
-    driven = equations.applied(torque[None])[0]
+    robot, scale = equations.robot, equations.robot.column_scale
+    rest = np.zeros((1, robot.model.nv))
+    driven = equations.motor_forces(torque[None])[0]
     size = np.inf
     for _ in range(MAX_PASSES):
         tangent = equations.tangent(q[None], rest, rest)
         massive, light = free_motions(equations, tangent)
-        step = (
-            -np.linalg.lstsq(tangent.jacobian[0] * scale, tangent.residual[0], rcond=CLOSING_CUTOFF)[0]
-            * scale
-        )
+        loops = tangent.jacobian[0] * scale
+        step = -np.linalg.lstsq(loops, tangent.residual[0], rcond=CLOSING_CUTOFF)[0] * scale
         unbalanced = tangent.force[0] + equations.damping * v - driven  # gravity and springs less the motors
         unbalanced = unbalanced - world(robot, np.zeros(1), q[None])[0]
         if light.shape[1]:
@@ -125,32 +125,29 @@ def balancing_step(
     """Compute the step along the massless motions towards the balance of their springs."""
     multipliers = np.linalg.lstsq(tangent.jacobian[0].T, unbalanced, rcond=None)[0]
     curved = loop_curvature(equations.rows, tangent.frames, equations.geometry.before, multipliers[None])[0]
-    held = light.T @ np.diag(equations.stiffness) @ light
-    strength = np.linalg.eigvalsh(held + light.T @ np.diag(equations.damping) @ light)
+    springs = light.T @ np.diag(equations.stiffness) @ light
+    strength = np.linalg.eigvalsh(springs + light.T @ np.diag(equations.damping) @ light)
     stiffest = max(
         float((equations.stiffness * equations.robot.column_scale**2).max(initial=0.0)), LEAST_DIVISOR
     )
     if strength[0] <= EIGENVALUE_ROUNDING * stiffest:
-        vector = np.linalg.eigh(held)[1][:, 0]
-        moved = np.abs(light @ vector) / equations.robot.column_scale
-        joints = [
-            equations.robot.coordinates.name_of(int(k))
-            for k in np.argsort(-moved)
-            if moved[k] > 0.1 * moved.max()
-        ]
+        vector = np.linalg.eigh(springs)[1][:, 0]
+        motion = np.abs(light @ vector) / equations.robot.column_scale
+        largest = [int(k) for k in np.argsort(-motion) if motion[k] > 0.1 * motion.max()]
+        joints = [equations.robot.coordinates.name_of(k) for k in largest]
         raise InvalidInput(
             f"{equations.robot.name}, {equations.robot.flexibility}: a motion of {', '.join(joints[:4])} has "
             f"neither mass nor stiffness, its acceleration would be anything; give these links an "
             f"<inertial>, the rotor an inertia, or a spring"
         )
-    if np.linalg.eigvalsh(held)[0] <= EIGENVALUE_ROUNDING * stiffest:
-        return np.zeros(light.shape[1])  # held by damping alone: it has an initial value, the one given
-    slope = held - light.T @ curved @ light
+    if np.linalg.eigvalsh(springs)[0] <= EIGENVALUE_ROUNDING * stiffest:
+        return np.zeros(light.shape[1])  # damping alone acts: the motion has an initial value, the one given
+    slope = springs - light.T @ curved @ light
     return -np.linalg.lstsq(slope, light.T @ unbalanced, rcond=None)[0]
 
 
 def allowed_velocity(equations: EquationsOfMotion, tangent: Tangent, v: Array) -> Array:
-    """Compute the velocity next to v (nv,) that the loops allow, with the same momentum along them."""
+    """Compute the allowed velocity next to v (nv,), with the same momentum along the loops."""
     nv, rows = equations.robot.model.nv, len(equations.rows.names)
     if not rows:
         return v
@@ -158,7 +155,7 @@ def allowed_velocity(equations: EquationsOfMotion, tangent: Tangent, v: Array) -
     J = scaled(equations.robot, tangent.jacobian, equations.rows.rotation)[0]
     mass = tangent.mass[0] * scale[:, None] * scale
     size = max(float(np.diag(mass).max()), LEAST_DIVISOR)
-    matrix, wrong = np.zeros((nv + rows, nv + rows)), np.zeros(nv + rows)
+    matrix, right = np.zeros((nv + rows, nv + rows)), np.zeros(nv + rows)
     matrix[:nv, :nv], matrix[:nv, nv:], matrix[nv:, :nv] = mass / size, J.T, J
-    wrong[nv:] = -J @ (v / scale)
-    return np.asarray(v + scale * np.linalg.lstsq(matrix, wrong, rcond=MOMENTUM_CUTOFF)[0][:nv], dtype=float)
+    right[nv:] = -J @ (v / scale)
+    return np.asarray(v + scale * np.linalg.lstsq(matrix, right, rcond=MOMENTUM_CUTOFF)[0][:nv], dtype=float)

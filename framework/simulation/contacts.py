@@ -23,13 +23,11 @@ from framework.simulation.equations import EquationsOfMotion
 from framework.tolerances import RANK_ROUNDING
 
 CONTACT_TYPES = {AXES[:3]: pin.ContactType.CONTACT_3D, AXES: pin.ContactType.CONTACT_6D}
-# its defaults give NaN where rows are redundant, as in a planar loop written in 3D
-PROXIMAL_SETTINGS = {"accuracy": 1e-12, "mu": 1e-8, "iterations": 20}
 
 
 @dataclass(frozen=True, eq=False)
 class ContactDynamics:
-    """A robot as pinocchio's contact solver wants it. One object does not serve two threads at once."""
+    """A robot in the form of pinocchio's contact solver; one object serves one thread at a time."""
 
     model: pin.Model  # with rotors as armature
     data: pin.Data
@@ -86,16 +84,13 @@ class ContactDynamics:
             contact_data.append(contact.createData())
         data = model.createData()
         pin.initConstraintDynamics(model, data, contacts, contact_data)
-        accuracy = PROXIMAL_SETTINGS["accuracy"]
-        settings = pin.ProximalSettings(
-            accuracy, accuracy, PROXIMAL_SETTINGS["mu"], int(PROXIMAL_SETTINGS["iterations"])
-        )
         return ContactDynamics(
             model=model,
             data=data,
             contacts=contacts,
             contact_data=contact_data,
-            settings=settings,
+            # by default NaN where rows are redundant, as in a planar loop written in 3D
+            settings=pin.ProximalSettings(accuracy=1e-12, mu=1e-8, max_iter=20),
             stiffness=equations.stiffness if equations.stiffness.any() else None,
             rest=robot.joint_rest,
             damping=equations.damping if equations.damping.any() else None,
@@ -103,7 +98,7 @@ class ContactDynamics:
 
 
 def _check(equations: EquationsOfMotion) -> None:
-    """Refuse what pinocchio's solver cannot do."""
+    """Raise InvalidInput for a robot beyond pinocchio's solver."""
     robot = equations.robot
     others = [c.name for c in robot.description.closures if c.axes not in CONTACT_TYPES]
     others += [coupling.name for coupling in robot.description.couplings]

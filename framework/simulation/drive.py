@@ -75,8 +75,8 @@ class Drive:
             raise InvalidInput(f"torque: not finite at t = {when:.9g} s")
         return torque
 
-    def before_breaks(self, t: Array) -> Array:
-        """Move times (T,) on a break to just before it: a step ends there that began before."""
+    def shift_breaks(self, t: Array) -> Array:
+        """Move times (T,) on a break back by rounding, to the end of the step that began earlier."""
         for instant in self.breaks:
             near = np.abs(t - instant) <= 4 * np.spacing(instant)
             t = np.where(near, instant - 8 * np.spacing(instant), t)
@@ -142,20 +142,19 @@ class Drive:
                 raise InvalidInput(f"torque: needs {robot.n_a} numbers, got shape {torque.shape}")
             return torque
 
-        def stacked(t: Array, q: Array, v: Array) -> Array:
+        def stack(t: Array, q: Array, v: Array) -> Array:
             return np.array([single(float(t[k]), q[k], v[k]) for k in range(len(t))])
 
-        return Drive(robot, stacked, argument_count == 3, tuple(sorted(map(float, breaks))), world)
+        return Drive(robot, stack, argument_count == 3, tuple(sorted(map(float, breaks))), world)
 
 
 def _world_of(
     robot: ParallelRobot, motion: PlannedMotion | None, wrenches: Mapping[str, Any] | None
 ) -> WorldForces:
-    """Return the given wrenches, or those of the motion, as forces in time."""
-    law = getattr(motion, "law", None)
+    """Return the wrenches, by default of the motion, as forces in time."""
     planned = getattr(motion, "wrenches", NO_WRENCHES)
-    chosen = planned if wrenches is None else ExternalWrenches.of(wrenches)
-    return WorldForces.of(robot, chosen, law)
+    entries = planned if wrenches is None else ExternalWrenches.of(wrenches)
+    return WorldForces.of(robot, entries, getattr(motion, "law", None))
 
 
 def _arguments(function: Callable[..., Any]) -> int:

@@ -30,7 +30,7 @@ from framework.tolerances import EIGENVALUE_ROUNDING
 
 
 class Tangent(NamedTuple):
-    """The left side of the equations at T states and its derivatives; closures beside it."""
+    """The left side of the equations at T states with derivatives, and the closures."""
 
     force: Array  # (T, nv) M a + c + g + K (q - rest) + D v
     by_q: Array  # (T, nv, nv)
@@ -40,15 +40,15 @@ class Tangent(NamedTuple):
     residual: Array  # (T, m) F [m, rad]
     jacobian: Array  # (T, m, nv) J
 
-    def at(self, k: int) -> Tangent:
+    def state(self, k: int) -> Tangent:
         """Return the terms of one state, T = 1."""
         entry = slice(k, k + 1)
         force, by_q, by_v, mass, frames, residual, jacobian = self
         terms = (force[entry], by_q[entry], by_v[entry], mass[entry])
         return Tangent(*terms, frames.at(entry), residual[entry], jacobian[entry])
 
-    def under(self, slope: Array) -> Tangent:
-        """Return the derivatives under forces of the world whose derivative by q is `slope` (T, nv, nv)."""
+    def with_world(self, slope: Array) -> Tangent:
+        """Return the terms with forces of the world whose derivative by q is `slope` (T, nv, nv)."""
         return self._replace(by_q=self.by_q - slope)
 
 
@@ -103,17 +103,17 @@ class EquationsOfMotion:
             geometry=FrameGeometry.of(robot),
             scratch=Scratch.of(robot.model, robot.frames),
         )
-        return plain._holding_idle_joints()
+        return plain._load_idle_joints()
 
-    def _holding_idle_joints(self) -> EquationsOfMotion:
-        """Give a unit inertia to idle joints that carry no mass: nothing drives them, so they stay still."""
+    def _load_idle_joints(self) -> EquationsOfMotion:
+        """Give a unit inertia to idle joints without mass, which nothing drives: all stay still."""
         idle = self.robot.structure.idle
         if not len(idle):
             return self
         mass = self.tangent(self.robot.q_near[None], *np.zeros((2, 1, self.robot.model.nv))).mass[0]
-        held = idle[np.diag(mass)[idle] <= EIGENVALUE_ROUNDING * np.diag(mass).max()]
+        massless = idle[np.diag(mass)[idle] <= EIGENVALUE_ROUNDING * np.diag(mass).max()]
         rotors = self.rotors.copy()
-        rotors[held] = 1.0
+        rotors[massless] = 1.0
         return replace(self, rotors=rotors)
 
     def spring_force(self, q: Array) -> Array:
@@ -124,7 +124,7 @@ class EquationsOfMotion:
         springs = np.asarray(self.stiffness * (turned - self.robot.joint_rest), dtype=float)
         return along_joints(self.robot, self.robot.neutral, q, springs)
 
-    def applied(self, torque: Array) -> Array:
+    def motor_forces(self, torque: Array) -> Array:
         """Compute S' n tau (T, nv), the generalised forces of motor torques (T, n_a), joint side."""
         force = np.zeros((len(torque), self.robot.model.nv))
         force[:, self.robot.actuated] = self.robot.gear_ratio * torque

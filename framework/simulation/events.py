@@ -64,20 +64,21 @@ def occurrences(
         values = [_number(event, float(t), q, v) for t, q, v in zip(times, *states, strict=True)]
         values.insert(0, last_values.get(event, values[0]))
         last_values[event] = values[-1]
-        for before, after, t0, t1 in zip(values, values[1:], [times[0], *times], times, strict=False):
+        for first, second, t0, t1 in zip(values, values[1:], [times[0], *times], times, strict=False):
             # a zero on a look belongs to the interval that it ends
-            if before == 0.0 or before * after > 0 or event.direction * (after - before) < 0:
+            if first == 0.0 or first * second > 0 or event.direction * (second - first) < 0:
                 continue
-            on_look = after == 0.0 or t0 == t1
+            on_look = second == 0.0 or t0 == t1
             t = float(t1 if on_look else brentq(value, t0, t1, xtol=EVENT_TIME_ROUNDING))
             q, v = trajectory(np.array([t]))
             occurred.append(Occurrence(event.name, t, q[0], v[0], event.terminal))
     occurred.sort(key=lambda occurrence: occurrence.time)
-    ends = [k for k, occurrence in enumerate(occurred) if occurrence.terminal]
-    return occurred[: ends[0] + 1] if ends else occurred
+    terminal = [occurrence.terminal for occurrence in occurred]
+    return occurred[: terminal.index(True) + 1] if any(terminal) else occurred
 
 
 def _number(event: Event, t: float, q: Array, v: Array) -> float:
+    """Return the value of an event's function, which has to be a number."""
     value = event.function(t, q, v)
     try:
         number = float(value)

@@ -10,7 +10,6 @@ Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, S
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
 
@@ -20,6 +19,7 @@ from framework.arrays import Array
 from framework.simulation.contacts import ContactDynamics
 from framework.simulation.drive import Drive
 from framework.simulation.equations import EquationsOfMotion
+from framework.simulation.schemes import State
 
 STAGES = 12
 CLOSING_STEPS = 50.0  # steps in which open loops close: quicker, and it shows in the error estimate
@@ -36,75 +36,78 @@ class Table(NamedTuple):
 
 @cache
 def _table() -> Table:
+    """Return the table of DOP853."""
     from scipy.integrate import DOP853  # 0.2 s, not for those who only plan
 
     rows = tuple(DOP853.A[k, :k] for k in range(STAGES))
     return Table(DOP853.C[:STAGES], DOP853.B, rows, DOP853.E5[:STAGES])
 
 
-@dataclass(frozen=True, eq=False)
-class ExplicitStep:
+class FixedStep(NamedTuple):
     """A step: its ends, its mean power and its error."""
 
     time: float
+    end_time: float
     length: float
-    start: Array  # (2 nv,) q and v
-    end: Array
+    end: State
     power: float  # mean power of motors and world less that of damping [W]
-    error: float  # estimate of the part of q that the step misses [rad, m]
+    error: float = 0.0  # estimate of the part of q that the step misses [rad, m]
 
 
 def explicit_steps(
-    equations: EquationsOfMotion, dynamics: ContactDynamics, drive: Drive, start: Array, edges: Array
-) -> Iterator[ExplicitStep]:
-    """Yield steps between the instants `edges` (K + 1,) from the state (2 nv,); infinite once it diverges."""
-    robot, nv = equations.robot, equations.robot.model.nv
-    table, force = _table(), _forces(equations, drive, edges)
-    instants = edges[:-1, None] + np.diff(edges)[:, None] * table.nodes
-    state, K = start, np.empty((STAGES, 2 * nv))
-    before = tuple(K[:k] for k in range(STAGES))
-    gear, actuated, damping = robot.gear_ratio, robot.actuated, equations.damping
+    equations: EquationsOfMotion, dynamics: ContactDynamics, drive: Drive, start: State, edges: Array
+) -> Iterator[FixedStep]:
+    """Yield steps between the instants `edges` (K + 1,), also non-finite ones after divergence."""
+    table, forces = _table(), _forces(equations, drive, edges)
+    state, nv = np.concatenate(start), len(start.v)
+    K = np.empty((STAGES, 2 * nv))
     for k, h in enumerate(np.diff(edges)):
         power = 0.0
         for i in range(STAGES):
-            stage = state + h * (table.rows[i] @ before[i]) if i else state
+            stage = state + h * (table.rows[i] @ K[:i]) if i else state
             q, v = stage[:nv], stage[nv:]
-            applied, torque = force(k, i, q, v)
-            power_of_world = 0.0
-            if drive.world.acts:
-                pushed = drive.world(robot, instants[k, i : i + 1], q[None])[0]
-                applied, power_of_world = applied + pushed, float(pushed @ v)
-            K[i, :nv] = v
-            K[i, nv:] = dynamics.acceleration(q, v, applied)
-            if table.weights[i]:
-                of_motors = float((gear * torque) @ v[actuated] - damping @ v**2)
-                power += table.weights[i] * (of_motors + power_of_world)
-        end = state + h * (table.weights @ K)
-        missed = float(np.abs(h * (table.error @ K[:, :nv])).max())
-        yield ExplicitStep(float(edges[k]), float(h), state, end, power, missed)
-        state = end
+            force, supplied = forces(k, i, q, v)
+            K[i, :nv], K[i, nv:] = v, dynamics.acceleration(q, v, force)
+            power += table.weights[i] * supplied
+        state = state + h * (table.weights @ K)
+        yield FixedStep(
+            time=float(edges[k]),
+            end_time=float(edges[k]) + float(h),
+            length=float(h),
+            end=State(state[:nv], state[nv:]),
+            power=power,
+            error=float(np.abs(h * (table.error @ K[:, :nv])).max()),
+        )
 
 
-Forces = Callable[[int, int, Array, Array], tuple[Array, Array]]
+Forces = Callable[[int, int, Array, Array], tuple[Array, float]]
 
 
 def _forces(equations: EquationsOfMotion, drive: Drive, edges: Array) -> Forces:
-    """Return a function (step, stage, q, v) of the motors' generalised forces (nv,) and torques (n_a,)."""
-    robot, count = equations.robot, len(edges) - 1
+    """Return a function (step, stage, q, v) of the generalised forces (nv,) and their power [W].
+
+    Forces of motors and world; the power less that of damping, and 0 at stages without weight.
+    """
+    robot, weights, count = equations.robot, _table().weights, len(edges) - 1
     times = edges[:-1, None] + np.diff(edges)[:, None] * _table().nodes
-    if drive.feedback:
+    if not drive.feedback:
+        instants = np.minimum(drive.shift_breaks(times).ravel(), edges[-1])
+        torques = drive(instants, *(np.empty((len(instants), 0)),) * 2)
+        motors = equations.motor_forces(torques).reshape(count, STAGES, -1)
+        torques = torques.reshape(count, STAGES, robot.n_a)
 
-        def answer(k: int, i: int, q: Array, v: Array) -> tuple[Array, Array]:
-            torque = drive(times[k, i : i + 1], q[None], v[None])
-            return equations.applied(torque)[0], torque[0]
+    def forces(k: int, i: int, q: Array, v: Array) -> tuple[Array, float]:
+        if drive.feedback:
+            answer = drive(times[k, i : i + 1], q[None], v[None])
+            force, torque = equations.motor_forces(answer)[0], answer[0]
+        else:
+            force, torque = motors[k, i], torques[k, i]
+        power = 0.0
+        if weights[i]:
+            power = float((robot.gear_ratio * torque) @ v[robot.actuated] - equations.damping @ v**2)
+        if drive.world.acts:
+            world = drive.world(robot, times[k, i : i + 1], q[None])[0]
+            force, power = force + world, power + (float(world @ v) if weights[i] else 0.0)
+        return force, power
 
-        return answer
-    instants = np.minimum(drive.before_breaks(times).ravel(), edges[-1])
-    torques = drive(instants, *(np.empty((len(instants), 0)),) * 2)
-    table = equations.applied(torques).reshape(count, STAGES, -1)
-    torques = torques.reshape(count, STAGES, robot.n_a)
-
-    def tabulated(k: int, i: int, q: Array, v: Array) -> tuple[Array, Array]:
-        return table[k, i], torques[k, i]
-
-    return tabulated
+    return forces

@@ -19,7 +19,7 @@ from framework.linalg.ordered_sums import matmul, matvec
 
 
 class FrameGeometry(NamedTuple):
-    """The placements of the robot's frames on its joints, and the columns that move them."""
+    """The placements of the robot's frames on its joints, and the columns of the joints."""
 
     joint: IntArray  # (F,) that carries the frame
     rotation: Array  # (F, 3, 3) of the frame in its joint

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -13,11 +13,12 @@ from framework.arrays import Array
 from framework.errors import InvalidInput, NotConverged
 from framework.kinematics.frames import integrate
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.simulation.collocation import CollocationStep
 from framework.simulation.contacts import ContactDynamics
 from framework.simulation.drive import Drive
 from framework.simulation.equations import EquationsOfMotion
 from framework.simulation.events import Event, Occurrence, occurrences
-from framework.simulation.explicit import CLOSING_STEPS, explicit_steps
+from framework.simulation.explicit import CLOSING_STEPS, FixedStep, explicit_steps
 from framework.simulation.schemes import State
 from framework.simulation.step_size_control import COUNT_ROUNDING, collocate
 from framework.simulation.stepper import Stepper
@@ -30,7 +31,7 @@ MIN_FIXED_STEPS = 4  # of method fast: fewer show nothing of what they leave out
 
 
 class MethodSettings(NamedTuple):
-    """Numbers of a method; those that do not concern it are ignored."""
+    """Numbers of a method; each method ignores some."""
 
     stages: int = 0  # of collocation
     tolerance: float = 0.0  # what a step may leave unresolved [rad, robot lengths]
@@ -61,12 +62,40 @@ class Integration:
     iterations: int
 
 
-def by_collocation(task: IntegrationTask, settings: MethodSettings) -> Integration:
+@dataclass
+class _Record:
+    """The energy balance and the events of a run, step by step."""
+
+    task: IntegrationTask
+    looks: int  # a step, for events
+    supplied: list[float] = field(default_factory=lambda: [0.0])
+    exchanged: float = 0.0
+    occurred: list[Occurrence] = field(default_factory=list)
+    last_values: dict[Event, float] = field(default_factory=dict)
+
+    def add(self, work: float, exchange: float) -> None:
+        """Add the work of a step [J], and the same counted positive."""
+        self.supplied.append(self.supplied[-1] + work)
+        self.exchanged += exchange
+
+    def finds_end(self, piece: Trajectory, start: float, end: float) -> bool:
+        """Look for events during a step; return whether a terminal one occurred."""
+        events = self.task.events
+        self.occurred += occurrences(events, piece, (start, end), self.looks, self.last_values)
+        return bool(self.occurred and self.occurred[-1].terminal)
+
+    def integration(self, trajectory: Trajectory, unresolved: float, iterations: int) -> Integration:
+        """Return the result of the run."""
+        occurred, supplied = tuple(self.occurred), np.array(self.supplied)
+        return Integration(trajectory, supplied, self.exchanged, occurred, unresolved, iterations)
+
+
+def integrate_by_collocation(task: IntegrationTask, settings: MethodSettings) -> Integration:
     """Integrate by Radau IIA steps of variable length; see `collocate`."""
-    equations, steps, occurred, supplied, exchanged = task.equations, [], [], [0.0], 0.0
-    weights, last_values = equations.damping, dict[Event, float]()
+    robot, damping = task.equations.robot, task.equations.damping
+    steps, record = list[CollocationStep](), _Record(task, settings.looks)
     for step in collocate(
-        equations,
+        task.equations,
         task.drive,
         *task.start,
         task.duration,
@@ -76,83 +105,94 @@ def by_collocation(task: IntegrationTask, settings: MethodSettings) -> Integrati
         advanced=task.advanced,
     ):
         steps.append(step)
-        power = step.power - step.v**2 @ weights
+        power = step.power - step.v**2 @ damping
         share = step.length * step.table.once[-1]
-        supplied.append(supplied[-1] + float(share @ power))
-        exchanged += float(share @ np.abs(power))
-        if task.events:
-            piece = Polynomials(equations.robot, (step,))
-            occurred += occurrences(
-                task.events, piece, (step.time, float(step.times[-1])), settings.looks, last_values
-            )
-            if occurred and occurred[-1].terminal:
-                break
-    return Integration(
-        Polynomials(equations.robot, tuple(steps)),
-        np.array(supplied),
-        exchanged,
-        tuple(occurred),
-        max(step.unresolved for step in steps),
-        sum(step.iterations for step in steps),
-    )
+        record.add(float(share @ power), float(share @ np.abs(power)))
+        piece = Polynomials(robot, (step,))
+        if task.events and record.finds_end(piece, step.time, float(step.times[-1])):
+            break
+    unresolved = max(step.unresolved for step in steps)
+    iterations = sum(step.iterations for step in steps)
+    return record.integration(Polynomials(robot, tuple(steps)), unresolved, iterations)
 
 
-def by_fixed_steps(task: IntegrationTask, settings: MethodSettings) -> Integration:
+def integrate_by_fixed_steps(task: IntegrationTask, settings: MethodSettings) -> Integration:
     """Integrate by steps of one length with the torque of their middle; see `Stepper`."""
-    equations, drive = task.equations, task.drive
-    robot = equations.robot
-    stepper = Stepper.of(robot, damping=equations.damping)
+    robot = task.equations.robot
     count = _count(task.duration, settings.step)
     if count < MIN_FIXED_STEPS:
         raise InvalidInput(
             f"step: {settings.step:g} s is too long for {task.duration:g} s, which "
             f"needs {MIN_FIXED_STEPS} steps"
         )
+    edges, record = np.linspace(0.0, task.duration, count + 1), _Record(task, 1)
+    trajectory, _ = _collect(record, _fixed_steps(task, edges), edges)
     h = task.duration / count
-    edges = np.linspace(0.0, task.duration, count + 1)
-    states, work, exchanged, occurred = [task.start], [0.0], 0.0, []
-    last_values: dict[Event, float] = {}
-    torques = None if drive.feedback else drive(edges[:-1] + 0.5 * h, *(np.empty((count, 0)),) * 2)
-    for k in range(count):
-        q, v = states[-1]
-        torque = drive(edges[k : k + 1], q[None], v[None])[0] if torques is None else torques[k]
-        pushed = _pushed(drive, edges[k] + 0.5 * h, q, 0.5 * h * v)
-        state = stepper.step(q, v, torque, h, pushed=pushed)
-        if not (np.all(np.isfinite(state.q)) and np.all(np.isfinite(state.v))):
-            raise _runaway(robot, float(edges[k]), h)
-        states.append(state)
-        mean = 0.5 * (v + state.v)
-        power = float((robot.gear_ratio * torque) @ mean[robot.actuated] - mean**2 @ equations.damping)
-        power += 0.0 if pushed is None else float(pushed @ mean)
-        work.append(work[-1] + h * power)
-        exchanged += h * abs(power)
-        if task.events:
-            piece = Cubics(
-                robot, edges[k : k + 2], *(np.array(part) for part in zip(*states[-2:], strict=True))
-            )
-            occurred += occurrences(
-                task.events, piece, (float(edges[k]), float(edges[k + 1])), 1, last_values
-            )
-            if occurred and occurred[-1].terminal:
-                break
-        if task.advanced is not None:
-            task.advanced(float(edges[k + 1] / task.duration))
-    q, v = (np.array(part) for part in zip(*states, strict=True))
-    missed = _left_out(robot, v, h)
-    _check_resolved(robot, missed, h)
-    trajectory = Cubics(robot, edges[: len(q)], q, v)
-    return Integration(trajectory, np.array(work), exchanged, tuple(occurred), missed, len(q) - 1)
+    error = _fixed_step_error(robot, trajectory.v, h)
+    _check_resolved(robot, error, h)
+    return record.integration(trajectory, error, len(trajectory.q) - 1)
 
 
-def _pushed(drive: Drive, t: float, q: Array, step: Array) -> Array | None:
-    """Compute the world's forces (nv,) at t [s], q (nq,) moved by a step (nv,); None without any."""
-    if not drive.world.acts:
-        return None
-    robot = drive.robot
-    return drive.world(robot, np.array([t]), integrate(robot, q[None], step[None]))[0]
+def _fixed_steps(task: IntegrationTask, edges: Array) -> Iterator[FixedStep]:
+    """Yield steps between the instants `edges` (K + 1,) with the torque of their middle."""
+    drive, robot, damping = task.drive, task.equations.robot, task.equations.damping
+    stepper, h = Stepper.of(robot, damping=damping), task.duration / (len(edges) - 1)
+    middles, state = edges[:-1] + 0.5 * h, task.start
+    torques = None if drive.feedback else drive(middles, *(np.empty((len(middles), 0)),) * 2)
+    for k, middle in enumerate(middles):
+        q, v = state
+        torque = torques[k] if torques is not None else drive(edges[k : k + 1], q[None], v[None])[0]
+        world = None
+        if drive.world.acts:
+            world = drive.world(robot, np.array([middle]), integrate(robot, q[None], (0.5 * h * v)[None]))[0]
+        state = stepper.step(q, v, torque, h, world=world)
+        v = 0.5 * (v + state.v)
+        power = float((robot.gear_ratio * torque) @ v[robot.actuated] - v**2 @ damping)
+        power += 0.0 if world is None else float(world @ v)
+        yield FixedStep(float(edges[k]), float(edges[k + 1]), h, state, power)
+
+
+def integrate_by_explicit_steps(task: IntegrationTask, settings: MethodSettings) -> Integration:
+    """Integrate by steps of one length, of order 8; see `explicit`. Breaks of the torque end a step."""
+    edges = _edges(task, settings.step or task.duration / DEFAULT_EXPLICIT_STEPS)
+    dynamics = ContactDynamics.of(task.equations, CLOSING_STEPS * float(np.diff(edges).max()))
+    steps = explicit_steps(task.equations, dynamics, task.drive, task.start, edges)
+    record = _Record(task, settings.looks)
+    trajectory, error = _collect(record, steps, edges)
+    return record.integration(trajectory, error, len(trajectory.q) - 1)
+
+
+def _collect(record: _Record, steps: Iterator[FixedStep], edges: Array) -> tuple[Cubics, float]:
+    """Collect steps up to the end or a terminal event; return the motion and the largest error.
+
+    Raises:
+        NotConverged: the motion diverges.
+    """
+    task, robot = record.task, record.task.equations.robot
+    states, error = [task.start], 0.0
+    with np.errstate(over="ignore", invalid="ignore"):  # a runaway is told below
+        for step in steps:
+            if not (np.all(np.isfinite(step.end.q)) and np.all(np.isfinite(step.end.v))):
+                raise _runaway(robot, step.time, step.length)
+            states.append(step.end)
+            record.add(step.length * step.power, step.length * abs(step.power))
+            error = max(error, step.error)
+            if task.events:
+                piece = _cubics(robot, np.array([step.time, step.end_time]), states[-2:])
+                if record.finds_end(piece, step.time, step.end_time):
+                    break
+            if task.advanced is not None:
+                task.advanced(step.end_time / task.duration)
+    return _cubics(robot, edges[: len(states)], states), error
+
+
+def _cubics(robot: ParallelRobot, edges: Array, states: list[State]) -> Cubics:
+    """Return the cubic polynomials through states at `edges` (K + 1,)."""
+    return Cubics(robot, edges, *(np.array(part) for part in zip(*states, strict=True)))
 
 
 def _check_resolved(robot: ParallelRobot, missed: float, h: float) -> None:
+    """Raise NotConverged if fixed steps of h [s] miss too much."""
     if missed > FIXED_STEP_ERROR:
         enough = h * (0.1 * FIXED_STEP_ERROR / missed) ** 0.5
         raise NotConverged(
@@ -162,46 +202,14 @@ def _check_resolved(robot: ParallelRobot, missed: float, h: float) -> None:
         )
 
 
-def _left_out(robot: ParallelRobot, v: Array, h: float) -> float:
-    """Compute the error of fixed steps of order 2, all steps together [rad, robot lengths].
+def _fixed_step_error(robot: ParallelRobot, v: Array, h: float) -> float:
+    """Estimate the error of fixed steps of order 2, all steps together [rad, robot lengths].
 
     A step misses h^3 / 12 of the third derivative of q, which is the second difference of v over h^2. How far
     the motion itself pulls neighbouring motions apart is not in it.
     """
     bends = np.abs(np.diff(v / robot.column_scale, 2, axis=0))
     return float(h / 12 * bends.sum(axis=0).max(initial=0.0))
-
-
-def by_explicit_steps(task: IntegrationTask, settings: MethodSettings) -> Integration:
-    """Integrate by steps of one length, of order 8; see `explicit`. Breaks of the torque end a step."""
-    robot = task.equations.robot
-    edges = _edges(task, settings.step or task.duration / DEFAULT_EXPLICIT_STEPS)
-    dynamics = ContactDynamics.of(task.equations, CLOSING_STEPS * float(np.diff(edges).max()))
-    state = np.concatenate(task.start)
-    states, work, exchanged, occurred, missed = [state], [0.0], 0.0, [], 0.0
-    last_values: dict[Event, float] = {}
-    with np.errstate(over="ignore", invalid="ignore"):  # a runaway is told below
-        for step in explicit_steps(task.equations, dynamics, task.drive, state, edges):
-            if not np.all(np.isfinite(step.end)):
-                raise _runaway(robot, step.time, step.length)
-            states.append(step.end)
-            work.append(work[-1] + step.length * step.power)
-            exchanged += step.length * abs(step.power)
-            missed = max(missed, step.error)
-            if task.events:
-                ends = np.array([step.time, step.time + step.length])
-                piece = Cubics(robot, ends, *np.split(np.array(states[-2:]), 2, axis=1))
-                occurred += occurrences(
-                    task.events, piece, (float(ends[0]), float(ends[1])), settings.looks, last_values
-                )
-                if occurred and occurred[-1].terminal:
-                    break
-            if task.advanced is not None:
-                task.advanced((step.time + step.length) / task.duration)
-    q, v = np.split(np.array(states), 2, axis=1)
-    return Integration(
-        Cubics(robot, edges[: len(q)], q, v), np.array(work), exchanged, tuple(occurred), missed, len(q) - 1
-    )
 
 
 def _edges(task: IntegrationTask, step: float) -> Array:
@@ -224,6 +232,7 @@ def _count(length: float, step: float) -> int:
 
 
 def _runaway(robot: ParallelRobot, time: float, step: float) -> NotConverged:
+    """Return the error of a motion that diverges at a time [s]."""
     return NotConverged(
         f"{robot.name}: the simulation runs away at t = {time:.9g} s, or its equations are singular there; "
         f"take a shorter step than {step:.3g} s, or method stiff",
@@ -232,15 +241,15 @@ def _runaway(robot: ParallelRobot, time: float, step: float) -> NotConverged:
 
 
 class Method(NamedTuple):
-    """An integrator with the settings that it has by default."""
+    """An integrator with its default settings."""
 
     run: Callable[[IntegrationTask, MethodSettings], Integration]
     settings: MethodSettings
 
 
 METHODS: dict[str, Method] = {
-    "reference": Method(by_collocation, MethodSettings(stages=16, tolerance=1e-12, looks=32)),
-    "fast": Method(by_fixed_steps, MethodSettings(step=1e-3)),
-    "explicit": Method(by_explicit_steps, MethodSettings(looks=4)),
-    "stiff": Method(by_collocation, MethodSettings(stages=5, tolerance=1e-7, looks=10)),
+    "reference": Method(integrate_by_collocation, MethodSettings(stages=16, tolerance=1e-12, looks=32)),
+    "fast": Method(integrate_by_fixed_steps, MethodSettings(step=1e-3)),
+    "explicit": Method(integrate_by_explicit_steps, MethodSettings(looks=4)),
+    "stiff": Method(integrate_by_collocation, MethodSettings(stages=5, tolerance=1e-7, looks=10)),
 }

@@ -64,20 +64,20 @@ class NewtonMatrix:
         """
         from scipy.linalg.lapack import dgetrs
 
-        moved = -_each(self.onto, residual)
-        unbalanced = _each(self.free.transpose(0, 2, 1), force + _each(self.by_motion, self._motion(moved)))
+        dq = -_matvec(self.onto, residual)
+        unbalanced = _matvec(self.free.transpose(0, 2, 1), force + _matvec(self.by_motion, self._motion(dq)))
         along = dgetrs(*self.factors, -(self.length**2) * unbalanced.ravel())[0]
-        moved += _each(self.free, along.reshape(unbalanced.shape))
-        motion = self._motion(moved)
-        multipliers = _each(self.onto.transpose(0, 2, 1), force + _each(self.by_motion, motion))
-        return moved, motion[:, : moved.shape[1]], multipliers
+        dq += _matvec(self.free, along.reshape(unbalanced.shape))
+        motion = self._motion(dq)
+        multipliers = _matvec(self.onto.transpose(0, 2, 1), force + _matvec(self.by_motion, motion))
+        return dq, motion[:, : dq.shape[1]], multipliers
 
-    def _motion(self, moved: Array) -> Array:
+    def _motion(self, dq: Array) -> Array:
         """Return the changes of a, v and q (s, 3 nv) for one of q (s, nv)."""
-        rate = self.rates @ moved / self.length
-        return np.concatenate([self.rates @ rate / self.length, rate, moved], axis=1)
+        rate = self.rates @ dq / self.length
+        return np.concatenate([self.rates @ rate / self.length, rate, dq], axis=1)
 
 
-def _each(matrices: Array, vectors: Array) -> Array:
+def _matvec(matrices: Array, vectors: Array) -> Array:
     """Compute the products (s, a) of matrices (s, a, b) and vectors (s, b)."""
     return np.asarray((matrices @ vectors[..., None])[..., 0])

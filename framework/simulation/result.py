@@ -22,7 +22,7 @@ from framework.tolerances import FILE_ROUNDING
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Simulation(ReadOnlyArrays):
-    """A simulated motion and the numbers by which it proves itself.
+    """A simulated motion and the errors that prove the motion.
 
     Attributes:
         tracking_error: largest distance of the platform from the planned path at the same instant [m]; of a
@@ -54,7 +54,7 @@ class Simulation(ReadOnlyArrays):
 
     @property
     def duration(self) -> float:
-        """Simulated time [s]; shorter than asked when a terminal event ended it."""
+        """Simulated time [s], up to a terminal event."""
         return float(self.times[-1])
 
     def configuration(self, t: ArrayLike) -> Array:
@@ -117,18 +117,8 @@ def simulation_result(
     fixed = isinstance(trajectory, Cubics)
     times = np.append(edges[edges < ended], ended) if fixed else np.linspace(edges[0], ended, samples)
     q, v = trajectory(times)
-    at_edges = trajectory(edges)
-    energy = equations.energy(*at_edges)
-    balance = np.abs(energy - energy[0] - run.supplied)
-    kinetic = equations.energy(at_edges[0], at_edges[1]) - equations.energy(
-        at_edges[0], np.zeros_like(at_edges[1])
-    )
-    # at rest all is rounding: of the work that lifts the robot by its length, or moves it that far meanwhile
-    gravity = float(np.linalg.norm(robot.model.gravity.linear))
-    lifted = robot.mass * robot.length * (gravity + robot.length / float(edges[-1] - edges[0]) ** 2)
-    scale = max(run.exchanged, float(np.ptp(energy)), float(kinetic.max()), np.finfo(float).eps * lifted)
-    gaps = [_gap(robot, *pair) for pair in ((times, q), (edges, at_edges[0]))]
-    tracking, turning = (None, None) if planned is None else _off_path(robot, planned, times, q)
+    edge_states = trajectory(edges)
+    tracking, turning = (None, None) if planned is None else _path_errors(robot, planned, times, q)
     return Simulation(
         robot=robot,
         method=method,
@@ -137,8 +127,8 @@ def simulation_result(
         v=v,
         tracking_error=tracking,
         turning_error=turning,
-        closure_error=max(gaps),
-        energy_error=float(balance.max()) / scale if scale > 0 else 0.0,
+        closure_error=max(_gap(robot, times, q), _gap(robot, edges, edge_states[0])),
+        energy_error=_energy_error(equations, run, *edge_states),
         unresolved=run.unresolved,
         steps=len(edges) - 1,
         iterations=run.iterations,
@@ -148,6 +138,19 @@ def simulation_result(
     )
 
 
+def _energy_error(equations: EquationsOfMotion, run: Integration, q: Array, v: Array) -> float:
+    """Compute the `energy_error` of a `Simulation` from the states q, v at the ends of all steps."""
+    robot, edges = equations.robot, run.trajectory.edges
+    energy = equations.energy(q, v)
+    balance = np.abs(energy - energy[0] - run.supplied)
+    kinetic = energy - equations.energy(q, np.zeros_like(v))
+    # at rest all is rounding: of the work that lifts the robot by its length, or moves it that far meanwhile
+    gravity = float(np.linalg.norm(robot.model.gravity.linear))
+    lifting = robot.mass * robot.length * (gravity + robot.length / float(edges[-1] - edges[0]) ** 2)
+    scale = max(run.exchanged, float(np.ptp(energy)), float(kinetic.max()), np.finfo(float).eps * lifting)
+    return float(balance.max()) / scale if scale > 0 else 0.0
+
+
 def _gap(robot: ParallelRobot, times: Array, q: Array) -> float:
     """Compute the largest loop equation at q (T, nq), redundant ones too.
 
@@ -155,9 +158,10 @@ def _gap(robot: ParallelRobot, times: Array, q: Array) -> float:
         NotAssembled: one that was not integrated, because it repeats others at the reference, opens.
     """
     gaps = np.abs(loop_wrenches(robot.rows, frames_at(robot, q)).residual)  # (T, rows)
-    kept = robot.structure.independent
-    dropped = np.setdiff1d(np.arange(gaps.shape[1]), kept)
-    torn = gaps[:, dropped] > FILE_ROUNDING * robot.row_lengths[dropped] + 10 * gaps[:, kept].max(initial=0.0)
+    independent = robot.structure.independent
+    dropped = np.setdiff1d(np.arange(gaps.shape[1]), independent)
+    rounding = FILE_ROUNDING * robot.row_lengths[dropped]
+    torn = gaps[:, dropped] > rounding + 10 * gaps[:, independent].max(initial=0.0)
     if torn.any():
         instant = int(np.argmax(torn.any(axis=1)))
         row = int(dropped[np.argmax(torn[instant])])
@@ -171,11 +175,12 @@ def _gap(robot: ParallelRobot, times: Array, q: Array) -> float:
     return float(gaps.max(initial=0.0))
 
 
-def _off_path(
+def _path_errors(
     robot: ParallelRobot, planned: PlannedMotion, times: Array, q: Array
 ) -> tuple[float, float | None]:
     """Compute the largest distance [m] and the largest turn [rad] from the planned platform."""
-    off = robot.platform.residual(frames_at(robot, q), planned.platform(np.minimum(times, planned.duration)))
-    turning = ~robot.translations
-    sizes = [float(np.linalg.norm(off[:, part], axis=1).max()) for part in (~turning, turning) if part.any()]
+    x = planned.platform(np.minimum(times, planned.duration))
+    offset = robot.platform.residual(frames_at(robot, q), x)
+    parts = [part for part in (robot.translations, ~robot.translations) if part.any()]
+    sizes = [float(np.linalg.norm(offset[:, part], axis=1).max()) for part in parts]
     return sizes[0], sizes[1] if len(sizes) > 1 else None

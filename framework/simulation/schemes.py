@@ -59,6 +59,7 @@ def _springs(stack: RobotStack, q: Array) -> Array:
 
 
 def _implicit(mass: Array, stack: RobotStack, by_spring: float, by_damping: float) -> Array:
+    """Add springs and damping, times factors, to mass matrices (R, nv, nv)."""
     matrix = mass.copy()
     diagonal = range(mass.shape[1])
     matrix[:, diagonal, diagonal] += by_spring * stack.stiffness + by_damping * stack.damping
@@ -78,13 +79,13 @@ def midpoint(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) -> 
     closing = -rate / h - CLOSING_SHARE * gap / h**2
     guess = _solve(mass, terms.jacobian, steady - terms.bias, closing - 0.5 * drift)
     halfway = v + 0.5 * h * guess
-    terms = stack.at_other_velocities(terms, middle, halfway)
+    terms = stack.with_velocities(terms, middle, halfway)
     a = _solve(mass, terms.jacobian, steady - terms.bias, closing - 0.5 * stack.drift(terms, halfway))
     new = v + h * a
     return State(integrate(robot, q, 0.5 * h * (v + new)), new)
 
 
-def extrapolated(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) -> State:
+def extrapolate(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) -> State:
     """Step by the linear implicit Euler method, extrapolated once."""
     robot = stack.robots[0]
 
@@ -128,4 +129,4 @@ def runge_kutta(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) 
 
 
 Scheme = Callable[[RobotStack, Array, Array, Array, float], State]
-SCHEMES: dict[str, Scheme] = {"midpoint": midpoint, "extrapolated": extrapolated, "contacts": runge_kutta}
+SCHEMES: dict[str, Scheme] = {"midpoint": midpoint, "extrapolated": extrapolate, "contacts": runge_kutta}

@@ -93,15 +93,15 @@ def simulate(
     """
     began = clock.perf_counter()
     robot, drive = _robot_and_drive(robot, drive)
-    chosen = _method(method)
-    settings = _settings(chosen, method, tolerance, step, stages)
+    integrator = _method(method)
+    settings = _settings(integrator, method, tolerance, step, stages)
     samples = whole_number("samples", samples, *SAMPLE_RANGE)
     equations = EquationsOfMotion.of(robot, None if damping is None else damping)
     source = Drive.of(robot, drive, breaks, wrenches)
     planned = planned_motion(drive)
     span = _duration(duration, planned)
     state = _start(equations, source, planned, start, start_velocity)
-    run = chosen.run(IntegrationTask(equations, source, state, span, tuple(events), progress), settings)
+    run = integrator.run(IntegrationTask(equations, source, state, span, tuple(events), progress), settings)
     return simulation_result(
         equations, method, run, planned, samples=samples, seconds=clock.perf_counter() - began
     )
@@ -116,6 +116,7 @@ def _robot_and_drive(robot: Any, drive: Any) -> tuple[ParallelRobot, Any]:
 
 
 def _method(name: str) -> Method:
+    """Return the method of a name."""
     if name not in METHODS:
         raise InvalidInput(choose_from("method", name, METHODS))
     return METHODS[name]
@@ -124,7 +125,7 @@ def _method(name: str) -> Method:
 def _settings(
     method: Method, name: str, tolerance: float | None, step: float | None, stages: int | None
 ) -> MethodSettings:
-    """Return the method's settings with those of the caller in place of the defaults."""
+    """Return the method's settings with the caller's numbers in place of defaults."""
     settings = method.settings
     if tolerance is not None:
         if not settings.stages:
@@ -145,6 +146,7 @@ def _settings(
 
 
 def _duration(duration: float | None, planned: PlannedMotion | None) -> float:
+    """Return the duration [s], by default of the planned motion."""
     if duration is None:
         if planned is None:
             raise InvalidInput("duration: required [s] when the drive is a function")
@@ -179,7 +181,7 @@ def _start(
 
 
 def _planned_start(robot: ParallelRobot, planned: PlannedMotion) -> tuple[Array, Array]:
-    """Return the plan's start; for a plan of the same robot with other springs, assembled there at rest."""
+    """Return the plan's start; for other springs than the plan's, assembled at rest."""
     q, v = planned.configuration(0.0)[0], planned.velocity(0.0)[0]
     owner = getattr(planned, "robot", robot)
     if (owner.axis_names, owner.actuator_names) != (robot.axis_names, robot.actuator_names):

@@ -38,7 +38,7 @@ GUESS_COEFFICIENTS = 4  # Legendre coefficients of a step that guess the next on
 
 @dataclass
 class StepSizeControl:
-    """The length [s] of the next step, and what it is based on."""
+    """The length [s] of the next step, with the lengths behind the choice."""
 
     length: float
     longest: float
@@ -51,21 +51,21 @@ class StepSizeControl:
         """Factor on the tolerance for the next step."""
         return BRIDGING_LENIENCY if self.short else 1.0
 
-    def fitted(self, left: float) -> float:
+    def next_length(self, remaining: float) -> float:
         """Return the next length such that the last step but one is not followed by a tiny one."""
-        count = max(1, int(np.ceil(left / self.length - COUNT_ROUNDING)))
-        return left / count if count <= 2 else self.length
+        count = max(1, int(np.ceil(remaining / self.length - COUNT_ROUNDING)))
+        return remaining / count if count <= 2 else self.length
 
-    def taken(self, length: float, factor: float) -> None:
+    def accept(self, length: float, factor: float) -> None:
         """Accept a step; the next may be longer by this factor."""
         self.length = min(self.longest, length * factor)
         self.usual, self.short, self.tried = max(length, 0.5 * self.usual), 0.0, 0
 
-    def refused(self, length: float, factor: float, left: float) -> None:
-        """Reject a step; the next is shorter by this factor, or steps over what is in the way."""
+    def reject(self, length: float, factor: float, remaining: float) -> None:
+        """Reject a step; the next is shorter by this factor, or steps over a singularity."""
         shorter = self.short or length * min(factor, REFUSED_STEP_RATIO)
         if self.tried < len(BRIDGING_RATIOS) and (self.short or shorter < self.usual / BRIDGED_SHORTENING):
-            self.length, self.short = min(BRIDGING_RATIOS[self.tried] * self.usual, left), shorter
+            self.length, self.short = min(BRIDGING_RATIOS[self.tried] * self.usual, remaining), shorter
             self.tried += 1
         else:
             self.length, self.short = shorter, 0.0
@@ -83,21 +83,20 @@ def collocate(
     longest: float,
     advanced: Callable[[float], None] | None = None,
 ) -> Iterator[CollocationStep]:
-    """Yield steps from 0 to `duration`; each keeps what it leaves unresolved below `tolerance`.
+    """Yield steps from 0 to `duration`, each resolved to `tolerance`.
 
     Over a singularity of the closures rounding may leave more unresolved; `CollocationStep.unresolved` tells.
 
     Raises:
         NotConverged: no step, however short, can be solved or resolved.
     """
-    table, taken = radau(stages), 0
+    table, count = radau(stages), 0
     control = StepSizeControl(min(longest, duration * FIRST_STEP_RATIO), longest)
     edges = [0.0, *(t for t in drive.breaks if 0 < t < duration), duration]
-    for start, end in pairwise(edges):
-        time, before = start, None
+    for time, end in pairwise(edges):
+        previous = None
         while time < end:
-            length = control.fitted(end - time)
-            guess = _guess(equations, table, before, length)
+            length = control.next_length(end - time)
             step = solve_step(
                 equations,
                 drive,
@@ -106,30 +105,31 @@ def collocate(
                 length=length,
                 q0=q,
                 v0=v,
-                guess=guess,
+                guess=_guess(equations, table, previous, length),
                 accuracy=NEWTON_SHARE * tolerance,
             )
             if isinstance(step, StepFailure):
-                before, reason = None, step.reason
-                control.refused(length, FAILED_STEP_RATIO, end - time)
+                previous, reason = None, step.reason
+                control.reject(length, FAILED_STEP_RATIO, end - time)
             else:
                 admissible = tolerance + MOVE_ROUNDING * _largest_move(equations, step)
-                fit = (admissible / max(step.unresolved, LEAST_DIVISOR)) ** (1 / (stages + 1))
-                factor = float(np.clip(STEP_SAFETY * fit, MIN_STEP_GROWTH, MAX_STEP_GROWTH))
+                factor = (admissible / max(step.unresolved, LEAST_DIVISOR)) ** (1 / (stages + 1))
+                factor = float(np.clip(STEP_SAFETY * factor, MIN_STEP_GROWTH, MAX_STEP_GROWTH))
                 if step.unresolved <= control.leniency * admissible:
                     yield step
                     q, v = end_state(equations, step)
-                    time, before, taken = (end if length == end - time else time + length), step, taken + 1
-                    control.taken(length, factor)
+                    time = end if length == end - time else time + length
+                    previous, count = step, count + 1
+                    control.accept(length, factor)
                     if advanced is not None:
                         advanced(time / duration)
-                    if taken >= PROJECTED_AFTER and taken * duration > MAX_STEPS * time:
-                        raise _given_up(equations, time, length, "they are too many")
+                    if count >= PROJECTED_AFTER and count * duration > MAX_STEPS * time:
+                        raise _refusal(equations, time, length, "they are too many")
                     continue
                 reason = "the motion is not resolved"
-                control.refused(length, factor, end - time)
+                control.reject(length, factor, end - time)
             if control.length < MIN_STEP_RATIO * duration:
-                raise _given_up(equations, time, control.length, f"and even they fail: {reason}")
+                raise _refusal(equations, time, control.length, f"and even they fail: {reason}")
 
 
 def _largest_move(equations: EquationsOfMotion, step: CollocationStep) -> float:
@@ -137,7 +137,8 @@ def _largest_move(equations: EquationsOfMotion, step: CollocationStep) -> float:
     return step.length * float(np.abs(step.slope / equations.robot.column_scale).max(initial=0.0))
 
 
-def _given_up(equations: EquationsOfMotion, time: float, length: float, why: str) -> NotConverged:
+def _refusal(equations: EquationsOfMotion, time: float, length: float, why: str) -> NotConverged:
+    """Return the error of a simulation that needs steps of a length [s] at a time [s]."""
     return NotConverged(
         f"{equations.robot.name}: the simulation stops at t = {time:.9g} s, where it needs steps of "
         f"{length:.1e} s {why}. Either the loops lock or branch there, or the torque jumps: instants "
@@ -147,21 +148,20 @@ def _given_up(equations: EquationsOfMotion, time: float, length: float, why: str
 
 
 def end_state(equations: EquationsOfMotion, step: CollocationStep) -> tuple[Array, Array]:
-    """Return the state at the end of a step, its velocity as the loops allow it."""
+    """Return the state at the end of a step, with a velocity that the loops allow."""
     rest = np.zeros((1, equations.robot.model.nv))
     tangent = equations.tangent(step.q[-1:], rest, rest)
     return step.q[-1], allowed_velocity(equations, tangent, step.v[-1])
 
 
 def _guess(
-    equations: EquationsOfMotion, table: Collocation, before: CollocationStep | None, length: float
+    equations: EquationsOfMotion, table: Collocation, previous: CollocationStep | None, length: float
 ) -> tuple[Array, Array]:
-    """Extrapolate accelerations and multipliers at the nodes from the step before; zero without one."""
-    if before is None:
-        return np.zeros((table.stages, equations.robot.model.nv)), np.zeros(
-            (table.stages, len(equations.rows.names))
-        )
-    places = 1.0 + table.nodes * (length / before.length)
-    few = min(GUESS_COEFFICIENTS, table.stages)
-    ahead = table.basis(places, few - 1) @ table.series[:few]
-    return ahead @ before.a, ahead @ before.multipliers
+    """Extrapolate accelerations and multipliers at the nodes from the previous step; zero without one."""
+    if previous is None:
+        a = np.zeros((table.stages, equations.robot.model.nv))
+        return a, np.zeros((table.stages, len(equations.rows.names)))
+    shares = 1.0 + table.nodes * (length / previous.length)
+    count = min(GUESS_COEFFICIENTS, table.stages)
+    ahead = table.basis(shares, count - 1) @ table.series[:count]
+    return ahead @ previous.a, ahead @ previous.multipliers

@@ -26,7 +26,7 @@ CLOSING_TIME = 0.05  # [s] in which the scheme contacts closes open loops
 
 @dataclass(frozen=True, eq=False)
 class Stepper:
-    """Advances one robot, one robot in many runs, or as many robots as runs. Make it with `Stepper.of`."""
+    """Advances one robot, one robot in many runs, or as many robots as runs; made by `Stepper.of`."""
 
     stack: RobotStack
     scheme: str  # midpoint, extrapolated or contacts
@@ -90,21 +90,21 @@ class Stepper:
         states = [consistent_state(self.stack.equations(k), q[k], v[k], tau[k], world) for k in range(len(q))]
         return State(np.array([state[0] for state in states]), np.array([state[1] for state in states]))
 
-    def step(self, q: Array, v: Array, torque: Array, h: float, *, pushed: Array | None = None) -> State:
-        """Return the state h [s] later under torques (n_a,) or (R, n_a) [N m], motor side, held meanwhile.
+    def step(self, q: Array, v: Array, torque: Array, h: float, *, world: Array | None = None) -> State:
+        """Return the state h [s] later under constant torques (n_a,) or (R, n_a) [N m], motor side.
 
-        And under generalised forces of the world `pushed` (nv,) or (R, nv), none by default, held as well.
-        A run that diverges, or whose equations are singular, comes out as NaN or infinite. A run comes out
-        the same to the last bit whatever stack it is in.
+        And under constant generalised forces of the `world` (nv,) or (R, nv), none by default. A run that
+        diverges, or whose equations are singular, comes out as NaN or infinite. A run comes out the same to
+        the last bit whatever stack it is in.
         """
         if q.ndim == 1:
-            new = self.step(
-                q[None], v[None], torque[None], h, pushed=None if pushed is None else pushed[None]
-            )
+            world = None if world is None else world[None]
+            new = self.step(q[None], v[None], torque[None], h, world=world)
             return State(new.q[0], new.v[0])
-        driven = _applied(self.stack, torque)
-        if pushed is not None:
-            driven += pushed
+        driven = np.zeros((len(torque), self.stack.rotors.shape[1]))
+        driven[:, self.stack.actuated] = self.stack.gear_ratio * torque
+        if world is not None:
+            driven += world
         with np.errstate(over="ignore", invalid="ignore"):
             return SCHEMES[self.scheme](self.stack, q, v, driven, h)
 
@@ -118,14 +118,8 @@ class Stepper:
 
 
 def _has_massless_motions(equations: EquationsOfMotion) -> bool:
+    """Whether the loops allow a motion without mass at the reference."""
     robot = equations.robot
     rest = np.zeros((1, robot.model.nv))
     tangent = equations.tangent(robot.reference.q[None], rest, rest)
     return bool(free_motions(equations, tangent)[1].shape[1])
-
-
-def _applied(stack: RobotStack, torque: Array) -> Array:
-    """Compute generalised forces (R, nv) of the motors."""
-    force = np.zeros((len(torque), stack.rotors.shape[1]))
-    force[:, stack.actuated] = stack.gear_ratio * torque
-    return force

@@ -73,8 +73,8 @@ class RobotStack:
         for robot in robots:
             _check_same_structure(like, robot)
         geometries = [FrameGeometry.of(robot) for robot in robots]
-        held = first.rotors * ~np.isin(np.arange(robots[0].model.nv), robots[0].actuated)
-        rotors = np.repeat(held[None], len(robots), axis=0)
+        idle_rotors = first.rotors * ~np.isin(np.arange(robots[0].model.nv), robots[0].actuated)
+        rotors = np.repeat(idle_rotors[None], len(robots), axis=0)
         stiffness = np.array([robot.joint_stiffness for robot in robots])
         gear = np.array([robot.gear_ratio for robot in robots])
         rotors[:, robots[0].actuated] = gear**2 * np.array([robot.rotor_inertia for robot in robots])
@@ -102,38 +102,38 @@ class RobotStack:
         )
 
     def equations(self, run: int) -> EquationsOfMotion:
-        """Return the equations of one run; what all robots share is not computed again."""
+        """Return the equations of one run, with all that the robots share."""
         k = run if len(self.robots) > 1 else 0
-        place = self.geometry
+        geometry = self.geometry
         return replace(
             self.first,
             robot=self.robots[k],
             damping=self.damping[k],
             rotors=self.rotors[k],
             stiffness=self.stiffness[k],
-            geometry=place._replace(rotation=place.rotation[k], translation=place.translation[k]),
+            geometry=geometry._replace(rotation=geometry.rotation[k], translation=geometry.translation[k]),
         )
+
+    def _models(self, runs: int) -> list[pin.Model]:
+        """Return the model of each run."""
+        models = [robot.model for robot in self.robots]
+        return models if len(models) > 1 else models * runs
 
     def terms(self, q: Array, v: Array) -> Terms:
         """Compute all terms at q (R, nq) and v (R, nv)."""
-        runs, nv = len(q), v.shape[1]
-        mass, tree = np.empty((runs, nv, nv)), np.empty((2, runs, 6, nv))
-        bias = np.empty((runs, nv))
-        J, dJ = tree
-        model, scratch = self.robots[0].model, scratch_of(self.robots[0])
-        data, joints = scratch.data, scratch.joints
-        poses = np.empty((runs, *joints.shape))
-        several = len(self.robots) > 1
-        for k, (configuration, rate) in enumerate(zip(q, v, strict=True)):
-            if several:
-                model = self.robots[k].model
-            bias[k] = pin.nonLinearEffects(model, data, configuration, rate)
-            mass[k] = pin.crba(model, data, configuration)
-            pin.computeJointJacobiansTimeVariation(model, data, configuration, rate)
+        runs, nv = v.shape
+        J, dJ = np.empty((2, runs, 6, nv))
+        mass, bias = np.empty((runs, nv, nv)), np.empty((runs, nv))
+        scratch = scratch_of(self.robots[0])
+        data, poses = scratch.data, np.empty((runs, *scratch.joints.shape))
+        for k, model in enumerate(self._models(runs)):
+            bias[k] = pin.nonLinearEffects(model, data, q[k], v[k])
+            mass[k] = pin.crba(model, data, q[k])
+            pin.computeJointJacobiansTimeVariation(model, data, q[k], v[k])
             J[k], dJ[k] = data.J, data.dJ
             if scratch.refresh is not None:
                 scratch.refresh()
-            poses[k] = joints
+            poses[k] = scratch.joints
         rows, columns = _lower_half(nv)
         mass[:, rows, columns] = mass[:, columns, rows]  # pinocchio fills the upper half
         mass[:, range(nv), range(nv)] += self.rotors
@@ -141,25 +141,22 @@ class RobotStack:
         loops = loop_equations(self.rows, frames)
         return Terms(mass, bias, frames, loops.residual, loops.jacobian, dJ)
 
-    def at_other_velocities(self, terms: Terms, q: Array, v: Array) -> Terms:
+    def with_velocities(self, terms: Terms, q: Array, v: Array) -> Terms:
         """Return the terms `terms` at configurations q (R, nq) for other velocities v (R, nv)."""
         bias, dJ = np.empty_like(terms.bias), np.empty_like(terms.tree_rate)
-        model, data = self.robots[0].model, scratch_of(self.robots[0]).data
-        several = len(self.robots) > 1
-        for k, (configuration, rate) in enumerate(zip(q, v, strict=True)):
-            if several:
-                model = self.robots[k].model
-            pin.computeJointJacobiansTimeVariation(model, data, configuration, rate)
+        data = scratch_of(self.robots[0]).data
+        for k, model in enumerate(self._models(len(q))):
+            pin.computeJointJacobiansTimeVariation(model, data, q[k], v[k])
             dJ[k] = data.dJ
-            bias[k] = pin.nonLinearEffects(model, data, configuration, rate)
+            bias[k] = pin.nonLinearEffects(model, data, q[k], v[k])
         return terms._replace(bias=bias, tree_rate=dJ)
 
     def drift(self, terms: Terms, v: Array) -> Array:
         """Compute the second derivative (R, m) of the loop equations when joint accelerations are zero."""
         frames = terms.frames
-        moved = frames.carried * v[:, None]  # (R, F, nv)
+        rates = frames.carried * v[:, None]  # (R, F, nv)
         both = np.stack([frames.screws, terms.tree_rate.swapaxes(1, 2)])
-        motions = FrameMotions.at_origins(matmul(moved, both), frames.position)
+        motions = FrameMotions.at_origins(matmul(rates, both), frames.position)
         return closure_drift(self.rows, frames, motions)
 
 

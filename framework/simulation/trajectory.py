@@ -38,17 +38,17 @@ class Polynomials:
         return np.array([self.steps[0].time, *(step.times[-1] for step in self.steps)])
 
     def __call__(self, t: Array) -> tuple[Array, Array]:
-        which, table = _which(self.edges, t), self.steps[0].table
+        which, table = _step_index(self.edges, t), self.steps[0].table
         times, lengths = np.array([(step.time, step.length) for step in self.steps]).T
         basis = table.basis((t - times[which]) / lengths[which])
         starts = np.array([step.start for step in self.steps])[which]
-        turned, v = np.empty((2, len(t), self.robot.model.nv))
+        offset, v = np.empty((2, len(t), self.robot.model.nv))
         for k in np.unique(which):
             step, inside = self.steps[k], which == k
-            turned[inside] = basis[inside] @ (step.length * table.series_of_integral @ step.slope)
+            offset[inside] = basis[inside] @ (step.length * table.series_of_integral @ step.slope)
             rates = np.vstack([step.start_velocity, step.v])
             v[inside] = basis[inside] @ (table.series_with_start @ rates)
-        return integrate(self.robot, starts, turned), v
+        return integrate(self.robot, starts, offset), v
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,19 +61,19 @@ class Cubics(ReadOnlyArrays):
     v: Array  # (K + 1, nv)
 
     def __call__(self, t: Array) -> tuple[Array, Array]:
-        which = _which(self.edges, t)
+        which = _step_index(self.edges, t)
         h = np.diff(self.edges)[which][:, None]
-        places = (t - self.edges[which])[:, None] / h
+        share = (t - self.edges[which])[:, None] / h
         start, end = self.q[which], self.q[which + 1]
-        turned = np.array([difference(self.robot, a, b[None])[0] for a, b in zip(start, end, strict=True)])
+        offset = np.array([difference(self.robot, a, b[None])[0] for a, b in zip(start, end, strict=True)])
         v0, v1 = h * self.v[which], h * self.v[which + 1]
-        # d(0) = 0, d(1) = turned, d'(0) = v0, d'(1) = v1
-        c2, c3 = 3 * turned - 2 * v0 - v1, v0 + v1 - 2 * turned
-        step = places * (v0 + places * (c2 + places * c3))
-        return integrate(self.robot, start, step), (v0 + places * (2 * c2 + 3 * places * c3)) / h
+        # d(0) = 0, d(1) = offset, d'(0) = v0, d'(1) = v1
+        c2, c3 = 3 * offset - 2 * v0 - v1, v0 + v1 - 2 * offset
+        step = share * (v0 + share * (c2 + share * c3))
+        return integrate(self.robot, start, step), (v0 + share * (2 * c2 + 3 * share * c3)) / h
 
 
-def _which(edges: Array, t: Array) -> Array:
+def _step_index(edges: Array, t: Array) -> Array:
     """Compute the index of the step of each time.
 
     Raises:

@@ -32,7 +32,7 @@ AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 PathCoordinate = Callable[[Array], Array]  # (T,) instants [s] to (T,)
 
 
-class _Pushed(NamedTuple):
+class _FrameWrench(NamedTuple):
     """One wrench at T states."""
 
     columns: Array  # (T, nv, 6) of J
@@ -67,7 +67,7 @@ class WorldForces:
 
     @property
     def acts(self) -> bool:
-        """Whether there is any wrench."""
+        """Whether any wrench acts."""
         return bool(self.wrenches.entries)
 
     def __call__(
@@ -78,15 +78,15 @@ class WorldForces:
         Of the robot's model, or of others of its structure, one for each state.
         """
         force = np.zeros((len(q), robot.model.nv))
-        for pushed in self._pushed(robot, t, q, models):
-            force += np.einsum("tvi,ti->tv", pushed.columns, pushed.wrench)
+        for columns, wrench, _ in self._frame_wrenches(robot, t, q, models):
+            force += np.einsum("tvi,ti->tv", columns, wrench)
         return force
 
     def slope(self, robot: ParallelRobot, t: Array, q: Array, before: NDArray[np.bool_]) -> Array:
         """Compute their derivative (T, nv, nv) along the tangent of q; `before` as in `FrameGeometry`."""
         nv = robot.model.nv
         slope = np.zeros((len(q), nv, nv))
-        for columns, wrench, turns in self._pushed(robot, t, q):
+        for columns, wrench, turns in self._frame_wrenches(robot, t, q):
             linear, angular = columns[..., :3], columns[..., 3:]
             force, moment = wrench[:, None, :3], wrench[:, None, 3:]
             # entry [i, j]: column i moved by joint j
@@ -100,13 +100,14 @@ class WorldForces:
                 slope += np.einsum("tix,tjx->tij", angular, cross(angular, moment))
         return slope
 
-    def _pushed(
+    def _frame_wrenches(
         self, robot: ParallelRobot, t: Array, q: Array, models: Sequence[pin.Model] | None = None
-    ) -> list[_Pushed]:
+    ) -> list[_FrameWrench]:
+        """Compute each wrench at t (T,) and q (T, nq), on base axes."""
         model, data = robot.model, scratch_of(robot).data
         models = [model] * len(q) if models is None else models
         s = np.zeros(len(q)) if self.path_coordinate is None else self.path_coordinate(t)
-        pushed = []
+        wrenches = []
         for entry in self.wrenches.entries:
             frame, turns = frame_of(model, entry.frame), entry.turns
             wrench = np.array(entry(s))
@@ -116,8 +117,8 @@ class WorldForces:
                 if turns:
                     rotation = data.oMf[frame].rotation
                     wrench[k] = (wrench[k].reshape(2, 3) @ rotation.T).ravel()
-            pushed.append(_Pushed(columns, wrench, turns))
-        return pushed
+            wrenches.append(_FrameWrench(columns, wrench, turns))
+        return wrenches
 
 
 NO_FORCES = WorldForces(ExternalWrenches(), None)

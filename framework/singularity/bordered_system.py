@@ -21,7 +21,7 @@ from framework.arrays import Array
 
 
 class Border(NamedTuple):
-    """The border (b, c) of the matrices near one of them: its last `size` singular vectors."""
+    """The border (b, c): the last `size` singular vectors of one matrix, for all near the matrix."""
 
     b: Array  # (n, size) left
     c: Array  # (n, size) right

@@ -53,15 +53,15 @@ def singularity_distances(robot: ParallelRobot, linearised: LinearisedLoops) -> 
     """Compute the distances of T assembled configurations of a robot whose platform determines its joints."""
     A, B, _ = dimensionless_matrices(robot, linearised)
     if robot.n_a > robot.n:  # least torques: of dq_a = G v, the pseudoinverse
+        sigma_A = np.linalg.svd(A, compute_uv=False)[:, -1]
         A, B = np.linalg.pinv(B) @ A, np.broadcast_to(np.eye(robot.n_a), B.shape)
-        sigma_A = np.linalg.svd(dimensionless_matrices(robot, linearised).A, compute_uv=False)[:, -1]
         left, values, right = np.linalg.svd(A, full_matrices=False)
     else:
         left, values, right = np.linalg.svd(A)
         sigma_A = values[:, -1]
     inverse = 1.0 / np.maximum(values, SINGULAR_VALUE_FLOOR)
-    moved = left.swapaxes(1, 2) @ B  # (T, n, n_a): what the motors feel of each singular direction
-    J = right.swapaxes(1, 2) @ (inverse[:, :, None] * moved)  # (T, n, n_a): v = J dq_a, without dimension
+    directions = left.swapaxes(1, 2) @ B  # (T, n, n_a): what the motors feel of each singular direction
+    J = right.swapaxes(1, 2) @ (inverse[:, :, None] * directions)  # (T, n, n_a): v = J dq_a, no dimension
     joint_side = _worst_torques(robot, J, right, values, np.ones(robot.n_a))
     motor_side = _worst_torques(robot, J, right, values, robot.gear_ratio)
     return Distances(
@@ -84,13 +84,12 @@ def _worst_torques(
         return np.full(len(J), np.nan), np.full(len(J), np.nan)
     # W' v = tau' dq_a: tau = J' W, back in metres and radians
     units = robot.length / (robot.column_scale[robot.actuated] * gear)
-    held = J[:, sliding] * units  # (T, translations, n_a)
+    torques = J[:, sliding] * units  # (T, translations, n_a)
     moves_point = np.abs(right[:, :, sliding]).max(axis=2) > RANK_LOST
-    lost = (values < RANK_LOST) & moves_point
-    norm = np.linalg.svd(held, compute_uv=False)[:, 0]
-    largest = np.linalg.norm(held, axis=1).max(axis=1)
-    unheld = lost.any(axis=1)
-    return np.where(unheld, np.inf, norm), np.where(unheld, np.inf, largest)
+    is_lost = ((values < RANK_LOST) & moves_point).any(axis=1)
+    norm = np.linalg.svd(torques, compute_uv=False)[:, 0]
+    largest = np.linalg.norm(torques, axis=1).max(axis=1)
+    return np.where(is_lost, np.inf, norm), np.where(is_lost, np.inf, largest)
 
 
 def _pressure_angles(robot: ParallelRobot, J: Array) -> Array:

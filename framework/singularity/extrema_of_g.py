@@ -27,7 +27,7 @@ FIRST_BRACKET_STEP = 1e-10  # of the walks away from an extremum, in s; doubled
 
 
 class Extremum(NamedTuple):
-    """A place where g turns, with g around it."""
+    """An extremum of g at s, with a series of g about s."""
 
     s: float
     g: float
@@ -41,48 +41,48 @@ class Extremum(NamedTuple):
         """Whether g is zero here as far as can be known."""
         return abs(self.g) <= self.rounding
 
-    def at(self, s: Array) -> Array:
+    def evaluate(self, s: Array) -> Array:
         """Compute g (T,) at s (T,) in [start, end]."""
         return np.asarray(chebyshev.chebval(2 * (s - self.start) / (self.end - self.start) - 1, self.series))
 
-    def beyond(self, level: float) -> tuple[float, float]:
-        """Return the nearest places before and behind at which |g| is above a level, or the panel's ends."""
-        before, behind = (self._first(side, lambda g: np.abs(g) > level) for side in (-1, 1))
+    def bracket(self, level: float) -> tuple[float, float]:
+        """Return the nearest s on either side with |g| above a level, or the panel's ends."""
+        lower, upper = (self._bracket(side, lambda g: np.abs(g) > level) for side in (-1, 1))
         return (
-            self.start if before is None else before[1],
-            self.end if behind is None else behind[1],
+            self.start if lower is None else lower[1],
+            self.end if upper is None else upper[1],
         )
 
     @property
     def changes_sign(self) -> bool:
-        """Whether g has one sign before and another one behind, where it is more than rounding."""
-        before, behind = self.at(np.array(self.beyond(self.rounding)))
-        return bool(before * behind < 0)
+        """Whether g has different signs on the two sides, where |g| is more than rounding."""
+        lower, upper = self.evaluate(np.array(self.bracket(self.rounding)))
+        return bool(lower * upper < 0)
 
     def roots(self) -> list[float]:
-        """Find the roots beside an extremum that is no touch: two if it reaches over zero, none if it misses.
+        """Find the roots beside an extremum that is no touch: two, one or none.
 
         At most one lies on each side; it is bracketed and bisected, to rounding of g.
         """
         roots = []
         for side in (-1, 1):
-            bracket = self._first(side, lambda g: g * self.g < 0)
+            bracket = self._bracket(side, lambda g: g * self.g < 0)
             if bracket is not None:
                 inner, outer = bracket
                 while (middle := 0.5 * (inner + outer)) not in (inner, outer):
-                    same = self.at(np.array([middle]))[0] * self.g > 0
+                    same = self.evaluate(np.array([middle]))[0] * self.g > 0
                     inner, outer = (middle, outer) if same else (inner, middle)
                 roots.append(middle)
         return roots
 
-    def _first(self, side: int, test: Callable[[Array], NDArray[np.bool_]]) -> tuple[float, float] | None:
-        """Find the first step to this side after which g passes the test; its ends, the inner one first."""
+    def _bracket(self, side: int, test: Callable[[Array], NDArray[np.bool_]]) -> tuple[float, float] | None:
+        """Find the first step to one side after which g passes the test: inner and outer end."""
         limit = self.end if side > 0 else self.start
         count = int(np.ceil(np.log2(max(abs(limit - self.s) / FIRST_BRACKET_STEP, 1.0)))) + 1
-        away = np.concatenate(([0.0], FIRST_BRACKET_STEP * 2.0 ** np.arange(count)))
-        places = self.s + side * np.minimum(away, abs(limit - self.s))
-        k = np.flatnonzero(test(self.at(places[1:])))
-        return (float(places[k[0]]), float(places[k[0] + 1])) if len(k) else None
+        distances = np.concatenate(([0.0], FIRST_BRACKET_STEP * 2.0 ** np.arange(count)))
+        s = self.s + side * np.minimum(distances, abs(limit - self.s))
+        k = np.flatnonzero(test(self.evaluate(s[1:])))
+        return (float(s[k[0]]), float(s[k[0] + 1])) if len(k) else None
 
 
 def extremum_near(
@@ -92,7 +92,9 @@ def extremum_near(
     size: int,
     scalar: Callable[[Array], Array] = determinant,
 ) -> Extremum:
-    """Find the extremum nearest to s of a scalar (T,) of G (T, size, size); s itself if there is none.
+    """Find the extremum nearest to s of a scalar (T,) of G (T, size, size).
+
+    On a panel without an extremum s itself is returned.
 
     Args:
         matrices: the matrices (T, n, n) at s (T,), smooth between the `knots`, of which 0 and 1 are two.

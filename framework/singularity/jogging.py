@@ -23,7 +23,7 @@ from framework.kinematics.loop_matrices import passive_matrix, type1_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import positions_beyond_limits
 from framework.motion.path import Line
-from framework.singularity.type2 import singularity_measure, uncontrolled_motion, unit_twist
+from framework.singularity.type2 import singularity_measure, twist_norm, uncontrolled_motion
 
 NEAR_SINGULAR_RATIO, SINGULAR_RATIO = 0.3, 0.01  # least singular values over those at the reference
 LIMIT_BISECTIONS = 8  # of a way that ends at the limit of a joint: the last 0.4 % of it are not gone
@@ -43,6 +43,10 @@ CLASSES = {
     "closure": ("singularity of the loops", "they do not determine how their joints move"),
 }
 
+_TYPE_1 = {
+    "near": "near Type 1: the leg of {joint} is nearly stretched or folded",
+    "singular": "at Type 1: the leg of {joint} is stretched or folded",
+}
 _MOTORS_END = (
     "A {name}: here the motors lose their hold of the platform and can turn no further in this assembly "
     "mode. Led by the platform, the robot goes across."
@@ -72,30 +76,33 @@ def pose_at(robot: ParallelRobot, q: Array, stopped: str = "") -> JoggedPose:
         InvalidInput: q is not assembled.
     """
     closed = assembled_at(robot, q)
-    x, linearised = closed.x, closed.linearised
+    x, linearised = closed.x[0], closed.linearised
     motors = robot.actuated_coordinates(q[None])[0]
     usual, usual_legs = _usual_sizes(robot)
     legs = _smallest(type1_matrix(robot, linearised)[0])
-    level, kind, verdict = "regular", "", "regular: the motors hold the platform in every direction"
-    if legs < NEAR_SINGULAR_RATIO * usual_legs:
+    level, kind = _level(legs / usual_legs), ""
+    verdict = "regular: the motors hold the platform in every direction"
+    if level != "regular":
         kind = "type_1"
-        level = "near" if legs > SINGULAR_RATIO * usual_legs else "singular"
-        verdict = (
-            f"{'near' if level == 'near' else 'at'} Type 1: the leg of {weakest_leg(robot, linearised)} is "
-            f"{'nearly ' if level == 'near' else ''}stretched or folded"
-        )
+        verdict = _TYPE_1[level].format(joint=weakest_leg(robot, linearised))
     if not len(robot.following):
-        return JoggedPose(q, x[0], motors, None, None, level, kind, verdict, np.zeros(robot.n), stopped)
+        return JoggedPose(q, x, motors, None, None, level, kind, verdict, np.zeros(robot.n), stopped)
     smallest = _smallest(passive_matrix(robot, linearised)[0])
     measure = singularity_measure(robot, linearised)
     twist = linearised.platform[0] @ measure.motion[0]
-    twist = twist / (unit_twist(robot, twist) or 1.0)
-    if smallest < NEAR_SINGULAR_RATIO * usual:
-        level = "near" if smallest > SINGULAR_RATIO * usual else "singular"
-        kind = uncontrolled_motion(robot, linearised).kind
+    twist = twist / (twist_norm(robot, twist) or 1.0)
+    if _level(smallest / usual) != "regular":
+        level, kind = _level(smallest / usual), uncontrolled_motion(robot, linearised).kind
         name, meaning = CLASSES[kind]
         verdict = f"{name}: {meaning}" if level == "singular" else f"near a {name}"
-    return JoggedPose(q, x[0], motors, float(measure.g[0]), smallest, level, kind, verdict, twist, stopped)
+    return JoggedPose(q, x, motors, float(measure.g[0]), smallest, level, kind, verdict, twist, stopped)
+
+
+def _level(share: float) -> str:
+    """Return the level of a least singular value, given as a share of its usual size."""
+    if share >= NEAR_SINGULAR_RATIO:
+        return "regular"
+    return "near" if share > SINGULAR_RATIO else "singular"
 
 
 class LooseMotion(NamedTuple):
@@ -108,7 +115,7 @@ class LooseMotion(NamedTuple):
 
 
 def loose_motion(robot: ParallelRobot, pose: JoggedPose, *, shift: float = LOOSE_SHIFT) -> LooseMotion | None:
-    """Compute the motion along t_s that the motors hardly notice; None where the loops open on it.
+    """Compute the motion along t_s that the motors hardly notice; None where the loops open.
 
     With the motors locked the loops allow it to first order. It is made with the loops closed exactly; then
     the motors move, by the square of what the platform does. `shift`: how far the platform goes, in robot
@@ -131,7 +138,7 @@ def loose_motion(robot: ParallelRobot, pose: JoggedPose, *, shift: float = LOOSE
 
 
 def move_platform(robot: ParallelRobot, q: Array, index: int, value: float) -> JoggedPose:
-    """Bring one platform coordinate to `value`, the others held, as far as the working mode goes.
+    """Bring one platform coordinate to `value`, the others at rest, as far as the working mode goes.
 
     Raises:
         InvalidInput: q is not assembled, no such coordinate, or the platform does not fix the joints.
@@ -165,28 +172,28 @@ def lead_platform(robot: ParallelRobot, q: Array, target: Array) -> JoggedPose:
     require_square(robot)
     start = assembled_at(robot, q)
     x = start.x[0]
-    return _within_limits(robot, start.q[0], lambda part: _led(robot, start, x + part * (target - x)))
+    return _stop_at_limits(robot, start.q[0], lambda part: _lead(robot, start, x + part * (target - x)))
 
 
-def _within_limits(robot: ParallelRobot, q: Array, reach: Callable[[float], JoggedPose]) -> JoggedPose:
-    """Return how far `reach` leads from q before a joint leaves its limits."""
+def _stop_at_limits(robot: ParallelRobot, q: Array, reach: Callable[[float], JoggedPose]) -> JoggedPose:
+    """Return the last pose of `reach`, by shares of the way from q, with all joints within limits."""
     pose = reach(1.0)
-    beyond = positions_beyond_limits(robot.limits, pose.q[None])
-    if not beyond or positions_beyond_limits(robot.limits, q[None]):
+    excesses = positions_beyond_limits(robot.limits, pose.q[None])
+    if not excesses or positions_beyond_limits(robot.limits, q[None]):
         return pose
     inside, outside, last = 0.0, 1.0, pose_at(robot, q)
     for _ in range(LIMIT_BISECTIONS):
         middle = 0.5 * (inside + outside)
-        pose_there = reach(middle)
-        if positions_beyond_limits(robot.limits, pose_there.q[None]):
+        pose = reach(middle)
+        if positions_beyond_limits(robot.limits, pose.q[None]):
             outside = middle
         else:
-            inside, last = middle, pose_there
-    stops = "; ".join(f"{joint}, {excess}" for joint, excess in beyond.items())
+            inside, last = middle, pose
+    stops = "; ".join(f"{joint}, {excess}" for joint, excess in excesses.items())
     return replace(last, stopped=f"A joint stops at its limit in the URDF (asked for: {stops}).")
 
 
-def _led(robot: ParallelRobot, start: ClosedStack, target: Array) -> JoggedPose:
+def _lead(robot: ParallelRobot, start: ClosedStack, target: Array) -> JoggedPose:
     """Lead the platform towards coordinates (n,) as far as the working mode goes."""
     q = start.q[0]
     if np.array_equal(target, start.x[0]):
@@ -207,7 +214,7 @@ def _led(robot: ParallelRobot, start: ClosedStack, target: Array) -> JoggedPose:
 
 
 def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> JoggedPose:
-    """Turn one motor's joint to `value` [rad, m], the other motors held, as far as the assembly mode goes.
+    """Turn one motor's joint to `value` [rad, m], the others at rest, in this assembly mode.
 
     Raises:
         InvalidInput: q is not assembled, there is no such motor, or the motors depend on one another.
@@ -215,38 +222,38 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Jogg
     start = assembled_at(robot, q)
     _check(index, robot.n_a, value)
     motors = robot.actuated_coordinates(start.q)[0]
-    beside = MOTOR_STOP_DISTANCE * robot.column_scale[robot.actuated[index]]
 
-    def to(angle: float) -> Array:
+    def turn(angle: float) -> Array:
+        """Return the joints (nq,) after a turn of the motor [rad, m]."""
         target = motors.copy()
-        target[index] = angle
+        target[index] = motors[index] + angle
         return forward_kinematics(robot, target, near=q).q
 
-    def short_of(free: float, side: float) -> Array:
-        """Return the joints just before the end of a free path, or before the singularity found on it."""
-        back = beside
+    def stop_before(free: float, side: float) -> Array:
+        """Return the joints just before the end of a free turn, or before a singularity met earlier."""
+        back = MOTOR_STOP_DISTANCE * robot.column_scale[robot.actuated[index]]
         for _ in range(MAX_RETREATS):
             free, back = free - back, 10.0 * back
             if free <= 0.0:
                 break
             try:
-                return to(motors[index] + side * free)
+                return turn(side * free)
             except Type2Singularity as nearer:
                 free *= nearer.share
         return q
 
-    def turned(part: float) -> JoggedPose:
-        turn = part * (value - motors[index])
+    def reach(part: float) -> JoggedPose:
+        angle = part * (value - motors[index])
         try:
-            return pose_at(robot, to(motors[index] + turn))
+            return pose_at(robot, turn(angle))
         except Type2Singularity as end:
-            pose = pose_at(robot, short_of(end.share * abs(turn), np.sign(turn)))
+            pose = pose_at(robot, stop_before(end.share * abs(angle), np.sign(angle)))
             name = CLASSES[pose.kind][0] if pose.kind in CLASSES else "Type 2 singularity"
             return replace(pose, stopped=_MOTORS_END.format(name=name))
         except NotAssembled as end:
             return pose_at(robot, end.q, str(end))
 
-    return _within_limits(robot, q, turned)
+    return _stop_at_limits(robot, q, reach)
 
 
 def _check(index: int, count: int, value: float) -> None:

@@ -37,7 +37,7 @@ class Measured(NamedTuple):
     matrix: Callable[[LinearisedLoops], Array]  # (T, n, n) of linearised loops
     power: int = 1
 
-    def at(self, s: Array) -> Array:
+    def evaluate(self, s: Array) -> Array:
         """Evaluate the matrices (T, n, n) at s (T,)."""
         return self.matrix(self.branch.closed(s).linearised)
 
@@ -66,12 +66,12 @@ class Panel:
     series: Array  # (size,) Chebyshev coefficients of g
     matrices: Array  # (size, n, n) at the nodes
 
-    def at(self, local: Array) -> Array:
-        """Return the path coordinates of local ones in [-1, 1]."""
+    def path_coordinates(self, local: Array) -> Array:
+        """Return the path coordinates s (T,) of local ones (T,) in [-1, 1]."""
         return self.start + 0.5 * (self.end - self.start) * (np.asarray(local) + 1.0)
 
     @cached_property
-    def turning(self) -> Array:
+    def extrema(self) -> Array:
         """The local coordinates in [-1, 1] of the extrema of g."""
         return extrema(self.series)
 
@@ -88,7 +88,7 @@ class Samples(NamedTuple):
     branch: Branch
     panels: dict[tuple[float, float], LinearisedLoops]
 
-    def on(self, start: float, end: float) -> LinearisedLoops:
+    def loops(self, start: float, end: float) -> LinearisedLoops:
         """Return the linearised loops on the nodes of a panel."""
         if (start, end) not in self.panels:
             s = start + 0.5 * (end - start) * (nodes(PANEL_NODES) + 1.0)
@@ -97,7 +97,7 @@ class Samples(NamedTuple):
 
 
 def panels(samples: Samples, measured: Measured) -> list[Panel]:
-    """Resolve g on panels of [0, 1], halved where it is not.
+    """Resolve g on panels of [0, 1], halved where g does not resolve.
 
     Raises:
         Unresolved: some panel does not resolve.
@@ -126,16 +126,10 @@ def candidates(resolved: list[Panel]) -> list[tuple[Panel, float, bool]]:
         constant, *others = np.abs(panel.series)
         if constant - sum(others) > deepest:  # g is nowhere near zero
             continue
-        turning = panel.turning
-        deep = np.abs(chebyshev.chebval(turning, panel.series)) < deepest
-        places += [(panel, float(s), True) for s in panel.at(turning[deep])]
-        places += [(panel, float(s), False) for s in panel.at(real_roots(panel.series))]
+        deep = np.abs(chebyshev.chebval(panel.extrema, panel.series)) < deepest
+        places += [(panel, float(s), True) for s in panel.path_coordinates(panel.extrema[deep])]
+        places += [(panel, float(s), False) for s in panel.path_coordinates(real_roots(panel.series))]
     return places
-
-
-def turning_places(resolved: list[Panel]) -> list[tuple[Panel, float]]:
-    """Return all places on the panels where g turns."""
-    return [(panel, float(s)) for panel in resolved for s in panel.at(panel.turning)]
 
 
 def largest_on(resolved: list[Panel]) -> float:
@@ -144,9 +138,9 @@ def largest_on(resolved: list[Panel]) -> float:
 
 
 def _resolve(samples: Samples, measured: Measured, start: float, end: float) -> Panel | None:
-    """Resolve g on one panel; None when its tail is too large or the border unfit."""
+    """Resolve g on one panel; None when the tail is too large or the border unfit."""
     try:
-        matrices = measured.matrix(samples.on(start, end))
+        matrices = measured.matrix(samples.loops(start, end))
     except NotAssembled:
         return None
     middle = matrices[PANEL_NODES // 2]
@@ -168,6 +162,6 @@ def _resolve(samples: Samples, measured: Measured, start: float, end: float) -> 
 
 
 def count_below(matrix: Array, level: float) -> int:
-    """Count the singular values of a matrix below a level, or that share of the largest if it is small."""
+    """Count the singular values of a matrix below level times the largest, or times 1 if less."""
     values = np.linalg.svd(matrix, compute_uv=False)
     return int(np.sum(values < level * min(float(values[0]), 1.0)))

@@ -32,7 +32,7 @@ from framework.singularity.rank_deficiency import (
     NearMiss,
     block_slopes,
     contacts,
-    near_misses,
+    find_near_misses,
 )
 from framework.singularity.root_of_g import slope_of_g, stencil
 from framework.singularity.type2 import sign_along, uncontrolled_motion
@@ -56,7 +56,7 @@ class SingularPoint(ReadOnlyArrays):
     kind: str
     contact: str
     corank: int
-    twist: Array  # (n,) t_s of unit speed (see `unit_twist`), pointing along the path; zeros if not type_2
+    twist: Array  # (n,) t_s of unit speed (see `twist_norm`), pointing along the path; zeros if not type_2
     platform: Array  # (n,)
     slope: float
     q: Array  # (nq,)
@@ -65,7 +65,7 @@ class SingularPoint(ReadOnlyArrays):
 
 
 class SearchedPath(NamedTuple):
-    """A path that was followed and searched, for whoever has more than one question about it."""
+    """A followed path with its singular points and near misses."""
 
     branch: Branch
     points: tuple[SingularPoint, ...]
@@ -81,7 +81,7 @@ class SearchedPath(NamedTuple):
 
 
 def search_path(robot: ParallelRobot, path: Path, *, branch: Branch | None = None) -> SearchedPath:
-    """Follow the path, find its singular points, each to rounding, and where it just misses one.
+    """Follow the path; find its singular points, each to rounding, and its near misses.
 
     Args:
         branch: the path as followed by `track_path`, if at hand.
@@ -91,35 +91,29 @@ def search_path(robot: ParallelRobot, path: Path, *, branch: Branch | None = Non
     """
     branch = track_path(robot, path) if branch is None else branch
     check_of(robot, path, branch)
-    samples, mobile, mobile_panels = _continued(branch)
-    continued = samples.branch
-    if isinstance(mobile_panels, Unresolved):  # the branch has a kink, or another one meets it
-        type_1 = [_weakest_place(mobile, mobile_panels.s)]
-    else:
-        type_1 = [place.s for place in contacts(mobile, mobile_panels) if _is_type_1(mobile, place.s)]
-    if type_1:
-        raise _type_1(continued, type_1[0])
+    samples, mobile, mobile_panels = _continue_branch(branch)
+    _refuse_type_1(mobile, mobile_panels)
     if not len(robot.following):  # every joint has a motor: locked, nothing moves
         return SearchedPath(branch, ())
     power = 1 if len(robot.loops.names) == len(robot.following) else 2
-    passive = Measured(continued, partial(type2_matrix, robot), power)
+    passive = Measured(samples.branch, partial(type2_matrix, robot), power)
     try:
         resolved = panels(samples, passive)
-        if continued is branch:
+        if samples.branch is branch:
             edges = np.array([resolved[0].start, *(panel.end for panel in resolved)])
-            q = np.concatenate([samples.on(panel.start, panel.end).frames.q for panel in resolved])
+            q = np.concatenate([samples.loops(panel.start, panel.end).frames.q for panel in resolved])
             branch = branch.through(edges, q)
             passive = passive._replace(branch=branch)
         ranks_lost = contacts(passive, resolved)
-        misses = near_misses(passive, resolved, ranks_lost)
+        misses = find_near_misses(passive, resolved, ranks_lost)
     except Unresolved as unresolved:
-        raise _too_near(passive, unresolved) from None
+        raise _refusal_at(passive, unresolved) from None
     points = tuple(_singular_point(passive, contact) for contact in ranks_lost)
     return SearchedPath(branch, points, tuple(misses))
 
 
 def check_of(robot: ParallelRobot, path: Path, branch: Branch) -> None:
-    """Raise InvalidInput unless what was followed is this path of this robot."""
+    """Raise InvalidInput unless the branch is of this path and this robot."""
     if branch.robot is not robot or branch.path != path:
         raise InvalidInput(
             f"branch, searched: of {branch.robot!r} along {branch.path!r}, not of {robot!r} along {path!r}"
@@ -144,7 +138,7 @@ def locate_singularities(
     return search_path(robot, path, branch=branch).points
 
 
-def _continued(branch: Branch) -> tuple[Samples, Measured, list[Panel] | Unresolved]:
+def _continue_branch(branch: Branch) -> tuple[Samples, Measured, list[Panel] | Unresolved]:
     """Continue the branch wherever the inverse kinematics is singular and the branch yet smooth.
 
     Returned with the matrix of the inverse kinematics and its panels, or where it cannot be resolved.
@@ -167,6 +161,26 @@ def _continued(branch: Branch) -> tuple[Samples, Measured, list[Panel] | Unresol
     return samples, mobile, resolved
 
 
+def _refuse_type_1(mobile: Measured, resolved: list[Panel] | Unresolved) -> None:
+    """Raise Type1Singularity for the first s at which a leg is stretched or folded."""
+    if isinstance(resolved, Unresolved):  # the branch has a kink, or another one meets it
+        lost = [_weakest_place(mobile, resolved.s)]
+    else:
+        lost = [contact.s for contact in contacts(mobile, resolved) if _is_type_1(mobile, contact.s)]
+    if not lost:
+        return
+    s, branch, robot = lost[0], mobile.branch, mobile.branch.robot
+    x = branch.path(s)
+    joint = weakest_leg(robot, linearised_at(robot, branch.guess(np.array([s])), x[None]))
+    raise Type1Singularity(
+        f"{robot.name}: the path meets a Type 1 singularity at s = {s:.6g}, "
+        f"{', '.join(robot.axis_names)} = {point(x)}: the leg of {joint} is stretched or folded there",
+        s=s,
+        platform=x,
+        joint=joint,
+    )
+
+
 def _weakest_place(mobile: Measured, s: float) -> float:
     """Find where near s the matrix is nearest to singular: at a knot of the branch, or to three digits.
 
@@ -180,8 +194,8 @@ def _weakest_place(mobile: Measured, s: float) -> float:
     return float(places[np.argmin(np.linalg.svd(mobile.matrix(linearised), compute_uv=False)[:, -1])])
 
 
-def _too_near(passive: Measured, unresolved: Unresolved) -> Exception:
-    """Return what to raise where g does not resolve: several motions that escape together, if it is that."""
+def _refusal_at(passive: Measured, unresolved: Unresolved) -> Exception:
+    """Return the error for an unresolved g: several motions that escape together, if two vanish."""
     branch, s = passive.branch, unresolved.s
     linearised = linearised_at(branch.robot, branch.guess(np.array([s])), branch.path(np.array([s])))
     values = np.linalg.svd(passive.matrix(linearised)[0], compute_uv=False)
@@ -193,7 +207,7 @@ def _too_near(passive: Measured, unresolved: Unresolved) -> Exception:
 
 
 def _check_dropped_rows(branch: Branch, s: float, linearised: LinearisedLoops) -> None:
-    """Raise NotConverged if the loops keep their rank at s and only the rows chosen at the reference lose it.
+    """Raise NotConverged if the independent loop equations lose a rank at s that all rows keep.
 
     An overconstrained robot repeats its loop equations in proportions that change as it moves; the rows
     that say it all at the reference need not do so everywhere.
@@ -201,12 +215,11 @@ def _check_dropped_rows(branch: Branch, s: float, linearised: LinearisedLoops) -
     robot = branch.robot
     if not len(robot.structure.dropped):
         return
-    columns = robot.moving
-    jacobian = scaled(robot, loop_equations(robot.rows, linearised.frames).jacobian, robot.rows.rotation)[0][
-        :, columns
-    ]
-    independent = scaled(robot, linearised.closures, robot.loops.rotation)[0][:, columns]
-    all_values, values = (np.linalg.svd(part, compute_uv=False) for part in (jacobian, independent))
+    jacobian = loop_equations(robot.rows, linearised.frames).jacobian
+    all_values, values = (
+        np.linalg.svd(scaled(robot, part, rows.rotation)[0][:, robot.moving], compute_uv=False)
+        for part, rows in ((jacobian, robot.rows), (linearised.closures, robot.loops))
+    )
     if np.sum(values > RANK_LOST) < np.sum(all_values > RANK_LOST):
         dropped = sorted(set(robot.rows.names) - set(robot.loops.names))
         raise NotConverged(
@@ -218,8 +231,10 @@ def _check_dropped_rows(branch: Branch, s: float, linearised: LinearisedLoops) -
 
 
 def _is_type_1(mobile: Measured, s: float) -> bool:
-    """Whether the platform stops following the joints at s; not that joints stop following the platform,
-    as they do where they move without it."""
+    """Whether the platform stops following the joints at s.
+
+    Joints that move without the platform stop following it, which is no Type 1 singularity.
+    """
     robot, branch = mobile.branch.robot, mobile.branch
     linearised = branch.closed(s).linearised
     _check_dropped_rows(branch, s, linearised)
@@ -243,12 +258,12 @@ def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
     along = sign_along(uncontrolled.twist, robot.platform.path_twist(branch.path, s))
     P = passive.matrix(closed.linearised)
     if uncontrolled.corank > 1:
-        slopes = block_slopes(passive.at, s, uncontrolled.corank)[1]
+        slopes = block_slopes(passive.evaluate, s, uncontrolled.corank)[1]
         slope = np.linalg.svd(slopes, compute_uv=False)[-1]
     else:
-        _, slope, beyond, _ = slope_of_g(P, places)
-        # a border taken at the root knows no sign of det: give g the sign of det P beyond it
-        slope *= np.sign(beyond) * np.linalg.slogdet(P[2])[0] if places[2] > s else 1.0
+        _, slope, upper, _ = slope_of_g(P, places)
+        # a border taken at the root knows no sign of det: give g the sign of det P above the root
+        slope *= np.sign(upper) * np.linalg.slogdet(P[2])[0] if places[2] > s else 1.0
     return SingularPoint(
         s=s,
         kind=uncontrolled.kind,
@@ -260,17 +275,4 @@ def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
         q=closed.q[1],
         motion=along * uncontrolled.motion,
         resolution=contact.resolution,
-    )
-
-
-def _type_1(branch: Branch, s: float) -> Type1Singularity:
-    robot = branch.robot
-    x = branch.path(s)
-    joint = weakest_leg(robot, linearised_at(robot, branch.guess(np.array([s])), x[None]))
-    return Type1Singularity(
-        f"{robot.name}: the path meets a Type 1 singularity at s = {s:.6g}, "
-        f"{', '.join(robot.axis_names)} = {point(x)}: the leg of {joint} is stretched or folded there",
-        s=s,
-        platform=x,
-        joint=joint,
     )

@@ -43,7 +43,7 @@ from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.singularity.bordered_system import Border, solve_bordered
 from framework.singularity.distances import singularity_distances
-from framework.singularity.type2 import escaping_motions, unit_twist
+from framework.singularity.type2 import escaping_motions, twist_norm
 from framework.tolerances import RANK_LOST, TANGENTIAL_SLOPE
 
 DIFFERENCE_STEP = 1e-4  # [rad, lengths] of the central difference along a direction
@@ -60,7 +60,7 @@ NAMES = {
 
 @dataclass(frozen=True, eq=False)
 class Classification(ReadOnlyArrays):
-    """The classes of singularity of a pose, and its distances from them.
+    """The classes of singularity of a pose, and its distances from singularities.
 
     Torques per newton are `Distances`' own: the worst over unit forces along the platform's translations,
     infinite where t_s moves the point, not a number for a platform that only turns.
@@ -68,7 +68,7 @@ class Classification(ReadOnlyArrays):
 
     kinds: tuple[str, ...]  # of NAMES, in its order; empty where the pose is regular
     legs: tuple[str, ...]  # Type 1: actuators that can move while the platform rests
-    twists: Array  # (k, n) Type 2: independent twists t_s on the platform's axes, each a unit (`unit_twist`)
+    twists: Array  # (k, n) Type 2: independent twists t_s on the platform's axes, each a unit (`twist_norm`)
     corank: int  # independent motions that locked motors do not hold, of platform or joints
     corank_inverse: int  # independent motions that a locked platform does not hold
     gained: int  # instantaneous freedoms of the loops beyond the platform's n
@@ -101,7 +101,7 @@ class Classification(ReadOnlyArrays):
 
 
 def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = None) -> Classification:
-    """Name every singularity of an assembled configuration and measure how far it is from singular.
+    """Name every singularity of an assembled configuration and compute its distances from singularities.
 
     A pose is singular where a singular value, in radians and characteristic lengths, is below 1e-7 of a unit
     motion: one at 4e-5 is near to a singularity and regular. Springs keep their deflections in q.
@@ -184,13 +184,13 @@ def _is_singular_everywhere(robot: ParallelRobot, q: Array) -> bool:
     but with probability zero.
     """
     reference = robot.reference.q
-    if _least(robot, reference) >= RANK_LOST:
+    if _least_singular_value(robot, reference) >= RANK_LOST:
         return False
-    around = [*nearby_configurations(robot, reference), *nearby_configurations(robot, q)]
-    return bool(around) and all(_least(robot, pose) < RANK_LOST for pose in around)
+    poses = [*nearby_configurations(robot, reference), *nearby_configurations(robot, q)]
+    return bool(poses) and all(_least_singular_value(robot, pose) < RANK_LOST for pose in poses)
 
 
-def _least(robot: ParallelRobot, q: Array) -> float:
+def _least_singular_value(robot: ParallelRobot, q: Array) -> float:
     """Compute the smallest singular value of P at q (nq,)."""
     P = passive_matrix(robot, linearised_at(robot, q[None], robot.reference.x[None]))
     return float(np.linalg.svd(P, compute_uv=False).min(initial=np.inf))
@@ -201,11 +201,11 @@ def _unit_twists(robot: ParallelRobot, twists: Array) -> Array:
     scale = robot.platform_scale
     values, right = np.linalg.svd(twists / scale)[1:]
     spanning = right[: int(np.sum(values > RANK_LOST))] * scale
-    return np.array([twist / unit_twist(robot, twist) for twist in spanning]).reshape(-1, robot.n)
+    return np.array([twist / twist_norm(robot, twist) for twist in spanning]).reshape(-1, robot.n)
 
 
 def _contact(robot: ParallelRobot, closed: ClosedStack, along: ArrayLike, corank: int) -> str:
-    """Whether all singular values that vanish change at first order along a direction of the platform."""
+    """Return transversal if all vanishing singular values change at first order along a direction."""
     dx = finite_numbers(f"along ({', '.join(robot.axis_names)})", along, robot.n)
     twist = robot.platform.twist(closed.x, dx[None])[0]
     rates = joint_rates(robot, closed.linearised, twist, np.zeros((1, robot.n_e)))[0]

@@ -22,7 +22,6 @@ from framework.singularity.piecewise_measure import (
     candidates,
     count_below,
     largest_on,
-    turning_places,
 )
 from framework.singularity.root_of_g import STENCIL_HALF_WIDTH, Root, root_of_g
 from framework.tolerances import (
@@ -57,7 +56,7 @@ class Contact(NamedTuple):
 
 
 class NearMiss(NamedTuple):
-    """A place beside a singularity, an end of the path perhaps: the measure is least there and not zero."""
+    """A least value of the measure that is not zero, beside a singularity or at an end of the path."""
 
     s: float
     g: float  # the smallest singular value with the sign of the determinant
@@ -67,74 +66,80 @@ class NearMiss(NamedTuple):
 
 def contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
     """Find all places where the matrix loses rank, ascending; `resolved` are its `panels`."""
-    residual = max(ROOT_RESIDUAL * largest_on(resolved), MEASURE_ROUNDING)
     several: list[Contact] = []
     single: list[Contact] = []
     stretches: list[tuple[float, float]] = []  # stretches around extrema whose roots are known
+    residual = max(ROOT_RESIDUAL * largest_on(resolved), MEASURE_ROUNDING)
     for panel, start, is_minimum in sorted(candidates(resolved), key=lambda candidate: not candidate[2]):
-        size = _size(measured, panel.matrix(start))
-        together = _together(measured, start, size) if size > 1 else None
-        if together is not None:
-            if _is_apart(together.s, several, DISTINCT_EXTREMA):
-                several.append(together)
-            continue
-        if is_minimum:
-            turning = extremum_near(measured.at, measured.knots, start, size)
+        size = _border_width(measured, panel.matrix(start))
+        common = _common_contact(measured, start, size) if size > 1 else None
+        if common is not None:
+            several += [common] if _is_apart(common.s, several, DISTINCT_EXTREMA) else []
+        elif is_minimum:
+            turning = extremum_near(measured.evaluate, measured.knots, start, size)
             if all(abs(turning.s - sum(stretch) / 2) > DISTINCT_EXTREMA for stretch in stretches):
-                around, stretch = _around(measured, turning, size)
-                single += [contact for contact in around if _is_apart(contact.s, single, SAME_PLACE)]
-                stretches += [stretch] if around else []
-            continue
-        root = root_of_g(measured.at, start, size=size, longest=STENCIL_HALF_WIDTH)
-        s = root.place
-        is_root = abs(root.depth) < residual and abs(s - start) < MAX_ROOT_SHIFT * (panel.end - panel.start)
-        # the roots beside an extremum are known, and a root on the edge of two panels is found twice
-        new = not any(low <= s <= high for low, high in stretches)
-        new = new and _is_apart(s, single, SAME_PLACE)
-        if is_root and new and _vanishes(measured, s, size) and _changes_sign(measured, root, size):
-            single.append(Contact(s, "transversal"))
-    alone = [contact for contact in single if _is_apart(contact.s, several, MULTIPLE_ROOT_RADIUS)]
-    return sorted(several + alone, key=lambda contact: contact.s)
+                beside, stretch = _contacts_beside(measured, turning, size)
+                single += [place for place in beside if _is_apart(place.s, single, SAME_PLACE)]
+                stretches += [stretch] if beside else []
+        else:
+            root = root_of_g(measured.evaluate, start, size=size, longest=STENCIL_HALF_WIDTH)
+            # the roots beside an extremum are known, and a root on the edge of two panels is found twice
+            is_new = _is_outside(root.place, stretches) and _is_apart(root.place, single, SAME_PLACE)
+            if (
+                is_new
+                and abs(root.place - start) < MAX_ROOT_SHIFT * (panel.end - panel.start)
+                and abs(root.depth) < residual
+                and _is_crossing(measured, root, size)
+            ):
+                single.append(Contact(root.place, "transversal"))
+    several += [place for place in single if _is_apart(place.s, several, MULTIPLE_ROOT_RADIUS)]
+    return sorted(several, key=lambda contact: contact.s)
 
 
-def near_misses(measured: Measured, resolved: list[Panel], known: list[Contact]) -> list[NearMiss]:
-    """Find where the matrix comes near to losing rank and does not, ascending; `known` are its `contacts`."""
+def find_near_misses(measured: Measured, resolved: list[Panel], known: list[Contact]) -> list[NearMiss]:
+    """Find the near misses of the matrix along the path, ascending; `known` are its `contacts`."""
     smallest = [np.linalg.svd(panel.matrices, compute_uv=False)[:, -1] for panel in resolved]
-    near = NEAR_MISS**measured.power * max((values.max() for values in smallest), default=0.0)
+    level = NEAR_MISS**measured.power * max((values.max() for values in smallest), default=0.0)
     misses: list[NearMiss] = []
     for k, s in ((0, 0.0), (-1, 1.0)):  # the first node of the first panel, the last of the last
-        if smallest[k][k] < near:
-            misses += _near_end(measured, resolved[k], known, s)
-    for panel, start in turning_places(resolved):
-        if np.linalg.svd(panel.matrix(start), compute_uv=False)[-1] >= near:
-            continue
-        size = _size(measured, panel.matrix(start))
-        turning = extremum_near(measured.at, measured.knots, start, size)
-        within = abs(turning.s - start) < panel.end - panel.start
-        if turning.is_touch or not within or not _is_apart(turning.s, misses, DISTINCT_EXTREMA):
-            continue
-        before, behind = turning.beyond(2 * abs(turning.g))
-        if turning.roots() or any(before <= contact.s <= behind for contact in known):
-            continue
-        matrix = measured.at(np.array([turning.s]))
-        g = float(solve_bordered(matrix, Border.of(matrix[0])).g[0])
-        misses.append(NearMiss(turning.s, g, min(turning.s - before, behind - turning.s), size))
+        if smallest[k][k] < level:
+            misses += _miss_at_end(measured, resolved[k], known, s)
+    for panel in resolved:
+        for start in map(float, panel.path_coordinates(panel.extrema)):
+            matrix = panel.matrix(start)
+            if np.linalg.svd(matrix, compute_uv=False)[-1] < level:
+                size = _border_width(measured, matrix)
+                turning = extremum_near(measured.evaluate, measured.knots, start, size)
+                inside = abs(turning.s - start) < panel.end - panel.start
+                if inside and _is_apart(turning.s, misses, DISTINCT_EXTREMA):
+                    misses += _miss_at_extremum(measured, turning, known, size)
     return sorted(misses, key=lambda miss: miss.s)
 
 
-def _near_end(measured: Measured, panel: Panel, known: list[Contact], s: float) -> list[NearMiss]:
-    """Return the end s of the path, on its panel, as a near miss if the measure falls outwards there."""
+def _miss_at_extremum(
+    measured: Measured, turning: Extremum, known: list[Contact], size: int
+) -> list[NearMiss]:
+    """Return an extremum of g as a near miss, unless g vanishes at or beside the extremum."""
+    lower, upper = turning.bracket(2 * abs(turning.g))
+    if turning.is_touch or turning.roots() or any(lower <= contact.s <= upper for contact in known):
+        return []
+    matrix = measured.evaluate(np.array([turning.s]))
+    g = float(solve_bordered(matrix, Border.of(matrix[0])).g[0])
+    return [NearMiss(turning.s, g, min(turning.s - lower, upper - turning.s), size)]
+
+
+def _miss_at_end(measured: Measured, panel: Panel, known: list[Contact], s: float) -> list[NearMiss]:
+    """Return the end s of the path as a near miss if |g| falls outwards on its panel."""
     outwards, matrix = 2.0 * s - 1.0, panel.matrices[0 if s == 0.0 else -1]
-    value, slope = (
-        chebyshev.chebval(outwards, part) for part in (panel.series, chebyshev.chebder(panel.series))
-    )
+    value = chebyshev.chebval(outwards, panel.series)
+    slope = chebyshev.chebval(outwards, chebyshev.chebder(panel.series))
     if value * slope * outwards >= 0.0:
         return []
     width = float(0.5 * (panel.end - panel.start) * abs(value / slope))
     if any(abs(contact.s - s) <= width for contact in known):
         return []
     g = float(solve_bordered(matrix[None], Border.of(matrix)).g[0])
-    return [NearMiss(s, g, width, _size(measured, matrix))]
+    return [NearMiss(s, g, width, _border_width(measured, matrix))]
 
 
 def _is_apart(s: float, places: Sequence[Contact | NearMiss], distance: float) -> bool:
@@ -142,51 +147,64 @@ def _is_apart(s: float, places: Sequence[Contact | NearMiss], distance: float) -
     return all(abs(s - place.s) > distance for place in places)
 
 
-def _size(measured: Measured, matrix: Array) -> int:
+def _is_outside(s: float, stretches: list[tuple[float, float]]) -> bool:
+    """Whether s lies in none of the stretches."""
+    return not any(low <= s <= high for low, high in stretches)
+
+
+def _border_width(measured: Measured, matrix: Array) -> int:
     """Return the width of the border that a matrix needs."""
     return max(1, count_below(matrix, VANISHING_TOGETHER**measured.power))
 
 
-def _around(measured: Measured, turning: Extremum, size: int) -> tuple[list[Contact], tuple[float, float]]:
-    """Find the contacts at or beside an extremum, and the stretch of s in which there is no other one."""
+def _contacts_beside(
+    measured: Measured, turning: Extremum, size: int
+) -> tuple[list[Contact], tuple[float, float]]:
+    """Find the contacts at or beside an extremum, and the stretch of s without another one."""
     s = turning.s
     if turning.is_touch:
         if not _vanishes(measured, s, size):
             return [], (s, s)
-        before, behind = turning.beyond(turning.rounding)
-        reach = max(behind - s, s - before, 0.5 * DISTINCT_EXTREMA)
+        lower, upper = turning.bracket(turning.rounding)
+        reach = max(upper - s, s - lower, 0.5 * DISTINCT_EXTREMA)
         kind = "transversal" if turning.changes_sign else "tangential"
-        contact = Contact(s, kind, behind - before if kind == "tangential" else None)
+        contact = Contact(s, kind, upper - lower if kind == "tangential" else None)
         return [contact], (s - 2 * reach, s + 2 * reach)
-    roots = [root for root in _polished(measured, turning, size) if _vanishes(measured, root, size)]
+    roots = [root for root in _polish_roots(measured, turning, size) if _vanishes(measured, root, size)]
     reach = max((abs(root - s) for root in roots), default=0.0)
     # to a quarter of their distance: a root beyond it has an extremum of its own between
     return [Contact(root, "transversal") for root in roots], (s - 1.5 * reach, s + 1.5 * reach)
 
 
-def _polished(measured: Measured, turning: Extremum, size: int) -> list[float]:
-    """Polish the roots beside an extremum with the border of the matrix at each, if it leads to them."""
-    places = []
+def _polish_roots(measured: Measured, turning: Extremum, size: int) -> list[float]:
+    """Polish the roots beside an extremum with the border of the matrix at each root.
+
+    A root from which Newton's method leads elsewhere stays as it is.
+    """
+    roots = []
     for root in turning.roots():
-        near = abs(root - turning.s) / 4
-        better = root_of_g(measured.at, root, size=size, longest=near)
-        places.append(better.place if better.converged and abs(better.place - root) < near else root)
-    return places
+        radius = abs(root - turning.s) / 4
+        polished = root_of_g(measured.evaluate, root, size=size, longest=radius)
+        reached = polished.converged and abs(polished.place - root) < radius
+        roots.append(polished.place if reached else root)
+    return roots
 
 
 def _vanishes(measured: Measured, s: float, size: int) -> bool:
-    """Whether the least singular value does; a small det G of several does not tell."""
-    return size == 1 or count_below(measured.at(np.array([s]))[0], RANK_LOST**measured.power) > 0
+    """Whether the least singular value vanishes at s; a small det G of several does not tell."""
+    return size == 1 or count_below(measured.evaluate(np.array([s]))[0], RANK_LOST**measured.power) > 0
 
 
-def _changes_sign(measured: Measured, root: Root, size: int) -> bool:
-    """Whether g changes its sign at a root, or the path ends there."""
+def _is_crossing(measured: Measured, root: Root, size: int) -> bool:
+    """Whether a singular value vanishes at a root, and g changes its sign or the path ends."""
+    if not _vanishes(measured, root.place, size):
+        return False
     h = DISTINCT_EXTREMA  # far more than the rounding of s; the roots beside a nearer extremum are known
     s = root.place
     steep = abs(root.slope) > abs(root.bend) * h + MEASURE_ROUNDING / h  # twice what bends it back
     if not h < s < 1 - h or (root.converged and steep):
         return True
-    matrices = measured.at(np.array([s - h, s, s + h]))
+    matrices = measured.evaluate(np.array([s - h, s, s + h]))
     g = solve_bordered(matrices, Border.of(matrices[1], size)).g
     return bool(g[0] * g[2] <= 0)
 
@@ -194,15 +212,15 @@ def _changes_sign(measured: Measured, root: Root, size: int) -> bool:
 # ------------------------------------------------------------------ several singular values at once
 
 
-def _together(measured: Measured, start: float, size: int) -> Contact | None:
-    """Find the place near start where all of G is least, if at least two singular values vanish there.
+def _common_contact(measured: Measured, start: float, size: int) -> Contact | None:
+    """Find the least |G| near start; None unless at least two singular values vanish.
 
-    Gauss and Newton's method on the entries of G, which vanish together; where they do so without a
-    slope, the extremum of what they have in common.
+    Gauss-Newton on the entries of G, which vanish together; where they do so without a slope, the extremum
+    of what they have in common.
     """
     s, step = start, 1.0
     for _ in range(8):
-        G, slope, bend = block_slopes(measured.at, s, size)
+        G, slope, bend = block_slopes(measured.evaluate, s, size)
         step = -float(np.sum(G * slope) / max(float(np.sum(slope * slope)), np.finfo(float).tiny))
         if abs(step) < CONVERGED_STEP or not abs(s + step - start) < SEARCH_RADIUS:
             break
@@ -211,23 +229,23 @@ def _together(measured: Measured, start: float, size: int) -> Contact | None:
     kind = "transversal" if steepness[-1] > TANGENTIAL_SLOPE else "tangential"
     # where none has a slope the search comes nearer by halves
     if steepness[0] < TANGENTIAL_SLOPE or abs(step) > NEWTON_STEP:
-        s, kind = extremum_near(measured.at, measured.knots, s, size, _common).s, "tangential"
-    vanished = count_below(measured.at(np.array([s]))[0], RANK_LOST**measured.power)
+        s, kind = extremum_near(measured.evaluate, measured.knots, s, size, _common_part).s, "tangential"
+    vanished = count_below(measured.evaluate(np.array([s]))[0], RANK_LOST**measured.power)
     if abs(s - start) > SEARCH_RADIUS or vanished < 2:  # others may be small and stay so
         return None
     return Contact(s, kind)
 
 
-def _common(G: Array) -> Array:
+def _common_part(G: Array) -> Array:
     """Project G (T, size, size) on the sum of its first value and its last but one, (T,)."""
     return np.einsum("tij,ij->t", G, G[0] + G[-2])
 
 
 def block_slopes(matrices: Callable[[Array], Array], s: float, size: int) -> tuple[Array, Array, Array]:
-    """Compute G at s with a border of this size of the matrix there, dG/ds and d2G/ds2, each (size, size)."""
+    """Compute G, dG/ds and d2G/ds2 at s, each (size, size), with the border of the matrix at s."""
     h = STENCIL_HALF_WIDTH
     middle = float(np.clip(s, h, 1.0 - h))  # at an end of the path from the side
-    three = matrices(np.array([middle - h, middle, middle + h, s]))
-    before, centre, after, at_s = solve_bordered(three, Border.of(three[3], size)).G
-    second = (before - 2 * centre + after) / h**2
-    return at_s, (after - before) / (2 * h) + (s - middle) * second, second
+    stack = matrices(np.array([middle - h, middle, middle + h, s]))
+    lower, centre, upper, G = solve_bordered(stack, Border.of(stack[3], size)).G
+    second = (lower - 2 * centre + upper) / h**2
+    return G, (upper - lower) / (2 * h) + (s - middle) * second, second

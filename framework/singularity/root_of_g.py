@@ -22,11 +22,11 @@ MAX_ITERATIONS = 20
 
 
 class Slope(NamedTuple):
-    """g and its derivative by p at one place, with the border of the matrix there."""
+    """g and its derivatives by p, with the border of the matrix at p."""
 
     g: float
     slope: float
-    beyond: float  # g at the upper end of the stencil
+    upper: float  # g at the upper end of the stencil
     bend: float  # its second derivative; 0 where the stencil lies on one side
 
 
@@ -49,11 +49,11 @@ def stencil(place: float, low: float = 0.0, high: float = 1.0) -> Array:
 def slope_of_g(matrices: Array, places: Array, size: int = 1) -> Slope:
     """Compute g and dg/dp from matrices (3, n, n) at places (3,) of a `stencil`, the border `size` wide."""
     g = solve_bordered(matrices, Border.of(matrices[1], size)).g
-    below, here, beyond = map(float, g)
+    lower, middle, upper = map(float, g)
     width = float(places[2] - places[0])
     both_sides = places[0] < places[1] < places[2]
-    bend = 4.0 * (below - 2.0 * here + beyond) / width**2 if both_sides else 0.0
-    return Slope(here, (beyond - below) / width, beyond, bend)
+    bend = 4.0 * (lower - 2.0 * middle + upper) / width**2 if both_sides else 0.0
+    return Slope(middle, (upper - lower) / width, upper, bend)
 
 
 def root_of_g(

@@ -14,7 +14,6 @@ from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.loop_matrices import type2_matrix
-from framework.kinematics.parallel_robot import ParallelRobot
 from framework.singularity.bordered_system import Border, solve_bordered
 from framework.singularity.points_on_path import SingularPoint
 
@@ -31,7 +30,7 @@ def spring_shift(branch: Branch, point: SingularPoint) -> Array:
     robot, path = branch.robot, branch.path
     if not robot.n_e or point.corank > 1 or point.contact != "transversal":
         return np.full(robot.n_e, np.nan)
-    steps = DIFFERENCE_STEP * np.where(_slides(robot), robot.length, 1.0)  # (n_e,)
+    steps = DIFFERENCE_STEP * robot.column_scale[robot.elastic]
     deflections = np.vstack([np.diag(steps), -np.diag(steps), np.zeros((2, robot.n_e))])
     ends = np.clip([point.s + DIFFERENCE_STEP, point.s - DIFFERENCE_STEP], 0.0, 1.0)
     s = np.append(np.full(2 * robot.n_e, point.s), ends)
@@ -44,9 +43,3 @@ def spring_shift(branch: Branch, point: SingularPoint) -> Array:
     by_path = (g[-2] - g[-1]) / (ends[0] - ends[1])
     shift = -by_deflection / by_path
     return np.where(np.abs(shift * steps) < SHIFT_ROUNDING, 0.0, shift)
-
-
-def _slides(robot: ParallelRobot) -> Array:
-    """Return a mask (n_e,) of the springs that stretch rather than turn."""
-    names = [robot.model.joints[robot.model.getJointId(name)].shortname() for name in robot.elastic_names]
-    return np.array([name.startswith("JointModelP") for name in names], dtype=bool)

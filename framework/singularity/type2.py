@@ -36,7 +36,7 @@ class Uncontrolled(NamedTuple):
     """The motion that locked motors do not hold, at one configuration."""
 
     kind: str  # type_2, leg_passive, constraint or closure
-    twist: Array  # (n,) t_s on the platform's axes, see `unit_twist`; zeros when it does not move
+    twist: Array  # (n,) t_s on the platform's axes, see `twist_norm`; zeros when it does not move
     motion: Array  # (nv,) joint rates that belong to the twist
     corank: int  # number of independent such motions
 
@@ -58,7 +58,7 @@ def uncontrolled_motion(robot: ParallelRobot, linearised: LinearisedLoops) -> Un
     if _rank(twists[-1:]) == 0:  # it moves no platform, another one does
         strongest = int(np.argmax(np.linalg.norm(twists, axis=1)))
         motion, twist = escaping.motions[strongest], twists[strongest]
-    scale = unit_twist(robot, twist)
+    scale = twist_norm(robot, twist)
     return Uncontrolled(kind, twist / scale, motion / scale, escaping.corank)
 
 
@@ -70,7 +70,7 @@ def least_held(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array
     P = passive_matrix(robot, linearised)[0]
     motion = passive_motion(robot, np.linalg.svd(P)[2][-1])
     twist = linearised.platform[0] @ motion
-    scale = unit_twist(robot, twist)
+    scale = twist_norm(robot, twist)
     return twist / scale, motion / scale
 
 
@@ -90,7 +90,7 @@ class EscapingMotions(NamedTuple):
 def escaping_motions(
     robot: ParallelRobot, linearised: LinearisedLoops, *, at_least: int = 0
 ) -> EscapingMotions:
-    """Compute the null space of P of one configuration (T = 1), and what kinds of singularity are in it.
+    """Compute the null space of P of one configuration (T = 1), with its kinds of singularity.
 
     Args:
         at_least: so many motions are taken for uncontrolled however large their singular values are.
@@ -101,14 +101,13 @@ def escaping_motions(
     motions = passive_motion(robot, right[len(right) - corank :])
     freedoms = instantaneous_motions(robot, linearised)
     usual = len(robot.moving) - len(robot.loops.names)
-    moved = motions @ _platform_twists(robot, linearised)  # (c, 6)
-    on_platform = motions @ (linearised.platform[0] / robot.platform_scale[:, None]).T
-    rank, on_axes = _rank(moved), _rank(on_platform)
+    all_twists = _platform_twists(robot, linearised)
+    rank = _rank(motions @ all_twists)
+    on_axes = _rank(motions @ (linearised.platform[0] / robot.platform_scale[:, None]).T)
     gained = freedoms.shape[1] - usual
     kinds = set()
     if gained > 0:
-        twists = freedoms.T @ _platform_twists(robot, linearised)[robot.moving]
-        kinds.add("constraint" if _rank(twists) > robot.n else "closure")
+        kinds.add("constraint" if _rank(freedoms.T @ all_twists[robot.moving]) > robot.n else "closure")
     elif rank > on_axes:
         kinds.add("constraint")
     if corank > gained:  # beyond what the loops have lost
@@ -127,10 +126,11 @@ def _platform_twists(robot: ParallelRobot, linearised: LinearisedLoops) -> Array
 
 
 def _rank(rows: Array) -> int:
+    """Compute the rank of rows (k, n) without dimension."""
     return int(np.sum(np.linalg.svd(rows, compute_uv=False) > RANK_LOST)) if rows.size else 0
 
 
-def unit_twist(robot: ParallelRobot, twist: Array) -> float:
+def twist_norm(robot: ParallelRobot, twist: Array) -> float:
     """Return the size of a twist (n,): its speed, or its turning rate where the point rests.
 
     Along a unit twist, t_s . W_p is a force [N] (a torque [N m] for a pure turn).
@@ -140,7 +140,7 @@ def unit_twist(robot: ParallelRobot, twist: Array) -> float:
 
 
 def moves_point(robot: ParallelRobot, twist: Array) -> bool:
-    """Whether a twist (n,) moves the platform's point, or only turns the platform about it."""
+    """Whether a twist (n,) moves the platform's point; else the platform turns about the point."""
     linear = np.linalg.norm(twist[robot.translations])
     angular = np.linalg.norm(twist[~robot.translations])
     return bool(linear > RANK_LOST * robot.length * angular)
@@ -176,8 +176,8 @@ def singularity_measure(robot: ParallelRobot, linearised: LinearisedLoops) -> Si
         return SingularityMeasure(np.ones(len(P)), np.zeros((len(P), robot.model.nv)))
     _, values, right = np.linalg.svd(P)
     weakest = right[:, -1]
-    turned = np.where(np.sum(weakest[1:] * weakest[:-1], axis=1) < 0, -1.0, 1.0)
-    signs = np.cumprod(np.concatenate([[1.0], turned]))
+    flips = np.where(np.sum(weakest[1:] * weakest[:-1], axis=1) < 0, -1.0, 1.0)
+    signs = np.cumprod(np.concatenate([[1.0], flips]))
     return SingularityMeasure(
         values[:, -1] * np.linalg.slogdet(P)[0], passive_motion(robot, weakest * signs[:, None])
     )

@@ -33,7 +33,7 @@ from framework.kinematics.continuation.turning_point import (
     TurningPoints,
     turning_points,
 )
-from framework.kinematics.frames import difference, frames_at, integrate
+from framework.kinematics.frames import frames_at, integrate
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.modes import mode_signs
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -42,9 +42,10 @@ from framework.statics.stiffness import (
     MAX_STEP,
     CompliantMotions,
     compliant_motions,
+    deflects_little,
     require_springs,
 )
-from framework.tolerances import EIGENVALUE_ROUNDING, MAX_DEFLECTION, NEWTON_STEP
+from framework.tolerances import EIGENVALUE_ROUNDING, NEWTON_STEP
 
 MAX_CORRECTION_RATIO = 0.25  # of a step, as along other branches: more may be another equilibrium
 MAX_SHARE_GAP = 0.1  # of what the steeper tangent gains: two folds of a cubic between two points leave 1 / 6
@@ -54,7 +55,7 @@ MAX_ITERATIONS = 8  # of Newton's method a step
 
 
 class LoadReason(IntEnum):
-    """Whether a configuration carries the load, or why it does not."""
+    """The outcome for one configuration: the load is carried, or why not."""
 
     CARRIED = 0
     GIVES_WAY = 1  # the stiffness is lost before the whole load is on: it snaps through, or buckles
@@ -74,7 +75,7 @@ LOAD_WORDS = {
 
 @dataclass(frozen=True, eq=False)
 class LoadedStack(ReadOnlyArrays):
-    """T configurations under the load; those with a reason have not borne all of it."""
+    """T configurations under the load; one with another reason than `CARRIED` bears a share only."""
 
     q: Array  # (T, nq)
     reason: NDArray[np.uint8]  # (T,) `LoadReason`
@@ -83,23 +84,33 @@ class LoadedStack(ReadOnlyArrays):
 
 
 class _Points(NamedTuple):
-    """T configurations on the curve, and how it goes on."""
+    """T configurations on the curve, with their tangents."""
 
     q: Array  # (T, nq)
     share: Array  # (T,) of the load
     rate: Array  # (T, f) of the moving columns with respect to the share, radians and lengths of the robot
 
-    def at(self, which: IntArray | BoolArray) -> _Points:
-        """Return some of them."""
+    def select(self, which: IntArray) -> _Points:
+        """Return the points `which` (k,) of the T."""
         return _Points(self.q[which], self.share[which], self.rate[which])
 
 
+class _Prediction(NamedTuple):
+    """T steps along the tangents."""
+
+    move: Array  # (T, f) [rad, lengths]
+    tangent: Array  # (T, f) of unit length
+    share: Array  # (T,) of the load
+    lands: BoolArray  # (T,) whether the whole load is reached
+    size: Array  # (T,) [rad, lengths] largest entry of the move
+
+
 class _Arrival(NamedTuple):
-    """Where T steps along the curve lead."""
+    """The ends of T steps along the curve."""
 
     points: _Points
     size: Array  # (T,) [rad, lengths] of the step, before its correction
-    good: BoolArray  # (T,) whether it counts
+    good: BoolArray  # (T,) whether the step counts
     lost: BoolArray  # (T,) whether it would, but for a stiffness that is not positive definite
     turned: BoolArray  # (T,) whether the share has turned back, too
 
@@ -114,41 +125,54 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
         InvalidInput: a robot without springs; a wrench without a potential.
     """
     require_springs(robot)
-    count = len(q)
-    load = Load(given_wrench(robot, wrench), np.zeros(count), spring_forces(robot, q))
+    load = Load(given_wrench(robot, wrench), np.zeros(len(q)), spring_forces(robot, q))
     unloaded = balance(robot, q, load)
     current = _Points(q.copy(), load.share, _tangents(unloaded.H, unloaded.drive, unloaded.null)[0])
-    step, reason = np.full(count, MAX_STEP), np.full(count, LoadReason.NOT_CONVERGED, dtype=np.uint8)
-    live = np.arange(count)
+    step, reason = np.full(len(q), MAX_STEP), np.full(len(q), LoadReason.NOT_CONVERGED, dtype=np.uint8)
+    live = np.arange(len(q))
     for _ in range(MAX_STEPS):
         if not len(live):
             break
-        start, whole_load = current.at(live), load.at(live)
-        ahead = _stepped(robot, start, whole_load, step[live])
-        good, reached = ahead.good, ahead.points
-        step[live] = np.where(good, np.minimum(2.0 * ahead.size, MAX_STEP), 0.5 * ahead.size)
-        for values, new in zip(current, reached, strict=True):
-            values[live[good]] = new[good]
-        soft = good & (reached.share <= 1.0) & ~_is_small(robot, reached.q)
-        short = ~good & (ahead.size <= UNCHECKED_MOTION)
-        reason[live[good & (reached.share == 1.0)]] = LoadReason.CARRIED
-        reason[live[soft]] = LoadReason.TOO_SOFT
-        reason[live[short & ahead.lost]] = LoadReason.GIVES_WAY
+        start, whole = current.select(live), load.at(live)
+        ahead = _step(robot, start, whole, step[live])
+        step[live] = np.where(ahead.good, np.minimum(2.0 * ahead.size, MAX_STEP), 0.5 * ahead.size)
+        for values, new in zip(current, ahead.points, strict=True):
+            values[live[ahead.good]] = new[ahead.good]
+        reason[live] = _reasons(robot, ahead)
         turned = np.flatnonzero(ahead.turned)
         if len(turned):
-            folds = _folds(robot, start.at(turned), whole_load.at(turned))
-            snaps = live[turned[folds.found]]
-            current.q[snaps], current.share[snaps] = folds.q[folds.found], folds.share[folds.found]
-            reason[snaps] = LoadReason.GIVES_WAY
-        live = live[~short & (reason[live] == LoadReason.NOT_CONVERGED)]
-    x = robot.platform.coordinates(frames_at(robot, current.q))
-    linearised = linearised_at(robot, current.q, x)
-    at_rest = linearised_at(robot, q, robot.platform.coordinates(frames_at(robot, q)))
-    crossed = mode_signs(robot, linearised)[1] != mode_signs(robot, at_rest)[1]
-    reason[crossed & (reason == LoadReason.CARRIED)] = LoadReason.OTHER_MODE
-    free = compliant_motions(robot, linearised, current.q)
-    free = free._replace(K=tangent_stiffness(robot, linearised, current.q, free.Z, load))
-    return LoadedStack(current.q, reason, current.share, free)
+            folds = _folds(robot, start.select(turned), whole.at(turned))
+            turned = live[turned[folds.found]]
+            current.q[turned], current.share[turned] = folds.q[folds.found], folds.share[folds.found]
+            reason[turned] = LoadReason.GIVES_WAY
+        goes_on = ahead.good | ~(ahead.size <= UNCHECKED_MOTION)
+        live = live[goes_on & (reason[live] == LoadReason.NOT_CONVERGED)]
+    return _loaded_stack(robot, q, current, reason, load)
+
+
+def _reasons(robot: ParallelRobot, ahead: _Arrival) -> NDArray[np.uint8]:
+    """Return the reason (T,) to stop after each step, NOT_CONVERGED to go on."""
+    reasons = np.full(len(ahead.size), LoadReason.NOT_CONVERGED, dtype=np.uint8)
+    share = ahead.points.share
+    reasons[ahead.good & (share == 1.0)] = LoadReason.CARRIED
+    reasons[ahead.good & (share <= 1.0) & ~deflects_little(robot, ahead.points.q)] = LoadReason.TOO_SOFT
+    reasons[ahead.lost & (ahead.size <= UNCHECKED_MOTION)] = LoadReason.GIVES_WAY
+    return reasons
+
+
+def _loaded_stack(
+    robot: ParallelRobot, q: Array, reached: _Points, reason: NDArray[np.uint8], load: Load
+) -> LoadedStack:
+    """Return the stack reached from q (T, nq), with its stiffness and changes of assembly mode."""
+    start, end = (
+        linearised_at(robot, poses, robot.platform.coordinates(frames_at(robot, poses)))
+        for poses in (q, reached.q)
+    )
+    changes_mode = mode_signs(robot, end)[1] != mode_signs(robot, start)[1]
+    reason[changes_mode & (reason == LoadReason.CARRIED)] = LoadReason.OTHER_MODE
+    free = compliant_motions(robot, end, reached.q)
+    free = free._replace(K=tangent_stiffness(robot, end, reached.q, free.Z, load))
+    return LoadedStack(reached.q, reason, reached.share, free)
 
 
 def _tangents(H: Array, drive: Array, null: Array) -> tuple[Array, BoolArray]:
@@ -159,52 +183,75 @@ def _tangents(H: Array, drive: Array, null: Array) -> tuple[Array, BoolArray]:
     return -matvec(null, matvec(vectors, along)), values[:, 0] > rounding[:, 0]
 
 
-def _stepped(robot: ParallelRobot, start: _Points, load: Load, step: Array) -> _Arrival:
-    """Find equilibria a step (T,) [rad, lengths] further on, or under the whole load if that is nearer.
+def _step(robot: ParallelRobot, start: _Points, load: Load, step: Array) -> _Arrival:
+    """Find the equilibria a step (T,) [rad, lengths] further on the curve, or under the whole load.
 
-    A step that ends before holds the joints' motion along the tangent while it is corrected, and one that
-    ends there the share. Where the curve leads beyond the whole load, the next step leads back. Where it is
-    to go on it is met to rounding, as a tangent at a soft place needs.
+    The whole load is taken where it is nearer than the step. Where the curve leads beyond the whole load,
+    the next step leads back.
     """
+    ahead = _predict(start, step)
+    reached, along, closed, stable = _correct(robot, start, ahead, load)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slopes = 1.0 / np.array([dot(ahead.tangent, start.rate), dot(ahead.tangent, reached.rate)])
+        gap = np.abs(reached.share - start.share - 0.5 * along * slopes.sum(axis=0))
+        straight = gap <= MAX_SHARE_GAP * np.abs(along * slopes).max(axis=0)
+        turned = slopes.prod(axis=0) < 0.0  # the slope of the share has changed its sign
+    counts = closed & (straight | (ahead.size <= UNCHECKED_MOTION))
+    lost = counts & ~stable
+    return _Arrival(reached, ahead.size, counts & stable, lost, lost & turned)
+
+
+def _predict(start: _Points, step: Array) -> _Prediction:
+    """Compute steps of size (T,) [rad, lengths] along the tangents, as far as the whole load."""
     remaining = 1.0 - start.share
     whole = np.abs(start.rate * remaining[:, None]).max(axis=1)
     cut = np.minimum(1.0, step / np.maximum(whole, step))
-    predicted = start.rate * (remaining * cut)[:, None]
-    lands, size, length = cut == 1.0, whole * cut, np.linalg.norm(predicted, axis=1)
-    tangent = predicted / np.where(length > 0.0, length, 1.0)[:, None]
+    move = start.rate * (remaining * cut)[:, None]
+    length = np.linalg.norm(move, axis=1, keepdims=True)
+    lands = cut == 1.0
     share = np.where(lands, 1.0, start.share + cut * remaining)
-    q, rate, along = _moved(robot, start.q, predicted), np.zeros_like(predicted), length.copy()
-    correction, (near, done, stable) = np.zeros(len(q)), np.zeros((3, len(q)), dtype=bool)
-    live = np.arange(len(q))
+    return _Prediction(move, move / np.where(length > 0.0, length, 1.0), share, lands, whole * cut)
+
+
+def _correct(
+    robot: ParallelRobot, start: _Points, ahead: _Prediction, load: Load
+) -> tuple[_Points, Array, BoolArray, BoolArray]:
+    """Lead steps back to the curve by Newton's method.
+
+    A step that lands under the whole load keeps its share; another one keeps the joints' motion along the
+    tangent, and takes one more iteration, to rounding, as a tangent at a soft place needs.
+
+    Returns:
+        The points; the way along the tangent (T,); whether the equilibrium was met (T,), and is stable (T,).
+    """
+    reached = _Points(_move(robot, start.q, ahead.move), ahead.share, np.zeros_like(ahead.move))
+    along, correction = np.linalg.norm(ahead.move, axis=1), np.zeros(len(ahead.size))
+    was_met, done, stable = np.zeros((3, len(along)), dtype=bool)
+    live = np.arange(len(along))
     for _ in range(MAX_ITERATIONS):
-        state = balance(robot, q[live], load.at(live)._replace(share=share[live]))
-        move, gain = _correction(state, tangent[live], lands[live])
-        last = np.abs(move).max(axis=1)
-        correction[live] += last
-        on = correction[live] <= np.maximum(MAX_CORRECTION_RATIO * size[live], UNCHECKED_MOTION)
-        move, gain = np.where(on[:, None], move, 0.0), np.where(on, gain, 0.0)
-        q[live], share[live] = _moved(robot, q[live], move), share[live] + gain
-        along[live] += dot(tangent[live], move)
-        ended = on & (last < NEWTON_STEP) & (lands[live] | near[live])
-        near[live] = last < NEWTON_STEP
-        settled = live[ended]
-        done[settled] = True
-        rate[settled], stable[settled] = _tangents(state.H[ended], state.drive[ended], state.null[ended])
+        state = balance(robot, reached.q[live], load.at(live)._replace(share=reached.share[live]))
+        move, gain = _newton_step(state, ahead.tangent[live], ahead.lands[live])
+        size = np.abs(move).max(axis=1)
+        correction[live] += size
+        on = correction[live] <= np.maximum(MAX_CORRECTION_RATIO * ahead.size[live], UNCHECKED_MOTION)
+        move = np.where(on[:, None], move, 0.0)
+        reached.q[live] = _move(robot, reached.q[live], move)
+        reached.share[live] += np.where(on, gain, 0.0)
+        along[live] += dot(ahead.tangent[live], move)
+        ended = on & (size < NEWTON_STEP) & (ahead.lands[live] | was_met[live])
+        was_met[live] = size < NEWTON_STEP
+        done[live[ended]] = True
+        reached.rate[live[ended]], stable[live[ended]] = _tangents(
+            state.H[ended], state.drive[ended], state.null[ended]
+        )
         live = live[on & ~ended]
         if not len(live):
             break
-    with np.errstate(divide="ignore", invalid="ignore"):
-        slopes = 1.0 / np.array([dot(tangent, start.rate), dot(tangent, rate)])  # of the share
-        gap = np.abs(share - start.share - 0.5 * along * slopes.sum(axis=0))
-        straight = gap <= MAX_SHARE_GAP * np.abs(along * slopes).max(axis=0)
-        turned = slopes.prod(axis=0) < 0.0
-    done &= straight | (size <= UNCHECKED_MOTION)
-    lost = done & ~stable
-    return _Arrival(_Points(q, share, rate), size, done & stable, lost, lost & turned)
+    return reached, along, done, stable
 
 
-def _correction(state: Balance, tangent: Array, lands: BoolArray) -> tuple[Array, Array]:
-    """Compute Newton's step (T, f) to the curve, and by how much (T,) the share changes with it."""
+def _newton_step(state: Balance, tangent: Array, lands: BoolArray) -> tuple[Array, Array]:
+    """Compute Newton's step (T, f) to the curve, and the change (T,) of the share."""
     d = state.H.shape[1]
     bordered, right = np.zeros((len(state.H), d + 1, d + 1)), np.zeros((len(state.H), d + 1))
     bordered[:, :d, :d], bordered[:, :d, d], right[:, :d] = state.H, state.drive, -state.slope
@@ -216,16 +263,15 @@ def _correction(state: Balance, tangent: Array, lands: BoolArray) -> tuple[Array
 
 
 def _folds(robot: ParallelRobot, start: _Points, load: Load) -> TurningPoints:
-    """Find where the share turns back, ahead of points on the curve."""
+    """Find the turning points of the share ahead of points on the curve."""
 
     def evaluate(q: Array, share: Array) -> CurveEquations:
-        """Compute loops along what opens them, and the slope of the energy along what does not."""
+        """Compute the loops across the null space of the closures, and the energy's slope along."""
         state = balance(robot, q, load._replace(share=share))
         size = np.abs(state.H).max(axis=(1, 2))[:, None]
-        null, turned = state.null, state.null.swapaxes(1, 2)
-        matrix = np.eye(null.shape[1]) + matmul(
-            null, matmul(state.H / size[:, None] - np.eye(null.shape[2]), turned)
-        )
+        null = state.null
+        inner = state.H / size[:, None] - np.eye(null.shape[2])
+        matrix = np.eye(null.shape[1]) + matmul(null, matmul(inner, null.swapaxes(1, 2)))
         drive, slope = matvec(null, state.drive / size), matvec(null, state.slope / size)
         return CurveEquations(matrix, drive, slope - state.closing, state.linearised)
 
@@ -233,15 +279,9 @@ def _folds(robot: ParallelRobot, start: _Points, load: Load) -> TurningPoints:
     return turning_points(robot, start.q, start.share, columns, still, evaluate)
 
 
-def _moved(robot: ParallelRobot, q: Array, move: Array) -> Array:
+def _move(robot: ParallelRobot, q: Array, move: Array) -> Array:
     """Return configurations (T, nq) after moves (T, f) [rad, lengths of the robot]."""
     columns = moving_columns(robot)
     tangent = np.zeros((len(q), robot.model.nv))
     tangent[:, columns] = move * robot.column_scale[columns]
     return integrate(robot, q, tangent)
-
-
-def _is_small(robot: ParallelRobot, q: Array) -> BoolArray:
-    """Whether deflections (T,) are within the range of linear springs."""
-    turned = difference(robot, robot.neutral, q) / robot.column_scale
-    return np.asarray(np.abs(turned[:, robot.elastic]).max(axis=1, initial=0.0) <= MAX_DEFLECTION)

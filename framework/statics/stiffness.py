@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from framework.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
+from framework.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays
 from framework.dynamics.tangent_stiffness import (
     Load,
     balance,
@@ -88,22 +88,22 @@ def compliant_motions(robot: ParallelRobot, linearised: LinearisedLoops, q: Arra
     null = np.linalg.qr(loops.swapaxes(1, 2), mode="complete")[0][:, :, count:]
     Z = null * robot.column_scale[columns][:, None]
     stiffness = spring_stiffness(robot)[columns]
-    mass = _mass(robot, q)[:, columns[:, None], columns]
-    turned = Z.swapaxes(1, 2)
+    mass = mass_matrices(robot, q)[:, columns[:, None], columns]
+    transposed = Z.swapaxes(1, 2)
     return CompliantMotions(
         columns=columns,
         Z=Z,
         X=matmul(linearised.platform[:, :, columns], Z),
-        K=matmul(turned * stiffness, Z),
-        M=matmul(turned, matmul(mass, Z)),
+        K=matmul(transposed * stiffness, Z),
+        M=matmul(transposed, matmul(mass, Z)),
     )
 
 
 def least_ratios(H: Array, S: Array) -> Array:
-    """Compute the least z' H z / z' S z (T,) over all z, S positive semidefinite; NaN where there is none.
+    """Compute the least z' H z / z' S z (T,), S positive semidefinite; NaN without one.
 
-    With H + sigma S positive definite it is 1 / mu - sigma, mu the largest eigenvalue of S relative to that:
-    no inverse of H, which is singular at Type 2, and none of S, which is where bodies have no mass.
+    With H + sigma S positive definite, the least is 1 / mu - sigma, mu the largest eigenvalue of S relative
+    to that: no inverse of H, which is singular at Type 2, and none of S, which is where bodies have no mass.
     """
     least = np.full(len(H), np.nan)
     size = np.trace(S, axis1=1, axis2=2)
@@ -159,7 +159,7 @@ class PlatformStiffness(ReadOnlyArrays):
 
     @property
     def frequencies(self) -> Array:
-        """Natural frequencies (k,) [Hz]; NaN for what does not vibrate but buckles."""
+        """Natural frequencies (k,) [Hz]; NaN for a motion that buckles."""
         with np.errstate(invalid="ignore"):
             return np.asarray(np.sqrt(self.squares) / (2 * np.pi))
 
@@ -195,7 +195,7 @@ def platform_stiffness(
     squares, shapes = _vibrations(H, free.M[0])
     modes = np.zeros((len(shapes), robot.model.nv))
     modes[:, free.columns] = shapes @ free.Z[0].T
-    stiffness = _condensed(robot, H, free.X[0])
+    stiffness = _condense(robot, H, free.X[0])
     return PlatformStiffness(
         robot=robot,
         q=closed.q[0],
@@ -240,7 +240,7 @@ def _equilibrium(robot: ParallelRobot, q: Array, wrench: ArrayLike | None) -> tu
     for _ in range(MAX_NEWTON_STEPS):
         state = balance(robot, q[None], load)
         if size < NEWTON_STEP:
-            if _is_small(robot, q) and state.gap[0] < LOOP_GAP:
+            if deflects_little(robot, q[None])[0] and state.gap[0] < LOOP_GAP:
                 return q, load
             break
         values, vectors = np.linalg.eigh(state.H[0])
@@ -260,16 +260,16 @@ def _equilibrium(robot: ParallelRobot, q: Array, wrench: ArrayLike | None) -> tu
     )
 
 
-def _is_small(robot: ParallelRobot, q: Array) -> bool:
-    """Whether deflections are within the range of linear springs."""
-    turned = difference(robot, robot.neutral, q[None])[0] / robot.column_scale
-    return bool(np.abs(turned[robot.elastic]).max(initial=0.0) <= MAX_DEFLECTION)
+def deflects_little(robot: ParallelRobot, q: Array) -> BoolArray:
+    """Whether the deflections of q (T, nq) are within the range of linear springs, (T,)."""
+    deflections = (difference(robot, robot.neutral, q) / robot.column_scale)[:, robot.elastic]
+    return np.asarray(np.abs(deflections).max(axis=1, initial=0.0) <= MAX_DEFLECTION)
 
 
 # ------------------------------------------------------------------ matrices
 
 
-def _mass(robot: ParallelRobot, q: Array) -> Array:
+def mass_matrices(robot: ParallelRobot, q: Array) -> Array:
     """Compute the mass matrices (T, nv, nv) of the open tree, rotors not included."""
     model, data = robot.model, scratch_of(robot).data
     upper = np.empty((len(q), model.nv, model.nv))
@@ -279,8 +279,8 @@ def _mass(robot: ParallelRobot, q: Array) -> Array:
     return upper + np.triu(upper, 1).swapaxes(1, 2)
 
 
-def _condensed(robot: ParallelRobot, H: Array, X: Array) -> Array:
-    """Compute K_x (n, n), the least energy of all motions that move the platform in a given way."""
+def _condense(robot: ParallelRobot, H: Array, X: Array) -> Array:
+    """Compute K_x (n, n), the least energy of all motions with a given motion of the platform."""
     scale = robot.platform_scale
     left, values, right = np.linalg.svd(X / scale[:, None])
     if len(values) < len(X) or values[-1] <= RANK_ROUNDING * values[0]:
@@ -290,11 +290,10 @@ def _condensed(robot: ParallelRobot, H: Array, X: Array) -> Array:
         )
     raised = right[: len(X)].T @ (left / values).T / scale  # X raised = 1
     aside = right[len(X) :].T  # moves the platform not at all
-    both = aside.T @ H @ raised
-    left_over = (
-        H @ raised - H @ aside @ np.linalg.solve(aside.T @ H @ aside, both) if aside.size else H @ raised
-    )
-    K = raised.T @ left_over
+    forces = H @ raised
+    if aside.size:
+        forces = forces - H @ aside @ np.linalg.solve(aside.T @ H @ aside, aside.T @ H @ raised)
+    K = raised.T @ forces
     return np.asarray(0.5 * (K + K.T))
 
 

@@ -6,13 +6,12 @@ With locked motors the first frequency vanishes there, see `statics.stiffness.lo
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
 
 from framework.arrays import Array
 from framework.kinematics.closures import loop_equations, scaled
 from framework.kinematics.frames import frames_at
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.pinocchio_memory import scratch_of
+from framework.statics.stiffness import mass_matrices
 
 
 def free_motor_frequency(robot: ParallelRobot, q: Array) -> Array:
@@ -34,15 +33,14 @@ def free_motor_frequency(robot: ParallelRobot, q: Array) -> Array:
     rotors[robot.actuated] = robot.gear_ratio**2 * robot.rotor_inertia
     stiffness[robot.elastic] = robot.stiffness
     loops = scaled(robot, loop_equations(robot.loops, frames_at(robot, q)).jacobian, robot.loops.rotation)
-    data, frequency = scratch_of(robot).data, np.empty(len(q))
-    for k, row in enumerate(q):
+    frequency = np.empty(len(q))
+    for k, tree_mass in enumerate(mass_matrices(robot, q)):
         allowed = scale[:, None] * np.linalg.svd(loops[k])[2][len(loops[k]) :].T
-        upper = np.triu(pin.crba(robot.model, data, row))
-        mass = allowed.T @ (upper + np.triu(upper, 1).T + np.diag(rotors)) @ allowed
-        held = allowed.T @ (stiffness[:, None] * allowed)
+        mass = allowed.T @ (tree_mass + np.diag(rotors)) @ allowed
+        springs = allowed.T @ (stiffness[:, None] * allowed)
         # M singular (massless parts) and K singular (rigid motions): 1 / (omega^2 + shift) is finite for both
-        shift = float(np.trace(held) / max(np.trace(mass), np.finfo(float).tiny))
-        shares = eigh(mass, held + shift * mass, eigvals_only=True)[::-1]
+        shift = float(np.trace(springs) / max(np.trace(mass), np.finfo(float).tiny))
+        shares = eigh(mass, springs + shift * mass, eigvals_only=True)[::-1]
         first = float(shares[allowed.shape[1] - robot.n_e])
         frequency[k] = np.sqrt(max(1.0 / first - shift, 0.0)) / (2.0 * np.pi) if first > 0.0 else np.inf
     return frequency

@@ -60,7 +60,7 @@ def test_the_area_is_that_of_both_legs_reach(given, found):
 def test_a_study_is_the_same_through_an_executor_and_after_a_stop(given, found, tmp_path):
     task, designs = given
     kept = KeptChunks.of(tmp_path, study_setup(task, designs))
-    kept.keep("0000000-0000004", map_designs(task, ("", designs.values[:4])))
+    kept.keep("0000000-0000004", map_designs(task, designs.values[:4]))
     calls = []
     with ThreadPoolExecutor(2) as pool:
         again = design_study(task, designs, executor=pool, keeper=kept, progress=calls.append)
@@ -77,7 +77,7 @@ def test_a_study_is_the_same_through_an_executor_and_after_a_stop(given, found, 
 def test_a_kept_chunk_of_other_columns_or_designs_is_computed_anew(given, tmp_path, wrong):
     task, designs = given[0]._replace(size=3), given[1]._replace(values=given[1].values[:2])
     kept = KeptChunks.of(tmp_path, study_setup(task, designs))
-    chunk = map_designs(task, ("", designs.values))
+    chunk = map_designs(task, designs.values)
     less = {key: values for key, values in chunk.items() if key != "area"}
     kept.keep("0000000-0000002", less if wrong == "columns" else {key: chunk[key][:1] for key in chunk})
     calls = []

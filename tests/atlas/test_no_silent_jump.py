@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import robots
-from framework.atlas.survey import surveyed
-from framework.atlas.sweep import STEP_PARTS, PoseReason, stepped
+from framework.atlas.survey import survey_window
+from framework.atlas.sweep import STEP_PARTS, PoseReason, step_poses
 from framework.atlas.workspace_map import workspace_map
 
 CATALOGUE = (
@@ -21,7 +21,7 @@ def pairs(found):
     robot, x, q, reached = found.robot, found.window.points(), found.q, found.reached
     for one, other in ((np.s_[:-1, :], np.s_[1:, :]), (np.s_[:, :-1], np.s_[:, 1:])):
         both = reached[one] & reached[other]
-        yield q[other][both], stepped(robot, q[one][both], x[one][both], x[other][both], STEP_PARTS)
+        yield q[other][both], step_poses(robot, q[one][both], x[one][both], x[other][both], STEP_PARTS)
 
 
 def turns_apart(robot, one, two):
@@ -37,7 +37,7 @@ def turns_apart(robot, one, two):
 )
 def test_a_step_between_neighbours_leads_from_the_one_to_the_other(name, size):
     robot = robots.load(name)
-    window = surveyed(robot, size=size)
+    window = survey_window(robot, size=size)
     found = workspace_map(robot, window, ["g"])
     asked = refused = 0
     for expected, step in pairs(found):

@@ -12,9 +12,9 @@ import pytest
 import robots
 from framework import InvalidInput
 from framework.atlas.map_files import map_document, setup_document, write_map
-from framework.atlas.quantities import chosen
-from framework.atlas.survey import surveyed
-from framework.atlas.sweep import PoseReason, stepped
+from framework.atlas.quantities import choose_quantities
+from framework.atlas.survey import survey_window
+from framework.atlas.sweep import PoseReason, step_poses
 from framework.atlas.window import Window, held_coordinates, map_axes
 from framework.atlas.workspace_map import workspace_map
 from framework.kinematics.continuation.tracking import assemble
@@ -106,7 +106,7 @@ def test_a_sign_of_g_that_no_curve_explains_is_told(monkeypatch):
 
 def test_where_no_locus_can_be_traced_a_map_says_why(tmp_path):
     robot = robots.load("two_arms")
-    found = workspace_map(robot, surveyed(robot, size=5), ["g"])
+    found = workspace_map(robot, survey_window(robot, size=5), ["g"])
     locus = map_document(found)["locus"]
     assert (locus["traced"], locus["curves"]) == (False, 0)
     assert "one motor for each freedom" in locus["status"]
@@ -117,7 +117,7 @@ def test_where_no_locus_can_be_traced_a_map_says_why(tmp_path):
 @pytest.mark.parametrize("name", ["three_rrr", "gough_stewart", "agile_eye"])
 def test_a_pose_of_a_map_is_the_one_that_tracking_reaches(name):
     robot = robots.load(name)
-    found = workspace_map(robot, surveyed(robot, size=9), ["g"])
+    found = workspace_map(robot, survey_window(robot, size=9), ["g"])
     near = np.abs(found.window.points() - robot.reference.x).max(axis=2)
     places = [tuple(map(int, at)) for at in np.argwhere(found.reached & (near < 0.3 * near.max()))[::3]]
     assert places
@@ -132,7 +132,7 @@ def test_no_step_goes_through_a_folded_leg():
     """Straight across the motor's place, where the leg has no length and may come out on either side."""
     robot = robots.load("five_bar")
     start, end = np.array([[-0.2, 0.03]]), np.array([[-0.2, -0.03]])
-    step = stepped(robot, assemble(robot, start[0]).q[None], start, end)
+    step = step_poses(robot, assemble(robot, start[0]).q[None], start, end)
     assert step.reason[0] in (PoseReason.OPEN, PoseReason.OTHER_MODE)
 
 
@@ -153,11 +153,11 @@ class Stopped(KeyboardInterrupt):
 
 def test_an_interrupted_map_goes_on_and_computes_nothing_twice(tmp_path, monkeypatch):
     robot = robots.load("five_bar")
-    at, quantities = window(robot, 40), chosen(robot, None)
+    at, quantities = window(robot, 40), choose_quantities(robot, None)
     kept = KeptChunks.of(tmp_path, setup_document(robot, at, quantities))
     computed = []
     module = "framework.atlas.workspace_map"
-    filled = workspace_map.__globals__["filled_band"]
+    filled = workspace_map.__globals__["fill_band"]
 
     def counted(robot, window, quantities, band):
         if len(computed) == 2:
@@ -165,13 +165,13 @@ def test_an_interrupted_map_goes_on_and_computes_nothing_twice(tmp_path, monkeyp
         computed.append(band.name)
         return filled(robot, window, quantities, band)
 
-    monkeypatch.setattr(f"{module}.filled_band", counted)
+    monkeypatch.setattr(f"{module}.fill_band", counted)
     with pytest.raises(Stopped):
         workspace_map(robot, at, keeper=kept)
-    assert sorted(kept.found()) == computed
+    assert sorted(kept.read()) == computed
     first = list(computed)
     monkeypatch.setattr(
-        f"{module}.filled_band", lambda *given: computed.append(given[3].name) or filled(*given)
+        f"{module}.fill_band", lambda *given: computed.append(given[3].name) or filled(*given)
     )
     done = []
     resumed = workspace_map(robot, at, keeper=kept, progress=done.append)
@@ -188,7 +188,7 @@ def test_an_interrupted_map_goes_on_and_computes_nothing_twice(tmp_path, monkeyp
 def test_a_kept_band_of_another_map_is_not_taken(tmp_path):
     robot = robots.load("five_bar")
     at = window(robot, 20)
-    small, large = (chosen(robot, keys) for keys in (["g"], None))
+    small, large = (choose_quantities(robot, keys) for keys in (["g"], None))
     places = {
         KeptChunks.of(tmp_path, setup_document(robot, one, keys)).folder
         for one in (at, window(robot, 21))
@@ -207,7 +207,7 @@ def test_a_kept_band_of_another_map_is_not_taken(tmp_path):
 )
 def test_a_quantity_that_a_robot_has_not_is_refused(name, keys, told):
     with pytest.raises(InvalidInput, match=told):
-        chosen(robots.load(name), keys)
+        choose_quantities(robots.load(name), keys)
 
 
 def test_where_a_load_is_not_carried_a_map_says_so_everywhere(tmp_path):

@@ -13,7 +13,7 @@ from framework import InvalidInput, plan_scene
 from framework.control.computed_torque import ComputedTorque
 from framework.control.controllers import CONTROLLERS, tuned_controller
 from framework.control.estimation import Measurement, RobotState, consistent_solution, estimated_state
-from framework.control.lqr import _linearised, riccati
+from framework.control.lqr import linearise_error, riccati
 from framework.control.reference import reference_of
 from framework.dynamics.forward_derivatives import forward_derivatives
 
@@ -60,7 +60,7 @@ def test_the_lqr_takes_wrenches_on_axes_of_a_tool_for_what_turns_with_it():
     rows = [[0.0, *6 * [0.0]], [0.5, 2.0, -1.0, 0.0, 0.0, 0.0, 0.02], [1.0, *6 * [0.0]]]
     wrenches = {"left_tip": {"wrench": rows, "axes": "tool"}}
     ref = reference_of(plan_scene(robot, "C", wrenches=wrenches), period=PERIOD)
-    A = _linearised(ref)[0][:, robot.n :, : robot.n]
+    A = linearise_error(ref)[0][:, robot.n :, : robot.n]
     turning, still = (
         forward_derivatives(
             *(robot, ref.motion.q, ref.motion.v, ref.torque), wrenches=ref.planned_wrenches, turning=frames
@@ -140,7 +140,7 @@ def test_a_run_without_numbers_has_no_consistent_solution_and_leaves_the_others_
 
 def test_the_aware_law_is_the_naive_one_far_from_the_crossing():
     ref = reference("five_bar", "C")
-    aware, naive = (ComputedTorque.tuned(ref, aware=choice) for choice in (True, False))
+    aware, naive = (ComputedTorque.tune(ref, aware=choice) for choice in (True, False))
     for k in (50, 200, 850):
         seen = platform_state(ref, k, np.array([1e-4, 2e-4]))
         np.testing.assert_allclose(aware.torque(k, seen), naive.torque(k, seen), rtol=1e-9)

@@ -22,7 +22,7 @@ from framework.control.reference import reference_of
 from framework.control.run_monitor import ControlLoop
 from framework.control.study import run_chunk, run_study
 from framework.control.study_setup import load_study
-from framework.control.variation import Spread, Variation, draw, varied
+from framework.control.variation import Spread, Variation, draw, vary
 from tests.conftest import REMOVED, put
 
 PAYLOAD = Spread(payload=0.05)
@@ -98,7 +98,7 @@ def test_the_quickest_law_passes_as_the_polynomial_does_if_it_leaves_a_tenth_of_
 
 
 def tuned(reference):
-    return FeedforwardPD.tuned(reference)
+    return FeedforwardPD.tune(reference)
 
 
 @pytest.mark.slow
@@ -195,7 +195,7 @@ def test_a_heavier_payload_adds_its_inertia_and_nothing_else(robot):
     nothing = draw(nominal, Spread(), (0, 0))
 
     def energy(factor):
-        model = varied(nominal, Variation(**{**vars(nothing), "payload": factor})).model
+        model = vary(nominal, Variation(**{**vars(nothing), "payload": factor})).model
         return pin.computeKineticEnergy(model, model.createData(), q, v)
 
     assert energy(1.0) == pytest.approx(

@@ -96,7 +96,7 @@ def test_entries_and_products_of_a_pattern_are_those_of_the_matrices(share):
 
 def test_an_empty_stack_has_empty_solutions():
     band, *_ = stacked(chain, 6)
-    factors = band.factor(np.empty((0, len(band.place))))
+    factors = band.factor(np.empty((0, len(band.index))))
     assert factors.solve(np.empty((0, 6))).shape == (0, 6)
     assert factors.solve_transposed(np.empty((3, 0, 6))).shape == (3, 0, 6)
     assert factors.slogdet[0].shape == (0,)

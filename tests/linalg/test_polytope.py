@@ -72,4 +72,4 @@ def test_rows_that_do_not_span_leave_a_direction_without_bound():
     np.testing.assert_array_equal(np.abs(found.free), [[0.0, 0.0, 1.0]])
     np.testing.assert_array_equal(found.bounds()[2], [-np.inf, np.inf])
     np.testing.assert_allclose(found.bounds()[:2], [[-1, 1], [-3, 3]], atol=1e-12)
-    np.testing.assert_array_equal(found.alone()[2], [-np.inf, np.inf])
+    np.testing.assert_array_equal(found.axis_ranges()[2], [-np.inf, np.inf])

@@ -12,8 +12,8 @@ def test_what_is_torn_is_not_taken(tmp_path):
     kept.keep("whole", {"a": np.arange(3.0)})
     for name, content in (("empty", b""), ("torn", (kept.folder / "whole.npz").read_bytes()[:60])):
         (kept.folder / f"{name}.npz").write_bytes(content)
-    assert set(kept.found()) == {"whole"}
-    np.testing.assert_array_equal(kept.found()["whole"]["a"], np.arange(3.0))
+    assert set(kept.read()) == {"whole"}
+    np.testing.assert_array_equal(kept.read()["whole"]["a"], np.arange(3.0))
 
 
 def test_what_has_other_lengths_names_or_kinds_of_values_does_not_fit():

@@ -42,9 +42,9 @@ def values(bounds, middle, there):
 @pytest.mark.parametrize("name", ROBOTS)
 def test_slopes_and_second_slopes_are_derivatives(name):
     bounds, _, u = setup(name)
-    n, at = bounds.robot.n, bounds.at(bounds.moved(u))
+    n, at = bounds.robot.n, bounds.evaluate(bounds.configurations(u))
     for joint, step in enumerate(STEP * np.eye(u.shape[1])):
-        ahead, behind = (bounds.at(bounds.moved(u + side * step)) for side in (1, -1))
+        ahead, behind = (bounds.evaluate(bounds.configurations(u + side * step)) for side in (1, -1))
         rates = (values(bounds, at, ahead) - values(bounds, at, behind)) / (2 * STEP)
         np.testing.assert_allclose(at.slopes[:, :, joint], rates, atol=1e-8)
         slope_rates = (ahead.slopes - behind.slopes)[:, n:] / (2 * STEP)
@@ -55,12 +55,12 @@ def test_slopes_and_second_slopes_are_derivatives(name):
 @pytest.mark.parametrize("size", [0.5, 0.02])
 def test_nothing_in_a_box_is_beyond_the_bounds(name, size):
     bounds, rng, u = setup(name)
-    n, at = bounds.robot.n, bounds.at(bounds.moved(u))
+    n, at = bounds.robot.n, bounds.evaluate(bounds.configurations(u))
     radii = size * rng.uniform(0.1, 1.0, u.shape)
     remainders, rounding = at.remainders(radii), 4 * bounds.rounding
     for _ in range(12):
         d = radii * rng.choice([-1.0, 1.0, 0.5], radii.shape)
-        there = bounds.at(bounds.moved(u + d))
+        there = bounds.evaluate(bounds.configurations(u + d))
         off = values(bounds, at, there) - np.einsum("sri,si->sr", at.slopes, d)
         assert (np.abs(off) <= remainders.values + rounding).all()
         assert (np.abs(there.slopes - at.slopes) <= remainders.slopes + rounding)[:, n:].all()
@@ -71,7 +71,7 @@ def test_nothing_in_a_box_is_beyond_the_bounds(name, size):
 def test_at_closed_loops_they_are_the_equations_of_the_robot(name):
     bounds = DerivativeBounds.of(robots.load(name))
     robot = bounds.robot
-    at = bounds.at(robot.reference.q[None])
+    at = bounds.evaluate(robot.reference.q[None])
     assert np.abs(at.values[:, robot.n :]).max() < 1e-9
     np.testing.assert_allclose(
         np.linalg.svd(at.slopes, compute_uv=False),

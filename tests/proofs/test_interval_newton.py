@@ -8,10 +8,10 @@ import pytest
 from framework.proofs.interval_newton import (
     LinearEnclosure,
     bordered_bounds,
-    contracted,
+    contract,
+    damped_mixers,
     existence,
-    pivoted,
-    regularised,
+    pivoting_mixers,
 )
 from framework.proofs.rounding import inverses
 
@@ -37,8 +37,8 @@ def test_a_solution_is_never_cut_off(rng, m, k):
     errors = 10.0 ** rng.uniform(-9, -2, (BOXES, m))
     values = -np.einsum("sij,sj->si", slopes, d) + 0.999 * errors * rng.choice([-1, 1], errors.shape)
     equations = LinearEnclosure(values, slopes, errors)
-    for mixers in (pivoted(slopes, radii), regularised(equations, radii)):
-        left = contracted(equations, radii, mixers)
+    for mixers in (pivoting_mixers(slopes, radii), damped_mixers(equations, radii)):
+        left = contract(equations, radii, mixers)
         assert not left.empty.any()
         assert (left.lower <= d).all()
         assert (d <= left.upper).all()
@@ -51,8 +51,8 @@ def test_a_box_beside_the_only_solution_is_empty(rng):
     values = -np.einsum("sij,sj->si", slopes, d)
     errors = 1e-9 * np.abs(values) * np.linalg.norm(radii, axis=1, keepdims=True)
     equations = LinearEnclosure(values, slopes, errors)
-    for mixers in (pivoted(slopes, radii), regularised(equations, radii)):
-        assert contracted(equations, radii, mixers).empty.mean() > 0.95
+    for mixers in (pivoting_mixers(slopes, radii), damped_mixers(equations, radii)):
+        assert contract(equations, radii, mixers).empty.mean() > 0.95
 
 
 def test_solutions_of_bordered_systems_are_within_their_bounds(rng):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from framework.proofs.homotopy import refined, start_system
+from framework.proofs.homotopy import refine, start_system
 from framework.proofs.krawczyk import are_apart, chart_for, enclosures
 from framework.proofs.study_quadric import (
     displacements,
@@ -26,7 +26,7 @@ def test_monodromy_finds_as_many_solutions_as_there_are_and_all_are_proved(group
     coefficients, z = start_system(group.family)
     assert len(z) == group.family.bound
     quadrics, chart = group.family.quadrics(coefficients), chart_for(z)
-    z = refined(quadrics, z, chart.astype(complex))
+    z = refine(quadrics, z, chart.astype(complex))
     proof = enclosures(quadrics, 1e-13 * np.abs(quadrics), chart, z)
     assert proof.proved.all()
     assert are_apart(z, proof.radii)

@@ -8,7 +8,7 @@ import pytest
 import robots
 from framework import assemble
 from framework.atlas.nearest import nearest_singular_pose
-from framework.atlas.sweep import STEP_PARTS, PoseReason, stepped
+from framework.atlas.sweep import STEP_PARTS, PoseReason, step_poses
 from framework.kinematics.linearised_loops import linearised_at
 from framework.proofs.regular_ball import regular_ball
 from framework.singularity.distances import singularity_distances
@@ -90,7 +90,7 @@ def test_no_way_out_of_the_pose_meets_a_singularity_in_the_ball(name):
     first = singularity_distances(robot, linearised_at(robot, q[:1], start[:1])).g[0]
     for part in range(4):
         one, two = (start + (ends - start) * (part + more) / 4 for more in (0, 1))
-        step = stepped(robot, q, one, two, STEP_PARTS)
+        step = step_poses(robot, q, one, two, STEP_PARTS)
         assert (step.reason == PoseReason.REACHED).all()
         q = step.q
         at = singularity_distances(robot, linearised_at(robot, q, two))

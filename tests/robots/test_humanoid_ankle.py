@@ -28,8 +28,8 @@ from framework import (
     plan_scene,
     velocity_matrices,
 )
-from framework.atlas.ranges import within_ranges
-from framework.atlas.survey import surveyed
+from framework.atlas.ranges import restrict_to_ranges
+from framework.atlas.survey import survey_window
 from framework.atlas.workspace_map import workspace_map
 from framework.kinematics.frames import frames_at
 from framework.model.description import Platform
@@ -126,11 +126,11 @@ def test_what_it_reaches_within_its_ranges_has_a_closed_form(robot, ranges):
         urdf = urdf.replace(f'lower="{lower}" upper="{upper}"', f'lower="{least}" upper="{largest}"')
     narrowed = ParallelRobot.from_description(replace(robot.description, urdf_text=urdf))
     names = [limit.joint for limit in narrowed.limits]
-    window = surveyed(narrowed, size=41, keep_limits=True)
+    window = survey_window(narrowed, size=41, keep_limits=True)
     with pytest.raises(InvalidInput, match="quantity holding"):  # without it the motors' limits are unknown
-        within_ranges(workspace_map(narrowed, replace(window, shape=(3, 3))))
+        restrict_to_ranges(workspace_map(narrowed, replace(window, shape=(3, 3))))
     everything = workspace_map(narrowed, window, ["holding"])
-    within = within_ranges(everything)
+    within = restrict_to_ranges(everything)
     x = everything.window.points()
     motors = np.array([[cranks(pose).real for pose in row] for row in x])
     limits = np.concatenate([RANGES, ranges])
@@ -151,9 +151,9 @@ def test_what_it_reaches_within_its_ranges_has_a_closed_form(robot, ranges):
 def test_what_its_motors_hold_within_their_limits_has_a_closed_form(robot):
     """A moment about the axes of pitch and roll, by virtual work, beside the weight of the foot."""
     moment, limit = np.array([35.0, 10.0]), 2.3889  # [N m]
-    window = surveyed(robot, size=21, keep_limits=True)
+    window = survey_window(robot, size=21, keep_limits=True)
     everything = workspace_map(robot, window, ["holding"], wrench=moment)
-    within, share = within_ranges(everything), everything.values["holding"]
+    within, share = restrict_to_ranges(everything), everything.values["holding"]
     for i, j in np.argwhere(everything.reached)[::7]:
         weight = dynamics_at(robot, everything.q[i, j]).torque
         slope = derivative(cranks, window.points()[i, j])

@@ -14,7 +14,7 @@ from framework.errors import SingularPath
 from framework.singularity.bordered_system import Border, solve_bordered
 from framework.singularity.piecewise_measure import Measured, Samples, panels
 from framework.singularity.points_on_path import search_path
-from framework.singularity.rank_deficiency import contacts, near_misses
+from framework.singularity.rank_deficiency import contacts, find_near_misses
 
 SIZE = 6
 
@@ -67,10 +67,10 @@ def slow(value):
 def test_det_G_has_the_roots_and_the_sign_of_the_determinant(count):
     matrix = measured(*[root(0.3 + 0.2 * k) for k in range(count)])
     s = np.linspace(0.0, 1.0, 41) + 1e-3
-    matrices = matrix.at(s)
+    matrices = matrix.evaluate(s)
     solution = solve_bordered(matrices, Border.of(matrices[20], count))
     np.testing.assert_array_equal(np.sign(solution.g), np.linalg.slogdet(matrices)[0])
-    at = matrix.at(np.array([0.3]))
+    at = matrix.evaluate(np.array([0.3]))
     assert solve_bordered(at, Border.of(at[0], count)).g[0] == pytest.approx(0.0, abs=1e-14)
 
 
@@ -139,7 +139,7 @@ def test_a_near_miss_is_told_with_its_place_its_depth_and_its_width(beside):
     matrix = measured(bowl(beside**2))
     resolved = panels(Samples(matrix.branch, {}), matrix)
     assert contacts(matrix, resolved) == []
-    (miss,) = near_misses(matrix, resolved, [])
+    (miss,) = find_near_misses(matrix, resolved, [])
     assert miss.s == pytest.approx(0.4137, abs=max(1e-9, beside**2))
     assert abs(miss.g) == pytest.approx(beside**2, rel=5e-3)
     # to where it has doubled; the walk there goes in steps of two
@@ -152,7 +152,7 @@ def test_near_misses_of_two_values_are_no_contact(distance):
     matrix = measured()
 
     def pair(s):
-        matrices = matrix.at(s)
+        matrices = matrix.evaluate(s)
         block = np.array([[[v - 0.4, distance], [-distance, v - 0.4]] for v in s])
         left, right = matrices[:, :, :2], np.eye(SIZE)[:, :2]
         return matrices - left @ right.T[None] + left @ block @ right.T[None]

@@ -68,9 +68,7 @@ def test_the_slope_is_the_derivative_of_the_singular_value(place):
     assert abs(found.slope) == pytest.approx(1.0, abs=10 * STENCIL_HALF_WIDTH ** (2 if 0 < place < 1 else 1))
     assert found.g == pytest.approx(0.0, abs=1e-15)
     # at the upper end nothing lies beyond
-    assert abs(found.beyond) == pytest.approx(
-        0.0 if place == 1.0 else STENCIL_HALF_WIDTH, rel=1e-3, abs=1e-15
-    )
+    assert abs(found.upper) == pytest.approx(0.0 if place == 1.0 else STENCIL_HALF_WIDTH, rel=1e-3, abs=1e-15)
 
 
 def test_path_and_time_lead_to_the_same_singular_point():

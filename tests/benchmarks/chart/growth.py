@@ -68,7 +68,7 @@ class DenseFactors:
     """Matrices of a band written out and solved by numpy, where the framework has its banded LU."""
 
     def __init__(self, band: Band, values: Array) -> None:
-        column, place = np.divmod(band.place, band.height)
+        column, place = np.divmod(band.index, band.height)
         row = place - band.lower - band.upper + column
         self.matrices = np.zeros((len(values), band.size, band.size))
         self.matrices[:, band.row_order[row], band.column_order[column]] = values

@@ -23,7 +23,7 @@ from framework.simulation.contacts import ContactDynamics
 from framework.simulation.drive import Drive
 from framework.simulation.equations import EquationsOfMotion
 from framework.simulation.explicit import explicit_steps
-from framework.simulation.methods import IntegrationTask, MethodSettings, by_collocation
+from framework.simulation.methods import IntegrationTask, MethodSettings, integrate_by_collocation
 from framework.simulation.schemes import State
 from framework.simulation.stepper import Stepper
 
@@ -87,7 +87,7 @@ def collocation(case: Case, stages: int) -> Prepared:
 
     def prepare(tolerance: float) -> Callable[[], Course]:
         def run() -> Course:
-            found = by_collocation(task, MethodSettings(stages=stages, tolerance=tolerance))
+            found = integrate_by_collocation(task, MethodSettings(stages=stages, tolerance=tolerance))
             return Course(case.looks, found.trajectory(case.looks)[0])
 
         return run
@@ -116,16 +116,14 @@ def fixed_steps(case: Case) -> Prepared:
 
 def explicit(case: Case) -> Prepared:
     """Ours: fixed steps [s] of order 8 on pinocchio's contact dynamics."""
-    dynamics, nv = ContactDynamics.of(case.equations, 1.0), case.robot.model.nv
+    dynamics = ContactDynamics.of(case.equations, 1.0)
 
     def prepare(step: float) -> Callable[[], Course]:
-        edges, state = case.edges(step), np.concatenate(case.start)
+        edges = case.edges(step)
 
         def run() -> Course:
-            ends = [
-                one.end[:nv] for one in explicit_steps(case.equations, dynamics, case.drive, state, edges)
-            ]
-            return Course(edges[1:], np.array(ends))
+            steps = explicit_steps(case.equations, dynamics, case.drive, case.start, edges)
+            return Course(edges[1:], np.array([one.end.q for one in steps]))
 
         return run
 
