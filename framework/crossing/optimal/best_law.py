@@ -149,23 +149,26 @@ def _gentlest_within_limits(problem: LawProblem, none: NoneFound, share: float) 
 
 
 def _search_smooth(search: _Search, near: Speed | None = None) -> Best | NoneFound:
-    """Find the smooth law, with rows wherever a limit was exceeded between the points."""
-    duration, program = search.program.problem.specification.duration, search.program
+    """Find the smooth law, with rows wherever a limit was exceeded between the points.
+
+    Where these raise the least cost by more than the share, that is sought again.
+    """
+    duration, valued, smooth = search.program.problem.specification.duration, search.program, None
     try:
         for _ in range(MAX_ROW_ROUNDS + 1):
             found = search.smoothest() if duration is None else search.lasting(duration, near)
             if isinstance(found, NoneFound):
-                valued = _least_cost(search.program, search.units)
-                if isinstance(valued, NoneFound) or search.program is program:
-                    return found
-                # added rows have raised the least cost by more than the share
-                search, near, program = search._replace(least=valued[0], units=valued[1]), None, search.program
+                least = found if search.program is valued else _least_cost(search.program, search.units)
+                if isinstance(least, NoneFound):
+                    break
+                search, near, valued = search._replace(least=least[0], units=least[1]), None, search.program
                 continue
+            smooth, near = found, found
             exceeded = _exceeded_places(search.program, found, search.bounds)
             if not len(exceeded):
                 break
-            search, near = search._replace(program=search.program.extend(exceeded)), found
-        return found if isinstance(found, NoneFound) else _best_of(search, found)
+            search = search._replace(program=search.program.extend(exceeded))
+        return found if smooth is None else _best_of(search, smooth)
     except InvalidInput as reason:  # z comes too near to zero
         return NoneFound(search.program, str(reason))
 
