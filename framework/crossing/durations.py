@@ -96,7 +96,8 @@ class OptimalDurations(NamedTuple):
         if not self.shortest:
             return "without limits laws of free shape have no shortest duration and no longest"
         return (
-            f"within the limits the quickest law of free shape found takes {self.shortest:.4g} s; none is the slowest"
+            f"within the limits the quickest law of free shape found takes {self.shortest:.4g} s; none is "
+            f"the slowest"
         )
 
 

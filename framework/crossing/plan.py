@@ -118,8 +118,8 @@ def _best(work: _Work) -> CrossingPlan:
         return plan
     if plan.crossings and advance < MIN_POLYNOMIAL_ADVANCE:
         nearly_stops = (
-            f"the polynomial {NEARLY_STOPS}: its least speed is {advance:.2g} of its mean, its largest torque "
-            f"{largest_torque(plan)}"
+            f"the polynomial {NEARLY_STOPS}: its least speed is {advance:.2g} of its mean, its largest "
+            f"torque {largest_torque(plan)}"
         )
         try:
             return _optimal(work, nearly_stops)
@@ -154,7 +154,7 @@ def _instead_of_none(work: _Work, refusal: NoLaw | NotConverged) -> CrossingPlan
 
 
 def _polynomial_within_limits(work: _Work, refusal: NoLaw | NotConverged) -> CrossingPlan:
-    """Plan with the polynomial where the optimal law was refused; raise that refusal where it leaves limits."""
+    """Plan with the polynomial where the optimal law was refused; raise that where limits are left."""
     if work.request.duration is None:
         raise refusal
     try:

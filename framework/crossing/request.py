@@ -79,7 +79,7 @@ class Request(PlanOptions):
 
     @property
     def kind(self) -> str:
-        """The kind of law: polynomial, optimal, or auto for the first where it advances and keeps the limits."""
+        """The kind of law: polynomial, optimal, or auto: the first where it advances and keeps limits."""
         chosen = self.law == "optimal" or self.optimize is not None or self.longest is not None
         if chosen or (self.bounded and (self.duration is None or self.times is not None)):
             return "optimal"

@@ -5,6 +5,6 @@
 * `exact_duration`: a law of free shape made to last exactly so long;
 * `clock`: the parameter in which what follows from a law is smooth;
 * `chebyshev`: functions of time as Chebyshev series on panels;
-* `cone_program`, `infeasibility`: the best speed along a path, or the proof that there is none. The only door
-  to the solver.
+* `speed_basis`: the splines in which such a law writes its speed; `bernstein`: bounds of functions on cells;
+* `cone_program`: second-order cone programs in named unknowns, the only door to the solver.
 """

@@ -18,7 +18,10 @@ from framework.arrays import Array
 # optimum is up to 0.4 % off.
 REGULARIZATIONS = (1e-9, 1e-9, 1e-7)
 MAX_ITERATIONS = 200
-TOLERANCE, ACCEPTED = 1e-8, 1e-7  # of the solver, in the units of the optimum; and what is taken where it stalls
+TOLERANCE, ACCEPTED = (
+    1e-8,
+    1e-7,
+)  # of the solver, in the units of the optimum; and what is taken where it stalls
 
 
 class Affine(NamedTuple):

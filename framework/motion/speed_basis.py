@@ -79,7 +79,7 @@ class SpeedBasis(ReadOnlyArrays):
         return sparse.csr_array(BSpline.design_matrix(inside, knots, SPLINE_DEGREE - order) @ combined)
 
     def series(self, y: Array) -> Array:
-        """Return the Chebyshev series (k, degree + 1) on each cell of the function with coefficients y (size,)."""
+        """Return the Chebyshev series (k, degree + 1) on cells of the function with coefficients y."""
         if not self.is_spline:
             return y[None]
         half = 0.5 * np.diff(self.cells)[:, None]

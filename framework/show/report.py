@@ -148,8 +148,9 @@ def _law(plan: CrossingPlan) -> str:
             f"<p>s(t) leads from the start of the path (s = 0) to its end (s = 1). It was optimised for "
             f"{said(specification.goal)}: s = φ(σ), φ′ proportional to "
             f"(σ (1 − σ))<sup>{specification.smoothness}</sup>, φ(1) = 1, and (dσ/dt)² = Σ c<sub>k</sub> "
-            f"B<sub>k</sub>(ξ(σ)), with ξ and the functions B<sub>k</sub> (B-splines, or Chebyshev polynomials "
-            f"on one cell) as plan.json has them; it takes {plan.duration:g} s. c<sub>k</sub>:</p>"
+            f"B<sub>k</sub>(ξ(σ)), with ξ and the functions B<sub>k</sub> (B-splines, or Chebyshev "
+            f"polynomials on one cell) as plan.json has them; it takes {plan.duration:g} s. "
+            f"c<sub>k</sub>:</p>"
             f"<pre>[{values}]</pre>"
         )
     return (

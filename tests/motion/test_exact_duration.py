@@ -66,7 +66,9 @@ def spline_of(series: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("least", [1e-1, 1e-4])
 def test_a_spline_of_the_same_speed_takes_the_same_time(least):
     exact = mp.asinh((1 - 0.3) / mp.sqrt(least)) + mp.asinh(0.3 / mp.sqrt(least))
-    assert SPLINES.duration(spline_of(dipping(least))) == pytest.approx(float(exact), rel=1e-13 + 1e-15 / least)
+    assert SPLINES.duration(spline_of(dipping(least))) == pytest.approx(
+        float(exact), rel=1e-13 + 1e-15 / least
+    )
 
 
 def test_an_adjusted_spline_meets_its_conditions_and_its_duration_to_rounding():

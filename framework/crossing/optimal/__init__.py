@@ -3,8 +3,8 @@
 * `optimal_task`: what is asked, and the conditions at the crossings;
 * `phase_plane`: torques and condition (8) as functions affine in the squared speed z and u = z'/2;
 * `speed_program`: these as rows of a cone program (`framework.motion.cone_program` solves it);
-* `best_law`: the law of its optimum, or the proof that there is none;
-* `task_programs`: the program of least degree for a task, or why it has no law;
+* `best_law`: the smoothest law (`smooth_search`) that costs hardly more than the least (`least_cost`);
+* `undeformed_law`: the best law of a task, or why it has none (`limit_refusals`);
 * `optimal_motion`: law and certified torques in turn;
 * `elastic_balance`: the nearest law that an elastic robot can follow;
 * `peak_bound`: bounds of every law, by duality (`dual_program`, on the functions of `path_series`);

@@ -1,17 +1,19 @@
 """Why no law was found within the limits, and which limits and duration would do.
 
-A search on cells proves nothing. Two bounds of every law do: at rest at its ends the robot has to be held, and
-the peak of torque has a bound by duality (`peak_bound`). What is advised was planned first.
+A search on cells proves nothing. Two bounds of every law do: at rest at its ends the robot has to be held,
+and the peak of torque has a bound by duality (`peak_bound`). What is advised was planned first.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from framework.arrays import Array
-from framework.crossing.optimal.best_law import Best, NoneFound, find_best_law, refine_value
+from framework.crossing.optimal.best_law import Best, find_best_law
+from framework.crossing.optimal.least_cost import NoneFound, find_least_cost
 from framework.crossing.optimal.optimal_task import Task
 from framework.crossing.optimal.peak_bound import prove_no_law
 from framework.crossing.optimal.phase_plane import demand
@@ -30,12 +32,13 @@ def refuse_law(problem: LawProblem, none: NoneFound) -> NoLaw | NotConverged:
     least = find_least_limits(problem)
     if holding is None and not none.infeasible and least.torque_peak is None and least.speed_peak is None:
         return NotConverged(
-            f"{robot.name}: no optimal law was found on {cells} cells: {none.status}{_nearest_end(task, none)}",
+            f"{robot.name}: no optimal law was found on {cells} cells: {none.status}"
+            f"{_nearest_end(task, none)}",
             residual=np.inf,
         )
     quickest = None
     if holding is None and specification.most and (specification.limited or specification.limited_speeds):
-        quickest = _quickest(problem)
+        quickest = _find_quickest(problem)
     limits = next((raised for raised in least.options if _has_law(problem, raised)), None)
     evidence = SearchEvidence(cells, least, quickest, limits)
     would_do = "" if limits is None else f"; {advice_of(robot, limits)}"
@@ -61,30 +64,31 @@ def refuse_law(problem: LawProblem, none: NoneFound) -> NoLaw | NotConverged:
 def find_least_limits(problem: LawProblem) -> LeastLimits:
     """Find limits within which there is a law, in proportion to those of a problem that has none."""
     specification = problem.specification
-    torque = _least_multiples(problem, "peak_torque")[0] if specification.limited else None
-    speed = _least_multiples(problem, "peak_speed")[1] if specification.limited_speeds else None
+    torque = _find_multiples(problem, "peak_torque")[0] if specification.limited else None
+    speed = _find_multiples(problem, "peak_speed")[1] if specification.limited_speeds else None
     together = torque is None and speed is None and specification.limited and specification.limited_speeds
     if together:
-        torque, speed = _least_multiples(problem, "limits")
+        torque, speed = _find_multiples(problem, "limits")
     return LeastLimits.of(specification, torque, speed, together=together and torque is not None)
 
 
-def _least_multiples(problem: LawProblem, goal: str) -> tuple[float, float] | tuple[None, None]:
-    """Return the multiples of torque and of speed limits of the law whose peaks are least by a goal, if any."""
+def _find_multiples(problem: LawProblem, goal: str) -> tuple[float | None, float | None]:
+    """Return the multiples of torque and of speed limits that the law of least peaks needs."""
     limit = problem.specification.torque_limit
     weighed = problem._replace(weighing=np.where(np.isfinite(limit), limit, np.inf))
-    valued = refine_value(weighed.with_goal(goal), torque_limits=goal != "peak_torque")
+    valued = find_least_cost(weighed.with_goal(goal), torque_limits=goal != "peak_torque")
     return (None, None) if isinstance(valued, NoneFound) else (valued[1].peak, valued[1].peak_speed)
 
 
 def _has_law(problem: LawProblem, limits: dict[str, Array]) -> bool:
     """Return whether a law is found within raised limits (n_a,)."""
     margin = 1.0 - problem.task.request.margin
-    raised = replace(problem.specification, **{name: margin * limit for name, limit in limits.items()})
+    within: dict[str, Any] = {name: margin * limit for name, limit in limits.items()}
+    raised = replace(problem.specification, **within)
     return isinstance(find_best_law(problem._replace(task=problem.task._replace(specification=raised))), Best)
 
 
-def _quickest(problem: LawProblem) -> float | None:
+def _find_quickest(problem: LawProblem) -> float | None:
     """Return a duration [s] in which a law within the limits was found, near the least; None if none was."""
     specification = replace(problem.specification, duration=None, longest=None)
     free = problem._replace(task=problem.task._replace(specification=specification))

@@ -2,13 +2,14 @@
 
 z has B-spline coefficients y on cells of xi(sigma). With y >= floor it is positive everywhere, and
 
-    torque = c + cz z + cu u,     T = integral of v,  v r >= 1,  r^2 <= z,     energy = integral of e,  e r >= |torque|^2
+    torque = c + cz z + cu u,     duration = integral of v,   v r >= 1,  r^2 <= z,
+                                  energy = integral of e,     e r >= |torque|^2
 
 are affine in y, or second-order cones. Condition (8) is a sparse equality. Torques have a pole where it is
-not met, so beside a crossing each torque row is less its multiple of the condition: bounded, and sparse still.
-At the crossing itself the limit of the torque is a row, interpolated through the points of its cell.
+not met, so beside a crossing a multiple of the condition is subtracted from each torque row: it stays
+bounded and sparse. At the crossing the limit of the torque is a row, interpolated through points of its cell.
 
-Source: Verscheure, Demeulenaere, Swevers, De Schutter and Diehl, IEEE TAC 54 (2009), whose unknowns these are.
+Unknowns: Verscheure, Demeulenaere, Swevers, De Schutter and Diehl, IEEE TAC 54 (2009).
 """
 
 from __future__ import annotations
@@ -22,16 +23,19 @@ import numpy as np
 from numpy.polynomial import legendre
 from scipy import sparse
 
-from framework.arrays import Array, BoolArray, read_only
+from framework.arrays import Array, BoolArray, IntArray, read_only
 from framework.crossing.optimal.optimal_task import Task
-from framework.crossing.optimal.phase_plane import Deflections, SquaredSpeed, demand
+from framework.crossing.optimal.phase_plane import Deflections, Demand, SquaredSpeed, demand
 from framework.crossing.specification import Specification
 from framework.motion.cone_program import Affine, ConeProgram, Rows, Unsolved, solve_cone_program
 from framework.motion.exact_duration import SpeedSpace
 from framework.motion.speed_basis import ONE_CELL, SpeedBasis
 from framework.tolerances import LIMIT_MARGIN
 
-POINTS, POINTS_ABOUT = 4, 8  # of a cell; about crossings, where an odd number would have one on the pole, and at ends
+POINTS, POINTS_ABOUT = (
+    4,
+    8,
+)  # of a cell; about crossings, where an odd number would have one on the pole, and at ends
 FINE_PARTS, FINE_POINTS = 4, 8  # of a cell, and of each of these, where a duration is integrated
 POLE_WIDTH = 0.05  # in xi, beside a crossing, where rows are freed of their pole
 MAX_ROW_SIZE = 100.0  # of entries in units: larger rows are scaled down
@@ -54,6 +58,11 @@ class LawProblem(NamedTuple):
     before: SquaredSpeed | None = None
     weighing: Array | None = None
     degree: int | None = None
+
+    def demand(self, sigma: Array) -> Demand:
+        """Compute torques and speeds of the motors at sigma (M,)."""
+        task = self.task
+        return demand(task.branch, task.phi, sigma, self.deflections, task.geometry, self.before)
 
     def basis_on(self, cells: Array) -> SpeedBasis:
         """Return the basis of z: splines on cells (k + 1,), or the series of the degree."""
@@ -97,7 +106,7 @@ class MotorRows(NamedTuple):
         return MotorRows(torque, tuple(weights @ matrix for matrix in self.squared_speed))
 
     def used_share(self, y: Array, allowed: Array) -> Array:
-        """Return the largest torque over what is allowed (n_a,) [N m], or squared speed over its limit's, (M,)."""
+        """Return the largest share (M,) of allowed torques (n_a,) [N m], or of squared speed limits."""
         torques = [np.abs(torque(y)) / most for torque, most in zip(self.torque, allowed, strict=True)]
         return np.asarray(np.max([*torques, *(rows @ y for rows in self.squared_speed)], axis=0))
 
@@ -212,7 +221,10 @@ class SpeedProgram:
         stretch, inside = self.problem.task.stretch, self._integrated
         sigma = _sigma(self.problem, self.xi)[inside]
         first, second = (self.basis.matrix(self.xi[inside], order) for order in (1, 2))
-        bend = sparse.diags_array(stretch(sigma, 1) ** 2) @ second + sparse.diags_array(stretch(sigma, 2)) @ first
+        bend = (
+            sparse.diags_array(stretch(sigma, 1) ** 2) @ second
+            + sparse.diags_array(stretch(sigma, 2)) @ first
+        )
         root = np.sqrt(self.weights[inside])
         return Rows({"y": sparse.diags_array(root) @ bend}, np.zeros(len(root)))
 
@@ -332,7 +344,9 @@ class SpeedProgram:
         for matrix in self.rows.squared_speed:
             speed = matrix / scale
             if goal in ("peak_speed", "limits"):
-                rows.append(_scaled(Rows({"y": -speed, "peak": _column(matrix, 1.0)}, np.zeros(matrix.shape[0]))))
+                rows.append(
+                    _scaled(Rows({"y": -speed, "peak": _column(matrix, 1.0)}, np.zeros(matrix.shape[0])))
+                )
             else:
                 rows.append(_scaled(Rows({"y": -speed}, np.full(matrix.shape[0], bounds.share**2))))
         return rows
@@ -349,10 +363,17 @@ class SpeedProgram:
         if powered:
             inside, scale = self._integrated, units.time**2
             unit = self.problem.reference * units.torque
-            cones.append(_product("e", "r", count, [
-                Rows({"y": 2.0 * matrix[inside] / (unit[j] * scale)}, 2.0 * offset[inside] / unit[j])
-                for j, (matrix, offset) in enumerate(self.rows.torque)
-            ]))
+            cones.append(
+                _product(
+                    "e",
+                    "r",
+                    count,
+                    [
+                        Rows({"y": 2.0 * matrix[inside] / (unit[j] * scale)}, 2.0 * offset[inside] / unit[j])
+                        for j, (matrix, offset) in enumerate(self.rows.torque)
+                    ],
+                )
+            )
         return cones
 
 
@@ -360,7 +381,7 @@ def motor_rows(problem: LawProblem, basis: SpeedBasis, conditions: Affine, xi: A
     """Compute torques and squared speeds at places xi (M,), none on a crossing, without their poles."""
     task, specification = problem.task, problem.specification
     sigma = _sigma(problem, xi)
-    asked = demand(task.branch, task.phi, sigma, problem.deflections, task.geometry, problem.before)
+    asked = problem.demand(sigma)
     z = basis.matrix(xi)
     u = sparse.diags_array(0.5 * task.stretch(sigma, 1)) @ basis.matrix(xi, 1)
     constant = asked.torque.constant + asked.friction(specification.friction)
@@ -371,7 +392,7 @@ def motor_rows(problem: LawProblem, basis: SpeedBasis, conditions: Affine, xi: A
     for place in np.unique(problem.places):
         near = np.abs(xi - place) < POLE_WIDTH
         at = np.flatnonzero(problem.places == place)
-        torques = [_without_pole(torque, conditions, at, near) for torque in torques]
+        torques = [_subtract_condition(torque, conditions, at, near) for torque in torques]
     limit = specification.speed_limit
     ratios = (asked.speed[:, j] / limit[j] for j in np.flatnonzero(np.isfinite(limit)))
     return MotorRows(
@@ -379,7 +400,7 @@ def motor_rows(problem: LawProblem, basis: SpeedBasis, conditions: Affine, xi: A
     )
 
 
-def _without_pole(torque: Affine, conditions: Affine, at: Array, near: BoolArray) -> Affine:
+def _subtract_condition(torque: Affine, conditions: Affine, at: IntArray, near: BoolArray) -> Affine:
     """Return torque rows less their multiples of the conditions `at` (k,), where they are `near` (M,)."""
     met = conditions.matrix[at]
     share = np.linalg.lstsq((met @ met.T).toarray(), (torque.matrix @ met.T).toarray().T, rcond=None)[0].T

@@ -12,9 +12,16 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.crossing.condition import CrossingPoint
-from framework.crossing.optimal.best_law import COST_SHARE, Best, NoneFound, adapt_law, find_best_law, resume_law
+from framework.crossing.optimal.best_law import COST_SHARE, Best, adapt_law, find_best_law, resume_law
+from framework.crossing.optimal.least_cost import NoneFound
 from framework.crossing.optimal.limit_refusals import refuse_law
-from framework.crossing.optimal.optimal_task import Task, check_speeds, conditions_at, crossing_places, other_law
+from framework.crossing.optimal.optimal_task import (
+    Task,
+    check_speeds,
+    conditions_at,
+    crossing_places,
+    other_law,
+)
 from framework.crossing.optimal.phase_plane import Deflections, SquaredSpeed, demand
 from framework.crossing.optimal.speed_program import POLE_WIDTH, LawProblem, condition_rows
 from framework.errors import InvalidInput, NotConverged
@@ -78,7 +85,12 @@ def find_law(
 
 
 def adapt_found_law(
-    task: Task, places: Sequence[CrossingPoint], best: Best, *, excess: float = 1.0, share: float | None = None
+    task: Task,
+    places: Sequence[CrossingPoint],
+    best: Best,
+    *,
+    excess: float = 1.0,
+    share: float | None = None,
 ) -> Best:
     """Find a law near the best as `adapt_law` does; raises NotConverged where there is none."""
     adapted = adapt_law(best, excess=excess, share=share)

@@ -107,8 +107,8 @@ class HoldingTorque:
     limit: float
 
 
-def _above_one(ratio: float) -> str:
-    return told_apart(ratio, 1.0)[0]
+def _ratio_text(ratio: float | None) -> str:
+    return "" if ratio is None else told_apart(ratio, 1.0)[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,12 +133,12 @@ class SearchEvidence:
         peaks = {"torque": self.least.torque_peak, "speed": self.least.speed_peak}
         if self.least.together:
             parts.append(
-                f"torques {_above_one(self.least.torque_peak)} and speeds {_above_one(self.least.speed_peak)} times the "
-                f"limits were needed together"
+                f"torques {_ratio_text(self.least.torque_peak)} and speeds "
+                f"{_ratio_text(self.least.speed_peak)} times the limits were needed together"
             )
             peaks = {}
         parts += [
-            f"the least peak of {what} found is {_above_one(peak)} times the limits"
+            f"the least peak of {what} found is {_ratio_text(peak)} times the limits"
             for what, peak in peaks.items()
             if peak is not None
         ]

@@ -11,17 +11,17 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from decimal import Decimal, localcontext
 from functools import cache, partial
-from typing import NamedTuple
+from types import SimpleNamespace
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.polynomial import polynomial
 from scipy.interpolate import KroghInterpolator
 
 from framework.arrays import Array, ArrayLike
-from framework.crossing.optimal.best_law import DEGREES as OPTIMAL_DEGREES
-from framework.crossing.optimal.best_law import MAX_CROSSINGS_AT_FIRST_DEGREE, Best, best_law
+from framework.crossing.optimal.best_law import Best, find_best_law
 from framework.crossing.optimal.phase_plane import AffineInSpeed, Demand
-from framework.crossing.optimal.speed_program import OnPath, SpeedProgram, Units, points_of
+from framework.crossing.optimal.speed_program import LawProblem
 from framework.crossing.specification import Specification
 from framework.errors import NoLaw
 from framework.motion.law import Condition, Law
@@ -128,28 +128,31 @@ def _chebyshev(setting: Setting, *, printed: bool = False) -> Callable[[], Timed
     return run
 
 
+class _Unloaded(LawProblem):
+    """The problem of a motor whose torque is s"."""
+
+    def demand(self, sigma: Array) -> Demand:
+        step = self.task.phi
+        torque = AffineInSpeed(np.zeros((len(sigma), 1)), step(sigma, 2)[:, None], step(sigma, 1)[:, None])
+        return Demand(torque=torque, speed=step(sigma, 1)[:, None])
+
+
 def _optimal(setting: Setting) -> Callable[[], TimedLaw]:
     """The law of least peak of s" that passes the same places with the same s"."""
     asked = crossings(setting[0])
-    degree = OPTIMAL_DEGREES[len(asked) > MAX_CROSSINGS_AT_FIRST_DEGREE]
-    step, stretch = Smoothstep(SMOOTHNESS), Stretch()
+    step = Smoothstep(SMOOTHNESS)
     places = np.array([one.values[0] for one in asked])
     free = np.array([np.inf])
     specification = Specification("peak_torque", T, None, free, free, SMOOTHNESS, np.zeros(1))
 
     def run() -> TimedLaw:
         inside = step.inverse(places) if len(places) else np.empty(0)
-        sigma = points_of(degree, inside, stretch)
-        demand = Demand(
-            torque=AffineInSpeed(np.zeros((len(sigma), 1)), step(sigma, 2)[:, None], step(sigma, 1)[:, None]),
-            speed=step(sigma, 1)[:, None],
-        )
         wanted = np.array([one.values[2] for one in asked])
         conditions = np.column_stack([-wanted, step(inside, 2), step(inside, 1), np.zeros(len(inside))])
-        on_path = OnPath(sigma, demand, inside, conditions)
-        best = best_law(SpeedProgram(on_path, specification, degree, Units(T, np.array([4.0]))))
+        task = SimpleNamespace(phi=step, stretch=Stretch(tuple(inside)), specification=specification)
+        best = find_best_law(_Unloaded(cast(Any, task), inside, conditions))
         if not isinstance(best, Best):
-            raise NoLaw(f"no optimal law of degree {degree}: {best}")
+            raise NoLaw(f"no optimal law: {best.status}")
         return TimedLaw(best.law, tuple(float(t) for t in best.law.time(inside)))
 
     return run

@@ -1,0 +1,239 @@
+"""The search for the smoothest law near the least cost, and for laws that take a given duration.
+
+Smooth is the least integral of (d2z/dsigma2)^2. A required duration D above that of the smoothest law is met
+from within: T(z) is convex, so that its tangent T_lin(z) >= D at a slow law keeps T(z) >= D, and the blend of
+what is found with a quick law takes D exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.arrays import Array, BoolArray
+from framework.crossing.optimal.least_cost import NoneFound, solve_least_cost
+from framework.crossing.optimal.speed_program import Bounds, Speed, SpeedProgram, Units, motor_rows
+from framework.motion.cone_program import Unsolved
+from framework.tolerances import LIMIT_MARGIN, SAME_PLACE, SQUARED_SPEED_FLOORS
+
+SAME_DURATION = 1e-6  # of a duration
+BLENDED_DURATION = 1e-4  # of a duration by which the tangent of T may fall short
+MAX_SLOW_STEPS, MAX_ENERGY_STEPS = 6, 6  # of the tangent of T(z), towards slow laws and little energy
+MIN_ENERGY_GAIN = 1e-3
+MAX_INNER_COST = 0.9  # of holding the robot inside its path, over that at an end, where a law may wait
+WAITING_WIDTHS = (
+    0.15,
+    0.05,
+)  # in sigma, of stretches where a law may wait; the second where the first is none
+BETWEEN = np.arange(1, 6) / 6  # places between two points, where a limit that is nearly reached is looked at
+NEARLY_REACHED = 0.98  # of what is allowed
+
+
+class SmoothSearch(NamedTuple):
+    """The search for a smooth law near the least cost of a program."""
+
+    program: SpeedProgram
+    units: Units
+    least: Speed
+    share: float  # of the least cost, which smoothness may take
+    kept: float = 1.0  # share of the limits to which the certificate has led
+
+    @property
+    def goal(self) -> str:
+        return self.program.problem.specification.goal
+
+    @property
+    def bounds(self) -> Bounds:
+        """The limits, and the least cost but for a share."""
+        specification, share = self.program.problem.specification, 1.0 + self.share
+        most, kept = specification.most, self.kept * (1.0 - LIMIT_MARGIN)
+        if self.goal == "time":
+            return Bounds(min(share * self.least.value, most or np.inf), share=kept)
+        longest = None if most is None else most * (1.0 - SAME_DURATION)
+        if self.goal == "energy":
+            return Bounds(longest, energy=share * self.least.energy, share=kept)
+        limited = specification.limited and self.least.peak <= 1.0
+        peak = self.kept * min(share * self.least.peak, 1.0 if limited else np.inf)
+        return Bounds(longest, peak, share=self.kept)
+
+    def find_smoothest(self) -> Speed | NoneFound:
+        """Find the smoothest law within the bounds, in at most twice the time that these need."""
+        bounds = self.bounds
+        if self.goal != "time":
+            quick = self.program.minimise("time", bounds._replace(longest=None), self.units)
+            if isinstance(quick, Speed):
+                longest = min(bounds.longest or np.inf, 2.0 * quick.duration)
+                own = self._replace(units=self.units._replace(time=longest))
+                return own._solve_above_floor(bounds._replace(longest=longest))[0]
+        return self._solve_above_floor(bounds)[0]
+
+    def find_lasting(self, duration: float, near: Speed | None = None) -> Speed | NoneFound:
+        """Find a smooth law within the bounds that takes a duration [s].
+
+        Args:
+            near: a law of this duration, from which the search begins.
+        """
+        if self.goal == "energy":
+            return self._find_least_energy(duration, near)
+        smooth, floor = self._solve_above_floor(self.bounds)
+        if isinstance(smooth, NoneFound) or smooth.duration >= duration * (1.0 - 2.0 * SAME_DURATION):
+            return smooth
+        free = self.bounds._replace(longest=None)
+        if near is not None:
+            return self._improve("bend", near, smooth, free, floor)
+        slow = self._find_slow(duration, free, floor)
+        if isinstance(slow, NoneFound):
+            return slow
+        law = self._improve("bend", self._blend(smooth, slow, duration), smooth, free, floor)
+        return self._improve("bend", law, smooth, free, floor)
+
+    def _solve_above_floor(self, bounds: Bounds, goal: str = "bend") -> tuple[Speed | NoneFound, float]:
+        """Solve with the highest floor under z that has a solution, and return that too."""
+        assert bounds.longest is not None
+        status = ""
+        for share in SQUARED_SPEED_FLOORS:
+            floor = share / bounds.longest**2
+            found = self.program.minimise(goal, bounds, self.units, floor=floor)
+            if isinstance(found, Speed) and np.isfinite(found.duration):
+                return found, floor
+            status = found.status if isinstance(found, Unsolved) else "z is not positive"
+        return NoneFound(self.program, status), 0.0
+
+    def _blend(self, quick: Speed, slow: Speed, duration: float) -> Speed:
+        """Return the blend of two speeds that takes a duration [s] between theirs."""
+        if not quick.duration < duration < slow.duration:
+            return slow
+        return self.program.speed(self.program.space.blend(quick.y, slow.y, duration))
+
+    def _find_slow(self, duration: float, bounds: Bounds, floor: float) -> Speed | NoneFound:
+        """Find a law that takes at least a duration [s]: smooth and waiting at its ends, or else any."""
+        sigma = self._places
+        for width in WAITING_WIDTHS:
+            cap = _cap_speed(np.minimum(sigma, 1.0 - sigma) < width, width, duration, floor)
+            slow = self.program.minimise("bend", bounds, self.units, floor=floor, cap=cap)
+            if isinstance(slow, Speed) and duration <= slow.duration < np.inf:
+                return slow
+        weights = np.ones(self.program.z.shape[0])
+        for _ in range(MAX_SLOW_STEPS):
+            slow = self.program.minimise("slowness", bounds, self.units, floor=floor, weights=weights)
+            if isinstance(slow, Unsolved):
+                return NoneFound(self.program, slow.status)
+            if duration <= slow.duration < np.inf:
+                return slow
+            z = self.program.z @ slow.y
+            weights = (z / z.max()) ** -1.5
+        return NoneFound(self.program, f"no law that takes {duration:.4g} s was found")
+
+    def _improve(self, goal: str, law: Speed, quick: Speed, bounds: Bounds, floor: float) -> Speed:
+        """Improve a law of a duration by the tangent of T about it, and blend the result with a quick law."""
+        duration = law.duration
+        bounded = bounds._replace(longest=4.0 * duration)
+        found = self.program.minimise(goal, bounded, self.units, floor=floor, about=(law.y, duration))
+        if isinstance(found, Unsolved) or not duration * (1.0 - BLENDED_DURATION) <= found.duration < np.inf:
+            return law
+        return self._blend(quick, found, duration)
+
+    # -------------------------------------------------------------- energy at a duration
+
+    def _find_least_energy(self, duration: float, near: Speed | None) -> Speed | NoneFound:
+        """Find a law of little energy that takes a duration [s], from several that do, then a smooth one."""
+        limits = Bounds(share=self.bounds.share)
+        quick, floor = self._solve_above_floor(limits._replace(longest=duration), "energy")
+        if isinstance(quick, NoneFound):
+            return quick
+        law = near or quick
+        if law.duration < duration * (1.0 - SAME_DURATION):
+            starts = list(self._find_starts(quick, duration, floor))
+            if not starts:
+                return NoneFound(self.program, f"no law that takes {duration:.4g} s was found")
+            law = self._descend(min(starts, key=_energy_of), quick, floor)
+        bounds = limits._replace(energy=(1.0 + self.share) * law.energy)
+        smooth = self.program.minimise("bend", bounds._replace(longest=duration), self.units, floor=floor)
+        if isinstance(smooth, Speed) and np.isfinite(smooth.duration):
+            if smooth.duration >= duration * (1.0 - SAME_DURATION):
+                return smooth
+            quick = smooth
+        return self._improve("bend", law, quick, bounds, floor)
+
+    def _descend(self, law: Speed, quick: Speed, floor: float) -> Speed:
+        """Lower the energy of a law step by step, as long as that pays.
+
+        No law of its duration has less energy than the quick one.
+        """
+        for _ in range(MAX_ENERGY_STEPS):
+            if law.energy <= (1.0 + 0.5 * self.share) * quick.energy:
+                break
+            better = self._improve("energy", law, quick, Bounds(share=self.bounds.share), floor)
+            gain = law.energy - better.energy
+            law = min(law, better, key=_energy_of)
+            if gain < MIN_ENERGY_GAIN * law.energy:
+                break
+        return law
+
+    def _find_starts(self, quick: Speed, duration: float, floor: float) -> Iterator[Speed]:
+        """Find laws of a duration [s] that wait where holding is cheap, and the law of least peak."""
+        for width in WAITING_WIDTHS:
+            found = []
+            for waiting in self._choose_waits(width):
+                cap = _cap_speed(waiting, width, duration, floor)
+                slow = self.program.minimise(
+                    "energy", Bounds(share=self.bounds.share), self.units, floor=floor, cap=cap
+                )
+                if isinstance(slow, Speed) and duration <= slow.duration < np.inf:
+                    found.append(self._blend(quick, slow, duration))
+            yield from found
+            if found:
+                break
+        gentle = replace(self.program, problem=self.program.problem.with_goal("peak_torque"))
+        least = solve_least_cost(gentle)
+        if not isinstance(least, NoneFound):
+            law = SmoothSearch(gentle, least[1], least[0], self.share).find_lasting(duration)
+            if isinstance(law, Speed) and law.duration >= duration * (1.0 - SAME_DURATION):
+                yield law
+
+    @property
+    def _places(self) -> Array:
+        """Places sigma (m,) of the rows that keep z positive."""
+        return self.program.problem.task.stretch.inverse(np.clip(self.program.positive[1], -1.0, 1.0))
+
+    def _choose_waits(self, width: float) -> Iterator[BoolArray]:
+        """Choose masks (m,) of where to wait: at the cheaper end, and wherever inside holding costs less."""
+        program, sigma = self.program, self._places
+        points = program.problem.task.stretch.inverse(program.xi)
+        offsets = np.stack([torque.offset[: len(points)] for torque in program.rows.torque], axis=1)
+        cost = np.interp(sigma, points, ((offsets / program.problem.reference) ** 2).sum(axis=1))
+        yield sigma < width if cost[0] < cost[-1] else sigma > 1.0 - width
+        inner = 1 + np.flatnonzero((cost[1:-1] <= cost[:-2]) & (cost[1:-1] <= cost[2:]))
+        for k in inner[cost[inner] < MAX_INNER_COST * min(cost[0], cost[-1])]:
+            yield np.abs(sigma - sigma[k]) < 0.5 * width
+
+
+def _cap_speed(waiting: BoolArray, width: float, duration: float, floor: float) -> Array:
+    """Return bounds (m,) of z [1/s^2], above a floor: a width in sigma takes longer than a duration [s]."""
+    return np.where(waiting, max((0.7 * width / duration) ** 2, 1.01 * floor), np.inf)
+
+
+def _energy_of(speed: Speed) -> float:
+    return speed.energy
+
+
+def find_exceeded_places(program: SpeedProgram, found: Speed, bounds: Bounds) -> Array:
+    """Find places in xi (R,) between the points where a limit or the bound of the peak is exceeded."""
+    limit, reference = program.problem.specification.torque_limit, program.problem.reference
+    bounded = np.inf if bounds.peak is None else bounds.peak * (1.0 + LIMIT_MARGIN) * reference
+    allowed = np.minimum(limit, bounded)
+    reached = program.rows.used_share(found.y, allowed)[: len(program.xi)]
+    gaps = np.flatnonzero(np.maximum(reached[1:], reached[:-1]) > NEARLY_REACHED)
+    if not len(gaps):
+        return np.empty(0)
+    between = (program.xi[gaps, None] + np.diff(program.xi)[gaps, None] * BETWEEN).ravel()
+    on_crossing = np.abs(between[:, None] - program.problem.places).min(axis=1, initial=np.inf) <= SAME_PLACE
+    between = between[~on_crossing]
+    rows = motor_rows(program.problem, program.basis, program.conditions, between)
+    over = rows.used_share(found.y, allowed)
+    padded = np.pad(over, 1, constant_values=-np.inf)
+    highest = (over >= padded[:-2]) & (over >= padded[2:])
+    return np.asarray(between[highest & (over > 1.0)])
