@@ -36,7 +36,7 @@ class Bernstein(NamedTuple):
 
 
 @lru_cache(maxsize=1)
-def nodes() -> Array:
+def cell_nodes() -> Array:
     """Return the Chebyshev points (NODES,) of the first kind in (0, 1)."""
     return read_only(0.5 - 0.5 * np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES))
 
@@ -44,7 +44,7 @@ def nodes() -> Array:
 def fit(values: Array) -> tuple[Bernstein, BoolArray]:
     """Return the functions with values (k, NODES, ...) at nodes, and a mask (k,): resolved."""
     count, shape = len(values), values.shape[2:]
-    series = np.linalg.inv(chebyshev.chebvander(2.0 * nodes() - 1.0, NODES - 1)) @ values.reshape(
+    series = np.linalg.inv(chebyshev.chebvander(2.0 * cell_nodes() - 1.0, NODES - 1)) @ values.reshape(
         count, NODES, -1
     )
     size = np.abs(series).max(axis=1)

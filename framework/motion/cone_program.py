@@ -34,7 +34,7 @@ class Affine(NamedTuple):
         return np.asarray(self.matrix @ y + self.offset)
 
 
-class Rows(NamedTuple):
+class AffineRows(NamedTuple):
     """The numbers sum of matrix @ unknowns + offset, by the names of the unknowns."""
 
     parts: Mapping[str, Any]  # sparse matrices (k, size)
@@ -54,10 +54,10 @@ class ConeProgram:
 
     sizes: Mapping[str, int]
     cost: Mapping[str, Array] = field(default_factory=dict)
-    square: Rows | None = None
-    equal: Sequence[Rows] = ()
-    nonnegative: Sequence[Rows] = ()
-    cones: Sequence[Sequence[Rows]] = ()
+    square: AffineRows | None = None
+    equal: Sequence[AffineRows] = ()
+    nonnegative: Sequence[AffineRows] = ()
+    cones: Sequence[Sequence[AffineRows]] = ()
 
 
 class Optimum(NamedTuple):
@@ -86,7 +86,7 @@ def solve_cone_program(program: ConeProgram) -> Optimum | Unsolved:
     names, ends = list(program.sizes), np.cumsum([0, *program.sizes.values()])
     places = {name: slice(ends[k], ends[k + 1]) for k, name in enumerate(names)}
 
-    def stack(groups: Sequence[Rows]) -> Any:
+    def stack(groups: Sequence[AffineRows]) -> Any:
         blocks = [
             [
                 group.parts.get(name, sparse.csr_array((len(group.offset), program.sizes[name])))

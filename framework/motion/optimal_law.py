@@ -268,7 +268,7 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
     def turns(self) -> int:
         """How often s' changes between rising and falling, swings below 1e-3 of its largest left out."""
         sigma = self.stretch.inverse(np.linspace(-1.0, 1.0, TURN_SAMPLES))
-        return count_turns(self.phi(sigma, 1) * np.sqrt(self.squared_speed(sigma)))
+        return count_reversals(self.phi(sigma, 1) * np.sqrt(self.squared_speed(sigma)))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the law as plan.json has it."""
@@ -373,7 +373,7 @@ def _least_inside(series: Array) -> float:
     return float(evaluate(extrema(series), series).min(initial=np.inf))
 
 
-def count_turns(speed: Array) -> int:
+def count_reversals(speed: Array) -> int:
     """Count changes between rising and falling of samples (T,), swings below 1e-3 of the largest left out."""
     turns, direction, extreme = 0, 1.0, speed[0]
     for value in speed:

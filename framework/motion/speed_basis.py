@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from framework.arrays import Array, ReadOnlyArrays
+from framework.arrays import Array, ReadOnlyArrays, read_only
 from framework.motion.chebyshev import coefficients, derivative_matrix, nodes
 
 SPLINE_DEGREE = 5  # z is continuous to its fourth derivative, which the torque's second one contains
@@ -49,13 +49,13 @@ class SpeedBasis(ReadOnlyArrays):
     def knots(self) -> Array:
         """The knots (size + degree + 1,) of the B-splines."""
         ends = np.ones(SPLINE_DEGREE)
-        return np.concatenate([-ends, self.cells, ends])
+        return read_only(np.concatenate([-ends, self.cells, ends]))
 
     @cached_property
     def centres(self) -> Array:
         """Places (size,) in xi where the functions are centred: the averages of their inner knots."""
         windows = np.lib.stride_tricks.sliding_window_view(self.knots[1:-1], SPLINE_DEGREE)
-        return np.asarray(windows.mean(axis=1))
+        return read_only(windows.mean(axis=1))
 
     def matrix(self, xi: Array, order: int = 0) -> Any:
         """Return derivatives in xi of this order at xi (T,) as a sparse matrix (T, size)."""

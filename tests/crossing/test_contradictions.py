@@ -1,6 +1,7 @@
 """What laws and refusals of one robot say against each other: each law is a counterexample to a worse one.
 
-The robots are those of `tests.oracles.random_crossings` and of the catalogue, all rigid and under gravity.
+The robots are those of `tests.crossing.optimal.random_crossings` and of the catalogue, all rigid and under
+gravity.
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ import robots
 from framework import NoLaw, ParallelRobot, plan_crossing
 from framework.crossing.scenes import path_of, scene_path
 from framework.model.description import RobotDescription, Scene
-from tests.oracles.law_contradictions import Answer, Asked, answer, contradictions, faults
-from tests.oracles.random_crossings import RandomCrossing, random_crossing
+from tests.crossing.optimal.law_contradictions import Answer, Asked, answer, contradictions, faults
+from tests.crossing.optimal.random_crossings import RandomCrossing, random_crossing
 from tests.robots.transformed import in_other_units, mirrored, permuted_joints, reversed_joints
 
 SLOW = range(40)

@@ -10,7 +10,13 @@ from numpy.polynomial import chebyshev
 from framework.errors import InvalidInput
 from framework.motion.chebyshev import TimeGrid
 from framework.motion.law import Law, PlannedLaw
-from framework.motion.optimal_law import STRETCH_HEIGHT, STRETCH_WIDTH, OptimalLaw, Smoothstep, count_turns
+from framework.motion.optimal_law import (
+    STRETCH_HEIGHT,
+    STRETCH_WIDTH,
+    OptimalLaw,
+    Smoothstep,
+    count_reversals,
+)
 
 RNG = np.random.default_rng(7)
 
@@ -89,8 +95,8 @@ def test_cells_that_do_not_fit_are_refused(cells):
 def test_turns_are_counted_between_the_ends(swings):
     t = np.linspace(0.0, 1.0, 2001)
     speed = 1.0 - np.cos(2 * np.pi * (swings + 1) * t)
-    assert count_turns(speed) == 2 * swings + 1
-    assert count_turns(speed + 1e-4 * np.sin(200 * t)) == 2 * swings + 1
+    assert count_reversals(speed) == 2 * swings + 1
+    assert count_reversals(speed + 1e-4 * np.sin(200 * t)) == 2 * swings + 1
 
 
 @pytest.mark.parametrize("R", [2, 3, 4, 6])

@@ -31,7 +31,7 @@ from scipy import sparse
 from framework.arrays import Array, IntArray
 from framework.crossing.optimal.path_series import PathSeries
 from framework.motion.bernstein import DEGREE, Bernstein, elevation, mean_size, multiply, product_weights
-from framework.motion.cone_program import ConeProgram, Rows, Unsolved, solve_cone_program
+from framework.motion.cone_program import AffineRows, ConeProgram, Unsolved, solve_cone_program
 
 MULTIPLIER_DEGREE = 2  # of x: with 1 the factor is off by the size of the cells, with 2 by its square
 SIZE = DEGREE + MULTIPLIER_DEGREE + 1  # coefficients of a product
@@ -128,7 +128,7 @@ class DualProgram:
         rows = {
             name: sparse.csr_array(sparse.diags_array(scaling) @ part) for name, part in blocks.factor.items()
         }
-        blocks.nonnegative.append(Rows(rows, -scaling * np.repeat(self.series.width * margin, SIZE)))
+        blocks.nonnegative.append(AffineRows(rows, -scaling * np.repeat(self.series.width * margin, SIZE)))
         program = ConeProgram(blocks.sizes, blocks.cost, None, blocks.equal, blocks.nonnegative, blocks.cones)
         optimum = solve_cone_program(program)
         return None if isinstance(optimum, Unsolved) else self._multipliers(optimum.unknowns)
@@ -158,12 +158,14 @@ class DualProgram:
         for j in range(m):
             nu = self._rows(series.v.coefficients[..., j] / self._density[:, None, None])
             t = sparse.csr_array(sparse.kron(np.eye(1, m, j), sparse.identity(count)))
-            blocks.nonnegative += [Rows({"x": sign * nu, "t": t}, np.zeros(count)) for sign in (-1.0, 1.0)]
+            blocks.nonnegative += [
+                AffineRows({"x": sign * nu, "t": t}, np.zeros(count)) for sign in (-1.0, 1.0)
+            ]
         integral = np.full(count * m, 1.0 / count)
         if self.timed:
             blocks.cost["t"] = integral
         else:
-            blocks.nonnegative.append(Rows({"t": -sparse.csr_array(integral[None])}, np.ones(1)))
+            blocks.nonnegative.append(AffineRows({"t": -sparse.csr_array(integral[None])}, np.ones(1)))
 
     def _add_speed_limits(self, blocks: _Blocks) -> None:
         """Add mu, constant on each cell."""
@@ -175,7 +177,9 @@ class DualProgram:
         blocks.factor["mu"] = sparse.hstack(parts, format="csr")
         blocks.sizes["mu"] = n * count
         blocks.cost["mu"] = np.outer(self._speed_unit, width).ravel()
-        blocks.nonnegative.append(Rows({"mu": sparse.identity(n * count, format="csr")}, np.zeros(n * count)))
+        blocks.nonnegative.append(
+            AffineRows({"mu": sparse.identity(n * count, format="csr")}, np.zeros(n * count))
+        )
 
     def _add_damping(self, blocks: _Blocks) -> None:
         """Add drag, omega and phi of cells: nu . d >= drag - omega, phi z - omega sqrt(z) >= -loss."""
@@ -187,8 +191,8 @@ class DualProgram:
         blocks.factor["phi"] = -self.unit * each @ sparse.diags_array(width)
         each = np.sqrt(self.unit) * each
         damping = {"x": self._rows(self.series.damping.coefficients), "omega": each, "drag": -each}
-        blocks.nonnegative.append(Rows(damping, np.zeros(count * SIZE)))
-        blocks.nonnegative += [Rows({name: one}, np.zeros(count)) for name in ("omega", "drag")]
+        blocks.nonnegative.append(AffineRows(damping, np.zeros(count * SIZE)))
+        blocks.nonnegative += [AffineRows({name: one}, np.zeros(count)) for name in ("omega", "drag")]
         blocks.cones.append(_product({"loss": one}, {"phi": one}, {"omega": one}))
 
     def _add_duration(self, blocks: _Blocks) -> None:
@@ -213,7 +217,7 @@ class DualProgram:
         blocks.cones.append(_product({"least": one}, {"slow": 0.5 * one}, {"root": one}))
         blocks.cones.append(_product({"root": 0.5 * one}, lam, {"slow": one}))
         if self.timed:
-            blocks.equal.append(Rows({"lam": sparse.csr_array(np.ones((1, 1)))}, -np.ones(1)))
+            blocks.equal.append(AffineRows({"lam": sparse.csr_array(np.ones((1, 1)))}, -np.ones(1)))
         else:
             blocks.cost["lam"] = np.array([self._pace * (self.longest or 0.0)])
 
@@ -301,16 +305,16 @@ class _Blocks:
     sizes: dict[str, int] = field(default_factory=dict)
     cost: dict[str, Array] = field(default_factory=dict)
     factor: dict[str, Any] = field(default_factory=dict)
-    equal: list[Rows] = field(default_factory=list)
-    nonnegative: list[Rows] = field(default_factory=list)
-    cones: list[list[Rows]] = field(default_factory=list)
+    equal: list[AffineRows] = field(default_factory=list)
+    nonnegative: list[AffineRows] = field(default_factory=list)
+    cones: list[list[AffineRows]] = field(default_factory=list)
 
 
-def _product(first: dict[str, Any], second: dict[str, Any], root: dict[str, Any]) -> list[Rows]:
+def _product(first: dict[str, Any], second: dict[str, Any], root: dict[str, Any]) -> list[AffineRows]:
     """Return the cone 4 first * second >= root^2, row by row."""
     zero = np.zeros(next(iter(root.values())).shape[0])
     negative = {name: -matrix for name, matrix in second.items()}
-    return [Rows(first | second, zero), Rows(first | negative, zero), Rows(root, zero)]
+    return [AffineRows(first | second, zero), AffineRows(first | negative, zero), AffineRows(root, zero)]
 
 
 def _block_rows(blocks: Array, columns: IntArray, count: int) -> Any:

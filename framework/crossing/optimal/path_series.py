@@ -19,7 +19,7 @@ import numpy as np
 from framework.arrays import Array, BoolArray, IntArray
 from framework.crossing.optimal.optimal_task import Task
 from framework.crossing.optimal.phase_plane import Demand, demand
-from framework.motion.bernstein import NODES, Bernstein, fit, nodes
+from framework.motion.bernstein import NODES, Bernstein, cell_nodes, fit
 from framework.motion.optimal_law import Smoothstep, Stretch
 
 END_ORDER = 4  # of the smoothstep by which cells are narrower towards both ends of the path
@@ -88,7 +88,7 @@ def resolve_series(task: Task, reference: Array, edges: Array) -> PathSeries | N
 def _series_on(task: Task, reference: Array, edges: Array) -> tuple[PathSeries, BoolArray, BoolArray]:
     """Compute the functions on cells, and masks (k,): resolved, and without a reversal of a motor."""
     branch, specification, motors = task.branch, task.specification, np.isfinite(reference)
-    s = (edges[:-1, None] + np.diff(edges)[:, None] * nodes()).ravel()
+    s = (edges[:-1, None] + np.diff(edges)[:, None] * cell_nodes()).ravel()
     asked = demand(branch, Smoothstep(0), s, None, task.geometry)
     damping = np.zeros_like(asked.torque.constant)
     if branch.robot.is_damped:  # the tangent at z = 1 has half of it in its constant

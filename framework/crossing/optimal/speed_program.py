@@ -27,7 +27,7 @@ from framework.arrays import Array, BoolArray, IntArray, read_only
 from framework.crossing.optimal.optimal_task import Task
 from framework.crossing.optimal.phase_plane import Deflections, Demand, SquaredSpeed, demand
 from framework.crossing.specification import Specification
-from framework.motion.cone_program import Affine, ConeProgram, Rows, Unsolved, solve_cone_program
+from framework.motion.cone_program import Affine, AffineRows, ConeProgram, Unsolved, solve_cone_program
 from framework.motion.exact_duration import SpeedSpace
 from framework.motion.speed_basis import ONE_CELL, SpeedBasis
 from framework.tolerances import LIMIT_MARGIN
@@ -207,7 +207,7 @@ class SpeedProgram:
 
     @cached_property
     def positive(self) -> tuple[Any, Array]:
-        """Rows (m, n) whose positive values make z positive, and their places in xi (m,).
+        """AffineRows (m, n) whose positive values make z positive, and their places in xi (m,).
 
         The coefficients of splines; of a series its values at the points.
         """
@@ -216,7 +216,7 @@ class SpeedProgram:
         return self.basis.matrix(self.xi), self.xi
 
     @cached_property
-    def bend(self) -> Rows:
+    def bend(self) -> AffineRows:
         """d2z/dsigma2 at the points with a weight, times the root of that."""
         stretch, inside = self.problem.task.stretch, self._integrated
         sigma = _sigma(self.problem, self.xi)[inside]
@@ -226,7 +226,7 @@ class SpeedProgram:
             + sparse.diags_array(stretch(sigma, 2)) @ first
         )
         root = np.sqrt(self.weights[inside])
-        return Rows({"y": sparse.diags_array(root) @ bend}, np.zeros(len(root)))
+        return AffineRows({"y": sparse.diags_array(root) @ bend}, np.zeros(len(root)))
 
     @cached_property
     def _fine(self) -> tuple[Any, Array]:
@@ -290,13 +290,13 @@ class SpeedProgram:
         sizes |= {"v": count} if timed else {}
         sizes |= {"e": count} if powered else {}
         inside = self.weights[self._integrated]
-        equal = [_scaled(Rows({"y": self.conditions.matrix / scale}, self.conditions.offset))]
+        equal = [_scaled(AffineRows({"y": self.conditions.matrix / scale}, self.conditions.offset))]
         positive = self.positive[0]
-        nonnegative = [Rows({"y": positive}, np.full(positive.shape[0], -floor * scale))]
+        nonnegative = [AffineRows({"y": positive}, np.full(positive.shape[0], -floor * scale))]
         nonnegative += self._limit_rows(goal, bounds, units)
         if cap is not None:
             capped = np.flatnonzero(np.isfinite(cap))
-            nonnegative.append(Rows({"y": -positive[capped]}, cap[capped] * scale))
+            nonnegative.append(AffineRows({"y": -positive[capped]}, cap[capped] * scale))
         if bounds.longest is not None:
             nonnegative.append(_sum("v", -inside, bounds.longest / units.time))
         if bounds.energy is not None:
@@ -304,7 +304,9 @@ class SpeedProgram:
         if about is not None:
             z = self.z @ about[0] * scale
             slope = sparse.csr_array((-0.5 * inside * z**-1.5)[None]) @ self.z
-            nonnegative.append(Rows({"y": slope}, np.array([1.5 * inside @ z**-0.5 - about[1] / units.time])))
+            nonnegative.append(
+                AffineRows({"y": slope}, np.array([1.5 * inside @ z**-0.5 - about[1] / units.time]))
+            )
         cost: dict[str, Array] = {
             "time": {"v": inside},
             "energy": {"e": inside},
@@ -314,7 +316,7 @@ class SpeedProgram:
         square = self.bend if goal == "bend" else None
         if square is not None:  # in the unit of its own size
             size = np.sqrt(np.mean(np.square(square.parts["y"].data)) * count)
-            square = Rows({"y": square.parts["y"] / size}, square.offset)
+            square = AffineRows({"y": square.parts["y"] / size}, square.offset)
         program = ConeProgram(
             sizes, cost, square, equal, nonnegative, self._cones(units, timed=timed, powered=powered)
         )
@@ -325,7 +327,7 @@ class SpeedProgram:
         value = float(inside @ optimum.unknowns["v"]) * units.time if goal == "time" else np.nan
         return self.speed(y, value)
 
-    def _limit_rows(self, goal: str, bounds: Bounds, units: Units) -> list[Rows]:
+    def _limit_rows(self, goal: str, bounds: Bounds, units: Units) -> list[AffineRows]:
         """Return bounds of torques and squared speeds as rows that may not be negative."""
         limit = self.problem.specification.torque_limit
         reference, rows = self.problem.reference, []
@@ -336,7 +338,7 @@ class SpeedProgram:
             limited = bool(np.isfinite(limit[motor]))
             if bounds.torque_limits and limited and goal != "limits":
                 largest = min(largest, bounds.share * limit[motor] / unit)
-            torque = Rows({"y": matrix / (unit * scale)}, offset / unit)
+            torque = AffineRows({"y": matrix / (unit * scale)}, offset / unit)
             if goal == "peak_torque" or (goal == "limits" and limited):
                 rows += _within(torque, None, bounds.share if goal == "limits" else 1.0)
             if np.isfinite(largest):
@@ -345,21 +347,23 @@ class SpeedProgram:
             speed = matrix / scale
             if goal in ("peak_speed", "limits"):
                 rows.append(
-                    _scaled(Rows({"y": -speed, "peak": _column(matrix, 1.0)}, np.zeros(matrix.shape[0])))
+                    _scaled(
+                        AffineRows({"y": -speed, "peak": _column(matrix, 1.0)}, np.zeros(matrix.shape[0]))
+                    )
                 )
             else:
-                rows.append(_scaled(Rows({"y": -speed}, np.full(matrix.shape[0], bounds.share**2))))
+                rows.append(_scaled(AffineRows({"y": -speed}, np.full(matrix.shape[0], bounds.share**2))))
         return rows
 
-    def _cones(self, units: Units, *, timed: bool, powered: bool) -> list[list[Rows]]:
+    def _cones(self, units: Units, *, timed: bool, powered: bool) -> list[list[AffineRows]]:
         """Return r^2 <= z, v r >= 1 and e r >= the sum of squared torques, at the points with a weight."""
         count = self.z.shape[0]
-        cones: list[list[Rows]] = []
+        cones: list[list[AffineRows]] = []
         if timed or powered:
-            z = Rows({"y": self.z}, np.zeros(count))
+            z = AffineRows({"y": self.z}, np.zeros(count))
             cones.append([_plus(z, 1.0), _plus(z, -1.0), _identity("r", count, 0.0, 2.0)])
         if timed:
-            cones.append(_product("v", "r", count, [Rows({}, np.full(count, 2.0))]))
+            cones.append(_product("v", "r", count, [AffineRows({}, np.full(count, 2.0))]))
         if powered:
             inside, scale = self._integrated, units.time**2
             unit = self.problem.reference * units.torque
@@ -369,7 +373,9 @@ class SpeedProgram:
                     "r",
                     count,
                     [
-                        Rows({"y": 2.0 * matrix[inside] / (unit[j] * scale)}, 2.0 * offset[inside] / unit[j])
+                        AffineRows(
+                            {"y": 2.0 * matrix[inside] / (unit[j] * scale)}, 2.0 * offset[inside] / unit[j]
+                        )
                         for j, (matrix, offset) in enumerate(self.rows.torque)
                     ],
                 )
@@ -462,23 +468,23 @@ def _interpolation(xi: Array, through: Array, place: float) -> Array:
     return weights
 
 
-def _scaled(rows: Rows) -> Rows:
+def _scaled(rows: AffineRows) -> AffineRows:
     """Return rows of which large ones are scaled down."""
     if not len(rows.offset):
         return rows
     size = np.abs(rows.parts["y"]).max(axis=1).toarray().ravel()
     share = 1.0 / np.maximum(1.0, size / MAX_ROW_SIZE)
     scaling = sparse.diags_array(share)
-    return Rows({name: scaling @ matrix for name, matrix in rows.parts.items()}, share * rows.offset)
+    return AffineRows({name: scaling @ matrix for name, matrix in rows.parts.items()}, share * rows.offset)
 
 
-def _within(rows: Rows, largest: float | None, share: float = 1.0) -> list[Rows]:
+def _within(rows: AffineRows, largest: float | None, share: float = 1.0) -> list[AffineRows]:
     """Return |rows| <= largest, or <= share * peak, as rows that may not be negative."""
     above = []
     for sign in (-1.0, 1.0):
         matrix = sign * rows.parts["y"]
         parts = {"y": matrix} if largest is not None else {"y": matrix, "peak": _column(matrix, share)}
-        above.append(_scaled(Rows(parts, sign * rows.offset + (largest or 0.0))))
+        above.append(_scaled(AffineRows(parts, sign * rows.offset + (largest or 0.0))))
     return above
 
 
@@ -486,20 +492,24 @@ def _column(matrix: Any, value: float) -> Any:
     return sparse.csr_array(np.full((matrix.shape[0], 1), value))
 
 
-def _identity(name: str, size: int, offset: float, factor: float = 1.0) -> Rows:
-    return Rows({name: factor * sparse.identity(size, format="csr")}, np.full(size, offset))
+def _identity(name: str, size: int, offset: float, factor: float = 1.0) -> AffineRows:
+    return AffineRows({name: factor * sparse.identity(size, format="csr")}, np.full(size, offset))
 
 
-def _plus(rows: Rows, offset: float) -> Rows:
-    return Rows(rows.parts, rows.offset + offset)
+def _plus(rows: AffineRows, offset: float) -> AffineRows:
+    return AffineRows(rows.parts, rows.offset + offset)
 
 
-def _sum(name: str, weights: Array, offset: float) -> Rows:
-    return Rows({name: sparse.csr_array(weights[None])}, np.array([offset]))
+def _sum(name: str, weights: Array, offset: float) -> AffineRows:
+    return AffineRows({name: sparse.csr_array(weights[None])}, np.array([offset]))
 
 
-def _product(first: str, second: str, count: int, others: Sequence[Rows]) -> list[Rows]:
+def _product(first: str, second: str, count: int, others: Sequence[AffineRows]) -> list[AffineRows]:
     """Return the cone 4 first * second >= |others|^2."""
     one = sparse.identity(count, format="csr")
     zero = np.zeros(count)
-    return [Rows({first: one, second: one}, zero), Rows({first: one, second: -one}, zero), *others]
+    return [
+        AffineRows({first: one, second: one}, zero),
+        AffineRows({first: one, second: -one}, zero),
+        *others,
+    ]

@@ -18,7 +18,7 @@ from framework import (
     plan_crossing,
     simulate,
 )
-from framework.crossing.optimal import best_law
+from framework.crossing.optimal import least_cost
 from framework.crossing.optimal.peak_bound import bound_plan
 from framework.crossing.saved import plan_document
 from framework.errors import InvalidInput, NoAnswer, NoLaw
@@ -140,7 +140,7 @@ def test_a_speed_at_the_crossing_is_met(robot):
 
 
 def test_more_cells_gain_little(robot, quickest, monkeypatch):
-    monkeypatch.setattr(best_law, "FIRST_CELLS", 180)
+    monkeypatch.setattr(least_cost, "FIRST_CELLS", 180)
     fine = plan_crossing(robot, LINE, optimize="time", torque_limit=PAPERS)
     assert len(fine.law.cells) > 1.9 * len(quickest.law.cells)
     assert abs(quickest.duration / fine.duration - 1) < 0.003

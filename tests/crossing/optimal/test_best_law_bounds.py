@@ -7,8 +7,13 @@ import pytest
 
 import robots
 from framework import Line, plan_crossing
-from tests.oracles.best_law_bounds import BestLaws, conditions_at, least_energy_lasting, torques_along
-from tests.oracles.random_crossings import random_crossing
+from tests.crossing.optimal.best_law_bounds import (
+    BestLaws,
+    conditions_at,
+    least_energy_lasting,
+    torques_along,
+)
+from tests.crossing.optimal.random_crossings import random_crossing
 
 TIME, PEAK = 0.73395, 0.039482  # [s] at 0.164918 N m, [N m] over 1.5 s: of the flat 5R, scene C
 

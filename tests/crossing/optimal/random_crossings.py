@@ -1,6 +1,6 @@
 """Sixty random rigid robots under gravity, each on a path across its singular locus.
 
-    python -m tests.oracles.random_crossings [FIRST LAST]  lists robots, paths and crossings
+    python -m tests.crossing.optimal.random_crossings [FIRST LAST]  lists robots, paths and crossings
 
 Robot k is of kind k % 5, and its path meets the locus 1 + (k // 5) % 3 times. Five-bars are drawn in all
 their dimensions, stand upright, and have a free line, arc or spline. The others are those of the catalogue
