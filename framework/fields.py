@@ -85,7 +85,9 @@ def read_table(
     return values
 
 
-def record(table: Table, make: Callable[[str, dict[str, Any]], T]) -> Reader[T]:
+def record(
+    table: Table, make: Callable[[str, dict[str, Any]], Any] = lambda _, values: values
+) -> Reader[Any]:
     """Return a reader of a mapping with these keys; `make` takes its place and its values."""
     return lambda where, given: make(where, read_table(where, given, table))
 

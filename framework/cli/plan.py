@@ -31,9 +31,8 @@ from framework.crossing.options import MOTION
 from framework.crossing.path_modification import plan_request_with_modified_path
 from framework.crossing.plan import ADVANCES, NEARLY_STOPS, plan_request
 from framework.crossing.request import Request
-from framework.crossing.restored import read_document
 from framework.crossing.result import CrossingPlan
-from framework.crossing.saved import FILE, plan_document
+from framework.crossing.saved import FILE, plan_document, read_document
 from framework.errors import InvalidInput, point
 from framework.kinematics.idle_turns import driven_turns
 from framework.kinematics.parallel_robot import ParallelRobot
