@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from framework.crossing.condition import Condition8, CrossingPoint, coefficients_at, crossing_point
-from framework.crossing.path_length import coordinate_sizes
+from framework.crossing.motion_scales import coordinate_sizes
 from framework.dynamics.singularity_crossings import check_kind
 from framework.errors import NoLaw
 from framework.kinematics.continuation.tracking import Branch

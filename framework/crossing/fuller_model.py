@@ -10,6 +10,7 @@ Deflections are those that the forces of the first model cause: one pass, of fir
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -85,6 +86,16 @@ class FullerModel:
             columns = [robot.elastic_names.index(name) for name in dynamics.robot.elastic_names]
             deflections[:, columns] = dynamics.deflection(self.grid.times)
         return deflections
+
+    @cached_property
+    def first_pass(self) -> Pass:
+        """The motion and forces with the deflections of the motion; raises NoAnswer as `moved`."""
+        return self.moved(self.known_deflections())
+
+    @property
+    def planned_torque(self) -> Array:
+        """The motors' torques (T, n_a) [N m or N] of the motion on the nodes, without dry friction."""
+        return self.dynamics.torque_without_friction(self.grid.times)
 
     def moved(self, deflections: Array) -> Pass:
         """Compute motion and forces on the nodes with deflections (T, n_e), the law corrected for them.

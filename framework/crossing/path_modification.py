@@ -20,7 +20,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.crossing.feasibility import feasibility_on_path
-from framework.crossing.path_length import coordinate_sizes, path_length
+from framework.crossing.motion_scales import coordinate_sizes, path_length
 from framework.crossing.plan import plan_request
 from framework.crossing.refusals.refusal_proofs import HoldingTorque, UnmetCondition
 from framework.crossing.request import Request

@@ -25,7 +25,7 @@ from scipy.interpolate import CubicSpline
 
 from framework.arrays import Array
 from framework.crossing.fuller_model import FullerModel
-from framework.crossing.path_length import coordinate_sizes, path_length
+from framework.crossing.motion_scales import coordinate_sizes, largest_by_unit, path_length
 from framework.crossing.result import CrossingPlan
 from framework.dynamics.elastic_pass import Pass, one_pass
 from framework.dynamics.forces import motor_torque
@@ -106,17 +106,16 @@ class _Motion:
 
     rigid: CrossingPlan
     fuller: FullerModel
-    undeformed: Pass  # of the highest model, springs held
     deformed: Pass  # with the deflections that its forces cause, along the rigid plan's law
     needed: Array  # (T, n_a) motor torques of the highest model that crosses with its own condition (8)
 
     @classmethod
     def of(cls, rigid: CrossingPlan, highest: ParallelRobot) -> _Motion:
         fuller = FullerModel.of(rigid.dynamics, highest)
-        undeformed = fuller.moved(fuller.known_deflections())
+        undeformed = fuller.first_pass
         deflections = fuller.grid.fit(undeformed.caused)
         deformed = one_pass(fuller.searched.branch, fuller.grid, rigid.law, deflections, undeformed)
-        return cls(rigid, fuller, undeformed, deformed, fuller.torque(fuller.moved(undeformed.caused)))
+        return cls(rigid, fuller, deformed, fuller.torque(fuller.moved(undeformed.caused)))
 
     def errors(self, payload: CrossingPlan | None) -> dict[str, LevelError]:
         """Compute the error of each level but the highest; without a plan the payload's is missing."""
@@ -145,7 +144,7 @@ class _Motion:
 
     def _of_small_displacements(self, names: Sequence[str]) -> LevelError:
         """Compute the error of forces of the undeformed robot, its motors moved by some deflections."""
-        fuller, undeformed = self.fuller, self.undeformed
+        fuller, undeformed = self.fuller, self.fuller.first_pass
         motion = undeformed.motion
         if names:
             caused = np.where(np.isin(fuller.robot.elastic_names, names), undeformed.caused, 0.0)
@@ -162,14 +161,13 @@ class _Motion:
             return LevelError(0.0, 0.0)
         still = replace(robot, elastic_inertia=False)
         fuller = FullerModel.of(self.rigid.dynamics, still)
-        torque = fuller.torque(fuller.moved(self.undeformed.caused))
+        torque = fuller.torque(fuller.moved(self.fuller.first_pass.caused))
         lacking = platform_wrench(robot, motion).asked - platform_wrench(still, motion).asked
         return LevelError(self._torque_error(torque), self._platform_error(lacking))
 
     def _torque_error(self, torque: Array) -> float:
         """Compute how far torques (T, n_a) are from those needed, over the peak of motors of that unit."""
-        units, peaks = np.array(self.rigid.robot.torque_units), np.abs(self.needed).max(axis=0)
-        largest = np.maximum([peaks[units == unit].max() for unit in units], np.finfo(float).tiny)
+        largest = largest_by_unit(self.rigid.robot, np.abs(self.needed).max(axis=0))
         return float((np.abs(torque - self.needed) / largest).max())
 
     def _platform_error(self, lacking: Array) -> float:
