@@ -13,6 +13,7 @@ damping, and of deflections that are changing.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -65,6 +66,11 @@ class Deflection(NamedTuple):
     rate: Array
     acceleration: Array
 
+    @staticmethod
+    def at(deflections: Callable[[float, int], Array], time: float) -> Deflection:
+        """Return what a function of time and order of derivative is at an instant [s]."""
+        return Deflection(*(deflections(time, order) for order in range(3)))
+
 
 class CrossingPoint(NamedTuple):
     """A singular point of the (deflected) robot on its path."""
@@ -79,13 +85,17 @@ class CrossingPoint(NamedTuple):
 
 
 def crossing_point(
-    branch: Branch, singular: SingularPoint, deflection: Deflection | None, near: float
+    branch: Branch, singular: SingularPoint | CrossingPoint, deflection: Deflection | None, near: float
 ) -> CrossingPoint:
     """Find the singular point of the path near `near` [s], moved by a deflection if there is one.
+
+    A point that is imposed stays where it is.
 
     Raises:
         NoLaw: the deflected robot has no singular point near.
     """
+    if isinstance(singular, CrossingPoint):
+        return singular
     if deflection is None or not len(deflection.value):
         touches = singular.contact == "tangential"
         return CrossingPoint(

@@ -45,19 +45,28 @@ class Feasibility:
         return self.condition.alpha == 0.0
 
     @property
+    def unmet_by_acceleration(self) -> bool:
+        """Whether no s" meets the condition: at best one s' does."""
+        return self.orthogonal and not self.condition.holds_anyway
+
+    def _asked_per(self, coefficient: float) -> float:
+        """Return the s" that a term asks for; not a number where s" has no effect."""
+        return np.nan if self.orthogonal else 0.0 - coefficient / self.condition.alpha
+
+    @property
     def constant(self) -> float:
         """The s" [1/s^2] asked for at s' -> 0; not a number where s" has no effect."""
-        return np.nan if self.orthogonal else 0.0 - self.condition.gamma / self.condition.alpha
+        return self._asked_per(self.condition.gamma)
 
     @property
     def per_squared_speed(self) -> float:
         """The s" asked for by s'^2, over s'^2 [-]; not a number where s" has no effect."""
-        return np.nan if self.orthogonal else 0.0 - self.condition.beta / self.condition.alpha
+        return self._asked_per(self.condition.beta)
 
     @property
     def per_speed(self) -> float:
         """The s" asked for by s', over s' [1/s]; not a number where s" has no effect."""
-        return np.nan if self.orthogonal else 0.0 - self.condition.delta / self.condition.alpha
+        return self._asked_per(self.condition.delta)
 
     @property
     def weightless(self) -> bool:
@@ -93,10 +102,7 @@ class Feasibility:
     def to_dict(self) -> dict[str, Any]:
         """Return the entry of `locate --json`; what does not exist is null."""
         return {
-            "alpha": self.condition.alpha,
-            "beta": self.condition.beta,
-            "gamma": self.condition.gamma,
-            "delta": self.condition.delta,
+            **self.condition._asdict(),
             "acceleration": None if self.orthogonal else [self.constant, self.per_squared_speed],
             "weight_share": self.weight_share,
             "tangent_share": self.tangent_share,

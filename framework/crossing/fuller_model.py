@@ -25,7 +25,7 @@ from framework.dynamics.result import InverseDynamics, SingularityCrossing
 from framework.errors import NoLaw, NotConverged
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.chebyshev import TimeFunction, TimeGrid
-from framework.motion.law import Condition, Law, MotionLaw
+from framework.motion.law import Law, MotionLaw, conditions_at_instants
 from framework.singularity.points_on_path import SearchedPath, search_path
 from framework.tolerances import RESOLVABLE_TAIL, SAME_PLACE
 
@@ -151,18 +151,13 @@ class FullerModel:
             NoAnswer: see `_crossed`; two crossings meet one singular point, or the law turns back.
         """
         duration, smoothness = self.dynamics.duration, SMOOTHNESS[self.robot.n_e > 0]
-        corrections = [
-            Condition(time, order, 0.0) for time in (0.0, duration) for order in range(smoothness + 1)
-        ]
+        corrections = conditions_at_instants([0.0, duration], np.zeros((2, smoothness + 1)))
         places = []
         for crossing in self.dynamics.crossings:
             planned = [float(self.dynamics.law(crossing.time, order)) for order in range(3)]
             wanted = self._crossed(crossing, function, planned)
             places.append(wanted[0])
-            corrections += [
-                Condition(crossing.time, order, target - value)
-                for order, (target, value) in enumerate(zip(wanted, planned, strict=True))
-            ]
+            corrections += conditions_at_instants([crossing.time], [np.subtract(wanted, planned)])
         if not np.all(np.diff(places) > SAME_PLACE):
             raise NotConverged(
                 "crossings of the motion meet the same singular point of the fuller model", residual=np.inf
@@ -188,7 +183,7 @@ class FullerModel:
             raise NotConverged(
                 "the fuller model has no simple singular point at the crossing", residual=np.inf
             )
-        deflection = Deflection(*(function(crossing.time, order) for order in range(3)))
+        deflection = Deflection.at(function, crossing.time)
         place = crossing_point(branch, singular, deflection, crossing.s)
         condition = condition_at(branch, place, deflection)
         if self.friction is not None:

@@ -190,14 +190,14 @@ class PlanOptions:
         check=_seconds,
         typed={"type": float, "metavar": "T"},
     )
-    torque_limit: Limit = _option(
+    torque_limit: Limit = _option(  # noqa: RUF009 - frozen
         "largest torque [N m] of all motors, of each, or JOINT=N of some, motor side; none: no limit",
         "; a force [N] where a motor slides. In Python a number, a list or a dict by joint, None for "
         "no limit. The robot file's by default; never exceeded by the optimal law",
         typed={"nargs": "+", "metavar": "N"},
         topic=LIMITS,
     )
-    speed_limit: Limit = _option(
+    speed_limit: Limit = _option(  # noqa: RUF009 - frozen
         "largest speed [rad/s] of all motors, of each, or JOINT=N of some, motor side; none: no limit",
         "; as torque_limit",
         typed={"nargs": "+", "metavar": "N"},

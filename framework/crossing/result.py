@@ -282,8 +282,6 @@ def _condition(
     """Return condition (8) where and when the motion crosses, with its own deflections."""
     if request.geometry != "deformed" or not dynamics.robot.n_e:
         return to_cross.at_rest[k][1]
-    place = to_cross.crossing_points[k]
-    deflection = Deflection(*(dynamics.deflection(time, order) for order in range(3)))
-    if isinstance(place, SingularPoint):
-        place = crossing_point(to_cross.branch, place, deflection, float(dynamics.law(np.array(time))))
+    deflection, near = Deflection.at(dynamics.deflection, time), float(dynamics.law(np.array(time)))
+    place = crossing_point(to_cross.branch, to_cross.crossing_points[k], deflection, near)
     return coefficients_at(to_cross.branch, place, deflection)
