@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from framework.crossing.condition import Condition8, CrossingPoint, coefficients_at, crossing_point
+from framework.crossing.condition import Condition8, coefficients_at, crossing_point
 from framework.crossing.motion_scales import coordinate_sizes
 from framework.dynamics.singularity_crossings import check_kind
 from framework.errors import NoLaw
@@ -175,19 +175,9 @@ def feasibility_at(branch: Branch, singular: SingularPoint) -> Feasibility | Non
         check_kind(branch.robot, singular)
     except NoLaw:
         return None
-    return _feasibility(branch, crossing_point(branch, singular, None, singular.s))
-
-
-def feasibility_on_path(searched: SearchedPath) -> tuple[Feasibility | None, ...]:
-    """Return the same for all singular points of a path."""
-    return tuple(feasibility_at(searched.branch, singular) for singular in searched.points)
-
-
-def _feasibility(branch: Branch, place: CrossingPoint) -> Feasibility:
-    robot = branch.robot
+    robot, place = branch.robot, crossing_point(branch, singular, None, singular.s)
     condition = coefficients_at(branch, place, None)
-    data = robot.model.createData()
-    falling = pin.jacobianCenterOfMass(robot.model, data, place.q) @ place.motion
+    falling = pin.jacobianCenterOfMass(robot.model, robot.model.createData(), place.q) @ place.motion
     size = coordinate_sizes(robot)
     return Feasibility(
         place.s,
@@ -196,6 +186,11 @@ def _feasibility(branch: Branch, place: CrossingPoint) -> Feasibility:
         tangent_share=_cosine(robot.platform.path_twist(branch.path, place.s) * size, place.twist * size),
         wrenches=bool(branch.wrenches.entries),
     )
+
+
+def feasibility_on_path(searched: SearchedPath) -> tuple[Feasibility | None, ...]:
+    """Return the same for all singular points of a path."""
+    return tuple(feasibility_at(searched.branch, singular) for singular in searched.points)
 
 
 def _cosine(a: Any, b: Any) -> float:

@@ -399,7 +399,7 @@ def _law(stated: dict[str, Any], request: Request) -> PlannedLaw:
             np.array(saved["squared_speed"]), smoothness, duration, saved["dense_at"], saved["cells"]
         )
     for key, value in law.to_dict().items():
-        if np.any(saved[key] != np.array(value)):
+        if saved[key] != (tuple(value) if isinstance(value, list) else value):
             raise InvalidInput(f"law.{key}: got {short(saved[key])}, must be {short(value)}")
     return law
 

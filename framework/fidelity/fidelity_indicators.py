@@ -82,21 +82,17 @@ def _accumulated(errors: Mapping[str, LevelError], growth: float) -> Indicators:
 
     An error that is not a number is one that nobody knows, and counts as infinite.
     """
-    errors = {
-        name: LevelError(*(one if np.isfinite(one) else np.inf for one in error))
-        for name, error in errors.items()
+    names = [level.name for level in LEVELS]
+    known = {name: np.where(np.isfinite(one), one, np.inf) for name, one in errors.items()}
+    largest = [0.0, *(known.get(name, np.array(np.inf)).max() for name in reversed(names[:-1]))]
+    words = {
+        name: f"torques {_percent(torque)}, platform {_percent(platform)}"
+        for name, (torque, platform) in known.items()
     }
-    error, words, names = dict[str, float](), dict[str, str](), [level.name for level in LEVELS]
-    largest = 0.0
-    for name in reversed(names):
-        if name != names[-1]:
-            largest = max(largest, *errors.get(name, LevelError(np.inf, np.inf)))
-        error[name] = largest
-        if name in errors:
-            torque, platform = map(_percent, errors[name])
-            words[name] = f"torques {torque}, platform {platform}"
     return Indicators(
-        {name: error[name] for name in names}, {name: words.get(name, "") for name in names}, growth
+        dict(zip(names, np.maximum.accumulate(largest)[::-1].tolist(), strict=True)),
+        {name: words.get(name, "") for name in names},
+        growth,
     )
 
 
