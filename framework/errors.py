@@ -313,7 +313,7 @@ class NotConverged(NoAnswer):
     Where one place on the path is the cause, `s` and `platform` say which.
     """
 
-    residual: float
+    residual: float = np.inf
     s: float | None = None
     platform: Array | None = None
 

@@ -159,14 +159,12 @@ class FullerModel:
             places.append(wanted[0])
             corrections += conditions_at_instants([crossing.time], [np.subtract(wanted, planned)])
         if not np.all(np.diff(places) > SAME_PLACE):
-            raise NotConverged(
-                "crossings of the motion meet the same singular point of the fuller model", residual=np.inf
-            )
+            raise NotConverged("crossings of the motion meet the same singular point of the fuller model")
         law = CorrectedLaw(self.dynamics.law, Law.from_conditions(corrections, duration))
         try:
             check_advance(law, places, self.robot.name)
         except NoLaw as refusal:
-            raise NotConverged(f"the corrected law turns back: {refusal}", residual=np.inf) from None
+            raise NotConverged(f"the corrected law turns back: {refusal}") from None
         return law
 
     def _crossed(
@@ -180,9 +178,7 @@ class FullerModel:
         branch, (_, speed, acceleration) = self.searched.branch, planned
         singular = min(self.searched.points, key=lambda point: abs(point.s - crossing.s), default=None)
         if singular is None or singular.corank > 1:
-            raise NotConverged(
-                "the fuller model has no simple singular point at the crossing", residual=np.inf
-            )
+            raise NotConverged("the fuller model has no simple singular point at the crossing")
         deflection = Deflection.at(function, crossing.time)
         place = crossing_point(branch, singular, deflection, crossing.s)
         condition = condition_at(branch, place, deflection)
@@ -190,7 +186,7 @@ class FullerModel:
             power = float(self.friction * self._ways(crossing.time) @ place.motion)
             condition = condition._replace(gamma=condition.gamma + power)
         if condition.alpha == 0.0 and not condition.holds_anyway:
-            raise NotConverged("no acceleration at the crossing makes up for it", residual=np.inf)
+            raise NotConverged("no acceleration at the crossing makes up for it")
         if not condition.holds_anyway:
             acceleration = condition.acceleration(speed)
         return place.s, speed, acceleration

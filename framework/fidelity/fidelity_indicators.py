@@ -16,6 +16,7 @@ leave out: errors that cancel in one of them are luck.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -69,12 +70,10 @@ def indicators_of(
         rigid, payload: the plans of these levels, None where there is none.
         highest: the highest model.
     """
-    if rigid is None:  # there is nothing to compute them from: everything may matter
-        return _accumulated({}, np.inf)
-    try:
-        return _accumulated(_Motion.of(rigid, highest).errors(payload), open_loop_growth(rigid.dynamics))
-    except NoAnswer:  # on the border of the workspace, or the springs are too soft: nobody knows
-        return _accumulated({}, np.inf)
+    with suppress(NoAnswer):  # on the border of the workspace, or the springs are too soft
+        if rigid is not None:
+            return _accumulated(_Motion.of(rigid, highest).errors(payload), open_loop_growth(rigid.dynamics))
+    return _accumulated({}, np.inf)  # nobody knows: everything may matter
 
 
 def _accumulated(errors: Mapping[str, LevelError], growth: float) -> Indicators:
