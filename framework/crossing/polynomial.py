@@ -70,10 +70,10 @@ def polynomial_motion(to_cross: PathToCross, request: Request) -> PolynomialMoti
         law = _law(conditions_met, choice, request, robot.name)
         if before is None:
             _check_advance(law, request, [point.s for point in points], robot.name)
-        chosen.append((law, [condition for _, condition in conditions_met]))
+        chosen[law] = law, [condition for _, condition in conditions_met]
         return law
 
-    chosen: list[tuple[Law, list[Condition8]]] = []
+    chosen: dict[MotionLaw, tuple[Law, list[Condition8]]] = {}
     dynamics = resolve(
         to_cross.searched,
         choose_law,
@@ -81,7 +81,7 @@ def polynomial_motion(to_cross: PathToCross, request: Request) -> PolynomialMoti
         tolerance=request.tolerance,
         friction=request.friction,
     )
-    law, conditions = next(choice_made for choice_made in reversed(chosen) if choice_made[0] is dynamics.law)
+    law, conditions = chosen[dynamics.law]
     if len(chosen) > 1:  # else it is the first law, which has been checked
         _check_advance(law, request, [crossing.s for crossing in dynamics.crossings], robot.name)
     return PolynomialMotion(dynamics, law, choice, conditions)
