@@ -135,7 +135,7 @@ def _planned(
     """Plan; return also the level of --flexibility auto, or how far --bend has bent the path."""
     if level is not None:
         line = f"\n  fidelity          {level.sentence}"
-        return plan_request(robot, request), {"fidelity": level.to_dict()}, line
+        return plan_request(robot, request), {"fidelity": level._asdict()}, line
     if bend is None:
         return plan_request(robot, request), {}, ""
     share = None if bend == LEAST_BEND else arguments.share("--bend", bend)

@@ -124,7 +124,7 @@ def optimal_durations(searched: SearchedPath, request: Request) -> OptimalDurati
         return None
     robot = searched.branch.robot
     specification = replace(specification_of(robot, request), goal="time", duration=None, longest=None)
-    if not (specification.limited or np.isfinite(specification.speed_limit).any()):
+    if not (specification.limited or specification.limited_speeds):
         return OptimalDurations(0.0)
     try:
         to_cross = PathToCross(searched, searched.points)

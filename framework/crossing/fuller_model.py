@@ -122,8 +122,7 @@ class FullerModel:
             from scipy.interpolate import KroghInterpolator  # takes time to import
 
             times = np.array([crossing.time for crossing in self.dynamics.crossings])
-            ways = np.array([self._ways(time) for time in times])
-            smooth = self.friction * KroghInterpolator(times, ways)(self.grid.times)
+            smooth = self.friction * KroghInterpolator(times, self._ways(times))(self.grid.times)
         torque = self._rubbing(moved, smooth)
         tail = self.grid.fit(torque).tail
         if not tail <= RESOLVABLE_TAIL:
@@ -140,9 +139,9 @@ class FullerModel:
         forces = tree_forces(robot, motion) + friction
         return motor_torque(robot, motion, balanced_forces(robot, motion.linearised, forces).joint_torque)
 
-    def _ways(self, time: float) -> Array:
-        """Return the signs (nv,) of the joints' rates at an instant of the motion [s]."""
-        return signs(self.dynamics.velocity(np.array([time])) / self.robot.column_scale)[0]
+    def _ways(self, times: Array) -> Array:
+        """Return the signs (k, nv) of the joints' rates at instants (k,) of the motion [s]."""
+        return signs(self.dynamics.velocity(times) / self.robot.column_scale)
 
     def _corrected(self, function: TimeFunction) -> CorrectedLaw:
         """Compute the law corrected for deflections as a function of time.
@@ -183,7 +182,7 @@ class FullerModel:
         place = crossing_point(branch, singular, deflection, crossing.s)
         condition = condition_at(branch, place, deflection)
         if self.friction is not None:
-            power = float(self.friction * self._ways(crossing.time) @ place.motion)
+            power = float(self.friction * self._ways(np.array([crossing.time]))[0] @ place.motion)
             condition = condition._replace(gamma=condition.gamma + power)
         if condition.alpha == 0.0 and not condition.holds_anyway:
             raise NotConverged("no acceleration at the crossing makes up for it")

@@ -51,10 +51,6 @@ class ChosenLevel(NamedTuple):
             )
         return f"{self.level} for {percent}, off by {100 * self.error:.2g} %: predicted, not simulated"
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return it for JSON."""
-        return self._asdict()
-
 
 def kept_level(description: RobotDescription, scene: str) -> ChosenLevel | None:
     """Return the level that a scene keeps; None if it keeps none or there is no such scene."""

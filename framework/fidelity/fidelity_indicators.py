@@ -33,7 +33,6 @@ from framework.dynamics.forces import motor_torque
 from framework.dynamics.open_loop import ErrorDynamics, error_dynamics, open_loop_error, open_loop_growth
 from framework.dynamics.platform_wrench import platform_wrench
 from framework.errors import NoAnswer
-from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import FLEXIBILITIES
 from framework.model.fidelity_levels import LEVELS
@@ -132,10 +131,8 @@ class _Motion:
 
     def _of_masses(self, plan: CrossingPlan, times: Array, torque: Array) -> LevelError:
         """Compute the error of torques (T, n_a) on a plan's motion, of the rigid robot with all masses."""
-        return LevelError(
-            self._torque_error(torque),
-            self._platform_error(_lacking(self.rigid.robot, plan.dynamics.motion(times), torque)),
-        )
+        wrench = platform_wrench(self.rigid.robot, plan.dynamics.motion(times))
+        return self._error(torque, wrench.lacking(torque))
 
     def _of_small_displacements(self, names: Sequence[str]) -> LevelError:
         """Compute the error of forces of the undeformed robot, its motors moved by some deflections."""
@@ -146,8 +143,7 @@ class _Motion:
             branch, function = fuller.searched.branch, fuller.grid.fit(caused)
             motion = one_pass(branch, fuller.grid, self.rigid.law, function, undeformed).motion
         torque = motor_torque(fuller.robot, motion, undeformed.forces.joint_torque)
-        lacking = _lacking(fuller.robot, self.deformed.motion, torque)
-        return LevelError(self._torque_error(torque), self._platform_error(lacking))
+        return self._error(torque, platform_wrench(fuller.robot, self.deformed.motion).lacking(torque))
 
     def _without_elastic_inertia(self) -> LevelError:
         """Compute the error of forces of the deformed robot whose bodies do not feel how the springs move."""
@@ -157,20 +153,23 @@ class _Motion:
         still = replace(robot, elastic_inertia=False)
         fuller = FullerModel.of(self.rigid.dynamics, still)
         torque = fuller.torque(fuller.moved(self.fuller.first_pass.caused))
-        lacking = platform_wrench(robot, motion).asked - platform_wrench(still, motion).asked
-        return LevelError(self._torque_error(torque), self._platform_error(lacking))
+        return self._error(
+            torque, platform_wrench(robot, motion).asked - platform_wrench(still, motion).asked
+        )
 
-    def _torque_error(self, torque: Array) -> float:
-        """Compute how far torques (T, n_a) are from those needed, over the peak of motors of that unit."""
-        largest = largest_by_unit(self.rigid.robot, np.abs(self.needed).max(axis=0))
-        return float((np.abs(torque - self.needed) / largest).max())
+    def _error(self, torque: Array, lacking: Array) -> LevelError:
+        """Compute the error of torques (T, n_a), and of the platform for lack of a wrench (T, n).
 
-    def _platform_error(self, lacking: Array) -> float:
-        """Compute how far the platform is off for lack of a wrench (T, n), over the path's length."""
+        Of torques over the peak of motors of that unit, of the platform over the path's length.
+        """
         robot, times = self.rigid.robot, np.linspace(0.0, self.rigid.duration, STEPS + 1)
+        peaks = largest_by_unit(robot, np.abs(self.needed).max(axis=0))
         wrench = self.fuller.grid.fit(lacking)(times)
         off = open_loop_error(self.error_dynamics, times, wrench) * coordinate_sizes(robot)
-        return float(np.linalg.norm(off, axis=1).max() / path_length(robot, self.rigid.path))
+        return LevelError(
+            float((np.abs(torque - self.needed) / peaks).max()),
+            float(np.linalg.norm(off, axis=1).max() / path_length(robot, self.rigid.path)),
+        )
 
     @cached_property
     def error_dynamics(self) -> ErrorDynamics:
@@ -180,12 +179,6 @@ class _Motion:
         matrices = np.stack(error_dynamics(self.rigid.dynamics, few)).transpose(1, 0, 2, 3)
         values = CubicSpline(few, matrices)(many)
         return ErrorDynamics(*values.transpose(1, 0, 2, 3))
-
-
-def _lacking(robot: ParallelRobot, motion: Motion, torque: Array) -> Array:
-    """Compute what motor torques (T, n_a) lack of the wrench (T, n) that a motion asks for, W - G' tau."""
-    required = platform_wrench(robot, motion)
-    return np.asarray(required.asked - np.einsum("tan,ta->tn", required.motor_speed, torque))
 
 
 def _percent(share: float) -> str:
