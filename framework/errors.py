@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import reprlib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from difflib import get_close_matches
 from typing import Any, Self
 
@@ -55,12 +55,13 @@ class RobotFileError(InvalidInput):
     """A robot file or its URDF cannot be used. The message starts with the file and the key."""
 
 
+@dataclass(eq=False, repr=False)
 class MissingPackage(RobotFileError):
     """A robot file takes its URDF from a package that is not installed: `package`."""
 
-    def __init__(self, message: str, *, package: str) -> None:
-        super().__init__(message)
-        self.package = package
+    message: str
+    _: KW_ONLY
+    package: str
 
 
 class SingularReference(InvalidInput):

@@ -78,9 +78,9 @@ def read_table(
             raise InvalidInput(f"{below(where, key)}: missing{hint} (given: {listed})")
         else:
             values[key] = field.default
-    for key in content if others is not None else ():
-        if key not in table and key not in (others or ()):
-            valid = (*table, *(others or ()))
+    valid = content if others is None else (*table, *others)
+    for key in content:
+        if key not in valid:
             raise InvalidInput(f"{below(where, key)}: {choose_from('key', key, valid)}")
     return values
 

@@ -58,9 +58,14 @@ class PolynomialDurations(NamedTuple):
         return [self.shortest, self.longest if np.isfinite(self.longest) else None]
 
     @property
+    def bounded(self) -> bool:
+        """Whether anything bounds the duration."""
+        return self.shortest > 0.0 or bool(np.isfinite(self.longest))
+
+    @property
     def advice(self) -> str:
         """What helps where a duration is beyond the bounds."""
-        if not self.longest or (np.isinf(self.longest) and not self.shortest):
+        if not (self.longest and self.bounded):
             return ""
         return "; else use the optimal law, or take a path with less weight or more of its tangent along t_s"
 
@@ -69,7 +74,7 @@ class PolynomialDurations(NamedTuple):
         """The durations, in one line."""
         if not self.longest:
             return "no duration was found at which one polynomial advances"
-        if np.isinf(self.longest) and not self.shortest:
+        if not self.bounded:
             return "one polynomial advances at any duration"
         bounds = [f"from {self.shortest:.3g} s on"] if self.shortest else []
         bounds += [f"up to {self.longest:.3g} s"] if np.isfinite(self.longest) else []
@@ -214,5 +219,4 @@ def _acceleration(feasibility: Feasibility, speed: float, squared_duration: floa
     """Return s" T^2 that condition (8) asks for at s' T, where it asks for any."""
     if feasibility.condition.holds_anyway:
         return 0.0
-    weight = 0.0 if feasibility.weightless else feasibility.constant
-    return feasibility.per_squared_speed * speed**2 + weight * squared_duration
+    return feasibility.per_squared_speed * speed**2 + feasibility.constant * squared_duration

@@ -95,7 +95,7 @@ class Feasibility:
     @property
     def pace(self) -> float | None:
         """The time [s] in which the s" that the weight asks for covers the whole path from rest."""
-        if self.orthogonal or self.weightless or self.condition.holds_anyway:
+        if self.orthogonal or self.weightless:
             return None
         return float(np.sqrt(2.0 / abs(self.constant)))
 
@@ -145,20 +145,18 @@ class Feasibility:
         return demand
 
     def _ways(self) -> list[str]:
-        if self.condition.holds_anyway or self.orthogonal:
+        if self.orthogonal:
             return []
         ways = []
-        forces, sets, enters = "weight", "sets", "enters"
-        if self.wrenches:
-            forces, sets, enters = "weight and wrenches", "set", "enter"
+        forces, s = ("weight and wrenches", "") if self.wrenches else ("weight", "s")
         if self.steady_speed is not None:
             ways.append(f"s' = {self.steady_speed:.4g} 1/s needs no s\"")
         if self.pace is None and self.damped:
-            ways.append(f"no {forces} {enters}, but damping does: the slower, the more it counts")
+            ways.append(f"no {forces} enter{s}, but damping does: the slower, the more it counts")
         elif self.pace is None:
-            ways.append(f"no {forces} {enters}, so what it asks for looks alike at all durations")
+            ways.append(f"no {forces} enter{s}, so what it asks for looks alike at all durations")
         else:
-            ways.append(f"the {forces} {sets} the pace, {self.pace:.3g} s for the whole path from rest")
+            ways.append(f"the {forces} set{s} the pace, {self.pace:.3g} s for the whole path from rest")
         if abs(self.per_squared_speed) > NOTABLE_CURVATURE:
             ways.append(
                 f"s' changes e-fold over {1 / abs(self.per_squared_speed):.2g} of the path there: make it "

@@ -278,8 +278,14 @@ def plan_from_document(
     with naming(file, InvalidInput):
         request = _request(robot, stated["request"])
         _check_request(stated, request)
-        law = _law(stated, request)
-        optimality = _optimality(stated["optimality"], robot, request)
+        law, optimality = _law(stated, request), None
+        if stated["optimality"] is not None:
+            reference = stated["optimality"]["reference"]
+            optimality = Optimality(
+                specification_of(robot, request),
+                finite_numbers("optimality.reference", reference, robot.n_a),
+                stated["optimality"]["gap"],
+            )
         check_law(law)
     timing = [CrossingTime(crossing["time"], crossing["speed"]) for crossing in stated["crossings"]]
     try:
@@ -402,14 +408,6 @@ def _law(stated: dict[str, Any], request: Request) -> PlannedLaw:
         if saved[key] != (tuple(value) if isinstance(value, list) else value):
             raise InvalidInput(f"law.{key}: got {short(saved[key])}, must be {short(value)}")
     return law
-
-
-def _optimality(stated: dict[str, Any] | None, robot: ParallelRobot, request: Request) -> Optimality | None:
-    """Return what an optimal law is best at; None with a polynomial."""
-    if stated is None:
-        return None
-    reference = finite_numbers("optimality.reference", stated["reference"], robot.n_a)
-    return Optimality(specification_of(robot, request), reference, stated["gap"])
 
 
 def _check_same(stated: dict[str, Any], plan: CrossingPlan) -> None:
