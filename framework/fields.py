@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import MISSING, fields
 from difflib import get_close_matches
+from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
 from framework.errors import InvalidInput, choose_from, short
@@ -27,16 +28,8 @@ class Field(NamedTuple):
     required: bool = False
 
 
-def required(read: Reader[Any]) -> Field:
-    """Declare a key that must be given."""
-    return Field(read, required=True)
-
-
-def optional(read: Reader[Any], default: Any = None) -> Field:
-    """Declare a key that may be left out."""
-    return Field(read, default)
-
-
+optional = Field  # declares a key that may be left out
+required = partial(Field, required=True)  # and one that must be given
 Table = Mapping[str, Field]
 
 
