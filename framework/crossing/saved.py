@@ -411,14 +411,26 @@ def _law(stated: dict[str, Any], request: Request) -> PlannedLaw:
 
 
 def _check_same(stated: dict[str, Any], plan: CrossingPlan) -> None:
-    """Raise InvalidInput where a file says other than the plan that was computed anew from it.
+    """Raise InvalidInput where a file says other than the plan that was computed anew from it."""
+    peaks = dict.fromkeys(plan.peak_torque, max(plan.peak_torque.values()))
+    _compare("peak_torque", stated["peak_torque"], plan.peak_torque, peaks)
+    if len(stated["crossings"]) != len(plan.crossings):
+        raise _changed("crossings", len(stated["crossings"]), len(plan.crossings))
+    for k, (one, crossing) in enumerate(zip(stated["crossings"], plan.crossings, strict=True)):
+        computed = _crossing_document(crossing)
+        _compare(f"crossings[{k}]", one, computed, _crossing_sizes(computed["condition"], plan))
+    _compare("certificate.monotone", stated["certificate"].monotone, plan.certificate.monotone, None)
 
-    Each number may differ by FILE_ROUNDING of its size: of the largest torque, of the path and its duration,
-    of the largest term of condition (8) at s' = 1 / duration and s" = 1 / duration^2.
+
+def _crossing_sizes(condition: dict[str, float] | None, plan: CrossingPlan) -> dict[str, Any]:
+    """Return the size of each number of a crossing, FILE_ROUNDING of which it may differ by.
+
+    Coefficients have that of the largest term of condition (8) at s' = 1 / duration and s" = s'^2.
     """
-    pace, largest = 1.0 / plan.duration, max(plan.peak_torque.values())
+    pace = 1.0 / plan.duration
     rates = {"alpha": pace**2, "beta": pace**2, "gamma": 1.0, "delta": pace}
-    sizes: dict[str, Any] = {
+    term = max(abs(value) * rates[key] for key, value in condition.items()) if condition else 0.0
+    return {
         "kind": None,
         "s": 1.0,
         "time": plan.duration,
@@ -426,19 +438,8 @@ def _check_same(stated: dict[str, Any], plan: CrossingPlan) -> None:
         "acceleration": pace**2,
         "twist": 1.0,
         "platform": plan.robot.length,
+        "condition": {key: term / rate for key, rate in rates.items()},
     }
-    peaks = dict.fromkeys(plan.peak_torque, largest)
-    _compare("peak_torque", stated["peak_torque"], plan.peak_torque, peaks)
-    if len(stated["crossings"]) != len(plan.crossings):
-        raise _changed("crossings", len(stated["crossings"]), len(plan.crossings))
-    for k, (one, crossing) in enumerate(zip(stated["crossings"], plan.crossings, strict=True)):
-        computed = _crossing_document(crossing)
-        condition = computed["condition"] or dict.fromkeys(rates, 0.0)
-        term = max(abs(value) * rates[key] for key, value in condition.items())
-        terms = {key: term / rate for key, rate in rates.items()}
-        _compare(f"crossings[{k}]", one, computed, {**sizes, "condition": terms})
-    monotone = plan.certificate.monotone
-    _compare("certificate.monotone", stated["certificate"].monotone, monotone, None)
 
 
 def _compare(key: str, stated: Any, computed: Any, size: Any) -> None:
