@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import reprlib
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass
 from difflib import get_close_matches
 from typing import Any, Self
 
@@ -54,12 +55,13 @@ class RobotFileError(InvalidInput):
     """A robot file or its URDF cannot be used. The message starts with the file and the key."""
 
 
+@dataclass(eq=False, repr=False)
 class MissingPackage(RobotFileError):
     """A robot file takes its URDF from a package that is not installed: `package`."""
 
-    def __init__(self, message: str, *, package: str) -> None:
-        super().__init__(message)
-        self.package = package
+    message: str
+    _: KW_ONLY
+    package: str
 
 
 class SingularReference(InvalidInput):
@@ -191,57 +193,55 @@ def finite_numbers(what: str, given: ArrayLike, count: int, *, stacks: bool = Fa
 # ------------------------------------------------------------------ the answer is no
 
 
+@dataclass(eq=False, repr=False)
 class NoAnswer(FrameworkError):
     """The question was well posed, but there is no answer, or none that could be proved."""
 
+    message: str
 
+
+@dataclass(eq=False, repr=False, kw_only=True)
 class NotAssembled(NoAnswer):
     """The loops do not close. Carries the last iterate `q` (nq,) and its `residual` [m, rad]."""
 
-    def __init__(self, message: str, *, q: Array, residual: float) -> None:
-        super().__init__(message)
-        self.q = q
-        self.residual = residual
+    q: Array
+    residual: float
 
 
+@dataclass(eq=False, repr=False, kw_only=True)
 class OutOfReach(NotAssembled):
     """The path leaves the workspace: after path coordinate `s`, at `platform`, the leg of `joint` ends."""
 
-    def __init__(
-        self, message: str, *, q: Array, residual: float, s: float, platform: Array, joint: str
-    ) -> None:
-        super().__init__(message, q=q, residual=residual)
-        self.s = s
-        self.platform = platform
-        self.joint = joint
+    s: float
+    platform: Array
+    joint: str
 
 
+@dataclass(eq=False, repr=False, kw_only=True)
 class Type1Singularity(NoAnswer):
     """The path meets a Type 1 singularity (a leg stretched or folded) at `s`, in the leg of `joint`."""
 
-    def __init__(self, message: str, *, s: float, platform: Array, joint: str) -> None:
-        super().__init__(message)
-        self.s = s
-        self.platform = platform
-        self.joint = joint
+    s: float
+    platform: Array
+    joint: str
 
 
+@dataclass(eq=False, repr=False, kw_only=True)
 class Type2Singularity(NotAssembled):
     """The motors lead into a Type 2 singularity, at `platform`, after this `share` of their way.
 
     `q` is the configuration there.
     """
 
-    def __init__(self, message: str, *, q: Array, residual: float, share: float, platform: Array) -> None:
-        super().__init__(message, q=q, residual=residual)
-        self.share = share
-        self.platform = platform
+    share: float
+    platform: Array
 
 
 class SingularPath(NoAnswer):
     """The path runs along the singular locus instead of crossing it."""
 
 
+@dataclass(eq=False, repr=False, kw_only=True)
 class NoLaw(NoAnswer):
     """No motion law can pass, or none was found that advances all the time.
 
@@ -249,12 +249,11 @@ class NoLaw(NoAnswer):
     (`framework.crossing.refusals.refusal_proofs`).
     """
 
-    def __init__(self, message: str, *, proof: object = None, evidence: object = None) -> None:
-        super().__init__(message)
-        self.proof = proof
-        self.evidence = evidence
+    proof: object = None
+    evidence: object = None
 
 
+@dataclass(eq=False, repr=False, kw_only=True)
 class UncontrolledMotions(NoLaw):
     """The path meets a pose, at `s` and `platform`, in which `count` motions escape the motors at once.
 
@@ -262,13 +261,12 @@ class UncontrolledMotions(NoLaw):
     agree, and none where the loop equations themselves let the motions go.
     """
 
-    def __init__(self, message: str, *, s: float, platform: Array, count: int) -> None:
-        super().__init__(message)
-        self.s = s
-        self.platform = platform
-        self.count = count
+    s: float
+    platform: Array
+    count: int
 
 
+@dataclass(eq=False, repr=False, kw_only=True)
 class UnboundedTorque(NoAnswer):
     """The law meets a Type 2 singularity with t_s . W_p != 0: the torque has a pole at `time`.
 
@@ -276,57 +274,49 @@ class UnboundedTorque(NoAnswer):
     t_s only turns it.
     """
 
-    def __init__(self, message: str, *, time: float, s: float, platform: Array, wrench: float) -> None:
-        super().__init__(message)
-        self.time = time
-        self.s = s
-        self.platform = platform
-        self.wrench = wrench
+    time: float
+    s: float
+    platform: Array
+    wrench: float
 
 
+@dataclass(eq=False, repr=False, kw_only=True)
 class SingularPose(NoAnswer):
     """A question about forces at one pose, `platform` (n,), at which the motors do not hold the robot.
 
     `wrench` is t_s . W_p where it is what forbids an answer [N, or N m for a pure turn].
     """
 
-    def __init__(self, message: str, *, platform: Array, wrench: float | None = None) -> None:
-        super().__init__(message)
-        self.platform = platform
-        self.wrench = wrench
+    platform: Array
+    wrench: float | None = None
 
 
+@dataclass(eq=False, repr=False, kw_only=True)
 class LoadedJoint(NoAnswer):
     """The motion would load `joint`, which nothing holds, with `torque` [N m or N] at `time` [s]."""
 
-    def __init__(self, message: str, *, joint: str, torque: float, time: float) -> None:
-        super().__init__(message)
-        self.joint = joint
-        self.torque = torque
-        self.time = time
+    joint: str
+    torque: float
+    time: float
 
 
+@dataclass(eq=False, repr=False, kw_only=True)
 class LimitsExceeded(NoAnswer):
     """A motion is proved, but it leaves limits that it was asked to keep: `exceeded`, by joint."""
 
-    def __init__(self, message: str, *, exceeded: Mapping[str, str]) -> None:
-        super().__init__(message)
-        self.exceeded = dict(exceeded)
+    exceeded: Mapping[str, str]
 
 
+@dataclass(eq=False, repr=False, kw_only=True)
 class NotConverged(NoAnswer):
     """A numerical method did not reach its tolerance; `residual` says how far it came.
 
     Where one place on the path is the cause, `s` and `platform` say which.
     """
 
-    def __init__(
-        self, message: str, *, residual: float, s: float | None = None, platform: Array | None = None
-    ) -> None:
-        super().__init__(message)
-        self.residual = residual
-        self.s = s
-        self.platform = platform
+    residual: float = np.inf
+    s: float | None = None
+    platform: Array | None = None
 
 
 class LostWorkers(NoAnswer):

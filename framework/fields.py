@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import MISSING, fields
 from difflib import get_close_matches
+from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
 from framework.errors import InvalidInput, choose_from, short
@@ -27,16 +28,8 @@ class Field(NamedTuple):
     required: bool = False
 
 
-def required(read: Reader[Any]) -> Field:
-    """Declare a key that must be given."""
-    return Field(read, required=True)
-
-
-def optional(read: Reader[Any], default: Any = None) -> Field:
-    """Declare a key that may be left out."""
-    return Field(read, default)
-
-
+optional = Field  # declares a key that may be left out
+required = partial(Field, required=True)  # and one that must be given
 Table = Mapping[str, Field]
 
 
@@ -78,14 +71,16 @@ def read_table(
             raise InvalidInput(f"{below(where, key)}: missing{hint} (given: {listed})")
         else:
             values[key] = field.default
-    for key in content if others is not None else ():
-        if key not in table and key not in (others or ()):
-            valid = (*table, *(others or ()))
+    valid = content if others is None else (*table, *others)
+    for key in content:
+        if key not in valid:
             raise InvalidInput(f"{below(where, key)}: {choose_from('key', key, valid)}")
     return values
 
 
-def record(table: Table, make: Callable[[str, dict[str, Any]], T]) -> Reader[T]:
+def record(
+    table: Table, make: Callable[[str, dict[str, Any]], Any] = lambda _, values: values
+) -> Reader[Any]:
     """Return a reader of a mapping with these keys; `make` takes its place and its values."""
     return lambda where, given: make(where, read_table(where, given, table))
 

@@ -7,8 +7,8 @@ from framework.catalogue import load_robot
 from framework.control.control_cycle import ControlCycle
 from framework.crossing.capacity import largest_load
 from framework.crossing.plan import plan_crossing
-from framework.crossing.restored import load_plan
 from framework.crossing.result import CrossingPlan
+from framework.crossing.saved import load_plan
 from framework.crossing.scenes import plan_scene
 from framework.dynamics.dynamics_derivatives import dynamics_derivatives
 from framework.dynamics.forward_dynamics import forward_dynamics

@@ -12,8 +12,8 @@ from framework.catalogue import robot_file
 from framework.crossing.options import TYPED
 from framework.crossing.plan import plan_request
 from framework.crossing.request import Request
-from framework.crossing.restored import is_plan_folder, load_plan
 from framework.crossing.result import CrossingPlan
+from framework.crossing.saved import is_plan_folder, load_plan
 from framework.crossing.scenes import scene, scene_path, scene_request
 from framework.errors import InvalidInput
 from framework.fields import LARGEST_NUMBER

@@ -19,7 +19,7 @@ from framework.cli.parser import (
     integer_between,
 )
 from framework.crossing.options import MOTION
-from framework.crossing.restored import is_plan_folder
+from framework.crossing.saved import is_plan_folder
 from framework.crossing.scenes import scene, scene_path
 from framework.errors import InvalidInput, NoAnswer
 from framework.export.joint_trajectory import (

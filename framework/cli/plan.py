@@ -31,9 +31,8 @@ from framework.crossing.options import MOTION
 from framework.crossing.path_modification import plan_request_with_modified_path
 from framework.crossing.plan import ADVANCES, NEARLY_STOPS, plan_request
 from framework.crossing.request import Request
-from framework.crossing.restored import read_document
 from framework.crossing.result import CrossingPlan
-from framework.crossing.saved import FILE, plan_document
+from framework.crossing.saved import FILE, plan_document, read_document
 from framework.errors import InvalidInput, point
 from framework.kinematics.idle_turns import driven_turns
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -136,7 +135,7 @@ def _planned(
     """Plan; return also the level of --flexibility auto, or how far --bend has bent the path."""
     if level is not None:
         line = f"\n  fidelity          {level.sentence}"
-        return plan_request(robot, request), {"fidelity": level.to_dict()}, line
+        return plan_request(robot, request), {"fidelity": level._asdict()}, line
     if bend is None:
         return plan_request(robot, request), {}, ""
     share = None if bend == LEAST_BEND else arguments.share("--bend", bend)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from framework.cli.parser import Report, add_moved_robot, command, not_empty
-from framework.crossing.restored import load_plan, stated_certificate
+from framework.crossing.saved import load_plan, stated_certificate
 from framework.output import write_file
 
 

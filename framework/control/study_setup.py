@@ -18,9 +18,8 @@ from framework.control.estimation import Controller
 from framework.control.reference import Reference, reference_of
 from framework.control.run_monitor import SENSORS, ControlLoop, Run
 from framework.control.variation import Spread, draw
-from framework.crossing.restored import read_document, restored_plan
 from framework.crossing.result import CrossingPlan
-from framework.crossing.saved import plan_document
+from framework.crossing.saved import plan_document, plan_from_document, read_document
 from framework.errors import InvalidInput
 from framework.fields import (
     Table,
@@ -61,7 +60,7 @@ class StudySetup:
         Raises:
             InvalidInput: a plan that cannot be written down; a period or limits that cannot be.
         """
-        plan = restored_plan(plan_document(plan), Path(FILE))
+        plan = plan_from_document(plan_document(plan), Path(FILE))
         limit = tuple(map(float, torque_limit(reference_of(plan, period=period), loop)))
         spelled_out = ControlLoop(tolerance=loop.tolerance, end=loop.end, limit=limit, sensors=loop.sensors)
         return StudySetup(plan, period, spelled_out, spread, seed)
@@ -110,7 +109,7 @@ class StudySetup:
         with naming(file, InvalidInput):
             stated = read_table("", saved, _STUDY, others=None)
             loop = ControlLoop(**{key: stated[key] for key in ("tolerance", "end", "limit", "sensors")})
-        plan = restored_plan(stated["plan"], file, robot_file=robot_file)
+        plan = plan_from_document(stated["plan"], file, robot_file=robot_file)
         return StudySetup(plan, stated["period"], loop, stated["spread"], stated["seed"])
 
 

@@ -13,6 +13,7 @@ damping, and of deflections that are changing.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -65,6 +66,11 @@ class Deflection(NamedTuple):
     rate: Array
     acceleration: Array
 
+    @staticmethod
+    def at(deflections: Callable[[float, int], Array], time: float) -> Deflection:
+        """Return what a function of time and order of derivative is at an instant [s]."""
+        return Deflection(*(deflections(time, order) for order in range(3)))
+
 
 class CrossingPoint(NamedTuple):
     """A singular point of the (deflected) robot on its path."""
@@ -79,13 +85,17 @@ class CrossingPoint(NamedTuple):
 
 
 def crossing_point(
-    branch: Branch, singular: SingularPoint, deflection: Deflection | None, near: float
+    branch: Branch, singular: SingularPoint | CrossingPoint, deflection: Deflection | None, near: float
 ) -> CrossingPoint:
     """Find the singular point of the path near `near` [s], moved by a deflection if there is one.
+
+    A point that is imposed stays where it is.
 
     Raises:
         NoLaw: the deflected robot has no singular point near.
     """
+    if isinstance(singular, CrossingPoint):
+        return singular
     if deflection is None or not len(deflection.value):
         touches = singular.contact == "tangential"
         return CrossingPoint(
@@ -176,34 +186,31 @@ def coefficients_at(branch: Branch, place: CrossingPoint, deflection: Deflection
     of the deflections: the half difference at +s' and -s', where both move the joints equally fast.
     """
     robot, x = branch.robot, branch.path(place.s)[None]
-    speeds, accelerations, elastic = [0.0, 1.0], [1.0, 0.0], np.zeros((2, 5, robot.n_e))
-    linearised, pace = linearised_at(robot, place.q[None], x), 1.0
+    linearised = linearised_at(robot, place.q[None], x)
+    elastic, pace = np.zeros((2, 5, robot.n_e)), 1.0
     deflects = deflection is not None and robot.n_e > 0
     if deflection is not None and deflects:
         elastic[0, 2:], elastic[1, 2] = deflection.rate, deflection.acceleration
         pace = _equal_pace(branch, place, linearised, deflection.rate)
-        speeds, accelerations = [*speeds, 0.0, pace, -pace], [*accelerations, 0.0, 0.0, 0.0]
-    count = len(speeds)
-    same = np.zeros(count, dtype=np.intp)
+    speeds, accelerations = np.array([0.0, 1.0, 0.0, pace, -pace]), np.eye(5)[0]
+    same = np.zeros(5, dtype=np.intp)
     closed = ClosedStack(linearised.frames.q[same], x[same], linearised.at(same))
-    s = [np.full(count, place.s), np.array(speeds), np.array(accelerations)]
-    _, dx, ddx = along(branch.path, s)
-    motion = motion_at(robot, closed, dx, ddx, *elastic[:, :count])
-    inertial = inertial_forces(robot, motion) * place.motion  # (count, nv) terms of sums
+    _, dx, ddx = along(branch.path, [np.full(5, place.s), speeds, accelerations])
+    motion = motion_at(robot, closed, dx, ddx, *elastic)
+    inertial = inertial_forces(robot, motion) * place.motion  # (5, nv) terms of sums
+    damping = robot.joint_damping * motion.v * place.motion
     wrenches = branch.wrenches.at(robot, linearised.frames, np.array([place.s]))
     gamma = static_forces(robot, place.q[None], wrenches)[0] * place.motion
     rate = float(np.abs(motion.v[1] / robot.column_scale).max())
-    sizes = bounds_of_terms(branch, place, rate)
-    damping = robot.joint_damping * motion.v * place.motion
     terms = np.array([inertial[0], inertial[1], gamma, damping[1]])
-    values, sizes = terms.sum(axis=1), np.maximum(sizes, np.abs(terms).sum(axis=1))
-    if deflects:
-        at_rest = inertial[2] + damping[2]
-        across = 0.5 * (inertial[3] - inertial[4]) / pace
-        values[2:] += at_rest.sum(), across.sum()
-        sizes[2:] += np.abs(at_rest).sum(), np.abs(across).sum()
-        if abs(values[0]) > NO_HOLD * sizes[0]:
-            return Condition8(*map(float, values))  # what stiff springs add is little, and no rounding
+    at_rest, across = inertial[2] + damping[2], 0.5 * (inertial[3] - inertial[4]) / pace
+    elastic_terms = np.array([at_rest, across])
+    values = terms.sum(axis=1)
+    sizes = np.maximum(bounds_of_terms(branch, place, rate), np.abs(terms).sum(axis=1))
+    values[2:] += elastic_terms.sum(axis=1)
+    sizes[2:] += np.abs(elastic_terms).sum(axis=1)
+    if deflects and abs(values[0]) > NO_HOLD * sizes[0]:
+        return Condition8(*map(float, values))  # what stiff springs add is little, and no rounding
     return Condition8(*map(float, without_rounding(values, sizes, 0)))
 
 

@@ -40,12 +40,7 @@ class PathToCross:
     @cached_property
     def at_rest(self) -> list[tuple[CrossingPoint, Condition8]]:
         """The crossing points of the undeformed robot, each with its condition (8)."""
-        places = [
-            crossing_point(self.branch, target, None, target.s)
-            if isinstance(target, SingularPoint)
-            else target
-            for target in self.crossing_points
-        ]
+        places = [crossing_point(self.branch, target, None, target.s) for target in self.crossing_points]
         return [(place, coefficients_at(self.branch, place, None)) for place in places]
 
 

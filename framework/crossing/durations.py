@@ -30,12 +30,13 @@ from framework.crossing.request import Request
 from framework.crossing.specification import specification_of
 from framework.crossing.timing import MIN_SEPARATION
 from framework.errors import InvalidInput, NoLaw, NotConverged
-from framework.motion.law import Condition, Law
+from framework.motion.law import Law, conditions_at_instants
 from framework.motion.optimal_law import HIGHEST_SMOOTHNESS
 from framework.singularity.points_on_path import SearchedPath
 
 CRUISING_SPEEDS = (1.0, 1.3, 1.6, 2.0)  # s' T from which the search starts
 MAX_TRIALS = 80  # laws for each crossing and start: the longest is found to about a hundredth
+NEARNESS = {"xatol": 1e-3, "fatol": 1e-3}  # of the simplex: [s, s' T] and the longest, where it ends
 MIN_GAIN = 1e-2  # share by which a further start must lengthen the longest, for another one to be tried
 MAX_CROSSINGS = 3  # through more, the search takes too long
 LAW_CHECK_TIMES = 0.5 - 0.5 * np.cos(np.pi * (np.arange(120) + 0.5) / 120)  # of t/T, where a law is looked at
@@ -57,9 +58,14 @@ class PolynomialDurations(NamedTuple):
         return [self.shortest, self.longest if np.isfinite(self.longest) else None]
 
     @property
+    def bounded(self) -> bool:
+        """Whether anything bounds the duration."""
+        return self.shortest > 0.0 or bool(np.isfinite(self.longest))
+
+    @property
     def advice(self) -> str:
         """What helps where a duration is beyond the bounds."""
-        if not self.longest or (np.isinf(self.longest) and not self.shortest):
+        if not (self.longest and self.bounded):
             return ""
         return "; else use the optimal law, or take a path with less weight or more of its tangent along t_s"
 
@@ -68,7 +74,7 @@ class PolynomialDurations(NamedTuple):
         """The durations, in one line."""
         if not self.longest:
             return "no duration was found at which one polynomial advances"
-        if np.isinf(self.longest) and not self.shortest:
+        if not self.bounded:
             return "one polynomial advances at any duration"
         bounds = [f"from {self.shortest:.3g} s on"] if self.shortest else []
         bounds += [f"up to {self.longest:.3g} s"] if np.isfinite(self.longest) else []
@@ -109,13 +115,9 @@ def polynomial_durations(searched: SearchedPath, smoothness: int) -> PolynomialD
     too long.
     """
     conditions = _crossable(searched)
-    if (
-        conditions is None
-        or len(conditions) > MAX_CROSSINGS
-        or any(feasibility.damped for feasibility in conditions)
-    ):
+    if conditions is None or len(conditions) > MAX_CROSSINGS:
         return None
-    if any(feasibility.orthogonal and not feasibility.condition.holds_anyway for feasibility in conditions):
+    if any(feasibility.damped or feasibility.unmet_by_acceleration for feasibility in conditions):
         return None
     return _searched_durations(conditions, smoothness)
 
@@ -130,7 +132,7 @@ def optimal_durations(searched: SearchedPath, request: Request) -> OptimalDurati
         return None
     robot = searched.branch.robot
     specification = replace(specification_of(robot, request), goal="time", duration=None, longest=None)
-    if not (specification.limited or np.isfinite(specification.speed_limit).any()):
+    if not (specification.limited or specification.limited_speeds):
         return OptimalDurations(0.0)
     try:
         to_cross = PathToCross(searched, searched.points)
@@ -145,13 +147,12 @@ def optimal_durations(searched: SearchedPath, request: Request) -> OptimalDurati
 def _crossable(searched: SearchedPath) -> list[Feasibility] | None:
     """Return what condition (8) asks at each singular point; None if no law can cross one of them."""
     conditions = [feasibility for feasibility in feasibility_on_path(searched) if feasibility is not None]
-    touched = any(singular.contact == "tangential" for singular in searched.points)
-    ends = any(stops_at(singular) for singular in searched.points)
-    hopeless = any(
-        feasibility.orthogonal and not feasibility.condition.holds_anyway and feasibility.steady_speed is None
-        for feasibility in conditions
+    uncrossable = any(
+        singular.contact == "tangential" or stops_at(singular) for singular in searched.points
+    ) or any(
+        feasibility.unmet_by_acceleration and feasibility.steady_speed is None for feasibility in conditions
     )
-    return None if len(conditions) < len(searched.points) or touched or ends or hopeless else conditions
+    return None if uncrossable or len(conditions) < len(searched.points) else conditions
 
 
 def _searched_durations(conditions: Sequence[Feasibility], smoothness: int) -> PolynomialDurations:
@@ -177,12 +178,7 @@ def _searched_durations(conditions: Sequence[Feasibility], smoothness: int) -> P
     for cruising in CRUISING_SPEEDS:
         start = np.concatenate([0.5 + (places - 0.5) / cruising, np.full(len(conditions), np.log(cruising))])
         simplex = np.vstack([start, start + 0.1 * np.eye(len(start))])
-        options = {
-            "initial_simplex": simplex,
-            "maxfev": MAX_TRIALS * len(conditions),
-            "xatol": 1e-3,
-            "fatol": 1e-3,
-        }
+        options = {"initial_simplex": simplex, "maxfev": MAX_TRIALS * len(conditions), **NEARNESS}
         before = longest
         longer(start)
         if np.isinf(longest) and shortest == 0.0:
@@ -204,13 +200,11 @@ def _advancing(
         return np.inf, 0.0
     laws = []
     for weight in (0.0, unit**2):
-        inner = [
-            Condition(float(t), order, value)
-            for feasibility, t, v in zip(conditions, times, speeds, strict=True)
-            for order, value in enumerate(
-                (feasibility.s, float(v), _acceleration(feasibility, float(v), weight))
-            )
+        values = [
+            (feasibility.s, v, _acceleration(feasibility, float(v), weight))
+            for feasibility, v in zip(conditions, speeds, strict=True)
         ]
+        inner = conditions_at_instants(times, values)
         try:
             laws.append(Law.rest_to_rest(1.0, smoothness, inner)(LAW_CHECK_TIMES, 1))
         except InvalidInput:  # too near to each other or to an end
@@ -228,5 +222,4 @@ def _acceleration(feasibility: Feasibility, speed: float, squared_duration: floa
     """Return s" T^2 that condition (8) asks for at s' T, where it asks for any."""
     if feasibility.condition.holds_anyway:
         return 0.0
-    weight = 0.0 if feasibility.weightless else feasibility.constant
-    return feasibility.per_squared_speed * speed**2 + weight * squared_duration
+    return feasibility.per_squared_speed * speed**2 + feasibility.constant * squared_duration

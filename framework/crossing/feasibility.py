@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from framework.crossing.condition import Condition8, CrossingPoint, coefficients_at, crossing_point
-from framework.crossing.path_length import coordinate_sizes
+from framework.crossing.condition import Condition8, coefficients_at, crossing_point
+from framework.crossing.motion_scales import coordinate_sizes
 from framework.dynamics.singularity_crossings import check_kind
 from framework.errors import NoLaw
 from framework.kinematics.continuation.tracking import Branch
@@ -45,19 +45,28 @@ class Feasibility:
         return self.condition.alpha == 0.0
 
     @property
+    def unmet_by_acceleration(self) -> bool:
+        """Whether no s" meets the condition: at best one s' does."""
+        return self.orthogonal and not self.condition.holds_anyway
+
+    def _asked_per(self, coefficient: float) -> float:
+        """Return the s" that a term asks for; not a number where s" has no effect."""
+        return np.nan if self.orthogonal else 0.0 - coefficient / self.condition.alpha
+
+    @property
     def constant(self) -> float:
         """The s" [1/s^2] asked for at s' -> 0; not a number where s" has no effect."""
-        return np.nan if self.orthogonal else 0.0 - self.condition.gamma / self.condition.alpha
+        return self._asked_per(self.condition.gamma)
 
     @property
     def per_squared_speed(self) -> float:
         """The s" asked for by s'^2, over s'^2 [-]; not a number where s" has no effect."""
-        return np.nan if self.orthogonal else 0.0 - self.condition.beta / self.condition.alpha
+        return self._asked_per(self.condition.beta)
 
     @property
     def per_speed(self) -> float:
         """The s" asked for by s', over s' [1/s]; not a number where s" has no effect."""
-        return np.nan if self.orthogonal else 0.0 - self.condition.delta / self.condition.alpha
+        return self._asked_per(self.condition.delta)
 
     @property
     def weightless(self) -> bool:
@@ -86,17 +95,14 @@ class Feasibility:
     @property
     def pace(self) -> float | None:
         """The time [s] in which the s" that the weight asks for covers the whole path from rest."""
-        if self.orthogonal or self.weightless or self.condition.holds_anyway:
+        if self.orthogonal or self.weightless:
             return None
         return float(np.sqrt(2.0 / abs(self.constant)))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the entry of `locate --json`; what does not exist is null."""
         return {
-            "alpha": self.condition.alpha,
-            "beta": self.condition.beta,
-            "gamma": self.condition.gamma,
-            "delta": self.condition.delta,
+            **self.condition._asdict(),
             "acceleration": None if self.orthogonal else [self.constant, self.per_squared_speed],
             "weight_share": self.weight_share,
             "tangent_share": self.tangent_share,
@@ -139,20 +145,18 @@ class Feasibility:
         return demand
 
     def _ways(self) -> list[str]:
-        if self.condition.holds_anyway or self.orthogonal:
+        if self.orthogonal:
             return []
         ways = []
-        forces, sets, enters = "weight", "sets", "enters"
-        if self.wrenches:
-            forces, sets, enters = "weight and wrenches", "set", "enter"
+        forces, s = ("weight and wrenches", "") if self.wrenches else ("weight", "s")
         if self.steady_speed is not None:
             ways.append(f"s' = {self.steady_speed:.4g} 1/s needs no s\"")
         if self.pace is None and self.damped:
-            ways.append(f"no {forces} {enters}, but damping does: the slower, the more it counts")
+            ways.append(f"no {forces} enter{s}, but damping does: the slower, the more it counts")
         elif self.pace is None:
-            ways.append(f"no {forces} {enters}, so what it asks for looks alike at all durations")
+            ways.append(f"no {forces} enter{s}, so what it asks for looks alike at all durations")
         else:
-            ways.append(f"the {forces} {sets} the pace, {self.pace:.3g} s for the whole path from rest")
+            ways.append(f"the {forces} set{s} the pace, {self.pace:.3g} s for the whole path from rest")
         if abs(self.per_squared_speed) > NOTABLE_CURVATURE:
             ways.append(
                 f"s' changes e-fold over {1 / abs(self.per_squared_speed):.2g} of the path there: make it "
@@ -169,19 +173,9 @@ def feasibility_at(branch: Branch, singular: SingularPoint) -> Feasibility | Non
         check_kind(branch.robot, singular)
     except NoLaw:
         return None
-    return _feasibility(branch, crossing_point(branch, singular, None, singular.s))
-
-
-def feasibility_on_path(searched: SearchedPath) -> tuple[Feasibility | None, ...]:
-    """Return the same for all singular points of a path."""
-    return tuple(feasibility_at(searched.branch, singular) for singular in searched.points)
-
-
-def _feasibility(branch: Branch, place: CrossingPoint) -> Feasibility:
-    robot = branch.robot
+    robot, place = branch.robot, crossing_point(branch, singular, None, singular.s)
     condition = coefficients_at(branch, place, None)
-    data = robot.model.createData()
-    falling = pin.jacobianCenterOfMass(robot.model, data, place.q) @ place.motion
+    falling = pin.jacobianCenterOfMass(robot.model, robot.model.createData(), place.q) @ place.motion
     size = coordinate_sizes(robot)
     return Feasibility(
         place.s,
@@ -190,6 +184,11 @@ def _feasibility(branch: Branch, place: CrossingPoint) -> Feasibility:
         tangent_share=_cosine(robot.platform.path_twist(branch.path, place.s) * size, place.twist * size),
         wrenches=bool(branch.wrenches.entries),
     )
+
+
+def feasibility_on_path(searched: SearchedPath) -> tuple[Feasibility | None, ...]:
+    """Return the same for all singular points of a path."""
+    return tuple(feasibility_at(searched.branch, singular) for singular in searched.points)
 
 
 def _cosine(a: Any, b: Any) -> float:

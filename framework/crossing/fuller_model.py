@@ -10,6 +10,7 @@ Deflections are those that the forces of the first model cause: one pass, of fir
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from framework.dynamics.result import InverseDynamics, SingularityCrossing
 from framework.errors import NoLaw, NotConverged
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.chebyshev import TimeFunction, TimeGrid
-from framework.motion.law import Condition, Law, MotionLaw
+from framework.motion.law import Law, MotionLaw, conditions_at_instants
 from framework.singularity.points_on_path import SearchedPath, search_path
 from framework.tolerances import RESOLVABLE_TAIL, SAME_PLACE
 
@@ -86,6 +87,16 @@ class FullerModel:
             deflections[:, columns] = dynamics.deflection(self.grid.times)
         return deflections
 
+    @cached_property
+    def first_pass(self) -> Pass:
+        """The motion and forces with the deflections of the motion; raises NoAnswer as `moved`."""
+        return self.moved(self.known_deflections())
+
+    @property
+    def planned_torque(self) -> Array:
+        """The motors' torques (T, n_a) [N m or N] of the motion on the nodes, without dry friction."""
+        return self.dynamics.torque_without_friction(self.grid.times)
+
     def moved(self, deflections: Array) -> Pass:
         """Compute motion and forces on the nodes with deflections (T, n_e), the law corrected for them.
 
@@ -111,8 +122,7 @@ class FullerModel:
             from scipy.interpolate import KroghInterpolator  # takes time to import
 
             times = np.array([crossing.time for crossing in self.dynamics.crossings])
-            ways = np.array([self._ways(time) for time in times])
-            smooth = self.friction * KroghInterpolator(times, ways)(self.grid.times)
+            smooth = self.friction * KroghInterpolator(times, self._ways(times))(self.grid.times)
         torque = self._rubbing(moved, smooth)
         tail = self.grid.fit(torque).tail
         if not tail <= RESOLVABLE_TAIL:
@@ -129,9 +139,9 @@ class FullerModel:
         forces = tree_forces(robot, motion) + friction
         return motor_torque(robot, motion, balanced_forces(robot, motion.linearised, forces).joint_torque)
 
-    def _ways(self, time: float) -> Array:
-        """Return the signs (nv,) of the joints' rates at an instant of the motion [s]."""
-        return signs(self.dynamics.velocity(np.array([time])) / self.robot.column_scale)[0]
+    def _ways(self, times: Array) -> Array:
+        """Return the signs (k, nv) of the joints' rates at instants (k,) of the motion [s]."""
+        return signs(self.dynamics.velocity(times) / self.robot.column_scale)
 
     def _corrected(self, function: TimeFunction) -> CorrectedLaw:
         """Compute the law corrected for deflections as a function of time.
@@ -140,27 +150,20 @@ class FullerModel:
             NoAnswer: see `_crossed`; two crossings meet one singular point, or the law turns back.
         """
         duration, smoothness = self.dynamics.duration, SMOOTHNESS[self.robot.n_e > 0]
-        corrections = [
-            Condition(time, order, 0.0) for time in (0.0, duration) for order in range(smoothness + 1)
-        ]
+        corrections = conditions_at_instants([0.0, duration], np.zeros((2, smoothness + 1)))
         places = []
         for crossing in self.dynamics.crossings:
             planned = [float(self.dynamics.law(crossing.time, order)) for order in range(3)]
             wanted = self._crossed(crossing, function, planned)
             places.append(wanted[0])
-            corrections += [
-                Condition(crossing.time, order, target - value)
-                for order, (target, value) in enumerate(zip(wanted, planned, strict=True))
-            ]
+            corrections += conditions_at_instants([crossing.time], [np.subtract(wanted, planned)])
         if not np.all(np.diff(places) > SAME_PLACE):
-            raise NotConverged(
-                "crossings of the motion meet the same singular point of the fuller model", residual=np.inf
-            )
+            raise NotConverged("crossings of the motion meet the same singular point of the fuller model")
         law = CorrectedLaw(self.dynamics.law, Law.from_conditions(corrections, duration))
         try:
             check_advance(law, places, self.robot.name)
         except NoLaw as refusal:
-            raise NotConverged(f"the corrected law turns back: {refusal}", residual=np.inf) from None
+            raise NotConverged(f"the corrected law turns back: {refusal}") from None
         return law
 
     def _crossed(
@@ -174,17 +177,15 @@ class FullerModel:
         branch, (_, speed, acceleration) = self.searched.branch, planned
         singular = min(self.searched.points, key=lambda point: abs(point.s - crossing.s), default=None)
         if singular is None or singular.corank > 1:
-            raise NotConverged(
-                "the fuller model has no simple singular point at the crossing", residual=np.inf
-            )
-        deflection = Deflection(*(function(crossing.time, order) for order in range(3)))
+            raise NotConverged("the fuller model has no simple singular point at the crossing")
+        deflection = Deflection.at(function, crossing.time)
         place = crossing_point(branch, singular, deflection, crossing.s)
         condition = condition_at(branch, place, deflection)
         if self.friction is not None:
-            power = float(self.friction * self._ways(crossing.time) @ place.motion)
+            power = float(self.friction * self._ways(np.array([crossing.time]))[0] @ place.motion)
             condition = condition._replace(gamma=condition.gamma + power)
         if condition.alpha == 0.0 and not condition.holds_anyway:
-            raise NotConverged("no acceleration at the crossing makes up for it", residual=np.inf)
+            raise NotConverged("no acceleration at the crossing makes up for it")
         if not condition.holds_anyway:
             acceleration = condition.acceleration(speed)
         return place.s, speed, acceleration

@@ -81,24 +81,24 @@ def motion_table(dynamics: InverseDynamics, count: int) -> MotionTable:
     values += [dynamics.deflection(times)]
     for sampled in (dynamics.platform, dynamics.motor_angle, dynamics.deflection):
         values += [sampled(times, order) for order in (1, 2)]
-    values += [_passive_positions(dynamics, times)]
+    values += [robot.coordinates.positions(dynamics.configuration(times))[:, robot.passive]]
     values += [robot.coordinates.named(dynamics.velocity(times, order))[:, robot.passive] for order in (1, 2)]
     return MotionTable(motion_columns(robot), np.concatenate(values, axis=1))
 
 
 def motion_columns(robot: ParallelRobot) -> tuple[Column, ...]:
     """Return the columns of motion.csv, in their order."""
-    axes = list(zip(robot.axis_names, _lengths(robot.translations), strict=True))
+    axes = _coordinates(robot.axis_names, robot.translations)
     joints = robot.actuator_names
     forces = list(zip(joints, robot.torque_units, strict=True))
-    motors = [(joint, "m" if unit == "N" else "rad") for joint, unit in forces]
-    springs = list(zip(robot.elastic_names, _lengths(robot.sliding[robot.elastic]), strict=True))
+    motors = _coordinates(joints, [unit == "N" for unit in robot.torque_units])
+    springs = _coordinates(robot.elastic_names, robot.sliding[robot.elastic])
     names = [robot.coordinates.name_of(column) for column in robot.passive]
     ball = turning = ""
     if robot.model.nq > robot.model.nv:
         ball = "; of a ball, a component of the rotation vector about the axes of its origin"
         turning = "; of a ball, the angular velocity about axes of what it carries"
-    passive = list(zip(names, _lengths(robot.sliding[robot.passive]), strict=True))
+    passive = _coordinates(names, robot.sliding[robot.passive])
     return (
         Column("time", "s", "instant"),
         Column("s", "1", "path coordinate"),
@@ -127,11 +127,6 @@ def _rates(prefix: str, things: Sequence[tuple[str, str]], description: str) -> 
     ]
 
 
-def _lengths(sliding: Iterable[bool]) -> list[str]:
-    return ["m" if slides else "rad" for slides in sliding]
-
-
-def _passive_positions(dynamics: InverseDynamics, times: Array) -> Array:
-    """Return the positions (T, n_p) of the joints without a motor."""
-    robot = dynamics.robot
-    return robot.coordinates.positions(dynamics.configuration(times))[:, robot.passive]
+def _coordinates(names: Iterable[str], sliding: Iterable[bool]) -> list[tuple[str, str]]:
+    """Return each name with the unit of its coordinate."""
+    return [(name, "m" if slides else "rad") for name, slides in zip(names, sliding, strict=True)]

@@ -28,18 +28,13 @@ def miss_of_peak(plan: CrossingPlan, near_misses: Sequence[NearMiss]) -> NearMis
         return None
     times = np.linspace(0.0, plan.duration, PEAK_SAMPLES)
     s = plan.law(times)
-    beside = [np.interp(_beside(miss), s, times) for miss in near_misses]
+    widths = NEAR_MISS_WIDTHS * np.linspace(-1.0, 1.0, SAMPLES_BESIDE)
+    beside = [np.interp(miss.s + miss.width * widths, s, times) for miss in near_misses]
     times = np.concatenate([times, *beside])
     limits = [motor.torque_limit for motor in plan.robot.description.actuators]
-    size = np.array(
-        limits if all(limit is not None for limit in limits) else np.ones(len(limits)), dtype=float
-    )
+    size = 1.0 if None in limits else np.array(limits, dtype=float)
     peak = float(plan.law(times[int(np.argmax((np.abs(plan.torque(times)) / size).max(axis=1)))]))
     return next((miss for miss in near_misses if abs(peak - miss.s) <= NEAR_MISS_WIDTHS * miss.width), None)
-
-
-def _beside(miss: NearMiss) -> Array:
-    return miss.s + NEAR_MISS_WIDTHS * miss.width * np.linspace(-1.0, 1.0, SAMPLES_BESIDE)
 
 
 def max_torque_ratio(plan: CrossingPlan, reference: Array) -> float:

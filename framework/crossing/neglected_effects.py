@@ -7,14 +7,16 @@ which the certificate has. What the reader of a foreign file left out has no num
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
 
 from framework.arrays import Array
 from framework.crossing.fuller_model import FullerModel
+from framework.crossing.motion_scales import largest_by_unit
 from framework.dynamics.result import InverseDynamics
 from framework.errors import NoAnswer
 from framework.kinematics.idle_turns import driven_turns
@@ -24,6 +26,9 @@ from framework.tolerances import TORQUE_TAIL
 
 PEAK_SAMPLES = 501  # equidistant instants
 MAX_NAMES = 4  # of springs or turns that are listed one by one
+
+# of each effect, in words: computes by how much it changes the torques (T, n_a); raises NoAnswer
+Differences = Iterator[tuple[str, Callable[[], Array]]]
 
 
 class NeglectedEffect(NamedTuple):
@@ -36,9 +41,9 @@ class NeglectedEffect(NamedTuple):
     """
 
     effect: str
-    torque: float | None
-    motor: str
-    share: float | None
+    torque: float | None = None
+    motor: str = ""
+    share: float | None = None
 
 
 def neglected_effects(
@@ -53,12 +58,16 @@ def neglected_effects(
         whole: the description with all masses, where the motion's robot was made without some of them; by
             default that of its robot.
     """
-    effects = [
-        *_without_bodies(dynamics, whole),
-        *_of_springs(dynamics, whole or dynamics.robot.description),
+    description = dynamics.robot.description
+    differences = [
+        *_of_bodies(dynamics, whole),
+        *_of_springs(dynamics, whole or description),
         *_of_friction(dynamics),
+    ]
+    effects = [
+        *(_measure_effect(dynamics, *difference) for difference in differences),
         *_of_idle_turns(dynamics),
-        *(NeglectedEffect(text, None, "", None) for text in dynamics.robot.description.left_out),
+        *map(NeglectedEffect, description.left_out),
     ]
     resolved = max(TORQUE_TAIL, dynamics.certificate.tail)
     effects = [effect for effect in effects if effect.share is None or effect.share > resolved]
@@ -68,82 +77,61 @@ def neglected_effects(
 def _peaks(dynamics: InverseDynamics) -> Array:
     """Return the largest torque (n_a,) of all motors of the same unit as each."""
     times = np.linspace(0.0, dynamics.duration, PEAK_SAMPLES)
-    units, peaks = np.array(dynamics.robot.torque_units), np.abs(dynamics.torque(times)).max(axis=0)
-    largest = np.array([peaks[units == unit].max() for unit in units])
-    return np.maximum(largest, np.finfo(float).tiny)
+    return largest_by_unit(dynamics.robot, np.abs(dynamics.torque(times)).max(axis=0))
 
 
-def _measured(effect: str, dynamics: InverseDynamics, difference: Array) -> NeglectedEffect:
-    """Return the effect of a difference of torques (T, n_a)."""
-    largest = np.abs(difference).max(axis=0)
+def _measure_effect(
+    dynamics: InverseDynamics, effect: str, difference: Callable[[], Array]
+) -> NeglectedEffect:
+    """Return the effect with its largest torque, or with the reason why none is known."""
+    try:
+        largest = np.abs(difference()).max(axis=0)
+    except NoAnswer as failure:
+        return NeglectedEffect(f"{effect}: no number, {failure}")
     if not np.all(np.isfinite(largest)):
-        return NeglectedEffect(f"{effect}: no number, the torques have a pole", None, "", None)
+        return NeglectedEffect(f"{effect}: no number, the torques have a pole")
     shares = largest / _peaks(dynamics)
     k = int(np.argmax(shares))
     return NeglectedEffect(effect, float(largest[k]), dynamics.robot.actuator_names[k], float(shares[k]))
 
 
-def _unknown(effect: str, failure: NoAnswer) -> NeglectedEffect:
-    return NeglectedEffect(f"{effect}: no number, {failure}", None, "", None)
-
-
 # ------------------------------------------------------------------ springs
 
 
-def _of_springs(dynamics: InverseDynamics, description: RobotDescription) -> Iterator[NeglectedEffect]:
+def _of_springs(dynamics: InverseDynamics, description: RobotDescription) -> Differences:
     """Yield the springs left rigid, by part, and what of the deflections the torques leave out."""
-    groups = _groups(dynamics, description)
-    if not groups:
-        return
-    try:
-        robot = ParallelRobot.from_description(description, flexibility=FLEXIBILITIES[-1])
-        fuller = FullerModel.of(dynamics, robot)
-        known = fuller.known_deflections()
-        base = fuller.moved(known)
-        planned = dynamics.torque_without_friction(fuller.grid.times)
-        rigid = fuller.torque(base)
-    except NoAnswer as failure:
-        yield from (_unknown(group.effect, failure) for group in groups)
-        return
-    for group in groups:
-        moving = np.isin(robot.elastic_names, group.coordinates)
-        try:
-            torque = (
-                fuller.torque(fuller.moved(np.where(moving, base.caused, known))) if moving.any() else rigid
-            )
-        except NoAnswer as failure:
-            yield _unknown(group.effect, failure)
-            continue
-        yield _measured(group.effect, dynamics, torque - (rigid if group.left_rigid else planned))
-
-
-class _Group(NamedTuple):
-    """Deflections that are left out: their coordinates, and whether their springs are rigid."""
-
-    effect: str
-    coordinates: tuple[str, ...]
-    left_rigid: bool
-
-
-def _groups(dynamics: InverseDynamics, description: RobotDescription) -> list[_Group]:
     robot = dynamics.robot
-    modelled = set(robot.elastic_names)
-    groups = []
+
+    @cache
+    def fullest() -> tuple[FullerModel, Array]:
+        """Return the model with all springs, and its torques at the deflections of the motion."""
+        model = ParallelRobot.from_description(description, flexibility=FLEXIBILITIES[-1])
+        fuller = FullerModel.of(dynamics, model)
+        return fuller, fuller.torque(fuller.first_pass)
+
+    def difference(coordinates: Sequence[str], left_rigid: bool) -> Array:
+        """Compute the change of torque (T, n_a) where the springs of these coordinates give way."""
+        fuller, rigid = fullest()
+        moving, torque = np.isin(fuller.robot.elastic_names, coordinates), rigid
+        if moving.any():
+            deflections = np.where(moving, fuller.first_pass.caused, fuller.known_deflections())
+            torque = fuller.torque(fuller.moved(deflections))
+        return torque - (rigid if left_rigid else fuller.planned_torque)
+
     for part in ("joint", "link"):
         springs = [
             spring
             for spring in description.active_springs(FLEXIBILITIES[-1])
-            if spring.part == part and not modelled.issuperset(spring.coordinates)
+            if spring.part == part and not set(robot.elastic_names).issuperset(spring.coordinates)
         ]
-        coordinates = tuple(name for spring in springs for name in spring.coordinates)
+        coordinates = [name for spring in springs for name in spring.coordinates]
         if springs:
             names = _listed([spring.name for spring in springs])
-            groups.append(_Group(f"springs of {part}s left rigid ({names})", coordinates, True))
+            yield f"springs of {part}s left rigid ({names})", partial(difference, coordinates, True)
     if robot.n_e and dynamics.geometry == "rigid":
-        groups.append(_Group("deformed geometry", robot.elastic_names, False))
+        yield "deformed geometry", partial(difference, robot.elastic_names, False)
     if robot.n_e and not robot.elastic_inertia:
-        groups.append(_Group("inertia of the elastic motion", (), False))
-    return groups
+        yield "inertia of the elastic motion", partial(difference, (), False)
 
 
 def _listed(names: Sequence[str]) -> str:
@@ -155,37 +143,39 @@ def _listed(names: Sequence[str]) -> str:
 # ------------------------------------------------------------------ bodies, friction, idle turns
 
 
-def _without_bodies(dynamics: InverseDynamics, whole: RobotDescription | None) -> Iterator[NeglectedEffect]:
+def _of_bodies(dynamics: InverseDynamics, whole: RobotDescription | None) -> Differences:
     """Yield the masses of the whole robot that the motion's has not."""
     if whole is None or whole.urdf_text == dynamics.robot.description.urdf_text:
         return
-    effect = "mass of bodies"
-    try:
+
+    def difference() -> Array:
         robot = ParallelRobot.from_description(whole, flexibility=dynamics.robot.flexibility)
         fuller = FullerModel.of(dynamics, robot)
-        torque = fuller.torque(fuller.moved(fuller.known_deflections()))
-    except NoAnswer as failure:
-        yield _unknown(effect, failure)
-        return
-    yield _measured(effect, dynamics, torque - dynamics.torque_without_friction(fuller.grid.times))
+        return fuller.torque(fuller.first_pass) - fuller.planned_torque
+
+    yield "mass of bodies", difference
 
 
-def _of_friction(dynamics: InverseDynamics) -> Iterator[NeglectedEffect]:
+def _of_friction(dynamics: InverseDynamics) -> Differences:
     """Yield the dry friction of joints that the torques do not count with."""
-    robot, friction = dynamics.robot, dynamics.robot.joint_friction.copy()
-    if dynamics.friction is not None:
-        friction[robot.actuated] = 0.0
+    robot, friction = dynamics.robot, neglected_friction(dynamics)
     if not friction.any():
         return
-    effect = f"dry friction of {robot.friction_sizes(np.flatnonzero(friction))} (joint side)"
-    try:
+
+    def difference() -> Array:
         rough = FullerModel.of(dynamics, robot, friction=friction)
-        known = rough.known_deflections()
-        torques = [one.torque(one.moved(known)) for one in (rough, replace(rough, friction=None))]
-    except NoAnswer as failure:
-        yield _unknown(effect, failure)
-        return
-    yield _measured(effect, dynamics, torques[0] - torques[1])
+        smooth = replace(rough, friction=None)
+        return rough.torque(rough.first_pass) - smooth.torque(smooth.first_pass)
+
+    yield f"dry friction of {robot.friction_sizes(np.flatnonzero(friction))} (joint side)", difference
+
+
+def neglected_friction(dynamics: InverseDynamics) -> Array:
+    """Return the dry friction (nv,) of the joints that the torques do not count with [N m or N]."""
+    friction = dynamics.robot.joint_friction.copy()
+    if dynamics.friction is not None:
+        friction[dynamics.robot.actuated] = 0.0
+    return friction
 
 
 def _of_idle_turns(dynamics: InverseDynamics) -> Iterator[NeglectedEffect]:

@@ -110,15 +110,17 @@ def _one_of(valid: Sequence[str]) -> Check:
 # ------------------------------------------------------------------ the options
 
 
-def _meaning(
+def _option(
     summary: str,
     details: str = "",
     *,
+    default: Any = None,
     check: Check | None = None,
     typed: Mapping[str, Any] | None = None,
     topic: str = LAW,
-) -> dict[str, Any]:
-    return {"summary": summary, "details": details, "check": check, "typed": typed, "topic": topic}
+) -> Any:
+    meaning = {"summary": summary, "details": details, "check": check, "typed": typed, "topic": topic}
+    return field(default=default, metadata=meaning)
 
 
 @dataclass(frozen=True)
@@ -126,154 +128,111 @@ class PlanOptions:
     """All that may be said of a plan beside its robot and its path."""
 
     _: KW_ONLY
-    duration: float | None = field(
-        default=None,
-        metadata=_meaning(
-            "how long the motion takes [s]",
-            '; not with optimize="time", which finds the least',
-            check=_seconds,
-            typed={"type": float, "metavar": "T"},
-            topic=MOTION,
-        ),
+    duration: float | None = _option(
+        "how long the motion takes [s]",
+        '; not with optimize="time", which finds the least',
+        check=_seconds,
+        typed={"type": float, "metavar": "T"},
+        topic=MOTION,
     )
-    times: Sequence[float] | None = field(
-        default=None,
-        metadata=_meaning(
-            "instants of the crossings [s]",
-            ", ascending, one for each singular point; chosen when None. An empty list asks for a law "
-            "without crossing conditions",
-            check=_numbers,
-            typed={"type": float, "nargs": "*", "metavar": "t"},
-        ),
+    times: Sequence[float] | None = _option(
+        "instants of the crossings [s]",
+        ", ascending, one for each singular point; chosen when None. An empty list asks for a law "
+        "without crossing conditions",
+        check=_numbers,
+        typed={"type": float, "nargs": "*", "metavar": "t"},
     )
-    speeds: Sequence[float] | None = field(
-        default=None,
-        metadata=_meaning(
-            "speeds s' at the crossings [1/s]",
-            "; chosen when None",
-            check=_numbers,
-            typed={"type": float, "nargs": "*", "metavar": "v"},
-        ),
+    speeds: Sequence[float] | None = _option(
+        "speeds s' at the crossings [1/s]",
+        "; chosen when None",
+        check=_numbers,
+        typed={"type": float, "nargs": "*", "metavar": "v"},
     )
-    at: Sequence[float] | None = field(
-        default=None,
-        metadata=_meaning(
-            "path coordinates to impose condition (8) at, instead of the located singular points",
-            check=_numbers,
-        ),
+    at: Sequence[float] | None = _option(
+        "path coordinates to impose condition (8) at, instead of the located singular points",
+        check=_numbers,
     )
-    geometry: str | None = field(
-        default=None,
-        metadata=_meaning(
-            "forces of the undeformed (rigid) or of the deformed robot (default: deformed when elastic)",
-            ". The first is the paper's hypothesis of small displacements; the deformed robot has its "
-            "singular points elsewhere",
-            check=_one_of(GEOMETRIES),
-            typed={"choices": GEOMETRIES},
-            topic=MODEL,
-        ),
+    geometry: str | None = _option(
+        "forces of the undeformed (rigid) or of the deformed robot (default: deformed when elastic)",
+        ". The first is the paper's hypothesis of small displacements; the deformed robot has its "
+        "singular points elsewhere",
+        check=_one_of(GEOMETRIES),
+        typed={"choices": GEOMETRIES},
+        topic=MODEL,
     )
-    smoothness: int | None = field(
-        default=None,
-        metadata=_meaning(
-            "derivatives of s that vanish at both ends (default: 2 rigid, 4 elastic)",
-            typed={"type": int, "metavar": "R"},
-        ),
+    smoothness: int | None = _option(
+        "derivatives of s that vanish at both ends (default: 2 rigid, 4 elastic)",
+        typed={"type": int, "metavar": "R"},
     )
-    tolerance: float = field(
-        default=TORQUE_TAIL,
-        metadata=_meaning("tail of the torques that counts as resolved", check=_tolerance),
+    tolerance: float = _option(
+        "tail of the torques that counts as resolved", check=_tolerance, default=TORQUE_TAIL
     )
-    law: str = field(
+    law: str = _option(
+        "polynomial through times and speeds, optimal, or auto: polynomial where it advances (default)",
+        " and keeps the limits, and else the optimal law; where the polynomial's largest torque stands beside "
+        "a near miss of the singular locus, that of lower peak. The plan's `reason` says which and why",
+        check=_one_of(LAWS),
+        typed={"choices": LAWS},
         default="auto",
-        metadata=_meaning(
-            "polynomial through times and speeds, optimal, or auto: polynomial where it advances (default)",
-            " and keeps the limits, and else the optimal law; where the polynomial's largest torque stands "
-            "beside a near miss of the singular locus, that of lower peak. The plan's `reason` says which "
-            "and why",
-            check=_one_of(LAWS),
-            typed={"choices": LAWS},
-        ),
     )
-    optimize: str | None = field(
-        default=None,
-        metadata=_meaning(
-            "what the optimal law is best at (peak_torque)",
-            ': "time"; "peak_torque": the largest torque over its limit, or in N m if no motor has one; '
-            '"energy": the integral over the motion of the sum of (torque over limit)^2. There a motor '
-            "without a limit is weighed with the largest of the others, and never bounded by it. Of the laws "
-            "that cost at most 0.4 % more than the least found, the smoothest is taken",
-            check=_one_of(GOALS),
-            typed={"choices": GOALS},
-        ),
+    optimize: str | None = _option(
+        "what the optimal law is best at (peak_torque)",
+        ': "time"; "peak_torque": the largest torque over its limit, or in N m if no motor has one; '
+        '"energy": the integral over the motion of the sum of (torque over limit)^2. There a motor '
+        "without a limit is weighed with the largest of the others, and never bounded by it. Of the laws "
+        "that cost at most 0.4 % more than the least found, the smoothest is taken",
+        check=_one_of(GOALS),
+        typed={"choices": GOALS},
     )
-    longest: float | None = field(
-        default=None,
-        metadata=_meaning(
-            "bound on a duration that is found [s]",
-            ", instead of `duration`; the quickest law is the same whatever it is",
-            check=_seconds,
-            typed={"type": float, "metavar": "T"},
-        ),
+    longest: float | None = _option(
+        "bound on a duration that is found [s]",
+        ", instead of `duration`; the quickest law is the same whatever it is",
+        check=_seconds,
+        typed={"type": float, "metavar": "T"},
     )
-    torque_limit: Limit = field(
-        default=None,
-        metadata=_meaning(
-            "largest torque [N m] of all motors, of each, or JOINT=N of some, motor side; none: no limit",
-            "; a force [N] where a motor slides. In Python a number, a list or a dict by joint, None for "
-            "no limit. The robot file's by default; never exceeded by the optimal law",
-            typed={"nargs": "+", "metavar": "N"},
-            topic=LIMITS,
-        ),
+    torque_limit: Limit = _option(  # noqa: RUF009 - frozen
+        "largest torque [N m] of all motors, of each, or JOINT=N of some, motor side; none: no limit",
+        "; a force [N] where a motor slides. In Python a number, a list or a dict by joint, None for "
+        "no limit. The robot file's by default; never exceeded by the optimal law",
+        typed={"nargs": "+", "metavar": "N"},
+        topic=LIMITS,
     )
-    speed_limit: Limit = field(
-        default=None,
-        metadata=_meaning(
-            "largest speed [rad/s] of all motors, of each, or JOINT=N of some, motor side; none: no limit",
-            "; as torque_limit",
-            typed={"nargs": "+", "metavar": "N"},
-            topic=LIMITS,
-        ),
+    speed_limit: Limit = _option(  # noqa: RUF009 - frozen
+        "largest speed [rad/s] of all motors, of each, or JOINT=N of some, motor side; none: no limit",
+        "; as torque_limit",
+        typed={"nargs": "+", "metavar": "N"},
+        topic=LIMITS,
     )
-    margin: float = field(
+    margin: float = _option(
+        "share of the limits left free, such as 10% or 0.1",
+        " (a number in Python), for the controllers",
+        check=_share,
+        typed={"metavar": "P"},
+        topic=LIMITS,
         default=0.0,
-        metadata=_meaning(
-            "share of the limits left free, such as 10% or 0.1",
-            " (a number in Python), for the controllers",
-            check=_share,
-            typed={"metavar": "P"},
-            topic=LIMITS,
-        ),
     )
-    friction: str = field(
+    friction: str = _option(
+        "dry friction of driven joints, by the sign of their speed (driven, the default), or none",
+        "; that of other joints is not planned with",
+        check=_one_of(FRICTIONS),
+        typed={"choices": FRICTIONS},
+        topic=MODEL,
         default="driven",
-        metadata=_meaning(
-            "dry friction of driven joints, by the sign of their speed (driven, the default), or none",
-            "; that of other joints is not planned with",
-            check=_one_of(FRICTIONS),
-            typed={"choices": FRICTIONS},
-            topic=MODEL,
-        ),
     )
-    wrenches: Mapping[str, Any] | None = field(
-        default=None,
-        metadata=_meaning(
-            "wrenches of the world by URDF link or joint, ON its body, at its origin, (force, moment) (6,)",
-            " [N, N m], base axes; or {wrench: (6,), axes: tool} on those of the frame, which turn with it; "
-            "or, in place of (6,), rows (s, force, moment) with s from 0 to 1, and a cubic spline between "
-            "them. They count as weight does; what depends on velocity is not among them",
-            check=_wrenches,
-        ),
+    wrenches: Mapping[str, Any] | None = _option(
+        "wrenches of the world by URDF link or joint, ON its body, at its origin, (force, moment) (6,)",
+        " [N, N m], base axes; or {wrench: (6,), axes: tool} on those of the frame, which turn with it; "
+        "or, in place of (6,), rows (s, force, moment) with s from 0 to 1, and a cubic spline between "
+        "them. They count as weight does; what depends on velocity is not among them",
+        check=_wrenches,
     )
-    keep_limits: bool = field(
+    keep_limits: bool = _option(
+        "refuse a plan beyond the limits of motors or of the URDF's joints, which is otherwise reported",
+        " (`CrossingPlan.exceeded`)",
+        check=_yes_or_no,
+        typed={"action": "store_true"},
+        topic=LIMITS,
         default=False,
-        metadata=_meaning(
-            "refuse a plan beyond the limits of motors or of the URDF's joints, which is otherwise reported",
-            " (`CrossingPlan.exceeded`)",
-            check=_yes_or_no,
-            typed={"action": "store_true"},
-            topic=LIMITS,
-        ),
     )
 
 
@@ -294,20 +253,8 @@ def _with_parameters_of(
 
     def decorator(function: Callable[..., R]) -> Callable[Concatenate[ParallelRobot, Path, P], R]:
         signature = inspect.signature(function)
-        positional = [
-            parameter
-            for parameter in signature.parameters.values()
-            if parameter.kind is not parameter.VAR_KEYWORD
-        ]
-        named = [
-            inspect.Parameter(
-                parameter.name,
-                inspect.Parameter.KEYWORD_ONLY,
-                default=parameter.default,
-                annotation=parameter.type,
-            )
-            for parameter in fields(PlanOptions)
-        ]
+        *positional, _ = signature.parameters.values()
+        named = inspect.signature(PlanOptions).parameters.values()
         function.__signature__ = signature.replace(parameters=[*positional, *named])  # type: ignore[attr-defined]
         listed = "\n".join(option.documentation for option in OPTIONS.values())
         function.__doc__ = (inspect.getdoc(function) or "").replace("    {options}", listed)

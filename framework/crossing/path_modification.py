@@ -12,7 +12,6 @@ is a spline through points of that curve: everything is proved on the spline.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -20,7 +19,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.crossing.feasibility import feasibility_on_path
-from framework.crossing.path_length import coordinate_sizes, path_length
+from framework.crossing.motion_scales import coordinate_sizes, path_length
 from framework.crossing.plan import plan_request
 from framework.crossing.refusals.refusal_proofs import HoldingTorque, UnmetCondition
 from framework.crossing.request import Request
@@ -104,10 +103,10 @@ def plan_request_with_modified_path(
     except NoLaw as refusal:
         proof = refusal.proof  # of an end, which a bend keeps?
         at_end = isinstance(proof, HoldingTorque) or (isinstance(proof, UnmetCondition) and proof.stop)
-        modification = None if at_end else _modification_at_crossing(robot, request.path)
+        modification = None if at_end else _modification_at_crossing(robot, request)
         if modification is None:
             raise
-        modified = _modified(robot, request, modification, bend)
+        modified = modification.plan_with_least() if bend is None else modification.plan_with(bend)
         if modified is None:
             tried = f"up to {100 * MAX_BEND_SHARE:g}" if bend is None else f"{100 * bend:g}"
             raise NoLaw(
@@ -118,27 +117,85 @@ def plan_request_with_modified_path(
 
 
 class _Modification(NamedTuple):
-    """A path and what it can be bent by, so that 1 moves it by its own length."""
+    """A request, and what its path can be bent by, so that 1 moves it by its own length."""
 
-    path: Path
+    robot: ParallelRobot
+    request: Request
     s: Array  # (m,)
     unit: Array  # (m, n)
     size: Array  # (n,) [m] of 1 of each coordinate
     length: float  # [m]
 
-    def path_of(self, share: float) -> Spline:
-        points = self.path(self.s) + share * self.unit
-        points[[0, -1]] = self.path(self.s[[0, -1]])
-        return Spline(points)
+    def plan_bent(self, share: float) -> CrossingPlan | None:
+        """Plan on the path bent by a share of its length; None without a plan."""
+        path = self.request.path
+        points = path(self.s) + share * self.unit
+        points[[0, -1]] = path(self.s[[0, -1]])
+        try:
+            return plan_request(self.robot, replace(self.request, path=Spline(points)))
+        except (NoAnswer, InvalidInput):  # the latter: not as many crossings as times or speeds
+            return None
+
+    def plan_with(self, bend: float) -> ModifiedPathPlan | None:
+        """Plan with this bend, to the side with the smaller torques; None without a plan."""
+        plans = [plan for side in (1.0, -1.0) if (plan := self.plan_bent(side * bend)) is not None]
+        best = min(plans, key=lambda plan: max(plan.peak_torque.values()), default=None)
+        return None if best is None else self._measure(best, ())
+
+    def plan_with_least(self) -> ModifiedPathPlan | None:
+        """Plan with the least bend that is enough, and compare larger ones; None without any."""
+        least = self._find_least()
+        if least is None:
+            return None
+        share, plan = least
+        side, largest = float(np.sign(share)), max(MAX_BEND_SHARE, abs(share))
+        choices = [BendChoice(abs(share), plan.peak_torque)]
+        for larger in np.geomspace(abs(share), largest, BEND_CHOICES)[1:] if largest > abs(share) else ():
+            other = self.plan_bent(side * float(larger))
+            if other is not None:
+                choices.append(BendChoice(float(larger), other.peak_torque))
+        return self._measure(plan, tuple(choices))
+
+    def _find_least(self) -> tuple[float, CrossingPlan] | None:
+        """Find the least share that is enough, to its side and with its reserve, and its plan."""
+        smallest = MAX_BEND_SHARE / 2.0**BEND_HALVINGS
+        for share in (side * smallest * 2.0**k for k in range(BEND_HALVINGS + 1) for side in (1.0, -1.0)):
+            plan = self.plan_bent(share)
+            if plan is not None:
+                break
+        else:
+            return None
+        too_little = 0.5 * share
+        for _ in range(BEND_BISECTIONS if abs(share) > smallest else 0):  # on a logarithmic scale
+            middle = float(np.sqrt(too_little * share)) * np.sign(share)
+            better = self.plan_bent(middle)
+            if better is None:
+                too_little = middle
+            else:
+                share, plan = middle, better
+        reserved = self.plan_bent((1.0 + BEND_RESERVE) * share)
+        return (share, plan) if reserved is None else ((1.0 + BEND_RESERVE) * share, reserved)
+
+    def _measure(self, plan: CrossingPlan, choices: tuple[BendChoice, ...]) -> ModifiedPathPlan:
+        """Return a plan with how far its path has moved."""
+        s, shifts = np.linspace(0.0, 1.0, BEND_SAMPLES), self.robot.translations
+        change = plan.path(s) - self.request.path(s)
+        moved, turned, both = (
+            float(np.linalg.norm(part, axis=1).max())
+            for part in (change[:, shifts], change[:, ~shifts], change * self.size)
+        )
+        return ModifiedPathPlan(plan, moved, turned, both / self.length, choices)
 
 
-def _modification_at_crossing(robot: ParallelRobot, path: Path) -> _Modification | None:
+def _modification_at_crossing(robot: ParallelRobot, request: Request) -> _Modification | None:
     """Return the bend where the path is nearest to orthogonal to t_s; None where it has no room for one."""
+    path = request.path
     searched = search_path(robot, path)
-    candidates = []
-    for singular, feasibility in zip(searched.points, feasibility_on_path(searched), strict=True):
-        if feasibility is not None and END_SHARE < singular.s < 1 - END_SHARE:
-            candidates.append((feasibility.tangent_share, singular))
+    candidates = [
+        (feasibility.tangent_share, singular)
+        for singular, feasibility in zip(searched.points, feasibility_on_path(searched), strict=True)
+        if feasibility is not None and END_SHARE < singular.s < 1 - END_SHARE
+    ]
     if not candidates:
         return None
     singular = min(candidates, key=lambda pair: pair[0])[1]
@@ -151,7 +208,7 @@ def _modification_at_crossing(robot: ParallelRobot, path: Path) -> _Modification
     )
     s = np.linspace(0.0, 1.0, _intervals(path, c) + 1)
     unit = _bump(s, c)[:, None] * along_twist * (length / largest)
-    return _Modification(path, s, unit, size, length)
+    return _Modification(robot, request, s, unit, size, length)
 
 
 def _intervals(path: Path, c: float) -> int:
@@ -168,78 +225,3 @@ def _bump(s: Array, c: float) -> Array:
     m = (half + np.sqrt(half**2 - 4.0 * N * (N - 1) * nearer**2)) / (2.0 * N)
     m = m if c <= 0.5 else 1.0 - m
     return (s / m) ** (N * m) * ((1.0 - s) / (1.0 - m)) ** (N * (1.0 - m))
-
-
-def _modified(
-    robot: ParallelRobot, request: Request, modification: _Modification, bend: float | None
-) -> ModifiedPathPlan | None:
-    """Return the plan on the path with this bend, or with the least that is enough; None without any."""
-
-    def planned(share: float) -> CrossingPlan | None:
-        try:
-            return plan_request(robot, replace(request, path=modification.path_of(share)))
-        except (NoAnswer, InvalidInput):  # the latter: not as many crossings as times or speeds
-            return None
-
-    if bend is not None:
-        plans = [plan for side in (1.0, -1.0) if (plan := planned(side * bend)) is not None]
-        best = min(plans, key=lambda plan: max(plan.peak_torque.values()), default=None)
-        return None if best is None else _measured(robot, modification, best, ())
-    least = _least(planned)
-    if least is None:
-        return None
-    share, plan = least
-    side, largest = float(np.sign(share)), max(MAX_BEND_SHARE, abs(share))
-    choices = [BendChoice(abs(share), plan.peak_torque)]
-    for larger in np.geomspace(abs(share), largest, BEND_CHOICES)[1:] if largest > abs(share) else ():
-        other = planned(side * float(larger))
-        if other is not None:
-            choices.append(BendChoice(float(larger), other.peak_torque))
-    return _measured(robot, modification, plan, tuple(choices))
-
-
-def _least(planned: Callable[[float], CrossingPlan | None]) -> tuple[float, CrossingPlan] | None:
-    """Return the least share that is enough, to its side and with its reserve, and the plan; None without."""
-    smallest = MAX_BEND_SHARE / 2.0**BEND_HALVINGS
-    for share in (side * smallest * 2.0**k for k in range(BEND_HALVINGS + 1) for side in (1.0, -1.0)):
-        plan = planned(share)
-        if plan is not None:
-            break
-    else:
-        return None
-    if abs(share) > smallest:
-        share, plan = _bisected(planned, share, plan)
-    reserved = planned((1.0 + BEND_RESERVE) * share)
-    return (share, plan) if reserved is None else ((1.0 + BEND_RESERVE) * share, reserved)
-
-
-def _measured(
-    robot: ParallelRobot, modification: _Modification, plan: CrossingPlan, choices: tuple[BendChoice, ...]
-) -> ModifiedPathPlan:
-    """Return a plan with how far its path has moved."""
-    s = np.linspace(0.0, 1.0, BEND_SAMPLES)
-    change = plan.path(s) - modification.path(s)
-    moved, turned, both = (
-        float(np.linalg.norm(part, axis=1).max())
-        for part in (
-            change[:, robot.translations],
-            change[:, ~robot.translations],
-            change * modification.size,
-        )
-    )
-    return ModifiedPathPlan(plan, moved, turned, both / modification.length, choices)
-
-
-def _bisected(
-    planned: Callable[[float], CrossingPlan | None], enough: float, plan: CrossingPlan
-) -> tuple[float, CrossingPlan]:
-    """Bisect, on a logarithmic scale, between half a share that is enough, which is not, and that share."""
-    too_little = 0.5 * enough
-    for _ in range(BEND_BISECTIONS):
-        middle = float(np.sqrt(too_little * enough)) * np.sign(enough)
-        better = planned(middle)
-        if better is None:
-            too_little = middle
-        else:
-            enough, plan = middle, better
-    return enough, plan

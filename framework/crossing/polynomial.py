@@ -26,8 +26,7 @@ from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.result import InverseDynamics
 from framework.errors import InvalidInput, NoLaw
 from framework.motion.chebyshev import TimeFunction
-from framework.motion.law import Condition, Law, MotionLaw, laws_through
-from framework.singularity.points_on_path import SingularPoint
+from framework.motion.law import Law, MotionLaw, conditions_at_instants, laws_through
 
 OF_A_SCENE = (
     "times and speeds of a scene belong to its own duration: give others for this one, or take law optimal, "
@@ -60,12 +59,9 @@ def polynomial_motion(to_cross: PathToCross, request: Request) -> PolynomialMoti
             return _at_rest(to_cross)
         crossings_found = []
         for target, crossing_time in zip(to_cross.crossing_points, choice, strict=True):
-            deflection = Deflection(*(deflections(crossing_time.time, order) for order in range(3)))
-            if isinstance(target, SingularPoint):
-                near = target.s if before is None else float(before(crossing_time.time))
-                place = crossing_point(branch, target, deflection, near)
-            else:
-                place = target
+            deflection = Deflection.at(deflections, crossing_time.time)
+            near = target.s if before is None else float(before(crossing_time.time))
+            place = crossing_point(branch, target, deflection, near)
             crossings_found.append((place, condition_at(branch, place, deflection)))
         return crossings_found
 
@@ -74,10 +70,10 @@ def polynomial_motion(to_cross: PathToCross, request: Request) -> PolynomialMoti
         law = _law(conditions_met, choice, request, robot.name)
         if before is None:
             _check_advance(law, request, [point.s for point in points], robot.name)
-        chosen.append((law, [condition for _, condition in conditions_met]))
+        chosen[law] = law, [condition for _, condition in conditions_met]
         return law
 
-    chosen: list[tuple[Law, list[Condition8]]] = []
+    chosen: dict[MotionLaw, tuple[Law, list[Condition8]]] = {}
     dynamics = resolve(
         to_cross.searched,
         choose_law,
@@ -85,7 +81,7 @@ def polynomial_motion(to_cross: PathToCross, request: Request) -> PolynomialMoti
         tolerance=request.tolerance,
         friction=request.friction,
     )
-    law, conditions = next(choice_made for choice_made in reversed(chosen) if choice_made[0] is dynamics.law)
+    law, conditions = chosen[dynamics.law]
     if len(chosen) > 1:  # else it is the first law, which has been checked
         _check_advance(law, request, [crossing.s for crossing in dynamics.crossings], robot.name)
     return PolynomialMotion(dynamics, law, choice, conditions)
@@ -123,8 +119,12 @@ def _law(
     request: Request,
     name: str,
 ) -> Law:
-    inner = _inner(crossings, crossing_times)
     duration = request.fixed_duration
+    values = [
+        (place.s, crossing_time.speed, condition.acceleration(crossing_time.speed))
+        for (place, condition), crossing_time in zip(crossings, crossing_times, strict=True)
+    ]
+    inner = conditions_at_instants([crossing_time.time for crossing_time in crossing_times], values)
     try:
         return Law.rest_to_rest(duration, request.smoothness, inner)
     except InvalidInput as problem:
@@ -138,19 +138,6 @@ def _law(
         if request.times is None:
             raise NoLaw(f"{name}: {why}") from None
         raise InvalidInput(f"times: {why}; {OF_A_SCENE}").advising(OPTIMAL_LAW) from None
-
-
-def _inner(
-    crossings: list[tuple[CrossingPoint, Condition8]], crossing_times: Sequence[CrossingTime]
-) -> list[Condition]:
-    """Return the conditions on the law at the crossings: s, s' and the s" of condition (8)."""
-    return [
-        Condition(crossing_time.time, order, value)
-        for (place, condition), crossing_time in zip(crossings, crossing_times, strict=True)
-        for order, value in enumerate(
-            (place.s, crossing_time.speed, condition.acceleration(crossing_time.speed))
-        )
-    ]
 
 
 def timing_of(to_cross: PathToCross, request: Request) -> tuple[CrossingTime, ...]:

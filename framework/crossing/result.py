@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike
+from pathlib import Path as FilePath
 from typing import IO
 
 import numpy as np
@@ -152,31 +153,25 @@ class CrossingPlan:
         and the positions that the URDF allows its joints; where on the path each is exceeded most.
         """
         times = np.linspace(0.0, self.duration, PEAK_SAMPLES)
-        sizes = np.abs(self.torque(times)), np.abs(self.motor_angle(times, 1))
-        torques, speeds = (size.max(axis=0) for size in sizes)
-        s_torque, s_speed = (self.law(times[size.argmax(axis=0)]) for size in sizes)
-        exceeded = {}
-        for k, motor in enumerate(self.robot.description.actuators):
-            excesses = []
-            if motor.torque_limit is not None and torques[k] > motor.torque_limit:
-                unit = self.robot.torque_units[k]
-                torque, limit = told_apart(torques[k], motor.torque_limit)
-                excesses.append(f"torque {torque} {unit} of {limit} at s = {s_torque[k]:.4g}")
-            if motor.speed_limit is not None and speeds[k] > motor.speed_limit:
-                speed, limit = told_apart(speeds[k], motor.speed_limit)
-                excesses.append(
-                    f"speed {speed} {self.robot.speed_units[k]} of {limit} at s = {s_speed[k]:.4g}"
-                )
-            if excesses:
-                exceeded[motor.joint] = ", ".join(excesses)
+        motors = self.robot.description.actuators
+        exceeded: dict[str, list[str]] = {motor.joint: [] for motor in motors}
+        for what, values, units in (
+            ("torque", self.torque(times), self.robot.torque_units),
+            ("speed", self.motor_angle(times, 1), self.robot.speed_units),
+        ):
+            sizes = np.abs(values)
+            s_peak = self.law(times[sizes.argmax(axis=0)])
+            for motor, size, unit, s in zip(motors, sizes.max(axis=0), units, s_peak, strict=True):
+                limit = getattr(motor, f"{what}_limit")
+                if limit is not None and size > limit:
+                    peak, bound = told_apart(size, limit)
+                    exceeded[motor.joint].append(f"{what} {peak} {unit} of {bound} at s = {s:.4g}")
         q, limits = self.dynamics.configuration(times), self.robot.limits
-        beyond = positions_beyond_limits(limits, q)
         s_position = self.law(times[shares_beyond_limits(limits, q).argmax(axis=0)])
         at = dict(zip([limit.joint for limit in limits], s_position, strict=True))
-        for joint, beyond_by in beyond.items():
-            position = f"{beyond_by} at s = {at[joint]:.4g}"
-            exceeded[joint] = f"{exceeded[joint]}, {position}" if joint in exceeded else position
-        return exceeded
+        for joint, beyond_by in positions_beyond_limits(limits, q).items():
+            exceeded.setdefault(joint, []).append(f"{beyond_by} at s = {at[joint]:.4g}")
+        return {joint: ", ".join(excesses) for joint, excesses in exceeded.items() if excesses}
 
     def __repr__(self) -> str:
         where = ", ".join(f"s = {crossing.s:.9f} at {crossing.time:.6g} s" for crossing in self.crossings)
@@ -194,8 +189,7 @@ class CrossingPlan:
         """Write motion.csv to a path or an open text file."""
         text = self.samples(samples).as_csv()
         if isinstance(file, str | PathLike):
-            with open(file, "w", encoding="utf-8") as stream:
-                stream.write(text)
+            FilePath(file).write_text(text, encoding="utf-8")
         else:
             file.write(text)
 
@@ -269,11 +263,10 @@ def _matches(to_cross: PathToCross, crossings: Sequence[SingularityCrossing]) ->
     points = to_cross.crossing_points
     if len(points) == len(crossings) and all(isinstance(target, SingularPoint) for target in points):
         return list(range(len(points)))  # both in the order of the path; springs may have moved the crossings
-    matches: list[int | None] = []
-    for crossing in crossings:
-        near = [k for k, target in enumerate(points) if abs(target.s - crossing.s) < SAME_PLACE]
-        matches.append(near[0] if near else None)
-    return matches
+    return [
+        next((k for k, target in enumerate(points) if abs(target.s - crossing.s) < SAME_PLACE), None)
+        for crossing in crossings
+    ]
 
 
 def _condition(
@@ -282,8 +275,6 @@ def _condition(
     """Return condition (8) where and when the motion crosses, with its own deflections."""
     if request.geometry != "deformed" or not dynamics.robot.n_e:
         return to_cross.at_rest[k][1]
-    place = to_cross.crossing_points[k]
-    deflection = Deflection(*(dynamics.deflection(time, order) for order in range(3)))
-    if isinstance(place, SingularPoint):
-        place = crossing_point(to_cross.branch, place, deflection, float(dynamics.law(np.array(time))))
+    deflection, near = Deflection.at(dynamics.deflection, time), float(dynamics.law(np.array(time)))
+    place = crossing_point(to_cross.branch, to_cross.crossing_points[k], deflection, near)
     return coefficients_at(to_cross.branch, place, deflection)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from framework.crossing.options import OPTIONS
@@ -42,14 +42,15 @@ def path_of(kind: str, points: Sequence[Sequence[float]]) -> Path:
     Raises:
         InvalidInput: another kind, or points that do not make such a path.
     """
-    count = {"line": 2, "arc": 3, "spline": None}
-    if kind not in count:
-        raise InvalidInput(choose_from("path", kind, count))
-    if count[kind] not in (None, len(points)):
-        raise InvalidInput(f"{kind}: needs {count[kind]} points, got {len(points)}")
-    if kind == "line":
-        return Line(*points)
-    return Arc(*points) if kind == "arc" else Spline(points)
+    if kind == Spline.kind:
+        return Spline(points)
+    kinds: dict[str, tuple[Callable[..., Path], int]] = {Line.kind: (Line, 2), Arc.kind: (Arc, 3)}
+    if kind not in kinds:
+        raise InvalidInput(choose_from("path", kind, [*kinds, Spline.kind]))
+    make, count = kinds[kind]
+    if len(points) != count:
+        raise InvalidInput(f"{kind}: needs {count} points, got {len(points)}")
+    return make(*points)
 
 
 def plan_scene(robot: ParallelRobot, name: str, **options: Any) -> CrossingPlan:

@@ -36,6 +36,10 @@ class PlatformWrench(NamedTuple):
         """Return the force (T,) asked for along a twist (n,) or (T, n)."""
         return np.asarray(np.sum(self.asked * twist, axis=1))
 
+    def lacking(self, torque: Array) -> Array:
+        """Return what motor torques (T, n_a) lack of it, W - G' tau (T, n)."""
+        return np.asarray(self.asked - np.einsum("tan,ta->tn", self.motor_speed, torque))
+
     def reach(self, twist: Array, torque_limit: Array) -> Array:
         """Return the largest force (T,) along a twist (n,) or (T, n), torques within limits (n_a,)."""
         return np.asarray(np.abs(_applied(self.motor_speed, twist)) @ torque_limit)

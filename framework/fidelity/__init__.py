@@ -2,6 +2,5 @@
 
 Open `fidelity_study` first. The levels themselves are data, in `framework.model.fidelity_levels`;
 `model_comparison` simulates each level's torques in the highest model, and `fidelity_indicators` says
-beforehand, without simulation, which level that will come to. `neglected_friction` is the torque of dry
-friction that no level has.
+beforehand, without simulation, which level that will come to.
 """

@@ -6,6 +6,7 @@ choose (`fidelity_indicators`): from the plans of the two levels without springs
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 from framework.crossing.plan import plan_request
@@ -15,6 +16,7 @@ from framework.crossing.scenes import scene_request
 from framework.errors import InvalidInput, NoAnswer
 from framework.fidelity.fidelity_indicators import Indicators, indicators_of
 from framework.fidelity.model_comparison import model_of, plan_of_level
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import FLEXIBILITIES, RobotDescription
 from framework.model.fidelity_levels import LEVELS, LEVELS_BY_NAME
 from framework.motion.path import Path
@@ -48,15 +50,6 @@ class ChosenLevel(NamedTuple):
                 f"{self.level}, the fullest: predicted, not simulated, others are off by more than {percent}"
             )
         return f"{self.level} for {percent}, off by {100 * self.error:.2g} %: predicted, not simulated"
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return it for JSON."""
-        return {
-            "level": self.level,
-            "tolerance": self.tolerance,
-            "simulated": self.simulated,
-            "error": self.error,
-        }
 
 
 def kept_level(description: RobotDescription, scene: str) -> ChosenLevel | None:
@@ -92,27 +85,28 @@ def predicted_errors(description: RobotDescription, path: Path | str, **options:
     Raises:
         InvalidInput: an option that cannot be right.
     """
-    if options.get("geometry") is not None:
-        raise InvalidInput("geometry: each level of fidelity has its own; leave it out")
     highest, robot = (model_of(description, LEVELS_BY_NAME[name]) for name in (LEVELS[-1].name, "rigid"))
     smoothness = options.pop("smoothness", None) or SMOOTHNESS[highest.n_e > 0]
-    if isinstance(path, str):
-        request = scene_request(robot, path, smoothness=smoothness, **options)
-    else:
-        request = Request.of(robot, path, smoothness=smoothness, **options)
-    try:
+    request = request_without_geometry(robot, path, smoothness=smoothness, **options)
+    rigid: CrossingPlan | None = None
+    payload: CrossingPlan | None = None
+    with suppress(NoAnswer):
         rigid = plan_request(robot, request)
-    except NoAnswer:
-        return indicators_of(None, None, highest)
-    return indicators_of(rigid, _payload_plan(description, rigid), highest)
+        payload = plan_of_level(description, LEVELS_BY_NAME["payload"], rigid)
+    return indicators_of(rigid, payload, highest)
 
 
-def _payload_plan(description: RobotDescription, rigid: CrossingPlan) -> CrossingPlan | None:
-    """Plan with the payload alone as the rigid level does; None where that has no plan."""
-    try:
-        return plan_of_level(description, LEVELS_BY_NAME["payload"], rigid)
-    except NoAnswer:
-        return None
+def request_without_geometry(robot: ParallelRobot, path: Path | str, **options: Any) -> Request:
+    """Return the request of a path or of a scene by its name, in the geometry of the robot's level.
+
+    Raises:
+        InvalidInput: a geometry is among the options, or one of them cannot be right.
+    """
+    if options.get("geometry") is not None:
+        raise InvalidInput("geometry: each level of fidelity has its own; leave it out")
+    if isinstance(path, str):
+        return scene_request(robot, path, **options)
+    return Request.of(robot, path, **options)
 
 
 def options_of_level(description: RobotDescription, name: str) -> dict[str, Any]:

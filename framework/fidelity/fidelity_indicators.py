@@ -16,6 +16,7 @@ leave out: errors that cancel in one of them are luck.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -25,14 +26,13 @@ from scipy.interpolate import CubicSpline
 
 from framework.arrays import Array
 from framework.crossing.fuller_model import FullerModel
-from framework.crossing.path_length import coordinate_sizes, path_length
+from framework.crossing.motion_scales import coordinate_sizes, largest_by_unit, path_length
 from framework.crossing.result import CrossingPlan
 from framework.dynamics.elastic_pass import Pass, one_pass
 from framework.dynamics.forces import motor_torque
 from framework.dynamics.open_loop import ErrorDynamics, error_dynamics, open_loop_error, open_loop_growth
 from framework.dynamics.platform_wrench import platform_wrench
 from framework.errors import NoAnswer
-from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import FLEXIBILITIES
 from framework.model.fidelity_levels import LEVELS
@@ -69,12 +69,10 @@ def indicators_of(
         rigid, payload: the plans of these levels, None where there is none.
         highest: the highest model.
     """
-    if rigid is None:  # there is nothing to compute them from: everything may matter
-        return _accumulated({}, np.inf)
-    try:
-        return _accumulated(_Motion.of(rigid, highest).errors(payload), open_loop_growth(rigid.dynamics))
-    except NoAnswer:  # on the border of the workspace, or the springs are too soft: nobody knows
-        return _accumulated({}, np.inf)
+    with suppress(NoAnswer):  # on the border of the workspace, or the springs are too soft
+        if rigid is not None:
+            return _accumulated(_Motion.of(rigid, highest).errors(payload), open_loop_growth(rigid.dynamics))
+    return _accumulated({}, np.inf)  # nobody knows: everything may matter
 
 
 def _accumulated(errors: Mapping[str, LevelError], growth: float) -> Indicators:
@@ -82,21 +80,17 @@ def _accumulated(errors: Mapping[str, LevelError], growth: float) -> Indicators:
 
     An error that is not a number is one that nobody knows, and counts as infinite.
     """
-    errors = {
-        name: LevelError(*(one if np.isfinite(one) else np.inf for one in error))
-        for name, error in errors.items()
+    names = [level.name for level in LEVELS]
+    known = {name: np.where(np.isfinite(one), one, np.inf) for name, one in errors.items()}
+    largest = [0.0, *(known.get(name, np.array(np.inf)).max() for name in reversed(names[:-1]))]
+    words = {
+        name: f"torques {_percent(torque)}, platform {_percent(platform)}"
+        for name, (torque, platform) in known.items()
     }
-    error, words, names = dict[str, float](), dict[str, str](), [level.name for level in LEVELS]
-    largest = 0.0
-    for name in reversed(names):
-        if name != names[-1]:
-            largest = max(largest, *errors.get(name, LevelError(np.inf, np.inf)))
-        error[name] = largest
-        if name in errors:
-            torque, platform = map(_percent, errors[name])
-            words[name] = f"torques {torque}, platform {platform}"
     return Indicators(
-        {name: error[name] for name in names}, {name: words.get(name, "") for name in names}, growth
+        dict(zip(names, np.maximum.accumulate(largest)[::-1].tolist(), strict=True)),
+        {name: words.get(name, "") for name in names},
+        growth,
     )
 
 
@@ -106,17 +100,16 @@ class _Motion:
 
     rigid: CrossingPlan
     fuller: FullerModel
-    undeformed: Pass  # of the highest model, springs held
     deformed: Pass  # with the deflections that its forces cause, along the rigid plan's law
     needed: Array  # (T, n_a) motor torques of the highest model that crosses with its own condition (8)
 
     @classmethod
     def of(cls, rigid: CrossingPlan, highest: ParallelRobot) -> _Motion:
         fuller = FullerModel.of(rigid.dynamics, highest)
-        undeformed = fuller.moved(fuller.known_deflections())
+        undeformed = fuller.first_pass
         deflections = fuller.grid.fit(undeformed.caused)
         deformed = one_pass(fuller.searched.branch, fuller.grid, rigid.law, deflections, undeformed)
-        return cls(rigid, fuller, undeformed, deformed, fuller.torque(fuller.moved(undeformed.caused)))
+        return cls(rigid, fuller, deformed, fuller.torque(fuller.moved(undeformed.caused)))
 
     def errors(self, payload: CrossingPlan | None) -> dict[str, LevelError]:
         """Compute the error of each level but the highest; without a plan the payload's is missing."""
@@ -138,22 +131,19 @@ class _Motion:
 
     def _of_masses(self, plan: CrossingPlan, times: Array, torque: Array) -> LevelError:
         """Compute the error of torques (T, n_a) on a plan's motion, of the rigid robot with all masses."""
-        return LevelError(
-            self._torque_error(torque),
-            self._platform_error(_lacking(self.rigid.robot, plan.dynamics.motion(times), torque)),
-        )
+        wrench = platform_wrench(self.rigid.robot, plan.dynamics.motion(times))
+        return self._error(torque, wrench.lacking(torque))
 
     def _of_small_displacements(self, names: Sequence[str]) -> LevelError:
         """Compute the error of forces of the undeformed robot, its motors moved by some deflections."""
-        fuller, undeformed = self.fuller, self.undeformed
+        fuller, undeformed = self.fuller, self.fuller.first_pass
         motion = undeformed.motion
         if names:
             caused = np.where(np.isin(fuller.robot.elastic_names, names), undeformed.caused, 0.0)
             branch, function = fuller.searched.branch, fuller.grid.fit(caused)
             motion = one_pass(branch, fuller.grid, self.rigid.law, function, undeformed).motion
         torque = motor_torque(fuller.robot, motion, undeformed.forces.joint_torque)
-        lacking = _lacking(fuller.robot, self.deformed.motion, torque)
-        return LevelError(self._torque_error(torque), self._platform_error(lacking))
+        return self._error(torque, platform_wrench(fuller.robot, self.deformed.motion).lacking(torque))
 
     def _without_elastic_inertia(self) -> LevelError:
         """Compute the error of forces of the deformed robot whose bodies do not feel how the springs move."""
@@ -162,22 +152,24 @@ class _Motion:
             return LevelError(0.0, 0.0)
         still = replace(robot, elastic_inertia=False)
         fuller = FullerModel.of(self.rigid.dynamics, still)
-        torque = fuller.torque(fuller.moved(self.undeformed.caused))
-        lacking = platform_wrench(robot, motion).asked - platform_wrench(still, motion).asked
-        return LevelError(self._torque_error(torque), self._platform_error(lacking))
+        torque = fuller.torque(fuller.moved(self.fuller.first_pass.caused))
+        return self._error(
+            torque, platform_wrench(robot, motion).asked - platform_wrench(still, motion).asked
+        )
 
-    def _torque_error(self, torque: Array) -> float:
-        """Compute how far torques (T, n_a) are from those needed, over the peak of motors of that unit."""
-        units, peaks = np.array(self.rigid.robot.torque_units), np.abs(self.needed).max(axis=0)
-        largest = np.maximum([peaks[units == unit].max() for unit in units], np.finfo(float).tiny)
-        return float((np.abs(torque - self.needed) / largest).max())
+    def _error(self, torque: Array, lacking: Array) -> LevelError:
+        """Compute the error of torques (T, n_a), and of the platform for lack of a wrench (T, n).
 
-    def _platform_error(self, lacking: Array) -> float:
-        """Compute how far the platform is off for lack of a wrench (T, n), over the path's length."""
+        Of torques over the peak of motors of that unit, of the platform over the path's length.
+        """
         robot, times = self.rigid.robot, np.linspace(0.0, self.rigid.duration, STEPS + 1)
+        peaks = largest_by_unit(robot, np.abs(self.needed).max(axis=0))
         wrench = self.fuller.grid.fit(lacking)(times)
         off = open_loop_error(self.error_dynamics, times, wrench) * coordinate_sizes(robot)
-        return float(np.linalg.norm(off, axis=1).max() / path_length(robot, self.rigid.path))
+        return LevelError(
+            float((np.abs(torque - self.needed) / peaks).max()),
+            float(np.linalg.norm(off, axis=1).max() / path_length(robot, self.rigid.path)),
+        )
 
     @cached_property
     def error_dynamics(self) -> ErrorDynamics:
@@ -187,12 +179,6 @@ class _Motion:
         matrices = np.stack(error_dynamics(self.rigid.dynamics, few)).transpose(1, 0, 2, 3)
         values = CubicSpline(few, matrices)(many)
         return ErrorDynamics(*values.transpose(1, 0, 2, 3))
-
-
-def _lacking(robot: ParallelRobot, motion: Motion, torque: Array) -> Array:
-    """Compute what motor torques (T, n_a) lack of the wrench (T, n) that a motion asks for, W - G' tau."""
-    required = platform_wrench(robot, motion)
-    return np.asarray(required.asked - np.einsum("tan,ta->tn", required.motor_speed, torque))
 
 
 def _percent(share: float) -> str:

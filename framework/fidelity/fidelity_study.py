@@ -22,15 +22,13 @@ from typing import Any
 import numpy as np
 
 from framework.arrays import Array, ReadOnlyArrays
+from framework.crossing.neglected_effects import neglected_friction
 from framework.crossing.plan import plan_request
-from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan
-from framework.crossing.scenes import scene_request
 from framework.errors import InvalidInput, NoAnswer
-from framework.fidelity.chosen_level import TOLERANCE
+from framework.fidelity.chosen_level import TOLERANCE, request_without_geometry
 from framework.fidelity.fidelity_indicators import Indicators, indicators_of
-from framework.fidelity.model_comparison import Comparison, HighestLevel, model_of
-from framework.fidelity.neglected_friction import neglected_work
+from framework.fidelity.model_comparison import MOTION_SAMPLES, Comparison, HighestLevel, model_of
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.model.fidelity_levels import LEVELS
 from framework.motion.law import is_number
@@ -64,8 +62,19 @@ class FidelityStudy(ReadOnlyArrays):
 
     @cached_property
     def neglected_work(self) -> float:
-        """Work of dry friction that no level has, over that of the motors."""
-        return neglected_work(self.highest)
+        """Work of dry friction that no level has, over that of the motors, each taken positive.
+
+        Its torque has no bound near Type 2, where condition (8) is met without it; its work has. Zero
+        without such friction; infinite where the motors do no work.
+        """
+        plan, friction = self.highest, neglected_friction(self.highest.dynamics)
+        if not friction.any():
+            return 0.0
+        times = np.linspace(0.0, plan.duration, MOTION_SAMPLES)
+        taken = np.abs(plan.dynamics.velocity(times)) @ friction
+        given = np.abs(plan.torque(times) * plan.motor_angle(times, 1)).sum(axis=1)
+        total = float(np.trapezoid(given, times))
+        return float(np.trapezoid(taken, times)) / total if total else np.inf
 
     @cached_property
     def enough(self) -> Comparison | None:
@@ -201,14 +210,9 @@ def fidelity_study(
     expect_robot(robot)
     if not (is_number(tolerance) and MIN_TOLERANCE <= tolerance < 1):
         raise InvalidInput(f"tolerance: needs a share in [{MIN_TOLERANCE:g}, 1), got {tolerance!r}")
-    if options.get("geometry") is not None:
-        raise InvalidInput("geometry: each level of fidelity has its own; leave it out")
     began = time.perf_counter()
     top = model_of(robot.description, LEVELS[-1])
-    if isinstance(path, str):
-        request = scene_request(top, path, **options)
-    else:
-        request = Request.of(top, path, **options)
+    request = request_without_geometry(top, path, **options)
     highest = HighestLevel.of(plan_request(top, request), tolerance)
     levels: list[Comparison] = []
     for level in LEVELS:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from framework.arrays import Array, ReadOnlyArrays
-from framework.crossing.path_length import coordinate_sizes, path_length
+from framework.crossing.motion_scales import coordinate_sizes, largest_by_unit, path_length
 from framework.crossing.plan import plan_request
 from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan
@@ -99,16 +99,15 @@ class HighestLevel:
             NoAnswer: its simulation does not come to the end.
             InvalidInput: the robot cannot be simulated.
         """
-        robot, duration, units = plan.robot, plan.duration, np.array(plan.robot.torque_units)
+        robot, duration = plan.robot, plan.duration
         near = [one.time + side * NEAR_CROSSING * duration for one in plan.crossings for side in (-1.0, 1.0)]
         times = np.unique(np.concatenate([np.linspace(0.0, duration, MOTION_SAMPLES), *near]))
         times = times[(times >= 0.0) & (times <= duration)]
-        peaks = np.array(list(plan.peak_torque.values()))
-        peak = np.array([peaks[units == unit].max() for unit in units])
+        peak = largest_by_unit(robot, np.array(list(plan.peak_torque.values())))
         length = path_length(robot, plan.path)
         still = np.zeros(len(times))
         own = Comparison(LEVELS[-1], plan, still, still)
-        highest = cls(plan, tolerance, length, times, np.maximum(peak, np.finfo(float).tiny), 0.0, own, 0.0)
+        highest = cls(plan, tolerance, length, times, peak, 0.0, own, 0.0)
         for step_error in STEP_ERRORS:
             highest.step_error = max(step_error * tolerance * length / robot.length, MIN_STEP_ERROR)
             highest.own = highest._simulated(LEVELS[-1], plan)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, ClassVar, NamedTuple, Protocol
@@ -106,6 +106,15 @@ class Condition(NamedTuple):
     time: float
     order: int
     value: float
+
+
+def conditions_at_instants(times: Iterable[float], values: Iterable[Iterable[float]]) -> list[Condition]:
+    """Return the conditions that s and its derivatives have these values (k, m) at times (k,)."""
+    return [
+        Condition(float(time), order, float(value))
+        for time, orders in zip(times, values, strict=True)
+        for order, value in enumerate(orders)
+    ]
 
 
 @dataclass(frozen=True, eq=False)

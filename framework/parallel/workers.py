@@ -71,27 +71,22 @@ class Workers(Executor):
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Take no more tasks; wait for those that were taken, or drop those that have not begun."""
         with self._lock:
-            if not self._closed:
-                self._closed = True
-                if cancel_futures:
-                    self._drop()
-                for _ in self._threads:
-                    self._tasks.put(None)
-        if wait:
-            for thread in self._threads:
-                thread.join()
+            self._closed = True
+            if cancel_futures:
+                self._drop()
+            for _ in self._threads:
+                self._tasks.put(None)
+        for thread in self._threads if wait else ():
+            thread.join()
 
     def stop(self) -> None:
         """Kill all processes and drop all tasks."""
         with self._lock:
             self._closed = self._stopped = True
             self._drop()
-            for _ in self._threads:
-                self._tasks.put(None)
             for process in self._alive:
                 process.kill()
-        for thread in self._threads:
-            thread.join()
+        self.shutdown()
 
     def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
         if kind is None:

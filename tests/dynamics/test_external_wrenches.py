@@ -10,8 +10,7 @@ from scipy.interpolate import CubicSpline
 
 import robots
 from framework import InvalidInput, ParallelRobot, assemble, dynamics_at, inverse_dynamics, plan_crossing
-from framework.crossing.restored import load_plan
-from framework.crossing.saved import save_plan
+from framework.crossing.saved import load_plan, save_plan
 from framework.crossing.scenes import plan_scene, scene_path
 from framework.errors import RobotFileError
 from tests.oracles.closure_rows import frame_of

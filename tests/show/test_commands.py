@@ -18,8 +18,7 @@ import pytest
 import robots
 from framework import Line, plan_crossing, plan_scene
 from framework.cli import main
-from framework.crossing.restored import load_plan
-from framework.crossing.saved import plan_document
+from framework.crossing.saved import load_plan, plan_document
 
 
 @pytest.fixture

@@ -1,4 +1,7 @@
-"""The length of a path, turns multiplied by the robot's length so that they count beside distances."""
+"""The sizes that errors of a motion are relative to: length of its path, and largest torque.
+
+Turns are multiplied by the robot's length so that they count beside distances.
+"""
 
 from __future__ import annotations
 
@@ -20,3 +23,10 @@ def path_length(robot: ParallelRobot, path: Path) -> float:
     """Compute the length of a path [m]."""
     points = path(np.linspace(0.0, 1.0, POLYGON_POINTS)) * coordinate_sizes(robot)
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+
+
+def largest_by_unit(robot: ParallelRobot, torques: Array) -> Array:
+    """Return the largest (n_a,) of the torques (n_a,) >= 0 of all motors of the same unit as each."""
+    units = np.array(robot.torque_units)
+    largest = np.array([torques[units == unit].max() for unit in units])
+    return np.maximum(largest, np.finfo(float).tiny)
