@@ -144,7 +144,7 @@ def _directions(n: int) -> Array:
 
 def _sign(robot: ParallelRobot, q: Array, x: Array) -> Array:
     """Compute the sign of g (T,) at q (T, nq), x (T, n)."""
-    return np.asarray(np.linalg.slogdet(type2_matrix(robot, linearised_at(robot, q, x)))[0])
+    return np.linalg.slogdet(type2_matrix(robot, linearised_at(robot, q, x)))[0]
 
 
 def _hits(robot: ParallelRobot, q: Array, x: Array, directions: Array, reach: float) -> list[Hit]:

@@ -95,14 +95,14 @@ def holding_torques(
     forces = static_forces(robot, q)
     if wrench is not None:
         forces = forces - np.einsum("tnv,n->tv", linearised.platform, wrench)
-    return np.asarray(balanced_forces(robot, linearised, forces).joint_torque / robot.gear_ratio)
+    return balanced_forces(robot, linearised, forces).joint_torque / robot.gear_ratio
 
 
 def largest_share_of_limits(robot: ParallelRobot, torques: Array) -> Array:
     """Return the largest of torques (T, n_a) over its limit, (T,); a motor without one counts for nothing."""
     limits = [actuator.torque_limit for actuator in robot.description.actuators]
     limit = np.array([np.inf if one is None else one for one in limits])
-    return np.asarray((np.abs(torques) / limit).max(axis=1))
+    return (np.abs(torques) / limit).max(axis=1)
 
 
 QUANTITIES = {

@@ -173,7 +173,7 @@ def _cross_branches(robot: ParallelRobot, linearised: LinearisedLoops) -> BoolAr
         return np.zeros(0, dtype=np.bool_)
     loops = scaled(robot, linearised.closures, robot.loops.rotation)[:, :, robot.moving]
     values = np.linalg.svd(loops, compute_uv=False)
-    return np.asarray(values[:, -1] < BRANCHES_CROSS * np.maximum(values[:, 0], 1.0))
+    return values[:, -1] < BRANCHES_CROSS * np.maximum(values[:, 0], 1.0)
 
 
 def _offsets(robot: ParallelRobot, start: Array, end: Array) -> Array:

@@ -45,7 +45,7 @@ class Window(ReadOnlyArrays):
     @property
     def cell(self) -> Array:
         """Distance of neighbours along either axis (2,)."""
-        return np.asarray((self.upper - self.lower) / (np.array(self.shape) - 1))
+        return (self.upper - self.lower) / (np.array(self.shape) - 1)
 
     def points(self) -> Array:
         """Return platform coordinates (I, J, n) of all poses."""

@@ -84,7 +84,7 @@ class WorkspaceMap(ReadOnlyArrays):
     @property
     def beyond_ranges(self) -> BoolArray:
         """(I, J) reached, but not within the ranges of the joints (`ranges.restrict_to_ranges`)."""
-        return np.asarray(self.reason >= len(PoseReason))
+        return self.reason >= len(PoseReason)
 
     @property
     def load_counts(self) -> dict[str, int]:

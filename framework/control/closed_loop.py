@@ -45,7 +45,7 @@ class MotorFriction:
     def torque(self, v: Array) -> Array:
         """Return the torque of friction (R, n_a) [N m], motor side."""
         speed = self.robot.gear_ratio * v[:, self.robot.actuated]
-        return np.asarray(self.size * np.tanh(speed / self.slow))
+        return self.size * np.tanh(speed / self.slow)
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,4 +187,4 @@ class _Robots:
 def joint_angle(robot: ParallelRobot, q: Array) -> Array:
     """Return the positions (R, n_a) of the actuated joints [rad, m]."""
     columns = [robot.model.joints[robot.model.getJointId(name)].idx_q for name in robot.actuator_names]
-    return np.asarray(q[:, columns])
+    return q[:, columns]

@@ -132,7 +132,7 @@ class ControlCycle:
         upper = np.triu(pin.crba(self.robot.model, self._data, self.q))
         whole = upper + np.triu(upper, 1).T
         whole[np.diag_indices(len(whole))] += self._rotors
-        return np.asarray(self.T.T @ whole @ self.T / self.robot.gear_ratio[:, None])
+        return self.T.T @ whole @ self.T / self.robot.gear_ratio[:, None]
 
     @property
     def bias(self) -> Array:
@@ -226,7 +226,7 @@ class ControlCycle:
 
     def _integrate(self, q: Array, step: Array) -> Array:
         """Return the configuration (nq,) after a step (nv,) from q."""
-        return q + step if self._flat else np.asarray(pin.integrate(self.robot.model, q, step))
+        return q + step if self._flat else pin.integrate(self.robot.model, q, step)
 
     def _set_state(self, q: Array, rates: Array) -> None:
         """Set q (nq,), at which T is computed, with rates of the motors (n_a,), residual and platform."""
@@ -276,4 +276,4 @@ class ControlCycle:
             force = force + robot.joint_damping * self.v
         if self._sprung:
             force = force + spring_torques(robot, self.q[None])[0]
-        return np.asarray(force @ self.T / robot.gear_ratio)
+        return force @ self.T / robot.gear_ratio

@@ -147,7 +147,7 @@ def _accepted(inertia: Array) -> Array:
     """
     moments, axes = np.linalg.eigh(inertia)
     moments[:2] += 0.5 * max(0.0, moments[2] - moments[0] - moments[1])
-    return np.asarray(axes @ np.diag(np.maximum(moments, MIN_INERTIA)) @ axes.T)
+    return axes @ np.diag(np.maximum(moments, MIN_INERTIA)) @ axes.T
 
 
 def _add_loops(robot: ParallelRobot, root: ElementTree.Element, bodies: list[ElementTree.Element]) -> None:

@@ -122,7 +122,7 @@ def _move_origin(joint: ElementTree.Element, moved: Array) -> None:
     xyz, rpy = ([float(part) for part in attributes.get(key, "0 0 0").split()] for key in ("xyz", "rpy"))
     place = placement(from_rpy(rpy), xyz) @ placement(None, moved[:3])
     for axis, angle in zip(np.eye(3), moved[3:], strict=True):
-        place = place @ placement(np.asarray(pin.exp3(angle * axis)))
+        place = place @ placement(pin.exp3(angle * axis))
     if old is not None:
         joint.remove(old)
     joint.append(origin_element(place))

@@ -116,7 +116,7 @@ def _from_reference(robot: ParallelRobot, joints: Array) -> Array:
     """Return motors' joints (T, n_a) less whole turns, to begin within half a turn of the reference."""
     away = joints[0] - robot.actuated_coordinates(robot.reference.q[None])[0]
     turns = 2.0 * np.pi * np.round(away / (2.0 * np.pi))
-    return np.asarray(joints - np.where(robot.sliding[robot.actuated], 0.0, turns))
+    return joints - np.where(robot.sliding[robot.actuated], 0.0, turns)
 
 
 def _checked(cutoff: float, period: float, count: int) -> float:
@@ -151,7 +151,7 @@ def _filtered(values: Array, period: float, cutoff: float) -> Array:
 
     sections = butter(ORDER, cutoff, fs=1.0 / period, output="sos")
     padding = min(len(values) - 1, int(np.ceil(3.0 / (cutoff * period))))
-    return np.asarray(sosfiltfilt(sections, values, axis=0, padlen=padding))
+    return sosfiltfilt(sections, values, axis=0, padlen=padding)
 
 
 def _with_derivatives(values: Array, period: float, cutoff: float) -> list[Array]:
@@ -160,7 +160,7 @@ def _with_derivatives(values: Array, period: float, cutoff: float) -> list[Array
 
     times = period * np.arange(len(values))
     spline = make_interp_spline(times, _filtered(values, period, cutoff), k=SPLINE_DEGREE)
-    return [np.asarray(spline(times, order)) for order in range(3)]
+    return [spline(times, order) for order in range(3)]
 
 
 def _by_motors(robot: ParallelRobot, angles: list[Array], progress: Callable[[int], None]) -> Motion:

@@ -76,7 +76,7 @@ def _body_sizes(body: Array) -> Array:
     """Return sizes (10,) of a body's parameters, by its mass and its extent; a point stays a point."""
     moments = float(np.trace(pseudo_inertia(body)[:3, :3]))
     arm = np.sqrt(max(moments, 0.0) / body[0])
-    return np.asarray(body[0] * arm ** np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2]))
+    return body[0] * arm ** np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])
 
 
 def inertial_parameters(link: ElementTree.Element) -> Array:
@@ -91,7 +91,7 @@ def inertial_parameters(link: ElementTree.Element) -> Array:
     central = np.array([float(mass.get("value", "0")) if mass is not None else 0.0, 0.0, 0.0, 0.0])
     keys = ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")
     central = np.append(central, [values.get(key, 0.0) for key in keys])
-    return np.asarray(moved_parameters(pin.SE3(placement(from_rpy(rpy), xyz))) @ central)
+    return moved_parameters(pin.SE3(placement(from_rpy(rpy), xyz))) @ central
 
 
 def possible_parameters(
@@ -131,7 +131,7 @@ def possible_parameters(
         )
     values = best + change @ solution
     values[motors] = np.maximum(values[motors], 0.0)
-    return np.asarray(values)
+    return values
 
 
 def _balance(parameters: Array) -> Array:

@@ -38,7 +38,7 @@ class Recording(ReadOnlyArrays):
 
     def column(self, name: str) -> Array:
         """Return one column (T,)."""
-        return np.asarray(self.values[:, self.names.index(name)])
+        return self.values[:, self.names.index(name)]
 
     def columns(self, prefix: str, endings: Sequence[str]) -> Array:
         """Return the columns PREFIX_ENDING, (T, k).
@@ -52,7 +52,7 @@ class Recording(ReadOnlyArrays):
             raise InvalidInput(
                 f"{self.source}: no column {', '.join(missing)}; it has {', '.join(self.names) or 'none'}"
             )
-        return np.asarray(self.values[:, [self.names.index(name) for name in wanted]])
+        return self.values[:, [self.names.index(name) for name in wanted]]
 
     def has(self, prefix: str, endings: Sequence[str]) -> bool:
         """Whether all columns PREFIX_ENDING are there."""
@@ -125,6 +125,14 @@ def _numbers(where: str, header: Sequence[str], used: Sequence[int], cells: Sequ
             raise InvalidInput(f"{where}: {header[k]} needs a finite number, got {short(cells[k])}")
         numbers.append(number)
     return numbers
+
+
+def checked_recording(robot: ParallelRobot, data: Recording | str | Path) -> Recording:
+    """Return a recording, or that of a file, once `check_recording` lets it pass."""
+    if not isinstance(data, Recording):
+        return read_recording(robot, data)
+    check_recording(robot, data)
+    return data
 
 
 def check_recording(robot: ParallelRobot, recording: Recording) -> None:

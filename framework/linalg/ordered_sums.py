@@ -48,7 +48,7 @@ def matmul(a: Array, b: Array) -> Array:
 def solve(matrix: Array, right: Array) -> Array:
     """Solve systems with matrices (R, n, n) and right sides (R, n) or (R, n, k); infinite where singular."""
     if right.ndim < matrix.ndim:
-        return np.asarray(solve(matrix, right[..., None])[..., 0])
+        return solve(matrix, right[..., None])[..., 0]
     try:
         return np.asarray(np.linalg.solve(matrix, right))
     except np.linalg.LinAlgError:

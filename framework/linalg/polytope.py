@@ -32,7 +32,7 @@ class Polytope(ReadOnlyArrays):
     def contains(self, points: Array) -> BoolArray:
         """Whether points (..., n) are inside, but for rounding."""
         size = np.abs(self.offsets).max(initial=0.0)
-        return np.asarray(np.all(points @ self.normals.T <= self.offsets + SAME_PLACE * size, axis=-1))
+        return np.all(points @ self.normals.T <= self.offsets + SAME_PLACE * size, axis=-1)
 
     def reach(self, direction: Array) -> tuple[float, float]:
         """Compute the least and the largest t for which t direction (n,) is inside; (nan, nan) if none is."""

@@ -26,7 +26,7 @@ def rotation_matrix(vector: Array) -> Array:
     """Compute rotation matrices (T, 3, 3) of rotation vectors (T, 3) [rad]."""
     from scipy.spatial.transform import Rotation
 
-    return np.asarray(Rotation.from_rotvec(vector).as_matrix())
+    return Rotation.from_rotvec(vector).as_matrix()
 
 
 def rotation_vector(rotation: Array) -> Array:

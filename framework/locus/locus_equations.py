@@ -15,24 +15,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, BoolArray, IntArray
+from framework.arrays import Array, IntArray
 from framework.errors import InvalidInput, choose_from
 from framework.kinematics.closures import scaled
-from framework.kinematics.frames import FrameStack, between, integrate
+from framework.kinematics.frames import FrameStack, between, integrate_columns
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.loop_matrices import passive_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.singularity.bordered_system import Border, solve_bordered
 
 # [rad, lengths] of central differences: errors of 1e-10 in slopes, none in what is solved
 DIFFERENCE_STEP = 1e-5
-
-
-class Borders(NamedTuple):
-    """Borders of S matrices P."""
-
-    b: Array  # (S, m)
-    c: Array  # (S, m)
 
 
 class Evaluated(NamedTuple):
@@ -42,10 +36,6 @@ class Evaluated(NamedTuple):
     slopes: Array  # (S, k - 1, k)
     P: Array  # (S, m, m)
     eta: Array  # (S, m) the motion that locked motors hold least, c' eta = 1
-
-    def take(self, which: BoolArray) -> Evaluated:
-        """Return the equations at the configurations `which` of the S."""
-        return Evaluated(*(part[which] for part in self))
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,9 +103,8 @@ class LocusEquations:
 
     def move(self, q: Array, u: Array) -> Array:
         """Return the configurations (S, nq) after steps u (S, k) [rad, lengths] from q."""
-        step = np.zeros((len(u), self.robot.model.nv))
-        step[:, self.robot.moving] = u * self.robot.column_scale[self.robot.moving]
-        return integrate(self.robot, q, step)
+        columns = self.robot.moving
+        return integrate_columns(self.robot, q, columns, u * self.robot.column_scale[columns])
 
     def offsets(self, start: Array, q: Array) -> Array:
         """Compute offsets (..., k) of q (..., nq) from start (..., nq), hinges the short way round."""
@@ -125,13 +114,7 @@ class LocusEquations:
         offset[..., turning] = np.mod(offset[..., turning] + np.pi, 2 * np.pi) - np.pi
         return offset
 
-    def border(self, P: Array) -> Borders:
-        """Return borders at which g is the smallest singular value of P (S, m, m), up to its sign."""
-        left, _, right = np.linalg.svd(P)
-        sign = -np.sign(np.linalg.det(left) * np.linalg.det(right))
-        return Borders(left[:, :, -1] * sign[:, None], right[:, -1])
-
-    def evaluate(self, q: Array, border: Borders | None = None) -> Evaluated:
+    def evaluate(self, q: Array, border: Border | None = None) -> Evaluated:
         """Evaluate the equations at q (S, nq); each with its own border by default."""
         robot, k = self.robot, self.size
         step = np.concatenate([np.zeros((1, k)), DIFFERENCE_STEP * np.eye(k), -DIFFERENCE_STEP * np.eye(k)])
@@ -143,16 +126,18 @@ class LocusEquations:
         gaps = linearised.residual[centres, robot.n :] / sizes
         gaps = gaps * np.where(robot.loops.rotation, 1.0, 1.0 / robot.length)
         P = passive_matrix(robot, linearised).reshape(len(q), len(step), len(robot.following), -1)
-        eta, psi, g = _solve_bordered(P[:, 0], self.border(P[:, 0]) if border is None else border)
-        dg = -np.einsum("si,skij,sj->sk", psi, _differences(P), eta)
+        border = Border.of(P[:, 0]) if border is None else border
+        eta, g = solve_bordered(P[:, 0], border)
+        psi = solve_bordered(P[:, 0].swapaxes(1, 2), Border(border.c, border.b)).eta
+        dg = -np.einsum("si,skij,sj->sk", psi[:, :, 0], _differences(P), eta[:, :, 0])
         offsets = self._fixed_offsets(poses, linearised.frames).reshape(len(q), len(step), len(self.fixed))
         return Evaluated(
-            values=np.concatenate([gaps, offsets[:, 0], g[:, None]], axis=1),
+            values=np.concatenate([gaps, offsets[:, 0], g[:, 0]], axis=1),
             slopes=np.concatenate(
                 [loops[:, :, robot.moving], _differences(offsets).swapaxes(1, 2), dg[:, None]], axis=1
             ),
             P=P[:, 0],
-            eta=eta,
+            eta=eta[:, :, 0],
         )
 
     def _fixed_offsets(self, poses: Array, frames: FrameStack) -> Array:
@@ -168,22 +153,10 @@ class LocusEquations:
             offset = (robot.platform.coordinates(frames) - self.x)[:, fixed]
             offset = offset / np.where(sliding, robot.length, 1.0)
         offset[:, ~sliding] = np.mod(offset[:, ~sliding] + np.pi, 2 * np.pi) - np.pi
-        return np.asarray(offset)
+        return offset
 
 
 def _differences(values: Array) -> Array:
     """Compute slopes (S, k, ...) by central differences of values (S, 2 k + 1, ...), the centre first."""
     k = values.shape[1] // 2
-    return np.asarray((values[:, 1 : k + 1] - values[:, k + 1 :]) / (2 * DIFFERENCE_STEP))
-
-
-def _solve_bordered(P: Array, border: Borders) -> tuple[Array, Array, Array]:
-    """Compute eta (S, m), psi (S, m) and g (S,) of matrices (S, m, m)."""
-    count, m = P.shape[:2]
-    bordered = np.zeros((count, m + 1, m + 1))
-    bordered[:, :m, :m], bordered[:, :m, m], bordered[:, m, :m] = P, border.b, border.c
-    unit = np.zeros((count, m + 1, 1))
-    unit[:, m] = 1.0
-    right = np.linalg.solve(bordered, unit)[:, :, 0]
-    left = np.linalg.solve(bordered.swapaxes(1, 2), unit)[:, :, 0]
-    return right[:, :m], left[:, :m], right[:, m]
+    return (values[:, 1 : k + 1] - values[:, k + 1 :]) / (2 * DIFFERENCE_STEP)

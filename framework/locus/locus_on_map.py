@@ -53,7 +53,7 @@ class MapPoses(NamedTuple):
     @property
     def cell(self) -> Array:
         """Distance of neighbours along either axis (2,)."""
-        return np.asarray((self.upper - self.lower) / (np.array(self.g.shape) - 1))
+        return (self.upper - self.lower) / (np.array(self.g.shape) - 1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -86,7 +86,7 @@ def _opening_direction(robot: ParallelRobot, curve: LocusCurve, cusp: LocusPoint
     k = int(np.clip(np.argmin(distance), 1, len(curve.q) - 2))
     offset = curve.motors[k] - cusp.motors
     turns = np.where(np.abs(offset) > 3, 2 * np.pi * np.round(offset / (2 * np.pi)), 0.0)
-    return np.asarray(0.5 * (curve.motors[k - 1] + curve.motors[k + 1]) - (cusp.motors + turns))
+    return 0.5 * (curve.motors[k - 1] + curve.motors[k + 1]) - (cusp.motors + turns)
 
 
 def _follow_circle(robot: ParallelRobot, cusp: LocusPoint, motors: Array) -> AssemblyModeChange | None:

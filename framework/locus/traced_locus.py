@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.arrays import Array, ArrayLike, ReadOnlyArrays, join, select
 from framework.kinematics.frames import frames_at
 from framework.kinematics.linearised_loops import assembled_at, linearised_at
 from framework.kinematics.modes import leg_signs
@@ -138,7 +138,7 @@ def _trace_branches(
     crossings: list[list[Points]] = []
     starts = [points_at(equations, solutions)]
     while starts and len(curves) < MAX_CURVES:
-        traced = whole_curves(equations, Points.join(starts), region.contains, longest)
+        traced = whole_curves(equations, join(starts), region.contains, longest)
         own_crossings = [_crossings(equations, curve) for curve in traced]
         curves += traced
         crossings += own_crossings
@@ -158,7 +158,7 @@ def _crossings(equations: LocusEquations, curve: Curve) -> list[Points]:
     """
     points = curve.points
     changes = np.flatnonzero(points.orientation[1:] * points.orientation[:-1] < 0)
-    ranks = [_least_slope(equations, points.take(changes + k)) for k in (0, 1)]
+    ranks = [_least_slope(equations, select(points, changes + k)) for k in (0, 1)]
     changes = changes[np.maximum(*ranks) > RANK_LOST]
     return [branch_point(equations, points.single(k), points.single(k + 1)) for k in changes.tolist()]
 

@@ -21,9 +21,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, BoolArray, IntArray
+from framework.arrays import Array, BoolArray, select
 from framework.errors import InvalidInput
-from framework.kinematics.frames import FrameStack, between, frames_at, integrate
+from framework.kinematics.frames import FrameStack, between, frames_at, integrate_columns
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.ordered_sums import cross
 from framework.proofs.equation_terms import BASE, Chain, EquationTerms, Term, moving_balls
@@ -39,10 +39,6 @@ class _ChainDerivatives(NamedTuple):
     bent: Array  # (S, L, L, 3) d2p
     offset: Array  # (S, 3) from the first frame's origin to the second one's
     lever: Array  # (S, L) |u_j|
-
-    def take(self, which: BoolArray | IntArray) -> _ChainDerivatives:
-        """Return the derivatives at the configurations `which` of the S."""
-        return _ChainDerivatives(*(part[which] for part in self))
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,9 +91,7 @@ class DerivativeBounds:
 
     def configurations(self, u: Array) -> Array:
         """Return the configurations (S, nq) at offsets u (S, k) [rad, lengths] from the reference."""
-        step = np.zeros((len(u), self.robot.model.nv))
-        step[:, self.robot.moving] = u * self.column_scale
-        return integrate(self.robot, np.repeat(self.robot.reference.q[None], len(u), axis=0), step)
+        return integrate_columns(self.robot, self.robot.reference.q, self.robot.moving, u * self.column_scale)
 
     def evaluate(self, q: Array) -> Derivatives:
         """Evaluate the equations and their derivatives at q (S, nq)."""
@@ -138,7 +132,7 @@ class Derivatives:
     hessians: Array  # (S, R, k, k)
     derivatives: list[_ChainDerivatives]  # of each chain
 
-    def take(self, which: BoolArray | IntArray) -> Derivatives:
+    def take(self, which: BoolArray) -> Derivatives:
         """Return the derivatives in the boxes `which` of the S."""
         position, rotation, screws, carried, q = self.frames
         return Derivatives(
@@ -147,7 +141,7 @@ class Derivatives:
             self.values[which],
             self.slopes[which],
             self.hessians[which],
-            [own.take(which) for own in self.derivatives],
+            [select(own, which) for own in self.derivatives],
         )
 
     def remainders(self, radii: Array) -> Remainders:
@@ -169,7 +163,7 @@ class Derivatives:
                 third = _thirds(term, chain, derivative, _widen_levers(chain, derivative, r), r)
                 thirds[:, term.row, chain.places[:, None], chain.places] += third
         scale = bounds.row_scale[:, None] * bounds.column_scale
-        return np.asarray(thirds * (ROUND_UP * scale[:, :, None] * bounds.column_scale))
+        return thirds * (ROUND_UP * scale[:, :, None] * bounds.column_scale)
 
 
 class Remainders(NamedTuple):

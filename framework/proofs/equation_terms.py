@@ -46,13 +46,13 @@ class Chain(NamedTuple):
     def outer(self) -> IntArray:
         """(L, L) the later one of two joints."""
         own = np.arange(len(self.places))
-        return np.asarray(np.maximum(own[:, None], own))
+        return np.maximum(own[:, None], own)
 
     @property
     def inner(self) -> IntArray:
         """(L, L) the earlier one of two joints."""
         own = np.arange(len(self.places))
-        return np.asarray(np.minimum(own[:, None], own))
+        return np.minimum(own[:, None], own)
 
 
 class Term(NamedTuple):

@@ -129,7 +129,7 @@ def sizes(family: QuadricFamily, z: ComplexArray) -> Array:
     """Compute the size (S,) of z (S, N) as a displacement, infinite at infinity."""
     values = family.values(z)
     with np.errstate(divide="ignore"):
-        return np.asarray(np.linalg.norm(values, axis=1) / np.abs(values[:, 0]))
+        return np.linalg.norm(values, axis=1) / np.abs(values[:, 0])
 
 
 def _endgame(
@@ -167,7 +167,7 @@ def _leave_for_infinity(w: Array, logarithm: Array) -> BoolArray:
     """Whether exponents w (A, S) of successive segments agree and sizes are large, (S,)."""
     least, largest = w.min(axis=0), w.max(axis=0)
     agree = largest - least < MAX_EXPONENT_SPREAD * largest
-    return np.asarray((least > ENDGAME_MIN_EXPONENT) & agree & (logarithm > np.log(MIN_INFINITE_SIZE)))
+    return (least > ENDGAME_MIN_EXPONENT) & agree & (logarithm > np.log(MIN_INFINITE_SIZE))
 
 
 class _LinearHomotopy(NamedTuple):

@@ -103,7 +103,7 @@ def damped_mixers(equations: LinearEnclosure, radii: Array) -> Array:
     U, s, Vt = np.linalg.svd(equations.slopes * radii[:, None] * weights[:, :, None], full_matrices=False)
     Ut, V = U.swapaxes(1, 2), Vt.swapaxes(1, 2)
     damped = V * (s / (s**2 + 1.0))[:, None] @ Ut
-    return np.asarray(np.concatenate([damped, Ut], axis=1) * weights[:, None])
+    return np.concatenate([damped, Ut], axis=1) * weights[:, None]
 
 
 class BorderedBounds(NamedTuple):

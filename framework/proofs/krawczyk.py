@@ -79,7 +79,7 @@ def _widen(off: Array, rest: Array, Y_size: Array, sizes: Array) -> Array | None
         spread = np.vstack([2 * ROUND_UP * sizes @ r, np.zeros(len(r))])
         needed = ROUND_UP * (off + ROUND_UP**2 * ((rest + Y_size @ spread) @ r))
         if np.all(needed < r):
-            return np.asarray(r)
+            return r
         r = WIDENING_RATIO * needed + MIN_RADIUS
         if not r.max() < MAX_RADIUS:
             break
@@ -91,11 +91,11 @@ def chart_for(z: ComplexArray, seed: int = 0) -> Array:
     charts = np.random.default_rng(seed).standard_normal((RANDOM_CHARTS, z.shape[1]))
     charts /= np.linalg.norm(charts, axis=1, keepdims=True)
     heights = np.abs(charts @ z.T) / np.linalg.norm(z, axis=1)
-    return np.asarray(charts[np.argmax(heights.min(axis=1, initial=np.inf))])
+    return charts[np.argmax(heights.min(axis=1, initial=np.inf))]
 
 
 def are_apart(z: ComplexArray, radii: Array) -> bool:
     """Whether polydiscs about z (S, N) have nothing in common with one another."""
     gap = np.abs(z[:, None] - z[None]) / ROUND_UP - radii[:, None] - radii[None]
-    disjoint = np.asarray((gap > 0).any(axis=2)) | np.eye(len(z), dtype=bool)
+    disjoint = (gap > 0).any(axis=2) | np.eye(len(z), dtype=bool)
     return bool(disjoint.all())

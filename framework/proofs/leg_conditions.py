@@ -137,7 +137,7 @@ class _Sampler:
         for _ in range(SAMPLE_POSES):
             passive = np.where(robot.sliding[robot.passive], robot.length, np.pi)
             step[robot.passive] = rng.uniform(-passive, passive)
-            poses.append(np.asarray(pin.integrate(model, q, step)))
+            poses.append(pin.integrate(model, q, step))
             pin.forwardKinematics(model, data, poses[-1])
             links.append([pin.SE3(placement) for placement in data.liMi])
         pin.framesForwardKinematics(model, data, robot.reference.q)

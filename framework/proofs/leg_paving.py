@@ -17,7 +17,7 @@ import numpy as np
 
 from framework.arrays import Array, BoolArray, IntArray
 from framework.kinematics.closures import loop_equations
-from framework.kinematics.frames import FrameStack, between, frames_at, integrate
+from framework.kinematics.frames import FrameStack, between, frames_at, integrate_columns
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import scratch_of
 from framework.kinematics.placements import planar_normal
@@ -133,9 +133,7 @@ class LegEquations:
     def __call__(self, middle: Array, radii: Array) -> LinearEnclosure:
         """Enclose the equations in boxes (B, n)."""
         robot, own = self.robot, self.own
-        step = np.zeros((len(middle), robot.model.nv))
-        step[:, own] = middle * robot.column_scale[own]
-        frames = frames_at(robot, integrate(robot, self.q, step))
+        frames = frames_at(robot, integrate_columns(robot, self.q, own, middle * robot.column_scale[own]))
         slid = np.abs(self._slides(frames.q))
         slid[:, own] += np.where(robot.sliding[own], radii * robot.column_scale[own], 0.0)
         bounds = [chain.hessian_bounds(radii, slid) for chain in self.chains]

@@ -11,7 +11,7 @@ import numpy as np
 
 from framework.arrays import Array, BoolArray, IntArray
 from framework.kinematics.closures import loop_equations, scaled
-from framework.kinematics.frames import FrameStack, between, frames_at, integrate
+from framework.kinematics.frames import FrameStack, between, frames_at, integrate, integrate_columns
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.loop_matrices import passive_matrix, type1_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -88,19 +88,16 @@ def close_all_loops(
         inverse = np.linalg.pinv(slopes[:, :, columns], rcond=RANK_ROUNDING)
         change = -(inverse @ values[:, :, None])[:, :, 0]
         change /= np.maximum(np.abs(change).max(axis=1, keepdims=True) / MAX_SEARCH_STEP, 1.0)
-        step = np.zeros((len(q), robot.model.nv))
-        step[:, columns] = change * robot.column_scale[columns]
-        q = integrate(robot, q, step)
-    return q, np.asarray(size < LOOP_GAP)
+        q = integrate_columns(robot, q, columns, change * robot.column_scale[columns])
+    return q, size < LOOP_GAP
 
 
 def random_starts(robot: ParallelRobot, q: Array, count: int, columns: IntArray | None = None) -> Array:
     """Draw configurations (count, nq): q (1, nq), and others with joints (the passive ones) anywhere."""
     columns = robot.passive if columns is None else columns
     spread = np.where(robot.sliding[columns], robot.length, np.pi)
-    step = np.zeros((count, robot.model.nv))
-    step[1:, columns] = np.random.default_rng(RANDOM_SEED).uniform(-spread, spread, (count - 1, len(spread)))
-    return integrate(robot, np.repeat(q, count, axis=0), step)
+    others = np.random.default_rng(RANDOM_SEED).uniform(-spread, spread, (count - 1, len(spread)))
+    return integrate_columns(robot, q, columns, np.concatenate([np.zeros((1, len(spread))), others]))
 
 
 def nearest_turn(robot: ParallelRobot, q: Array) -> Array:

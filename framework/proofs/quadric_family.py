@@ -48,7 +48,7 @@ class QuadricFamily:
 
     def values(self, z: ComplexArray) -> ComplexArray:
         """Evaluate the members at points z (S, N), (S, M)."""
-        return np.asarray(np.einsum("mij,ti,tj->tm", self.members, z, z))
+        return np.einsum("mij,ti,tj->tm", self.members, z, z)
 
     def random_point(self, rng: np.random.Generator) -> ComplexArray:
         """Return a point (N,) on all fixed quadrics."""

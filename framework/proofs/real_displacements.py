@@ -167,7 +167,7 @@ def _is_finite(first: Array, z: ComplexArray, radii: Array) -> BoolArray:
     size = np.abs(z)
     change = np.sum((2 * np.abs(slopes) + radii @ np.abs(first)) * radii, axis=1)
     rounding = gamma(2 * z.shape[1]) * np.einsum("si,ij,sj->s", size, np.abs(first), size)
-    return np.asarray(value > ROUND_UP**2 * (change + 2 * rounding))
+    return value > ROUND_UP**2 * (change + 2 * rounding)
 
 
 # ------------------------------------------------------------------ no others

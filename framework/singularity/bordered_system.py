@@ -23,17 +23,17 @@ from framework.arrays import Array
 class Border(NamedTuple):
     """The border (b, c): the last `size` singular vectors of one matrix, for all near the matrix."""
 
-    b: Array  # (n, size) left
-    c: Array  # (n, size) right
+    b: Array  # (n, size) left, or (T, n, size) of T matrices
+    c: Array  # (n, size) right, likewise
 
     @staticmethod
     def of(matrix: Array, size: int = 1) -> Border:
-        """Return the border for matrices near this one (n, n); det G then has the sign of the determinant."""
+        """Return the border for matrices near this one (..., n, n); det G then has the determinant's sign."""
         left, _, right = np.linalg.svd(matrix)
-        b, c = left[:, -size:].copy(), right[-size:].T
+        b, c = left[..., -size:].copy(), right[..., -size:, :].swapaxes(-1, -2)
         # for the matrix itself G = -diag(sigma) with this border; det decides which sign it should have
-        if (-1) ** size * np.prod(np.linalg.det(np.array([left, right]))) < 0:
-            b[:, -1] *= -1
+        orientation = (-1) ** size * np.linalg.det(left) * np.linalg.det(right)
+        b[..., -1] *= np.sign(orientation)[..., None]
         return Border(b, c)
 
 
@@ -50,13 +50,13 @@ class BorderedSolution(NamedTuple):
 
 
 def solve_bordered(matrices: Array, border: Border) -> BorderedSolution:
-    """Solve the bordered systems of matrices (T, n, n)."""
+    """Solve the bordered systems of matrices (T, n, n), with one border or T."""
     count, n = matrices.shape[:2]
-    size = border.b.shape[1]
+    size = border.b.shape[-1]
     bordered = np.zeros((count, n + size, n + size))
     bordered[:, :n, :n] = matrices
     bordered[:, :n, n:] = border.b
-    bordered[:, n:, :n] = border.c.T
+    bordered[:, n:, :n] = border.c.swapaxes(-1, -2)
     unit = np.zeros((count, n + size, size))
     unit[:, n:] = np.eye(size)
     try:
@@ -68,4 +68,4 @@ def solve_bordered(matrices: Array, border: Border) -> BorderedSolution:
 
 def determinant(G: Array) -> Array:
     """Compute det G (T,) of blocks (T, size, size)."""
-    return G[:, 0, 0] if G.shape[1] == 1 else np.asarray(np.linalg.det(G))
+    return G[:, 0, 0] if G.shape[1] == 1 else np.linalg.det(G)

@@ -68,7 +68,7 @@ class Panel:
 
     def path_coordinates(self, local: Array) -> Array:
         """Return the path coordinates s (T,) of local ones (T,) in [-1, 1]."""
-        return self.start + 0.5 * (self.end - self.start) * (np.asarray(local) + 1.0)
+        return self.start + 0.5 * (self.end - self.start) * (local + 1.0)
 
     @cached_property
     def extrema(self) -> Array:
