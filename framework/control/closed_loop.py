@@ -166,7 +166,7 @@ class _Robots:
         offset = np.zeros_like(v) if self.noise is None else self.noise[k][:, 0]
         rates = v if self.noise is None else v + self.noise[k][:, 1]
         n, motors = robot.gear_ratio, robot.actuated
-        angle, speed = n * (joint_angle(robot, q) + offset[:, motors]), n * rates[:, motors]
+        angle, speed = n * (robot.actuated_coordinates(q) + offset[:, motors]), n * rates[:, motors]
         if sensors == "motors":
             return Measurement(angle, speed, None)
         from_joints = np.linalg.pinv(ref.N[k])  # (n, nv)
@@ -182,9 +182,3 @@ class _Robots:
             models = [robot.model for robot in self.stepper.stack.robots]
             world = self.world(ref.robot, middle, integrate(ref.robot, q, 0.5 * ref.period * v), models)
         return self.stepper.step(q, v, torque - self.friction.torque(v), ref.period, world=world)
-
-
-def joint_angle(robot: ParallelRobot, q: Array) -> Array:
-    """Return the positions (R, n_a) of the actuated joints [rad, m]."""
-    columns = [robot.model.joints[robot.model.getJointId(name)].idx_q for name in robot.actuator_names]
-    return q[:, columns]

@@ -183,11 +183,8 @@ def _add_loops(robot: ParallelRobot, root: ElementTree.Element, bodies: list[Ele
 
 
 def _placed(placement: pin.SE3) -> dict[str, str]:
-    turned = pin.Quaternion(placement.rotation)
-    return {
-        "pos": _numbers(placement.translation),
-        "quat": _numbers([turned.w, turned.x, turned.y, turned.z]),
-    }
+    place = pin.SE3ToXYZQUAT(placement)
+    return {"pos": _numbers(place[:3]), "quat": _numbers(place[[6, 3, 4, 5]])}
 
 
 def _numbers(values: Iterable[float] | Array) -> str:

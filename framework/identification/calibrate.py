@@ -21,6 +21,7 @@ from framework.identification.calibration_equations import (
     Eliminated,
     Measurements,
     eliminated,
+    joint_names,
     measurements_of,
     offsets,
 )
@@ -250,15 +251,10 @@ def _unseen(
     """Name the directions of the parameters that the data do not see, with what would show each."""
     model, names = geometry.model, geometry.names
     frames = frames_at(model, q)
-    shown = {f"platform_{axis}": frames.jacobian[:, 0, k] for k, axis in enumerate(("x", "y", "z"))}
-    shown |= {
-        f"the platform's turn about {axis}": frames.jacobian[:, 0, 3 + k] for k, axis in enumerate("xyz")
-    }
-    single = {joint.idx_v for joint in model.model.joints[1:] if joint.nv == 1}
-    for column in single.intersection(map(int, model.passive)):
-        unit = np.zeros((len(q), model.model.nv))
-        unit[:, column] = 1.0
-        shown[f"joint_{model.coordinates.name_of(column)}"] = unit
+    axes = [*(f"platform_{axis}" for axis in "xyz"), *(f"the platform's turn about {axis}" for axis in "xyz")]
+    shown = {axis: frames.jacobian[:, 0, k] for k, axis in enumerate(axes)}
+    for column, name in joint_names(model).items():
+        shown[name] = np.tile(np.eye(model.model.nv)[column], (len(q), 1))
     sentences = []
     for direction in combinations.unseen:
         moved = np.zeros((len(q), model.model.nv))

@@ -24,6 +24,7 @@ from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, 
 from framework.kinematics.loop_matrices import clearance
 from framework.kinematics.motion_rates import Motion, joint_rates, motion_at, without_elastic_rates
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.linalg.rotations import whole_turns
 from framework.tolerances import MAX_MOTOR_MISFIT
 
 ORDER, SPLINE_DEGREE = 4, 5  # of the filter, of the splines
@@ -115,8 +116,7 @@ def measured_motion(
 def _from_reference(robot: ParallelRobot, joints: Array) -> Array:
     """Return motors' joints (T, n_a) less whole turns, to begin within half a turn of the reference."""
     away = joints[0] - robot.actuated_coordinates(robot.reference.q[None])[0]
-    turns = 2.0 * np.pi * np.round(away / (2.0 * np.pi))
-    return joints - np.where(robot.sliding[robot.actuated], 0.0, turns)
+    return joints - np.where(robot.sliding[robot.actuated], 0.0, whole_turns(away))
 
 
 def _checked(cutoff: float, period: float, count: int) -> float:
@@ -248,8 +248,7 @@ def _motor_misfit(robot: ParallelRobot, source: str, motion: Motion, q_a: Array,
         InvalidInput: it is more than a file that is a little wrong explains.
     """
     off = robot.actuated_coordinates(motion.q) - q_a
-    turns = 2.0 * np.pi * np.round(off / (2.0 * np.pi))
-    off = np.abs(np.where(robot.sliding[robot.actuated], off, off - turns))
+    off = np.abs(np.where(robot.sliding[robot.actuated], off, off - whole_turns(off)))
     off /= robot.column_scale[robot.actuated]
     k, motor = np.unravel_index(int(off.argmax()), off.shape)
     largest = float(off[k, motor])

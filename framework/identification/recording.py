@@ -18,6 +18,7 @@ from framework.arrays import Array, IntArray, ReadOnlyArrays
 from framework.errors import InvalidInput, choose_from, short
 from framework.input import read_text
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.linalg.rotations import whole_turns
 
 LARGEST_RECORDING = 200_000_000  # bytes
 MIN_ROWS = 2
@@ -166,7 +167,7 @@ def _in_degrees(angles: Array, start: Array) -> bool:
     Whole turns count as no distance, once a sample is farther away than half a turn.
     """
     away, converted = angles[0] - start, np.radians(angles) - start
-    beside_turns = np.abs(away - 2.0 * np.pi * np.round(away / (2.0 * np.pi))).max()
+    beside_turns = np.abs(away - whole_turns(away)).max()
     return bool(
         np.abs(away).max() > np.pi
         and np.abs(converted[0]).max() < beside_turns

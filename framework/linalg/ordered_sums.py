@@ -9,7 +9,10 @@ every BLAS. A study of runs needs that, to give one of them back by its seed. `n
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from framework.arrays import Array
 
@@ -53,6 +56,14 @@ def solve(matrix: Array, right: Array) -> Array:
         return np.asarray(np.linalg.solve(matrix, right))
     except np.linalg.LinAlgError:
         return np.array([_solve_one(a, b) for a, b in zip(matrix, right, strict=True)])
+
+
+def solve_or_fit(matrices: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
+    """Solve systems (S, n, n) with right sides (S, n, k), by least squares where one is singular."""
+    try:
+        return np.linalg.solve(matrices, right)
+    except np.linalg.LinAlgError:
+        return np.array([np.linalg.lstsq(m, r, rcond=None)[0] for m, r in zip(matrices, right, strict=True)])
 
 
 def _solve_one(matrix: Array, right: Array) -> Array:

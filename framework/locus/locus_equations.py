@@ -23,6 +23,7 @@ from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.loop_matrices import passive_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.linalg.rotations import wrap_angles
 from framework.singularity.bordered_system import Border, solve_bordered
 
 # [rad, lengths] of central differences: errors of 1e-10 in slopes, none in what is solved
@@ -111,7 +112,7 @@ class LocusEquations:
         columns = self.robot.moving
         offset = between(self.robot, start, q)[..., columns] / self.robot.column_scale[columns]
         turning = ~self.robot.sliding[columns]
-        offset[..., turning] = np.mod(offset[..., turning] + np.pi, 2 * np.pi) - np.pi
+        offset[..., turning] = wrap_angles(offset[..., turning])
         return offset
 
     def evaluate(self, q: Array, border: Border | None = None) -> Evaluated:
@@ -152,7 +153,7 @@ class LocusEquations:
             sliding = robot.translations[fixed]
             offset = (robot.platform.coordinates(frames) - self.x)[:, fixed]
             offset = offset / np.where(sliding, robot.length, 1.0)
-        offset[:, ~sliding] = np.mod(offset[:, ~sliding] + np.pi, 2 * np.pi) - np.pi
+        offset[:, ~sliding] = wrap_angles(offset[:, ~sliding])
         return offset
 
 

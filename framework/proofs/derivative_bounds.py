@@ -195,27 +195,22 @@ def _term(
     else:
         axis = frames.rotation[:, chain.first, :, term.axis]
     f = term.factor
-    if term.kind == "point":
-        return (
-            f * np.einsum("sc,sc->s", axis, derivative.offset),
-            f * np.einsum("sc,sjc->sj", axis, derivative.point),
-            f * np.einsum("sc,sijc->sij", axis, derivative.bent),
-        )
     if term.kind == "distance":
         first = np.einsum("sc,sjc->sj", derivative.offset, derivative.point)
         second = np.einsum("sic,sjc->sij", derivative.point, derivative.point)
         second = second + np.einsum("sc,sijc->sij", derivative.offset, derivative.bent)
         return 0.5 * f * np.einsum("sc,sc->s", derivative.offset, derivative.offset), f * first, f * second
+    vector, moved, bent = derivative.offset, derivative.point, derivative.bent
     if term.kind == "turn":  # axis . the part of R(q) R(middle)' that is not symmetric: 0 at the middle
-        swept = 0.5 * cross(derivative.turning[:, chain.inner], derivative.turning[:, chain.outer])
-        second = np.einsum("sc,sijc->sij", axis, swept)
-        return np.zeros(S), np.einsum("sc,sjc->sj", axis, derivative.turning), second
-    carried = frames.rotation[:, chain.second, :, term.selected]
-    own_turn = cross(derivative.turning, carried[:, None])
-    bent = cross(derivative.turning[:, chain.inner], own_turn[:, chain.outer])
+        vector, moved = np.zeros((S, 3)), derivative.turning
+        bent = 0.5 * cross(moved[:, chain.inner], moved[:, chain.outer])
+    if term.kind == "direction":
+        vector = frames.rotation[:, chain.second, :, term.selected]
+        moved = cross(derivative.turning, vector[:, None])
+        bent = cross(derivative.turning[:, chain.inner], moved[:, chain.outer])
     return (
-        f * np.einsum("sc,sc->s", axis, carried),
-        f * np.einsum("sc,sjc->sj", axis, own_turn),
+        f * np.einsum("sc,sc->s", axis, vector),
+        f * np.einsum("sc,sjc->sj", axis, moved),
         f * np.einsum("sc,sijc->sij", axis, bent),
     )
 

@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array, BoolArray
+from framework.linalg.ordered_sums import solve_or_fit
 from framework.proofs.quadric_family import ComplexArray, QuadricFamily, is_first
 from framework.tolerances import ENDGAME_MIN_EXPONENT, NEWTON_STEP
 
@@ -188,14 +189,16 @@ class _LinearHomotopy(NamedTuple):
         """Compute dz/dt (S, N) along the way."""
         S, N = z.shape
         changes = np.einsum("ski,si->sk", (self.change.reshape(-1, N) @ z.T).T.reshape(S, N - 1, N), z)
-        return _solve(self.slopes(z, t), np.concatenate([-0.5 * changes, np.zeros((S, 1))], axis=1))
+        right = np.concatenate([-0.5 * changes, np.zeros((S, 1))], axis=1)
+        return solve_or_fit(self.slopes(z, t), right[:, :, None])[:, :, 0]
 
     def newton(self, z: ComplexArray, t: Array) -> ComplexArray:
         """Compute the Newton step (S, N)."""
         slopes = self.slopes(z, t)
         values = 0.5 * np.einsum("ski,si->sk", slopes, z)
         values[:, -1] = 0.5 * (z @ self.chart - 1.0)
-        return _solve(slopes, -values)
+        # one of them singular to the last bit: its path is shortened
+        return solve_or_fit(slopes, -values[:, :, None])[:, :, 0]
 
     def advance(self, z: ComplexArray, t: Array, h: Array) -> tuple[ComplexArray, Array]:
         """Predict z (S, N) at t + h (Runge-Kutta) and correct; return also the last correction."""
@@ -208,11 +211,3 @@ class _LinearHomotopy(NamedTuple):
             change = self.newton(ahead, t + h)
             ahead = ahead + change
         return ahead, np.linalg.norm(change, axis=1) / np.linalg.norm(ahead, axis=1)
-
-
-def _solve(matrices: ComplexArray, right: ComplexArray) -> ComplexArray:
-    """Solve systems with matrices (S, N, N) and right sides (S, N), by least squares where singular."""
-    try:
-        return np.asarray(np.linalg.solve(matrices, right[:, :, None])[:, :, 0])
-    except np.linalg.LinAlgError:  # one of them singular to the last bit: its path is shortened
-        return np.array([np.linalg.lstsq(m, r, rcond=None)[0] for m, r in zip(matrices, right, strict=True)])

@@ -22,6 +22,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import scratch_of
 from framework.kinematics.placements import planar_normal
 from framework.kinematics.platform import FramePlatform, JointPlatform
+from framework.kinematics.tree_model import single_columns
 from framework.linalg.ordered_sums import cross
 from framework.proofs.branch_and_bound import Boxes
 from framework.proofs.completeness import KnownSolutions, has_no_others, unique_radius
@@ -50,7 +51,7 @@ def leg_solutions_complete(
     """
     slides = robot.sliding[own]
     too_many = len(own) > MAX_JOINTS or slides.sum() > 1
-    if robot.rows.has_couplings or too_many or not _has_single_columns(robot, own):
+    if robot.rows.has_couplings or too_many or not single_columns(robot.model).issuperset(own.tolist()):
         return False
     equations = LegEquations.of(robot, own, fixed, q, x)
     if not equations.count:
@@ -62,11 +63,6 @@ def leg_solutions_complete(
     period = np.where(slides, np.inf, 2 * np.pi)
     radii = np.array([unique_radius(equations, point) for point in points])
     return has_no_others(equations, region, KnownSolutions(points, radii, period))
-
-
-def _has_single_columns(robot: ParallelRobot, own: IntArray) -> bool:
-    single = {joint.idx_v for joint in list(robot.model.joints)[1:] if joint.nv == 1}
-    return single.issuperset(own.tolist())
 
 
 def _region(equations: LegEquations) -> Boxes | None:

@@ -15,6 +15,7 @@ from framework.kinematics.frames import FrameStack, between, frames_at, integrat
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.loop_matrices import passive_matrix, type1_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.linalg.rotations import wrap_angles
 from framework.tolerances import DISTINCT_SOLUTIONS, FRAME_ROUNDING, LOOP_GAP, RANK_ROUNDING
 
 RANDOM_STARTS = 24  # for each pose of the platform
@@ -104,7 +105,7 @@ def nearest_turn(robot: ParallelRobot, q: Array) -> Array:
     """Return the same configuration (nq,), passive hinges less than half a turn from the reference."""
     offset = between(robot, robot.reference.q, q)
     hinges = robot.passive[~robot.sliding[robot.passive]]
-    offset[hinges] = np.mod(offset[hinges] + np.pi, 2 * np.pi) - np.pi
+    offset[hinges] = wrap_angles(offset[hinges])
     return integrate(robot, robot.reference.q, offset)
 
 

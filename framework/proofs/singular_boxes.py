@@ -17,6 +17,7 @@ import numpy as np
 from framework.arrays import Array, BoolArray, IntArray, select
 from framework.kinematics.modes import legs
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.linalg.rotations import wrap_angles
 from framework.proofs.branch_and_bound import NO_AXIS, Boxes, Examined, narrow_or_halve
 from framework.proofs.derivative_bounds import DerivativeBounds, Derivatives, Remainders
 from framework.proofs.interval_newton import (
@@ -69,11 +70,11 @@ def measure_bounds(which: SingularSet, derivatives: Derivatives, remainders: Rem
     """Enclose the bordered scalar g of a block, dg = -psi' dP eta (Govaerts 2000), over boxes."""
     rows, columns = which.rows[:, None], which.columns
     rounding = derivatives.bounds.rounding
-    bordered = bordered_bounds(
+    right, left = bordered_bounds(
         derivatives.slopes[:, rows, columns], remainders.slopes[:, rows, columns], rounding
     )
-    eta, psi = bordered.right[:, :-1], bordered.left[:, :-1]
-    eta_error, psi_error = bordered.right_errors[:, :-1], bordered.left_errors[:, :-1]
+    eta, psi = right.z[:, :-1], left.z[:, :-1]
+    eta_error, psi_error = right.error[:, :-1], left.error[:, :-1]
     eta_size, psi_size = np.abs(eta) + eta_error, np.abs(psi)
     dP = derivatives.hessians[:, rows, columns]  # (S, s, s, k)
     dP_size, dP_change = np.abs(dP), remainders.hessians[:, rows, columns] + rounding
@@ -84,9 +85,9 @@ def measure_bounds(which: SingularSet, derivatives: Derivatives, remainders: Rem
     slope_changes = product(psi_size, dP_change, eta_size) + product(psi_size, dP_size, eta_error)
     slope_changes += product(psi_error, dP_size + dP_change, eta_size)
     return MeasureBounds(
-        bordered.valid,
-        bordered.right[:, -1],
-        bordered.g_error,
+        right.valid & left.valid,
+        right.z[:, -1],
+        right.last_error,
         -product(psi, dP, eta),
         ROUND_UP * slope_changes,
     )
@@ -171,7 +172,7 @@ class SingularBoxTest:
             return np.ones(len(radii), dtype=bool)
         extent = times(np.abs(derivatives.slopes[:, :n]), radii) + errors[:, :n] + self.bounds.rounding
         off = robot.platform.coordinates(derivatives.frames) - self.window.mean(axis=0)
-        off = np.where(robot.translations, off, np.remainder(off + np.pi, 2 * np.pi) - np.pi)
+        off = np.where(robot.translations, off, wrap_angles(off))
         reach = 0.5 * np.ptp(self.window, axis=0) + robot.platform_scale * ROUND_UP * extent
         return (np.abs(off) <= reach).all(axis=1)
 

@@ -22,6 +22,7 @@ from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.modes import Leg, leg_signs, legs
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tree_model import positions_beyond_limits
+from framework.linalg.rotations import wrap_angles
 from framework.proofs.leg_paving import leg_solutions_complete
 from framework.proofs.passive_joints import (
     close_all_loops,
@@ -174,5 +175,5 @@ def _from_reference(robot: ParallelRobot, q: Array) -> Array:
     """Compute the way from the reference to q (nq,), all hinges the short way round (nv,)."""
     offset = between(robot, robot.reference.q, q)
     hinges = ~robot.sliding
-    offset[hinges] = np.mod(offset[hinges] + np.pi, 2 * np.pi) - np.pi
+    offset[hinges] = wrap_angles(offset[hinges])
     return offset

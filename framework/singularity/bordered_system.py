@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array
+from framework.linalg.ordered_sums import solve_or_fit
 
 
 class Border(NamedTuple):
@@ -59,11 +60,14 @@ def solve_bordered(matrices: Array, border: Border) -> BorderedSolution:
     bordered[:, n:, :n] = border.c.swapaxes(-1, -2)
     unit = np.zeros((count, n + size, size))
     unit[:, n:] = np.eye(size)
-    try:
-        solution = np.linalg.solve(bordered, unit)
-    except np.linalg.LinAlgError:  # more null vectors than borders, to the last bit: G is singular there
-        solution = np.array([np.linalg.lstsq(system, unit[0], rcond=None)[0] for system in bordered])
+    # by least squares with more null vectors than borders, to the last bit: G is singular there
+    solution = solve_or_fit(bordered, unit)
     return BorderedSolution(solution[:, :n], solution[:, n:])
+
+
+def solve_near(matrices: Array, k: int, size: int = 1) -> BorderedSolution:
+    """Solve the bordered systems of matrices (T, n, n) with the border of the k-th."""
+    return solve_bordered(matrices, Border.of(matrices[k], size))
 
 
 def determinant(G: Array) -> Array:

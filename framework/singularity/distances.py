@@ -62,16 +62,12 @@ def singularity_distances(robot: ParallelRobot, linearised: LinearisedLoops) -> 
     inverse = 1.0 / np.maximum(values, SINGULAR_VALUE_FLOOR)
     directions = left.swapaxes(1, 2) @ B  # (T, n, n_a): what the motors feel of each singular direction
     J = right.swapaxes(1, 2) @ (inverse[:, :, None] * directions)  # (T, n, n_a): v = J dq_a, no dimension
-    joint_side = _worst_torques(robot, J, right, values, np.ones(robot.n_a))
-    motor_side = _worst_torques(robot, J, right, values, robot.gear_ratio)
     return Distances(
-        g=singularity_measure(robot, linearised).g,
-        sigma_A=np.asarray(sigma_A),
-        torque_norm=joint_side[0],
-        torque_largest=joint_side[1],
-        motor_torque_norm=motor_side[0],
-        motor_torque_largest=motor_side[1],
-        pressure_angle=_pressure_angles(robot, J),
+        singularity_measure(robot, linearised).g,
+        np.asarray(sigma_A),
+        *_worst_torques(robot, J, right, values, np.ones(robot.n_a)),
+        *_worst_torques(robot, J, right, values, robot.gear_ratio),
+        _pressure_angles(robot, J),
     )
 
 

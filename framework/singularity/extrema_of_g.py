@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from framework.arrays import Array
 from framework.motion.chebyshev import coefficients, extrema, nodes
-from framework.singularity.bordered_system import Border, determinant, solve_bordered
+from framework.singularity.bordered_system import determinant, solve_near
 from framework.singularity.piecewise_measure import PANEL_NODES
 from framework.tolerances import MEASURE_ROUNDING
 
@@ -106,7 +106,7 @@ def extremum_near(
         start, end = max(knots[k - 1], s - width), min(knots[k], s + width)
         local = start + 0.5 * (end - start) * (nodes(PANEL_NODES) + 1.0)
         stack = matrices(np.append(local, s))
-        values = scalar(solve_bordered(stack, Border.of(stack[-1], size)).G)
+        values = scalar(solve_near(stack, -1, size).G)
         series = coefficients(values[:-1, None])[:, 0]
         # a resolved series ends in rounding; one that is not ends in what it lacks
         rounding = max(float(np.abs(series[-PANEL_NODES // 3 :]).sum()), MEASURE_ROUNDING)

@@ -20,7 +20,7 @@ from framework.errors import NotAssembled, NotConverged, SingularPath
 from framework.kinematics.continuation.branch import Branch
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.motion.chebyshev import coefficients, extrema, nodes, real_roots, tail
-from framework.singularity.bordered_system import Border, solve_bordered
+from framework.singularity.bordered_system import solve_near
 from framework.tolerances import MEASURE_ROUNDING, MEASURE_TAIL, MIN_PANEL_WIDTH, RANK_LOST
 
 TAIL_ROUNDING = 100 * MEASURE_ROUNDING  # a series sums dozens of values
@@ -146,7 +146,7 @@ def _resolve(samples: Samples, measured: Measured, start: float, end: float) -> 
     middle = matrices[PANEL_NODES // 2]
     size, largest_size = 1, 1
     while size <= largest_size:
-        eta, G = solution = solve_bordered(matrices, Border.of(middle, size))
+        eta, G = solution = solve_near(matrices, PANEL_NODES // 2, size)
         largest = float(np.abs(solution.g).max())
         if largest < RANK_LOST and np.linalg.norm(G, ord=-2, axis=(1, 2)).max() < RANK_LOST:
             raise SingularPath(

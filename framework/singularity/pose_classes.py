@@ -41,7 +41,7 @@ from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, 
 from framework.kinematics.loop_matrices import passive_matrix, type1_matrix, type2_matrix
 from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.singularity.bordered_system import Border, solve_bordered
+from framework.singularity.bordered_system import solve_near
 from framework.singularity.distances import singularity_distances
 from framework.singularity.type2 import escaping_motions, twist_norm
 from framework.tolerances import RANK_LOST, TANGENTIAL_SLOPE
@@ -145,15 +145,10 @@ def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = No
         corank_inverse=len(rest),
         gained=gained,
         contact=contact,
-        g=float(distances.g[0]),
-        sigma_A=float(distances.sigma_A[0]),
         length=robot.length,
-        torque_norm=float(distances.torque_norm[0]),
-        torque_largest=float(distances.torque_largest[0]),
-        motor_torque_norm=float(distances.motor_torque_norm[0]),
-        motor_torque_largest=float(distances.motor_torque_largest[0]),
         pressure_angle=distances.pressure_angle[0],
         transmission_angle=distances.transmission_angle[0],
+        **{key: float(values[0]) for key, values in distances._asdict().items() if values.ndim == 1},
     )
 
 
@@ -215,6 +210,6 @@ def _contact(robot: ParallelRobot, closed: ClosedStack, along: ArrayLike, corank
     steps = DIFFERENCE_STEP / size * np.array([-1.0, 0.0, 1.0])[:, None] * rates
     poses = integrate(robot, np.repeat(closed.q, 3, axis=0), steps)
     matrices = type2_matrix(robot, linearised_at(robot, poses, np.repeat(closed.x, 3, axis=0)))
-    G = solve_bordered(matrices, Border.of(matrices[1], corank)).G
+    G = solve_near(matrices, 1, corank).G
     slope = (G[2] - G[0]) / (2 * DIFFERENCE_STEP)
     return "transversal" if np.linalg.svd(slope, compute_uv=False)[-1] > TANGENTIAL_SLOPE else "tangential"

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from framework.arrays import Array
-from framework.singularity.bordered_system import Border, solve_bordered
+from framework.singularity.bordered_system import solve_near
 from framework.singularity.extrema_of_g import Extremum, extremum_near
 from framework.singularity.piecewise_measure import (
     Measured,
@@ -84,7 +84,8 @@ def contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
         else:
             root = root_of_g(measured.evaluate, start, size=size, longest=STENCIL_HALF_WIDTH)
             # the roots beside an extremum are known, and a root on the edge of two panels is found twice
-            is_new = _is_outside(root.place, stretches) and _is_apart(root.place, single, SAME_PLACE)
+            inside = any(low <= root.place <= high for low, high in stretches)
+            is_new = not inside and _is_apart(root.place, single, SAME_PLACE)
             if (
                 is_new
                 and abs(root.place - start) < MAX_ROOT_SHIFT * (panel.end - panel.start)
@@ -124,7 +125,7 @@ def _miss_at_extremum(
     if turning.is_touch or turning.roots() or any(lower <= contact.s <= upper for contact in known):
         return []
     matrix = measured.evaluate(np.array([turning.s]))
-    g = float(solve_bordered(matrix, Border.of(matrix[0])).g[0])
+    g = float(solve_near(matrix, 0).g[0])
     return [NearMiss(turning.s, g, min(turning.s - lower, upper - turning.s), size)]
 
 
@@ -138,18 +139,13 @@ def _miss_at_end(measured: Measured, panel: Panel, known: list[Contact], s: floa
     width = float(0.5 * (panel.end - panel.start) * abs(value / slope))
     if any(abs(contact.s - s) <= width for contact in known):
         return []
-    g = float(solve_bordered(matrix[None], Border.of(matrix)).g[0])
+    g = float(solve_near(matrix[None], 0).g[0])
     return [NearMiss(s, g, width, _border_width(measured, matrix))]
 
 
 def _is_apart(s: float, places: Sequence[Contact | NearMiss], distance: float) -> bool:
     """Whether s is farther than a distance from all places."""
     return all(abs(s - place.s) > distance for place in places)
-
-
-def _is_outside(s: float, stretches: list[tuple[float, float]]) -> bool:
-    """Whether s lies in none of the stretches."""
-    return not any(low <= s <= high for low, high in stretches)
 
 
 def _border_width(measured: Measured, matrix: Array) -> int:
@@ -205,7 +201,7 @@ def _is_crossing(measured: Measured, root: Root, size: int) -> bool:
     if not h < s < 1 - h or (root.converged and steep):
         return True
     matrices = measured.evaluate(np.array([s - h, s, s + h]))
-    g = solve_bordered(matrices, Border.of(matrices[1], size)).g
+    g = solve_near(matrices, 1, size).g
     return bool(g[0] * g[2] <= 0)
 
 
@@ -246,6 +242,6 @@ def block_slopes(matrices: Callable[[Array], Array], s: float, size: int) -> tup
     h = STENCIL_HALF_WIDTH
     middle = float(np.clip(s, h, 1.0 - h))  # at an end of the path from the side
     stack = matrices(np.array([middle - h, middle, middle + h, s]))
-    lower, centre, upper, G = solve_bordered(stack, Border.of(stack[3], size)).G
+    lower, centre, upper, G = solve_near(stack, 3, size).G
     second = (lower - 2 * centre + upper) / h**2
     return G, (upper - lower) / (2 * h) + (s - middle) * second, second

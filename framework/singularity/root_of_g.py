@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array
-from framework.singularity.bordered_system import Border, solve_bordered
+from framework.singularity.bordered_system import solve_near
 from framework.tolerances import NEWTON_STEP
 
 STENCIL_HALF_WIDTH = 1e-4  # half the width of the central difference, as a share of the interval of p
@@ -48,7 +48,7 @@ def stencil(place: float, low: float = 0.0, high: float = 1.0) -> Array:
 
 def slope_of_g(matrices: Array, places: Array, size: int = 1) -> Slope:
     """Compute g and dg/dp from matrices (3, n, n) at places (3,) of a `stencil`, the border `size` wide."""
-    g = solve_bordered(matrices, Border.of(matrices[1], size)).g
+    g = solve_near(matrices, 1, size).g
     lower, middle, upper = map(float, g)
     width = float(places[2] - places[0])
     both_sides = places[0] < places[1] < places[2]
