@@ -128,8 +128,6 @@ class Foot(NamedTuple):
 def _directions(n: int) -> Array:
     """Return unit vectors (K, n), evenly spread: a circle, a spiral on the sphere, or drawn from one seed."""
     count = RAYS.get(n, RAYS_IN_MORE)
-    if n == 1:
-        return np.array([[1.0], [-1.0]])
     k = np.arange(count)
     if n == 2:
         angle = 2 * np.pi * k / count

@@ -49,8 +49,7 @@ class Window(ReadOnlyArrays):
 
     def points(self) -> Array:
         """Return platform coordinates (I, J, n) of all poses."""
-        x = np.empty((*self.shape, len(self.held)))
-        x[:] = self.held
+        x = np.tile(self.held, (*self.shape, 1))
         first, second = self.spans
         x[..., self.axes[0]], x[..., self.axes[1]] = first[:, None], second
         return x

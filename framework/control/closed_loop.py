@@ -81,8 +81,8 @@ def torque_limit(reference: Reference, loop: ControlLoop) -> Array:
     default = 10 * np.abs(reference.torque).max(axis=0)
     if loop.limit is None:
         motors = reference.robot.description.actuators
-        in_file = [motor.torque_limit for motor in motors]
-        return np.where([limit is None for limit in in_file], default, np.array(in_file, dtype=float))
+        in_file = np.array([motor.torque_limit for motor in motors], dtype=float)
+        return np.where(np.isnan(in_file), default, in_file)
     limit = np.asarray(loop.limit, dtype=float)
     if limit.shape not in ((), (1,), default.shape) or not np.all(limit > 0):
         raise InvalidInput(f"limit: needs {len(default)} positive torques [N m], got {list(loop.limit)}")

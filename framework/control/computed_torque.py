@@ -108,8 +108,8 @@ def _constrained_motion(reference: Reference, k: int, state: RobotState, ddx: Ar
     platform_drift = robot.platform.drift(frames, motions)
     drift = np.concatenate([dtwist - platform_drift, -closure_drift(rows, frames, motions)], axis=1)
     a[:, columns] = solve(whole, drift)
-    t = np.repeat(reference.times[k], len(state.q))
-    return _Motion(state.q, v, a, loops, reference.wrenches_at(t, frames))
+    s = np.asarray(reference.law(np.repeat(reference.times[k], len(state.q))))
+    return _Motion(state.q, v, a, loops, reference.wrenches.at(robot, frames, s))
 
 
 def _planned_multipliers(reference: Reference) -> Array:

@@ -141,19 +141,23 @@ def calibrate(
     """
     expect_robot(robot)
     started = clock.perf_counter()
-    for name in noise or {}:
+    noise = noise or {}
+    for name in noise:
         if name not in NOISE:
             raise InvalidInput(choose_from("kind of noise", name, NOISE))
-    for what, value in {**(noise or {}), "length_error": length_error, "angle_error": angle_error}.items():
+    for what, value in {**noise, "length_error": length_error, "angle_error": angle_error}.items():
         if not (np.isfinite(value) and value > 0):
             raise InvalidInput(f"{what}: needs a positive number, got {value!r}")
     geometry = geometry_of(robot, joints)
     data = checked_recording(robot, data)
-    measured = measurements_of(geometry, data, {**NOISE, **(noise or {})})
+    measured = measurements_of(geometry, data, {**NOISE, **noise})
     held = np.arange(len(data)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
     if not held.any():
         raise InvalidInput(f"{data.source}: {len(data)} rows; at least {HELD_OUT_EVERY} are needed")
-    start = _start(geometry.model, measured)
+    stack = forward_kinematics_stack(geometry.model, measured.values[:, : measured.driven])
+    for refusal in stack.refused.values():
+        raise refusal
+    start = stack.q
     used = measured.rows(~held)
     prior = np.where(geometry.turning, angle_error, length_error)
     solver = GaussNewton(geometry.model, used, start[~held], prior)
@@ -181,14 +185,6 @@ def calibrate(
         steps=solver.count,
         seconds=clock.perf_counter() - started,
     )
-
-
-def _start(model: ParallelRobot, measured: Measurements) -> Array:
-    """Return the configurations (T, nq) of the robot file at the measured motor angles."""
-    stack = forward_kinematics_stack(model, measured.values[:, : measured.driven])
-    for refusal in stack.refused.values():
-        raise refusal
-    return stack.q.copy()
 
 
 def _determined(

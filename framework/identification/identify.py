@@ -28,6 +28,7 @@ from framework.identification.physical import (
 from framework.identification.recording import Recording, checked_recording
 from framework.identification.torque_parameters import ParameterRegressor, parameter_regressor
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.linalg.ordered_sums import singular_values
 from framework.model.robot_file_writer import write_robot_file
 from framework.tolerances import MIN_NOISE_RATIO, RANK_ROUNDING, SIGNIFICANT_DEVIATIONS
 
@@ -246,7 +247,7 @@ def torque_error(
     Of instants at which the motors hold the robot well; NaN where there are none.
     """
     speeds = regressor.motors / robot.platform_scale[:, None] / robot.column_scale[robot.actuated]
-    values = np.linalg.svd(speeds / robot.gear_ratio, compute_uv=False)
+    values = singular_values(speeds / robot.gear_ratio)
     which = np.flatnonzero(instants & (values[:, -1] > MIN_NOISE_RATIO * values[:, 0]))
     if not len(which):
         return np.full(robot.n_a, np.nan)

@@ -84,7 +84,11 @@ def measured_motion(
                 f"{data.source}: torque_{joint} is zero at all samples; measured torques are needed"
             )
     complete = data.has("platform", robot.axis_names)
-    cutoff = _cutoff(data, joints, period) if cutoff is None else _checked(cutoff, period, len(data))
+    least, most = MIN_PERIODS / (len(data) * period), MAX_CUTOFF / period
+    if cutoff is None:
+        cutoff = _cutoff(data, joints, period, least, most)
+    elif not least <= cutoff <= most:
+        raise InvalidInput(f"cutoff: needs {least:.3g} to {most:.3g} Hz for these data, got {cutoff:g}")
     margin = int(np.ceil(END_PERIODS / (cutoff * period)))
     angles = _with_derivatives(joints, period, cutoff)
     kept = np.arange(margin, len(data) - margin, max(round(0.5 / (cutoff * period)), 1))
@@ -119,15 +123,8 @@ def _from_reference(robot: ParallelRobot, joints: Array) -> Array:
     return joints - np.where(robot.sliding[robot.actuated], 0.0, whole_turns(away))
 
 
-def _checked(cutoff: float, period: float, count: int) -> float:
-    least, most = MIN_PERIODS / (count * period), MAX_CUTOFF / period
-    if not least <= cutoff <= most:
-        raise InvalidInput(f"cutoff: needs {least:.3g} to {most:.3g} Hz for these data, got {cutoff:g}")
-    return cutoff
-
-
-def _cutoff(data: Recording, joints: Array, period: float) -> float:
-    """Return the frequency [Hz] at which the last spectrum of the angles' accelerations meets its noise."""
+def _cutoff(data: Recording, joints: Array, period: float, least: float, most: float) -> float:
+    """Return the frequency [Hz] at which the angles' last spectrum meets its noise, within a range."""
     from scipy.ndimage import uniform_filter1d
 
     count = len(joints)
@@ -139,7 +136,6 @@ def _cutoff(data: Recording, joints: Array, period: float) -> float:
     above = power > SIGNAL_TO_NOISE * np.maximum(floor, np.finfo(float).tiny)
     first = [int(np.argmin(column)) if not column.all() else len(column) for column in above.T]
     frequency = max(first) / (count * period)
-    least, most = MIN_PERIODS / (count * period), MAX_CUTOFF / period
     if least > most:
         raise InvalidInput(f"{data.source}: {count} samples are too few to filter")
     return float(np.clip(frequency, least, most))

@@ -23,7 +23,7 @@ from framework.dynamics.body_parameters import (
     pseudo_inertia,
 )
 from framework.errors import NotConverged
-from framework.identification.torque_parameters import OF_MOTORS, TorqueParameters
+from framework.identification.torque_parameters import LENGTH_POWERS, OF_MOTORS, TorqueParameters
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import JointDynamics, RobotDescription
 from framework.model.urdf_writing import vector_text
@@ -77,7 +77,7 @@ def _body_sizes(body: Array) -> Array:
     """Return sizes (10,) of a body's parameters, by its mass and its extent; a point stays a point."""
     moments = float(np.trace(pseudo_inertia(body)[:3, :3]))
     arm = np.sqrt(max(moments, 0.0) / body[0])
-    return body[0] * arm ** np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])
+    return body[0] * arm**LENGTH_POWERS
 
 
 def inertial_parameters(link: ElementTree.Element) -> Array:

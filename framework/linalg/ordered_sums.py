@@ -58,6 +58,11 @@ def solve(matrix: Array, right: Array) -> Array:
         return np.array([_solve_one(a, b) for a, b in zip(matrix, right, strict=True)])
 
 
+def singular_values(matrices: NDArray[Any]) -> Array:
+    """Compute the singular values (..., k) of matrices (..., m, n), the largest first."""
+    return np.linalg.svd(matrices, compute_uv=False)
+
+
 def solve_or_fit(matrices: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
     """Solve systems (S, n, n) with right sides (S, n, k), by least squares where one is singular."""
     try:

@@ -93,7 +93,8 @@ def whole_curves(
         inside: which configurations (T, nq) are in the region; the first point outside is kept.
         longest: step [rad, lengths].
     """
-    starts = select(starts, _distinct(equations, starts.q))
+    distance = np.linalg.norm(equations.offsets(starts.q[:, None], starts.q[None]), axis=2)
+    starts = select(starts, ~np.tril(distance < MIN_START_DISTANCE, -1).any(axis=1))
     pieces = _pieces(equations, starts, inside, min(longest, MAX_STEP))
     curves, done = list[Curve](), set[int]()
     for first in range(len(starts.q)):
@@ -145,7 +146,9 @@ def _pieces(
 ) -> dict[tuple[int, int], _Piece]:
     """Trace a piece from each of S starts along its tangent (side 0) and against (side 1)."""
     count = len(starts.q)
-    fronts = _first_fronts(starts, min(FIRST_STEP, longest))
+    points = join([starts, starts.reverse()])  # all along their tangents, then all against
+    step = np.full(2 * count, min(FIRST_STEP, longest))
+    fronts = _Fronts(points, np.zeros_like(points.tangent), step, np.arange(2 * count))
     traced = [[fronts.points.single(k)] for k in range(2 * count)]
     pieces: dict[tuple[int, int], _Piece] = {}
     while len(fronts.piece):
@@ -170,13 +173,6 @@ def _pieces(
                 )
         fronts = select(fronts.advance(ahead, good, step, longest), ends == "")
     return pieces
-
-
-def _first_fronts(starts: Points, step: float) -> _Fronts:
-    """Return the fronts at S starts: all along their tangents, then all against."""
-    points = join([starts, starts.reverse()])
-    count = len(points.q)
-    return _Fronts(points, np.zeros_like(points.tangent), np.full(count, step), np.arange(count))
 
 
 def _find_met_starts(
@@ -217,12 +213,6 @@ def _chain(
         if start in done:  # starts so near to one another that their pieces disagree
             return parts, "long"
         done.add(start)
-
-
-def _distinct(equations: LocusEquations, q: Array) -> IntArray:
-    """Return the indices of configurations (S, nq) that repeat no earlier one."""
-    distance = np.linalg.norm(equations.offsets(q[:, None], q[None]), axis=2)
-    return np.flatnonzero(~(np.tril(distance < MIN_START_DISTANCE, -1)).any(axis=1))
 
 
 def advance(equations: LocusEquations, points: Points, step: Array, bend: Array) -> tuple[Points, BoolArray]:

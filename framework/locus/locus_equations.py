@@ -47,6 +47,7 @@ class LocusEquations:
     x: Array  # (n,) the platform's coordinates in the slice
     motors: Array  # (n_a,) the motors' joints in the slice
     in_motors: bool  # whether freedoms are the motors; else the platform's coordinates
+    free_names: tuple[str, str]  # of the two freedoms that are not fixed
     free: tuple[int, int]  # the two freedoms that are not fixed
     fixed: IntArray  # (n - 2,) the others
 
@@ -65,15 +66,12 @@ class LocusEquations:
         require_square(robot)
         if not len(robot.following) or robot.n_a != robot.n:
             raise InvalidInput(f"{robot.name}: a locus needs passive joints and one motor for each freedom")
-        translations = np.flatnonzero(robot.translations)
         names = robot.axis_names + robot.actuator_names
         if free is None:
-            if robot.n == 2:
-                free = (robot.axis_names[0], robot.axis_names[1])
-            elif len(translations) == 2:
-                free = (robot.axis_names[translations[0]], robot.axis_names[translations[1]])
-            else:
+            chosen = (0, 1) if robot.n == 2 else tuple(np.flatnonzero(robot.translations).tolist())
+            if len(chosen) != 2:
                 raise InvalidInput(f"free: name two axes or two motors of {robot.name}: {', '.join(names)}")
+            free = (robot.axis_names[chosen[0]], robot.axis_names[chosen[1]])
         for name in free:
             if name not in names:
                 raise InvalidInput(choose_from("freedom", name, names))
@@ -87,6 +85,7 @@ class LocusEquations:
             x=x,
             motors=robot.actuated_coordinates(q[None])[0],
             in_motors=in_motors,
+            free_names=free,
             free=(first, second),
             fixed=np.delete(np.arange(robot.n), [first, second]),
         )
@@ -95,12 +94,6 @@ class LocusEquations:
     def size(self) -> int:
         """k, the joints that move."""
         return len(self.robot.moving)
-
-    @property
-    def free_names(self) -> tuple[str, str]:
-        """Names of the two free ones."""
-        names = self.robot.actuator_names if self.in_motors else self.robot.axis_names
-        return names[self.free[0]], names[self.free[1]]
 
     def move(self, q: Array, u: Array) -> Array:
         """Return the configurations (S, nq) after steps u (S, k) [rad, lengths] from q."""

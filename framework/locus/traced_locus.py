@@ -21,6 +21,7 @@ from framework.kinematics.frames import frames_at
 from framework.kinematics.linearised_loops import assembled_at, linearised_at
 from framework.kinematics.modes import leg_signs
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.linalg.ordered_sums import singular_values
 from framework.locus.curve_tracing import (
     MAX_CURVE_OFFSET,
     MAX_STEP,
@@ -168,7 +169,7 @@ def _least_slope(equations: LocusEquations, points: Points) -> Array:
     if not len(points.q):
         return np.zeros(0)
     slopes = equations.evaluate(points.q, points.border).slopes
-    return np.asarray(np.linalg.svd(slopes, compute_uv=False)[:, -1])
+    return np.asarray(singular_values(slopes)[:, -1])
 
 
 def _passes(equations: LocusEquations, curve: Curve, point: Points) -> bool:

@@ -23,10 +23,10 @@ import numpy as np
 
 from framework.arrays import Array, BoolArray, select
 from framework.errors import InvalidInput
-from framework.kinematics.frames import FrameStack, between, frames_at, integrate_columns
+from framework.kinematics.frames import FrameStack, frames_at, integrate_columns
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.ordered_sums import cross
-from framework.proofs.equation_terms import BASE, Chain, EquationTerms, Term, moving_balls
+from framework.proofs.equation_terms import BASE, Chain, EquationTerms, Term, moving_balls, stretched_length
 from framework.proofs.rounding import ROUND_UP
 from framework.tolerances import FRAME_ROUNDING
 
@@ -74,11 +74,8 @@ class DerivativeBounds:
         loops = robot.loops
         turning = np.concatenate([~robot.translations, loops.rotation])
         sizes = np.concatenate([np.ones(robot.n), robot.structure.row_sizes])
-        links = sum(float(np.linalg.norm(placement.translation)) for placement in robot.model.jointPlacements)
-        links += sum(float(np.linalg.norm(robot.model.frames[k].placement.translation)) for k in robot.frames)
-        links += float(np.abs(between(robot, robot.neutral, robot.reference.q)[robot.sliding]).sum())
         slid = max(reach, 1.0) * np.count_nonzero(robot.sliding[robot.moving])
-        size = links / robot.length + 1.0 + float(slid)
+        size = stretched_length(robot, robot.reference.q) + 1.0 + float(slid)
         table = EquationTerms.of(robot)
         return DerivativeBounds(
             robot,
@@ -134,10 +131,9 @@ class Derivatives:
 
     def take(self, which: BoolArray) -> Derivatives:
         """Return the derivatives in the boxes `which` of the S."""
-        position, rotation, screws, carried, q = self.frames
         return Derivatives(
             self.bounds,
-            FrameStack(position[which], rotation[which], screws[which], carried, q[which]),
+            self.frames.at(np.flatnonzero(which)),
             self.values[which],
             self.slopes[which],
             self.hessians[which],

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array, BoolArray, IntArray
+from framework.kinematics.frames import between
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import scratch_of
 from framework.kinematics.placements import planar_normal
@@ -30,6 +31,14 @@ def moving_balls(robot: ParallelRobot) -> list[str]:
         for name, joint in zip(model.names, model.joints, strict=True)
         if is_ball(joint) and not moving.isdisjoint(range(joint.idx_v, joint.idx_v + 3))
     ]
+
+
+def stretched_length(robot: ParallelRobot, q: Array) -> float:
+    """Bound the distance of any two frames [robot lengths], links stretched out, slides as in q (nq,)."""
+    placements = [*robot.model.jointPlacements, *(robot.model.frames[k].placement for k in robot.frames)]
+    links = sum(float(np.linalg.norm(placement.translation)) for placement in placements)
+    slid = np.abs(between(robot, robot.neutral, q)[robot.sliding]).sum()
+    return (links + float(slid)) / robot.length
 
 
 class Chain(NamedTuple):

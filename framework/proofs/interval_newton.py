@@ -127,8 +127,8 @@ def bordered_bounds(P: Array, errors: Array, rounding: float) -> tuple[LastColum
     M[:, :s, :s], M[:, :s, s], M[:, s, :s] = P, left[:, :, -1], right[:, -1]
     X, E = inverses(M), np.zeros_like(M)
     E[:, :s, :s] = errors + rounding
-    transposed = (stack.swapaxes(1, 2) for stack in (M, X, E))
-    return _last_columns(M, X, E, rounding), _last_columns(*transposed, rounding)
+    Mt, Xt, Et = (stack.swapaxes(1, 2) for stack in (M, X, E))
+    return _last_columns(M, X, E, rounding), _last_columns(Mt, Xt, Et, rounding)
 
 
 def _last_columns(M: Array, X: Array, E: Array, rounding: float) -> LastColumns:

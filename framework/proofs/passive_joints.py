@@ -6,6 +6,7 @@ Newton's method on the loops, redundant ones too, from many starts at once.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.loop_matrices import passive_matrix, type1_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.rotations import wrap_angles
+from framework.proofs.equation_terms import stretched_length
 from framework.tolerances import DISTINCT_SOLUTIONS, FRAME_ROUNDING, LOOP_GAP, RANK_ROUNDING
 
 RANDOM_STARTS = 24  # for each pose of the platform
@@ -52,9 +54,7 @@ def joints_at(robot: ParallelRobot, q: Array, place: Array, turn: Array | None) 
     for k in range(count):
         starts_of = slice(k * RANDOM_STARTS, (k + 1) * RANDOM_STARTS)
         candidates = [nearest_turn(robot, pose) for pose in poses[starts_of][closed[starts_of]]]
-        nearest_poses.append(
-            min(candidates, key=lambda pose: distance_from_reference(robot, pose), default=None)
-        )
+        nearest_poses.append(min(candidates, key=partial(distance_from_reference, robot), default=None))
     return nearest_poses
 
 
@@ -71,7 +71,7 @@ def close_all_loops(
         more: further equations and their slopes along all joints, (T, e) and (T, e, nv), without dimension.
     """
     columns, size = robot.following if columns is None else columns, np.full(len(q), np.inf)
-    weights = np.where(robot.rows.rotation, 1.0, 1.0 / robot.length)
+    weights = 1.0 / robot.row_lengths
     last = False
     for _ in range(MAX_SEARCH_STEPS):
         frames = frames_at(robot, q)
@@ -132,10 +132,7 @@ def is_proved(robot: ParallelRobot, q: Array, *, locked: str = "motors") -> bool
         return False
     weights = np.where(robot.loops.rotation, 1.0, 1.0 / robot.length) / robot.structure.row_sizes
     values = float(np.abs(linearised.residual[0, robot.n :] * weights).max())
-    reach = sum(float(np.linalg.norm(placement.translation)) for placement in robot.model.jointPlacements)
-    reach += sum(float(np.linalg.norm(robot.model.frames[k].placement.translation)) for k in robot.frames)
-    reach += float(np.abs(between(robot, robot.neutral, q)[robot.sliding]).sum())
-    size = reach / robot.length + 1.0  # with a length to spare for slides near by
+    size = stretched_length(robot, q) + 1.0  # with a length to spare for slides near by
     shortest = float(robot.loops.length[robot.loops.distance].min(initial=robot.length))
     bend = 8.0 * size**2 * robot.length / shortest / min(float(robot.structure.row_sizes.min()), 1.0)
     beta = INVERSE_FACTOR * float(np.abs(inverse).sum(axis=1).max())

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from framework.arrays import Array, BoolArray
+from framework.linalg.ordered_sums import singular_values
 from framework.tolerances import DISTINCT_SOLUTIONS, RANK_ROUNDING
 
 ComplexArray = NDArray[np.complex128]
@@ -75,7 +76,7 @@ class QuadricFamily:
             quadrics = self.quadrics(coefficients)
             quotients = np.einsum("kij,i,j->k", quadrics[:K], z, z) / (z @ first @ z)
             quadrics[:K] -= quotients[:, None, None] * first
-            values = np.linalg.svd(quadrics @ z, compute_uv=False)
+            values = singular_values(quadrics @ z)
             if values[-1] > RANK_ROUNDING * values[0]:
                 return False
         return True

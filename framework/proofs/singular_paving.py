@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike, ReadOnlyArrays, join
+from framework.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays, join
 from framework.errors import InvalidInput, finite_numbers, whole_number
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
@@ -46,7 +46,7 @@ class PavedSet(ReadOnlyArrays):
     x_radii: Array  # (B, n) the poses that are proved are within
     q: Array  # (B, nq) middles
     q_radii: Array  # (B, k) of the joints that move [rad, m]
-    along: Array  # (B,) index into the joints that move; -1: none
+    along: IntArray  # (B,) index into the joints that move; -1: none
     undecided_x: Array  # (U, n)
     undecided_x_radii: Array  # (U, n)
     undecided_q: Array  # (U, nq)

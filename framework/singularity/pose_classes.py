@@ -41,6 +41,7 @@ from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, 
 from framework.kinematics.loop_matrices import passive_matrix, type1_matrix, type2_matrix
 from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.linalg.ordered_sums import singular_values
 from framework.singularity.bordered_system import solve_near
 from framework.singularity.distances import singularity_distances
 from framework.singularity.type2 import escaping_motions, twist_norm
@@ -158,7 +159,7 @@ def _type_1(robot: ParallelRobot, rates: Array, gained: int) -> tuple[bool, tupl
     Args:
         rates: (k, n_a) of the motors in the motions of a locked platform.
     """
-    values = np.linalg.svd(rates, compute_uv=False) if len(rates) else np.zeros(0)
+    values = singular_values(rates) if len(rates) else np.zeros(0)
     if int(np.sum(values > RANK_LOST)) <= gained:
         return False, ()
     share = np.linalg.norm(rates, axis=0)
@@ -188,7 +189,7 @@ def _is_singular_everywhere(robot: ParallelRobot, q: Array) -> bool:
 def _least_singular_value(robot: ParallelRobot, q: Array) -> float:
     """Compute the smallest singular value of P at q (nq,)."""
     P = passive_matrix(robot, linearised_at(robot, q[None], robot.reference.x[None]))
-    return float(np.linalg.svd(P, compute_uv=False).min(initial=np.inf))
+    return float(singular_values(P).min(initial=np.inf))
 
 
 def _unit_twists(robot: ParallelRobot, twists: Array) -> Array:
@@ -212,4 +213,4 @@ def _contact(robot: ParallelRobot, closed: ClosedStack, along: ArrayLike, corank
     matrices = type2_matrix(robot, linearised_at(robot, poses, np.repeat(closed.x, 3, axis=0)))
     G = solve_near(matrices, 1, corank).G
     slope = (G[2] - G[0]) / (2 * DIFFERENCE_STEP)
-    return "transversal" if np.linalg.svd(slope, compute_uv=False)[-1] > TANGENTIAL_SLOPE else "tangential"
+    return "transversal" if singular_values(slope)[-1] > TANGENTIAL_SLOPE else "tangential"

@@ -14,16 +14,17 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from framework.arrays import Array
-from framework.singularity.bordered_system import solve_near
-from framework.singularity.extrema_of_g import Extremum, extremum_near
+from framework.linalg.ordered_sums import singular_values
+from framework.singularity.bordered_system import STENCIL_HALF_WIDTH, Root, root_of_g, solve_near
 from framework.singularity.piecewise_measure import (
+    Extremum,
     Measured,
     Panel,
     candidates,
     count_below,
+    extremum_near,
     largest_on,
 )
-from framework.singularity.root_of_g import STENCIL_HALF_WIDTH, Root, root_of_g
 from framework.tolerances import (
     DISTINCT_EXTREMA,
     MEASURE_ROUNDING,
@@ -99,7 +100,7 @@ def contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
 
 def find_near_misses(measured: Measured, resolved: list[Panel], known: list[Contact]) -> list[NearMiss]:
     """Find the near misses of the matrix along the path, ascending; `known` are its `contacts`."""
-    smallest = [np.linalg.svd(panel.matrices, compute_uv=False)[:, -1] for panel in resolved]
+    smallest = [singular_values(panel.matrices)[:, -1] for panel in resolved]
     level = NEAR_MISS**measured.power * max((values.max() for values in smallest), default=0.0)
     misses: list[NearMiss] = []
     for k, s in ((0, 0.0), (-1, 1.0)):  # the first node of the first panel, the last of the last
@@ -108,7 +109,7 @@ def find_near_misses(measured: Measured, resolved: list[Panel], known: list[Cont
     for panel in resolved:
         for start in map(float, panel.path_coordinates(panel.extrema)):
             matrix = panel.matrix(start)
-            if np.linalg.svd(matrix, compute_uv=False)[-1] < level:
+            if singular_values(matrix)[-1] < level:
                 size = _border_width(measured, matrix)
                 turning = extremum_near(measured.evaluate, measured.knots, start, size)
                 inside = abs(turning.s - start) < panel.end - panel.start
@@ -221,7 +222,7 @@ def _common_contact(measured: Measured, start: float, size: int) -> Contact | No
         if abs(step) < CONVERGED_STEP or not abs(s + step - start) < SEARCH_RADIUS:
             break
         s = float(np.clip(s + step, 0.0, 1.0))
-    steepness = np.linalg.svd(slope, compute_uv=False) / max(float(np.abs(bend).max()), 1.0)
+    steepness = singular_values(slope) / max(float(np.abs(bend).max()), 1.0)
     kind = "transversal" if steepness[-1] > TANGENTIAL_SLOPE else "tangential"
     # where none has a slope the search comes nearer by halves
     if steepness[0] < TANGENTIAL_SLOPE or abs(step) > NEWTON_STEP:

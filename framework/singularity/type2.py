@@ -20,6 +20,7 @@ from framework.kinematics.loop_matrices import (
     type2_matrix,
 )
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.linalg.ordered_sums import singular_values
 from framework.tolerances import RANK_LOST
 
 # What no law can cross, by kind: what the joints do there is not a function of the platform's path.
@@ -127,7 +128,7 @@ def _platform_twists(robot: ParallelRobot, linearised: LinearisedLoops) -> Array
 
 def _rank(rows: Array) -> int:
     """Compute the rank of rows (k, n) without dimension."""
-    return int(np.sum(np.linalg.svd(rows, compute_uv=False) > RANK_LOST)) if rows.size else 0
+    return int(np.sum(singular_values(rows) > RANK_LOST)) if rows.size else 0
 
 
 def twist_norm(robot: ParallelRobot, twist: Array) -> float:

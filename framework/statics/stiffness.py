@@ -183,15 +183,14 @@ def platform_stiffness(
     expect_robot(robot)
     if wrench is not None and not loaded:
         raise InvalidInput("wrench: counts under load alone; give loaded=True")
-    closed = assembled_at(robot, q)
+    closed, load = assembled_at(robot, q), None
     if loaded:
         q, load = _equilibrium(robot, closed.q[0], wrench)
         closed = assembled_at(robot, q)
-        free = compliant_motions(robot, closed.linearised, closed.q)
+    free = compliant_motions(robot, closed.linearised, closed.q)
+    H = free.K[0]
+    if load is not None:
         H = tangent_stiffness(robot, closed.linearised, closed.q, free.Z, load)[0]
-    else:
-        free = compliant_motions(robot, closed.linearised, closed.q)
-        H = free.K[0]
     squares, shapes = _vibrations(H, free.M[0])
     modes = np.zeros((len(shapes), robot.model.nv))
     modes[:, free.columns] = shapes @ free.Z[0].T
