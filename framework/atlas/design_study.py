@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 from framework.arrays import Array, ReadOnlyArrays
 from framework.atlas.map_files import (
     STATISTICS,
-    cells_of,
     package_versions,
     robot_hash,
+    table_cells,
     value_range,
     write_files,
 )
@@ -223,7 +223,7 @@ def write_study(study: DesignStudy, folder: Path) -> list[Path]:
     document = {**study_setup(study.task, study.designs), "units": dict(study.units)}
     parameters = dict(zip(study.designs.names, study.designs.values.T, strict=True))
     arrays = {f"parameter_{name}": values for name, values in parameters.items()} | dict(study.columns)
-    columns = [(name, cells_of(values)) for name, values in (*parameters.items(), *study.columns.items())]
+    columns = [(name, table_cells(values)) for name, values in (*parameters.items(), *study.columns.items())]
     return write_files(
         folder / DOCUMENT,
         document,

@@ -102,6 +102,7 @@ def map_document(workspace: WorkspaceMap) -> dict[str, Any]:
 def write_map(workspace: WorkspaceMap, folder: Path) -> list[Path]:
     """Write map.json, map.npz and map.csv into a folder."""
     first, second = workspace.window.spans
+    curves = workspace.locus.curves
     arrays = {
         "first": first,
         "second": second,
@@ -109,7 +110,9 @@ def write_map(workspace: WorkspaceMap, folder: Path) -> list[Path]:
         "reason": workspace.reason,
         "reason_words": np.array(workspace.reason_words),
         "assembly": workspace.assembly,
-        **_locus_arrays(workspace),
+        "locus": np.concatenate([np.zeros((0, 2)), *(curve.x for curve in curves)]),
+        "locus_q": np.concatenate([np.zeros((0, workspace.q.shape[2])), *(curve.q for curve in curves)]),
+        "locus_curve": np.repeat(np.arange(len(curves)), [len(curve.x) for curve in curves]),
         **({} if workspace.load is None else {"load": workspace.load}),
         **workspace.values,
     }
@@ -137,19 +140,9 @@ def write_files(
     return files
 
 
-def cells_of(values: np.ndarray) -> list[Any]:
+def table_cells(values: np.ndarray) -> list[Any]:
     """Return the numbers of a column, empty where they are none."""
     return ["" if value != value else value for value in values.ravel().tolist()]
-
-
-def _locus_arrays(workspace: WorkspaceMap) -> dict[str, np.ndarray]:
-    """Return the points of all curves (m, ...), and which curve each belongs to."""
-    curves = workspace.locus.curves
-    return {
-        "locus": np.concatenate([np.zeros((0, 2)), *(curve.x for curve in curves)]),
-        "locus_q": np.concatenate([np.zeros((0, workspace.q.shape[2])), *(curve.q for curve in curves)]),
-        "locus_curve": np.repeat(np.arange(len(curves)), [len(curve.x) for curve in curves]),
-    }
 
 
 def _table(workspace: WorkspaceMap) -> dict[str, list[Any]]:
@@ -164,7 +157,7 @@ def _table(workspace: WorkspaceMap) -> dict[str, list[Any]]:
         words = np.array([LOAD_WORDS[kind] for kind in LoadReason])
         columns["load"] = np.where(workspace.reached, words[workspace.load], "").ravel().tolist()
     for quantity in workspace.quantities:
-        columns[quantity.key] = cells_of(workspace.values[quantity.key])
+        columns[quantity.key] = table_cells(workspace.values[quantity.key])
     return columns
 
 

@@ -26,7 +26,7 @@ from framework.kinematics.linearised_loops import assembled_at, linearised_at
 from framework.kinematics.loop_matrices import type2_matrix
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.proofs.regular_ball import MAX_CELLS, regular_ball
-from framework.singularity.bordered_system import solve_near
+from framework.singularity.bordered_system import bordered_solution
 from framework.singularity.type2 import uncontrolled_motion
 from framework.tolerances import NEWTON_STEP, RANK_LOST
 
@@ -195,7 +195,7 @@ def _foot(robot: ParallelRobot, hit: Hit, x: Array) -> Foot | None:
         if (step.reason != PoseReason.REACHED).any():
             return None
         matrices = type2_matrix(robot, linearised_at(robot, step.q, y + offsets))
-        g = solve_near(matrices, 0).g
+        g = bordered_solution(matrices, 0).g
         slope = (g[1 : n + 1] - g[n + 1 :]) / (2 * DIFFERENCE_STEP)
         if not float(slope @ slope) > 0:
             return None

@@ -80,26 +80,16 @@ def quantity_of_key(key: str, wrench: tuple[float, ...] | None = None) -> Quanti
     return replace(QUANTITIES[key], wrench=wrench)
 
 
-def holding_torques(
-    robot: ParallelRobot, linearised: LinearisedLoops, q: Array, wrench: Array | None = None
-) -> Array:
-    """Compute motor torques (T, n_a) at rest [N m, N], motor side.
+def holding_share(poses: Poses) -> Array:
+    """Compute the largest motor torque at rest over its limit, (T,); a motor without one counts for nothing.
 
     By virtual work, dry friction not counted: torque . dq_a + wrench . dx = power of weight and springs, the
     springs of links deflected as at q. The torques grow without bound towards Type 2.
-
-    Args:
-        linearised: the loops at q (T, nq).
-        wrench: (n,) of the world ON the platform along its twist, zero by default.
     """
-    forces = static_forces(robot, q)
-    if wrench is not None:
-        forces = forces - np.einsum("tnv,n->tv", linearised.platform, wrench)
-    return balanced_forces(robot, linearised, forces).joint_torque / robot.gear_ratio
-
-
-def largest_share_of_limits(robot: ParallelRobot, torques: Array) -> Array:
-    """Return the largest of torques (T, n_a) over its limit, (T,); a motor without one counts for nothing."""
+    robot, forces = poses.robot, static_forces(poses.robot, poses.q)
+    if poses.wrench is not None:
+        forces = forces - np.einsum("tnv,n->tv", poses.linearised.platform, poses.wrench)
+    torques = balanced_forces(robot, poses.linearised, forces).joint_torque / robot.gear_ratio
     limits = [actuator.torque_limit for actuator in robot.description.actuators]
     limit = np.array([np.inf if one is None else one for one in limits])
     return (np.abs(torques) / limit).max(axis=1)
@@ -149,9 +139,7 @@ QUANTITIES = {
             "holding",
             "largest motor torque at rest over its limit",
             "1",
-            lambda poses: largest_share_of_limits(
-                poses.robot, holding_torques(poses.robot, poses.linearised, poses.q, poses.wrench)
-            ),
+            holding_share,
             large_is_good=False,
             holding=True,
         ),

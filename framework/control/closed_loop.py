@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from framework.control.run_monitor import PERIODS_PER_CHECK, ControlLoop, Run, R
 from framework.control.variation import Spread, Variation, noise_of, vary
 from framework.errors import InvalidInput, NotAssembled
 from framework.kinematics.frames import integrate
-from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.ordered_sums import matvec
 from framework.simulation import Stepper
 from framework.simulation.schemes import State
@@ -26,30 +25,7 @@ FRICTION_SMOOTHING = 0.02  # of the largest planned motor speed: below, Coulomb 
 MIN_SPEED = 1e-12  # [rad/s] for motors that stand still all the time: 0 / 0 otherwise
 
 
-@dataclass(frozen=True, eq=False)
-class MotorFriction:
-    """Coulomb friction on the motors, smoothed at speeds that are small for this plan."""
-
-    size: Array  # (R, n_a) [N m]
-    slow: Array  # (n_a,) [rad/s]
-    robot: ParallelRobot
-
-    @staticmethod
-    def of(controller: Controller, variations: Sequence[Variation]) -> MotorFriction:
-        """Return the friction of R varied robots."""
-        ref = controller.reference
-        size = np.array([variation.friction for variation in variations]) * np.abs(ref.torque).max(axis=0)
-        slow = FRICTION_SMOOTHING * np.maximum(np.abs(ref.motor_speed).max(axis=0), MIN_SPEED)
-        return MotorFriction(size, slow, ref.robot)
-
-    def torque(self, v: Array) -> Array:
-        """Return the torque of friction (R, n_a) [N m], motor side."""
-        speed = self.robot.gear_ratio * v[:, self.robot.actuated]
-        return self.size * np.tanh(speed / self.slow)
-
-
-@dataclass(frozen=True, eq=False)
-class DelayLine:
+class DelayLine(NamedTuple):
     """Torques that arrive a whole number of sampling periods late, each run by its own."""
 
     delays: IntArray  # (R,)
@@ -129,15 +105,15 @@ def run_closed_loop(
     return monitor.verdict(loop, variations)
 
 
-@dataclass(frozen=True, eq=False)
-class _Robots:
+class _Robots(NamedTuple):
     """R varied robots with their encoders, the friction of their motors and the world."""
 
     reference: Reference
     stepper: Stepper
     start: State  # q (R, nq), v (R, nv)
     world: WorldForces
-    friction: MotorFriction
+    friction: Array  # (R, n_a) [N m] Coulomb friction of the motors
+    slow: Array  # (n_a,) [rad/s] motor speeds below which that is smoothed, small for this plan
     noise: Array | None  # (K, R, 2, nv) of the encoders
 
     @staticmethod
@@ -154,7 +130,9 @@ class _Robots:
                 f"places: with so large a spread a robot cannot be assembled: {error}"
             ) from None
         noise = noise_of(ref.robot, spread, [each.seed for each in variations], len(ref.times))
-        return _Robots(ref, stepper, start, world, MotorFriction.of(controller, variations), noise)
+        friction = np.array([each.friction for each in variations]) * np.abs(ref.torque).max(axis=0)
+        slow = FRICTION_SMOOTHING * np.maximum(np.abs(ref.motor_speed).max(axis=0), MIN_SPEED)
+        return _Robots(ref, stepper, start, world, friction, slow, noise)
 
     def platform(self, k: int, q: Array, v: Array) -> Array:
         """Compute platform coordinates (R, n) at instant k."""
@@ -181,4 +159,6 @@ class _Robots:
             middle = np.repeat(min(ref.times[k] + 0.5 * ref.period, ref.times[-1]), len(q))
             models = [robot.model for robot in self.stepper.stack.robots]
             world = self.world(ref.robot, middle, integrate(ref.robot, q, 0.5 * ref.period * v), models)
-        return self.stepper.step(q, v, torque - self.friction.torque(v), ref.period, world=world)
+        speed = ref.robot.gear_ratio * v[:, ref.robot.actuated]
+        friction = self.friction * np.tanh(speed / self.slow)
+        return self.stepper.step(q, v, torque - friction, ref.period, world=world)

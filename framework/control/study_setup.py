@@ -83,6 +83,7 @@ class StudySetup:
         return int(np.count_nonzero(run.passed))
 
     def _run(self, controller: str, numbers: Sequence[int], *, record: bool = False) -> Run:
+        """Do runs of the study once more, together."""
         variations = [draw(self.plan.robot, self.spread, (self.seed, number)) for number in numbers]
         return run_closed_loop(self.controller(controller), self.loop, self.spread, variations, record=record)
 

@@ -28,7 +28,7 @@ from framework.identification.calibration_equations import (
 from framework.identification.calibration_steps import GaussNewton, rows_of
 from framework.identification.combinations import Combinations, combination_text, determined_combinations
 from framework.identification.geometry import Geometry, geometry_of
-from framework.identification.recording import Recording, checked_recording
+from framework.identification.recording import Recording, recording_of
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.continuation.pose_stack import forward_kinematics_stack
 from framework.kinematics.frames import frames_at, integrate_columns
@@ -149,7 +149,7 @@ def calibrate(
         if not (np.isfinite(value) and value > 0):
             raise InvalidInput(f"{what}: needs a positive number, got {value!r}")
     geometry = geometry_of(robot, joints)
-    data = checked_recording(robot, data)
+    data = recording_of(robot, data)
     measured = measurements_of(geometry, data, {**NOISE, **noise})
     held = np.arange(len(data)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
     if not held.any():

@@ -89,7 +89,7 @@ def measurements_of(geometry: Geometry, data: Recording, noise: dict[str, float]
 
 
 def joint_names(model: ParallelRobot) -> dict[int, str]:
-    """Return the columns of passive joints that an encoder can measure, not of balls, by column."""
+    """Return the names of the passive joints that an encoder measures, by column; balls have none."""
     single = single_columns(model.model)
     return {k: f"joint_{model.coordinates.name_of(k)}" for k in model.passive.tolist() if k in single}
 

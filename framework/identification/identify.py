@@ -25,7 +25,7 @@ from framework.identification.physical import (
     possible_parameters,
     with_masses_and_motors,
 )
-from framework.identification.recording import Recording, checked_recording
+from framework.identification.recording import Recording, recording_of
 from framework.identification.torque_parameters import ParameterRegressor, parameter_regressor
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.linalg.ordered_sums import singular_values
@@ -162,7 +162,7 @@ def identify(
     if not (np.isfinite(prior) and prior > 0):
         raise InvalidInput(f"prior: needs a positive number, got {prior!r}")
     base = base_parameters(robot, massless=massless)
-    data = checked_recording(robot, data)
+    data = recording_of(robot, data)
     measured = measured_motion(robot, data, cutoff=cutoff, poses=poses, progress=progress)
     regressor = parameter_regressor(robot, measured.motion, base.described, signs=measured.signs)
     rows = _whitened(robot, regressor, measured)

@@ -128,8 +128,8 @@ def _numbers(where: str, header: Sequence[str], used: Sequence[int], cells: Sequ
     return numbers
 
 
-def checked_recording(robot: ParallelRobot, data: Recording | str | Path) -> Recording:
-    """Return a recording, or that of a file, once `check_recording` lets it pass."""
+def recording_of(robot: ParallelRobot, data: Recording | str | Path) -> Recording:
+    """Return a recording, or that of a file; raises as `check_recording`."""
     if not isinstance(data, Recording):
         return read_recording(robot, data)
     check_recording(robot, data)

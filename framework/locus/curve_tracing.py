@@ -9,7 +9,6 @@ cannot be followed; the pieces are then put together.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -52,8 +51,7 @@ class Points(NamedTuple):
         return select(self, np.array([k]))
 
 
-@dataclass(frozen=True, eq=False)
-class Curve:
+class Curve(NamedTuple):
     """A traced curve."""
 
     points: Points  # in order; a closed curve ends with its first

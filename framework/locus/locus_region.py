@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,8 +23,7 @@ MAX_ROTATION = 3.0  # [rad] of a rotation vector: its chart ends at pi
 CUT_CLEARANCE_RATIO = 1e-3
 
 
-@dataclass(frozen=True, eq=False)
-class Region:
+class Region(NamedTuple):
     """The part of the configuration space in which curves are followed."""
 
     equations: LocusEquations

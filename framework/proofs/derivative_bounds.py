@@ -118,8 +118,7 @@ class DerivativeBounds:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class Derivatives:
+class Derivatives(NamedTuple):
     """Values and derivatives of the R equations at the middles of S boxes; the loops have their values."""
 
     bounds: DerivativeBounds

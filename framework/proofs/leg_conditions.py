@@ -117,8 +117,7 @@ def _chains(robot: ParallelRobot) -> Iterator[list[_Edge]]:
     yield from continue_chain(0, frozenset({0}))
 
 
-@dataclass(frozen=True, eq=False)
-class _Sampler:
+class _Sampler(NamedTuple):
     """Random poses of chains."""
 
     robot: ParallelRobot

@@ -246,8 +246,7 @@ class ChainBounds(NamedTuple):
     length: Array  # (B,) of the chain
 
 
-@dataclass(frozen=True, eq=False)
-class LeverChain:
+class LeverChain(NamedTuple):
     """The joints from a point to the frame of its observer, with their levers."""
 
     robot_length: float  # [m]

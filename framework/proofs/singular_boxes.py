@@ -9,7 +9,6 @@ small.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -123,8 +122,7 @@ class _Decision(NamedTuple):
     arcs: Arcs  # those
 
 
-@dataclass(frozen=True, eq=False)
-class SingularBoxTest:
+class SingularBoxTest(NamedTuple):
     """The test for one set of singular poses."""
 
     bounds: DerivativeBounds

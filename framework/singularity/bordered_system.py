@@ -75,7 +75,7 @@ def solve_bordered(matrices: Array, border: Border) -> BorderedSolution:
     return BorderedSolution(solution[:, :n], solution[:, n:])
 
 
-def solve_near(matrices: Array, k: int, size: int = 1) -> BorderedSolution:
+def bordered_solution(matrices: Array, k: int, size: int = 1) -> BorderedSolution:
     """Solve the bordered systems of matrices (T, n, n) with the border of the k-th."""
     return solve_bordered(matrices, Border.of(matrices[k], size))
 
@@ -115,7 +115,7 @@ def stencil(place: float, low: float = 0.0, high: float = 1.0) -> Array:
 
 def slope_of_g(matrices: Array, places: Array, size: int = 1) -> Slope:
     """Compute g and dg/dp from matrices (3, n, n) at places (3,) of a `stencil`, the border `size` wide."""
-    g = solve_near(matrices, 1, size).g
+    g = bordered_solution(matrices, 1, size).g
     lower, middle, upper = map(float, g)
     width = float(places[2] - places[0])
     both_sides = places[0] < places[1] < places[2]

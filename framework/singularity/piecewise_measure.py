@@ -26,7 +26,7 @@ from framework.kinematics.continuation.branch import Branch
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.linalg.ordered_sums import singular_values
 from framework.motion.chebyshev import coefficients, extrema, nodes, real_roots, tail
-from framework.singularity.bordered_system import determinant, solve_near
+from framework.singularity.bordered_system import bordered_solution, determinant
 from framework.tolerances import MEASURE_ROUNDING, MEASURE_TAIL, MIN_PANEL_WIDTH, RANK_LOST
 
 TAIL_ROUNDING = 100 * MEASURE_ROUNDING  # a series sums dozens of values
@@ -156,7 +156,7 @@ def _resolve(samples: Samples, measured: Measured, start: float, end: float) -> 
     middle = matrices[PANEL_NODES // 2]
     size, largest_size = 1, 1
     while size <= largest_size:
-        eta, G = solution = solve_near(matrices, PANEL_NODES // 2, size)
+        eta, G = solution = bordered_solution(matrices, PANEL_NODES // 2, size)
         largest = float(np.abs(solution.g).max())
         if largest < RANK_LOST and np.linalg.norm(G, ord=-2, axis=(1, 2)).max() < RANK_LOST:
             raise SingularPath(
@@ -260,7 +260,7 @@ def extremum_near(
         start, end = max(knots[k - 1], s - width), min(knots[k], s + width)
         local = start + 0.5 * (end - start) * (nodes(PANEL_NODES) + 1.0)
         stack = matrices(np.append(local, s))
-        values = scalar(solve_near(stack, -1, size).G)
+        values = scalar(bordered_solution(stack, -1, size).G)
         series = coefficients(values[:-1, None])[:, 0]
         # a resolved series ends in rounding; one that is not ends in what it lacks
         rounding = max(float(np.abs(series[-PANEL_NODES // 3 :]).sum()), MEASURE_ROUNDING)

@@ -15,7 +15,7 @@ from numpy.polynomial import chebyshev
 
 from framework.arrays import Array
 from framework.linalg.ordered_sums import singular_values
-from framework.singularity.bordered_system import STENCIL_HALF_WIDTH, Root, root_of_g, solve_near
+from framework.singularity.bordered_system import STENCIL_HALF_WIDTH, Root, bordered_solution, root_of_g
 from framework.singularity.piecewise_measure import (
     Extremum,
     Measured,
@@ -126,7 +126,7 @@ def _miss_at_extremum(
     if turning.is_touch or turning.roots() or any(lower <= contact.s <= upper for contact in known):
         return []
     matrix = measured.evaluate(np.array([turning.s]))
-    g = float(solve_near(matrix, 0).g[0])
+    g = float(bordered_solution(matrix, 0).g[0])
     return [NearMiss(turning.s, g, min(turning.s - lower, upper - turning.s), size)]
 
 
@@ -140,7 +140,7 @@ def _miss_at_end(measured: Measured, panel: Panel, known: list[Contact], s: floa
     width = float(0.5 * (panel.end - panel.start) * abs(value / slope))
     if any(abs(contact.s - s) <= width for contact in known):
         return []
-    g = float(solve_near(matrix[None], 0).g[0])
+    g = float(bordered_solution(matrix[None], 0).g[0])
     return [NearMiss(s, g, width, _border_width(measured, matrix))]
 
 
@@ -202,7 +202,7 @@ def _is_crossing(measured: Measured, root: Root, size: int) -> bool:
     if not h < s < 1 - h or (root.converged and steep):
         return True
     matrices = measured.evaluate(np.array([s - h, s, s + h]))
-    g = solve_near(matrices, 1, size).g
+    g = bordered_solution(matrices, 1, size).g
     return bool(g[0] * g[2] <= 0)
 
 
@@ -243,6 +243,6 @@ def block_slopes(matrices: Callable[[Array], Array], s: float, size: int) -> tup
     h = STENCIL_HALF_WIDTH
     middle = float(np.clip(s, h, 1.0 - h))  # at an end of the path from the side
     stack = matrices(np.array([middle - h, middle, middle + h, s]))
-    lower, centre, upper, G = solve_near(stack, 3, size).G
+    lower, centre, upper, G = bordered_solution(stack, 3, size).G
     second = (lower - 2 * centre + upper) / h**2
     return G, (upper - lower) / (2 * h) + (s - middle) * second, second
