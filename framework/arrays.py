@@ -18,7 +18,7 @@ Stack = TypeVar("Stack", bound=tuple[Any, ...])  # a named tuple of arrays, one 
 
 
 def select(stack: Stack, which: Any) -> Stack:
-    """Return the items `which` of all arrays of a named tuple, those of named tuples in it too."""
+    """Return the items `which` of all arrays of a named tuple, nested ones too."""
     make: Any = type(stack)
     return make(*(part[which] if isinstance(part, np.ndarray) else select(part, which) for part in stack))
 

@@ -141,7 +141,7 @@ def write_files(
 
 
 def table_cells(values: np.ndarray) -> list[Any]:
-    """Return the numbers of a column, empty where they are none."""
+    """Return the numbers of a column for a table, NaN as empty cells."""
     return ["" if value != value else value for value in values.ravel().tolist()]
 
 

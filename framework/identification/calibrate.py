@@ -154,10 +154,7 @@ def calibrate(
     held = np.arange(len(data)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
     if not held.any():
         raise InvalidInput(f"{data.source}: {len(data)} rows; at least {HELD_OUT_EVERY} are needed")
-    stack = forward_kinematics_stack(geometry.model, measured.values[:, : measured.driven])
-    for refusal in stack.refused.values():
-        raise refusal
-    start = stack.q
+    start = _start(geometry.model, measured)
     used = measured.rows(~held)
     prior = np.where(geometry.turning, angle_error, length_error)
     solver = GaussNewton(geometry.model, used, start[~held], prior)
@@ -185,6 +182,14 @@ def calibrate(
         steps=solver.count,
         seconds=clock.perf_counter() - started,
     )
+
+
+def _start(model: ParallelRobot, measured: Measurements) -> Array:
+    """Return the configurations (T, nq) of the robot file at the measured motor angles."""
+    stack = forward_kinematics_stack(model, measured.values[:, : measured.driven])
+    for refusal in stack.refused.values():
+        raise refusal
+    return stack.q
 
 
 def _determined(

@@ -114,10 +114,9 @@ class LocusEquations:
         step = np.concatenate([np.zeros((1, k)), DIFFERENCE_STEP * np.eye(k), -DIFFERENCE_STEP * np.eye(k)])
         poses = self.move(np.repeat(q, len(step), axis=0), np.tile(step, (len(q), 1)))
         linearised = linearised_at(robot, poses, np.broadcast_to(self.x, (len(poses), robot.n)))
-        centres = slice(None, None, len(step))
         sizes = robot.structure.row_sizes
-        loops = scaled(robot, linearised.closures[centres], robot.loops.rotation) / sizes[:, None]
-        gaps = linearised.residual[centres, robot.n :] / sizes
+        loops = scaled(robot, linearised.closures[:: len(step)], robot.loops.rotation) / sizes[:, None]
+        gaps = linearised.residual[:: len(step), robot.n :] / sizes
         gaps = gaps * np.where(robot.loops.rotation, 1.0, 1.0 / robot.length)
         P = passive_matrix(robot, linearised).reshape(len(q), len(step), len(robot.following), -1)
         border = Border.of(P[:, 0]) if border is None else border

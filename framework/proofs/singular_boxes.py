@@ -9,6 +9,7 @@ small.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -122,7 +123,8 @@ class _Decision(NamedTuple):
     arcs: Arcs  # those
 
 
-class SingularBoxTest(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class SingularBoxTest:
     """The test for one set of singular poses."""
 
     bounds: DerivativeBounds
