@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import is_dataclass
 from typing import Any, TypeVar
 
@@ -13,6 +14,20 @@ BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.intp]
 LEAST_DIVISOR = 1e-300  # the least divisor: what it divides is zero too, or infinite
 _Any = TypeVar("_Any", bound=NDArray[Any])
+Stack = TypeVar("Stack", bound=tuple[Any, ...])  # a named tuple of arrays, one item each in all of them
+
+
+def select(stack: Stack, which: Any) -> Stack:
+    """Return the items `which` of all arrays of a named tuple, nested ones too."""
+    make: Any = type(stack)
+    return make(*(part[which] if isinstance(part, np.ndarray) else select(part, which) for part in stack))
+
+
+def join(stacks: Sequence[Stack]) -> Stack:
+    """Return the items of several stacks, at least one, one after the other."""
+    make: Any = type(stacks[0])
+    parts = zip(*stacks, strict=True)
+    return make(*(np.concatenate(part) if isinstance(part[0], np.ndarray) else join(part) for part in parts))
 
 
 def read_only(array: _Any) -> _Any:
@@ -54,4 +69,15 @@ class ReadOnlyArrays:
                 self.__dict__[name] = read_only(value)
 
 
-__all__ = ["Array", "ArrayLike", "BoolArray", "IntArray", "ReadOnlyArrays", "freeze", "read_only"]
+__all__ = [
+    "Array",
+    "ArrayLike",
+    "BoolArray",
+    "IntArray",
+    "ReadOnlyArrays",
+    "Stack",
+    "freeze",
+    "join",
+    "read_only",
+    "select",
+]

@@ -10,7 +10,6 @@ from __future__ import annotations
 import csv
 import hashlib
 import io
-import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
@@ -24,7 +23,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from framework.arrays import Array, ReadOnlyArrays
-from framework.atlas.map_files import package_versions
+from framework.atlas.map_files import (
+    STATISTICS,
+    package_versions,
+    robot_hash,
+    table_cells,
+    value_range,
+    write_files,
+)
 from framework.atlas.quantities import QUANTITIES, choose_quantities, unit_of
 from framework.atlas.survey import survey_window
 from framework.atlas.window import Window, map_axes
@@ -39,7 +45,6 @@ from framework.statics.loading import LoadReason
 DESIGNS_PER_TASK = 4  # designs of a task
 MAX_DESIGNS = 1_000_000  # designs
 DOCUMENT = "study.json"
-STATISTICS = ("least", "median", "largest")
 Chunk = Mapping[str, NDArray[Any]]
 
 
@@ -192,14 +197,8 @@ def _statistics(workspace: WorkspaceMap) -> dict[str, float]:
             (workspace.reached & (workspace.load == LoadReason.CARRIED)).sum()
         )
     for quantity in workspace.quantities:
-        values = workspace.values[quantity.key][workspace.reached]
-        values = values[np.isfinite(values)]
-        if values.size:
-            numbers = (values.min(), np.median(values), values.max())
-            columns |= {
-                f"{quantity.key}_{part}": float(value)
-                for part, value in zip(STATISTICS, numbers, strict=True)
-            }
+        values = value_range(workspace.values[quantity.key])
+        columns |= {f"{quantity.key}_{part}": value for part, value in values.items() if value is not None}
     return columns
 
 
@@ -209,10 +208,9 @@ def _statistics(workspace: WorkspaceMap) -> dict[str, float]:
 def study_setup(task: StudyTask, designs: Designs) -> dict[str, Any]:
     """Return all settings of a study, a document of JSON."""
     robot = ParallelRobot.from_file(task.file, flexibility=task.flexibility)
-    content = hashlib.sha256(Path(task.file).read_bytes() + robot.description.urdf_text.encode())
     return {
         "robot": robot.name,
-        "robot_hash": content.hexdigest(),
+        "robot_hash": robot_hash(robot),
         **{key: value for key, value in task._asdict().items() if key != "file"},
         "designs": hashlib.sha256(designs.values.tobytes()).hexdigest(),
         "count": len(designs.values),
@@ -222,27 +220,17 @@ def study_setup(task: StudyTask, designs: Designs) -> dict[str, Any]:
 
 def write_study(study: DesignStudy, folder: Path) -> list[Path]:
     """Write study.json, study.npz and study.csv into a folder; the same study gives the same bytes."""
-    files = [folder / DOCUMENT, folder / "study.npz", folder / "study.csv"]
     document = {**study_setup(study.task, study.designs), "units": dict(study.units)}
-    files[0].write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     parameters = dict(zip(study.designs.names, study.designs.values.T, strict=True))
     arrays = {f"parameter_{name}": values for name, values in parameters.items()} | dict(study.columns)
-    np.savez_compressed(
-        files[1],
-        allow_pickle=False,
-        setup=np.array(json.dumps(document, sort_keys=True)),
-        why=np.array(study.why, dtype=np.str_),
-        **arrays,
+    columns = [(name, table_cells(values)) for name, values in (*parameters.items(), *study.columns.items())]
+    return write_files(
+        folder / DOCUMENT,
+        document,
+        document,
+        {"why": np.array(study.why, dtype=np.str_), **arrays},
+        [*columns, ("why", study.why)],
     )
-    with open(files[2], "w", encoding="utf-8", newline="") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow([*parameters, *study.columns, "why"])
-        values = np.column_stack([*parameters.values(), *study.columns.values()]).tolist()
-        writer.writerows(
-            [*("" if value != value else value for value in row), why]
-            for row, why in zip(values, study.why, strict=True)
-        )
-    return files
 
 
 def _read_table(table: Path, declared: Mapping[str, Sequence[float]]) -> Designs:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.statics.loading import LOAD_WORDS, LoadReason
 
 DOCUMENT = "map.json"
+STATISTICS = ("least", "median", "largest")
 PACKAGES = ("parallel-singularity-crossing", "pin", "numpy", "scipy")
 
 
@@ -91,7 +92,7 @@ def map_document(workspace: WorkspaceMap) -> dict[str, Any]:
         quantity.key: {
             "name": quantity.name,
             "unit": unit_of(workspace.robot, quantity),
-            **_range(workspace.values[quantity.key]),
+            **value_range(workspace.values[quantity.key]),
         }
         for quantity in workspace.quantities
     }
@@ -100,41 +101,52 @@ def map_document(workspace: WorkspaceMap) -> dict[str, Any]:
 
 def write_map(workspace: WorkspaceMap, folder: Path) -> list[Path]:
     """Write map.json, map.npz and map.csv into a folder."""
-    files = [folder / DOCUMENT, folder / "map.npz", folder / "map.csv"]
-    text = json.dumps(map_document(workspace), indent=2, allow_nan=False)
-    files[0].write_text(text + "\n", encoding="utf-8")
     first, second = workspace.window.spans
-    np.savez_compressed(
-        files[1],
-        allow_pickle=False,
-        setup=np.array(json.dumps(map_setup(workspace), sort_keys=True)),
-        first=first,
-        second=second,
-        q=workspace.q,
-        reason=workspace.reason,
-        reason_words=np.array(workspace.reason_words),
-        assembly=workspace.assembly,
-        **_locus_arrays(workspace),
-        **({} if workspace.load is None else {"load": workspace.load}),
-        **workspace.values,
-    )
-    with open(files[2], "w", encoding="utf-8", newline="") as stream:
-        _write_table(workspace, stream)
-    return files
-
-
-def _locus_arrays(workspace: WorkspaceMap) -> dict[str, np.ndarray]:
-    """Return the points of all curves (m, ...), and which curve each belongs to."""
     curves = workspace.locus.curves
-    return {
+    arrays = {
+        "first": first,
+        "second": second,
+        "q": workspace.q,
+        "reason": workspace.reason,
+        "reason_words": np.array(workspace.reason_words),
+        "assembly": workspace.assembly,
         "locus": np.concatenate([np.zeros((0, 2)), *(curve.x for curve in curves)]),
         "locus_q": np.concatenate([np.zeros((0, workspace.q.shape[2])), *(curve.q for curve in curves)]),
         "locus_curve": np.repeat(np.arange(len(curves)), [len(curve.x) for curve in curves]),
+        **({} if workspace.load is None else {"load": workspace.load}),
+        **workspace.values,
     }
+    table = list(_table(workspace).items())
+    return write_files(folder / DOCUMENT, map_document(workspace), map_setup(workspace), arrays, table)
 
 
-def _write_table(workspace: WorkspaceMap, stream: Any) -> None:
-    """Write the table of a map, a row a pose."""
+def write_files(
+    file: Path,
+    document: Mapping[str, Any],
+    setup: Mapping[str, Any],
+    arrays: Mapping[str, np.ndarray],
+    table: Sequence[tuple[str, Sequence[Any]]],
+) -> list[Path]:
+    """Write a document, and beside its file arrays with their setup and a table of named columns."""
+    files = [file, file.with_suffix(".npz"), file.with_suffix(".csv")]
+    file.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    words = np.array(json.dumps(setup, sort_keys=True))
+    np.savez_compressed(files[1], allow_pickle=False, setup=words, **arrays)
+    with open(files[2], "w", encoding="utf-8", newline="") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        names, columns = zip(*table, strict=True)
+        writer.writerow(names)
+        writer.writerows(zip(*columns, strict=True))
+    return files
+
+
+def table_cells(values: np.ndarray) -> list[Any]:
+    """Return the numbers of a column for a table, NaN as empty cells."""
+    return ["" if value != value else value for value in values.ravel().tolist()]
+
+
+def _table(workspace: WorkspaceMap) -> dict[str, list[Any]]:
+    """Return the table of a map, a row a pose."""
     points = workspace.window.points()
     columns: dict[str, list[Any]] = {
         workspace.robot.axis_names[k]: points[..., k].ravel().tolist() for k in workspace.window.axes
@@ -145,20 +157,14 @@ def _write_table(workspace: WorkspaceMap, stream: Any) -> None:
         words = np.array([LOAD_WORDS[kind] for kind in LoadReason])
         columns["load"] = np.where(workspace.reached, words[workspace.load], "").ravel().tolist()
     for quantity in workspace.quantities:
-        values = workspace.values[quantity.key].ravel().tolist()
-        columns[quantity.key] = ["" if value != value else value for value in values]
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(zip(*columns.values(), strict=True))
+        columns[quantity.key] = table_cells(workspace.values[quantity.key])
+    return columns
 
 
-def _range(values: np.ndarray) -> dict[str, float | None]:
+def value_range(values: np.ndarray) -> dict[str, float | None]:
     """Return the least, the median and the largest of finite values."""
     finite = values[np.isfinite(values)]
     if not finite.size:
-        return {"least": None, "median": None, "largest": None}
-    return {
-        "least": float(finite.min()),
-        "median": float(np.median(finite)),
-        "largest": float(finite.max()),
-    }
+        return dict.fromkeys(STATISTICS)
+    numbers = map(float, (finite.min(), np.median(finite), finite.max()))
+    return dict(zip(STATISTICS, numbers, strict=True))

@@ -26,7 +26,7 @@ from framework.kinematics.linearised_loops import assembled_at, linearised_at
 from framework.kinematics.loop_matrices import type2_matrix
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.proofs.regular_ball import MAX_CELLS, regular_ball
-from framework.singularity.bordered_system import Border, solve_bordered
+from framework.singularity.bordered_system import bordered_solution
 from framework.singularity.type2 import uncontrolled_motion
 from framework.tolerances import NEWTON_STEP, RANK_LOST
 
@@ -128,8 +128,6 @@ class Foot(NamedTuple):
 def _directions(n: int) -> Array:
     """Return unit vectors (K, n), evenly spread: a circle, a spiral on the sphere, or drawn from one seed."""
     count = RAYS.get(n, RAYS_IN_MORE)
-    if n == 1:
-        return np.array([[1.0], [-1.0]])
     k = np.arange(count)
     if n == 2:
         angle = 2 * np.pi * k / count
@@ -144,7 +142,7 @@ def _directions(n: int) -> Array:
 
 def _sign(robot: ParallelRobot, q: Array, x: Array) -> Array:
     """Compute the sign of g (T,) at q (T, nq), x (T, n)."""
-    return np.asarray(np.linalg.slogdet(type2_matrix(robot, linearised_at(robot, q, x)))[0])
+    return np.linalg.slogdet(type2_matrix(robot, linearised_at(robot, q, x)))[0]
 
 
 def _hits(robot: ParallelRobot, q: Array, x: Array, directions: Array, reach: float) -> list[Hit]:
@@ -197,7 +195,7 @@ def _foot(robot: ParallelRobot, hit: Hit, x: Array) -> Foot | None:
         if (step.reason != PoseReason.REACHED).any():
             return None
         matrices = type2_matrix(robot, linearised_at(robot, step.q, y + offsets))
-        g = solve_bordered(matrices, Border.of(matrices[0])).g
+        g = bordered_solution(matrices, 0).g
         slope = (g[1 : n + 1] - g[n + 1 :]) / (2 * DIFFERENCE_STEP)
         if not float(slope @ slope) > 0:
             return None

@@ -80,89 +80,97 @@ def quantity_of_key(key: str, wrench: tuple[float, ...] | None = None) -> Quanti
     return replace(QUANTITIES[key], wrench=wrench)
 
 
-def holding_torques(
-    robot: ParallelRobot, linearised: LinearisedLoops, q: Array, wrench: Array | None = None
-) -> Array:
-    """Compute motor torques (T, n_a) at rest [N m, N], motor side.
+def holding_share(poses: Poses) -> Array:
+    """Compute the largest motor torque at rest over its limit, (T,); a motor without one counts for nothing.
 
     By virtual work, dry friction not counted: torque . dq_a + wrench . dx = power of weight and springs, the
     springs of links deflected as at q. The torques grow without bound towards Type 2.
-
-    Args:
-        linearised: the loops at q (T, nq).
-        wrench: (n,) of the world ON the platform along its twist, zero by default.
     """
-    forces = static_forces(robot, q)
-    if wrench is not None:
-        forces = forces - np.einsum("tnv,n->tv", linearised.platform, wrench)
-    return np.asarray(balanced_forces(robot, linearised, forces).joint_torque / robot.gear_ratio)
-
-
-def largest_share_of_limits(robot: ParallelRobot, torques: Array) -> Array:
-    """Return the largest of torques (T, n_a) over its limit, (T,); a motor without one counts for nothing."""
+    robot, forces = poses.robot, static_forces(poses.robot, poses.q)
+    if poses.wrench is not None:
+        forces = forces - np.einsum("tnv,n->tv", poses.linearised.platform, poses.wrench)
+    torques = balanced_forces(robot, poses.linearised, forces).joint_torque / robot.gear_ratio
     limits = [actuator.torque_limit for actuator in robot.description.actuators]
     limit = np.array([np.inf if one is None else one for one in limits])
-    return np.asarray((np.abs(torques) / limit).max(axis=1))
+    return (np.abs(torques) / limit).max(axis=1)
 
 
 QUANTITIES = {
     quantity.key: quantity
     for quantity in (
         Quantity(
-            *("g", "signed measure of Type 2 singularity, g", "1"),
+            "g",
+            "signed measure of Type 2 singularity, g",
+            "1",
             lambda poses: poses.distances.g,
             signed=True,
         ),
         Quantity(
-            *("conditioning", "conditioning, least singular value of A", "1, lengths in robot lengths"),
+            "conditioning",
+            "conditioning, least singular value of A",
+            "1, lengths in robot lengths",
             lambda poses: poses.distances.sigma_A,
         ),
         Quantity(
-            *("torque", "worst motor torques against a unit force, 2-norm", "N m/N"),
+            "torque",
+            "worst motor torques against a unit force, 2-norm",
+            "N m/N",
             lambda poses: poses.distances.motor_torque_norm,
             large_is_good=False,
             decades=True,
         ),
         Quantity(
-            *("single_torque", "worst torque of a single motor against a unit force", "N m/N"),
+            "single_torque",
+            "worst torque of a single motor against a unit force",
+            "N m/N",
             lambda poses: poses.distances.motor_torque_largest,
             large_is_good=False,
             decades=True,
         ),
         Quantity(
-            *("joint_torque", "worst torques behind the gears against a unit force, 2-norm", "N m/N"),
+            "joint_torque",
+            "worst torques behind the gears against a unit force, 2-norm",
+            "N m/N",
             lambda poses: poses.distances.torque_norm,
             large_is_good=False,
             decades=True,
         ),
         Quantity(
-            *("holding", "largest motor torque at rest over its limit", "1"),
-            lambda poses: largest_share_of_limits(
-                poses.robot, holding_torques(poses.robot, poses.linearised, poses.q, poses.wrench)
-            ),
+            "holding",
+            "largest motor torque at rest over its limit",
+            "1",
+            holding_share,
             large_is_good=False,
             holding=True,
         ),
         Quantity(
-            *("stiffness", "stiffness in the softest direction, motors locked", "N/m"),
+            "stiffness",
+            "stiffness in the softest direction, motors locked",
+            "N/m",
             lambda poses: least_stiffness(poses.robot, poses.free),
             decades=True,
             springs=True,
         ),
         Quantity(
-            *("frequency", "first natural frequency, motors locked", "Hz"),
+            "frequency",
+            "first natural frequency, motors locked",
+            "Hz",
             lambda poses: locked_motor_frequency(poses.free),
             springs=True,
         ),
         Quantity(
-            *("loaded_stiffness", "stiffness under load in the softest direction, motors locked", "N/m"),
+            "loaded_stiffness",
+            "stiffness under load in the softest direction, motors locked",
+            "N/m",
             lambda poses: poses.mask_loaded(least_stiffness(poses.robot, poses.loaded.free)),
             decades=True,
             springs=True,
             loaded=True,
         ),
         Quantity(
-            *("loaded_frequency", "first natural frequency under load, motors locked", "Hz"),
+            "loaded_frequency",
+            "first natural frequency under load, motors locked",
+            "Hz",
             lambda poses: poses.mask_loaded(locked_motor_frequency(poses.loaded.free)),
             springs=True,
             loaded=True,

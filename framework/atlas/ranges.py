@@ -88,7 +88,7 @@ def check_window(robot: ParallelRobot, window: Window) -> None:
 def _steps_from_reference(robot: ParallelRobot, window: Window) -> Array:
     """Compute the distance (I, J) of poses from the reference, in the longer edge of the window's cells."""
     offset = np.abs(window.points() - robot.reference.x) / robot.platform_scale
-    return np.asarray(offset.max(axis=2) / (longest_cell_edge(robot, window) * (1.0 + SAME_PLACE)))
+    return offset.max(axis=2) / (longest_cell_edge(robot, window) * (1.0 + SAME_PLACE))
 
 
 def _join_to_reference(workspace: WorkspaceMap, within: BoolArray) -> BoolArray:
@@ -106,4 +106,4 @@ def _join_to_reference(workspace: WorkspaceMap, within: BoolArray) -> BoolArray:
             exceeded={},
         )
     labels: IntArray = ndimage.label(within)[0]
-    return np.asarray(labels == labels.flat[nearest])
+    return labels == labels.flat[nearest]

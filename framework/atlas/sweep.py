@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 from framework.arrays import Array, BoolArray, IntArray
 from framework.kinematics.closures import scaled
 from framework.kinematics.continuation.predictor_corrector import is_small
-from framework.kinematics.frames import difference, integrate
+from framework.kinematics.frames import between, integrate
 from framework.kinematics.inverse_kinematics import close_each
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.kinematics.modes import keeps_working_mode
 from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.linalg.ordered_sums import singular_values
 from framework.tolerances import BRANCH_TURN, BRANCHES_CROSS, DETERMINANT_LOST
 
 NEWTON_STEPS = 10  # Newton steps to a neighbour; a step along the tangent that needs more is no good one
@@ -140,7 +141,7 @@ def _step_once(robot: ParallelRobot, q: Array, start: Array, end: Array) -> Step
         robot, end, predicted, iterations=NEWTON_STEPS, farthest=MAX_JOINT_STEP
     )
     with np.errstate(invalid="ignore"):
-        correction = np.abs(_offsets(robot, predicted, corrected) / robot.column_scale).max(axis=1)
+        correction = np.abs(between(robot, predicted, corrected) / robot.column_scale).max(axis=1)
         advance = np.abs(move / robot.column_scale).max(axis=1)
         small = np.flatnonzero(closed & is_small(correction, advance))
         same = small[_keep_working_mode(robot, linearised, end_linearised, small)]
@@ -172,12 +173,5 @@ def _cross_branches(robot: ParallelRobot, linearised: LinearisedLoops) -> BoolAr
     if not len(linearised.residual):
         return np.zeros(0, dtype=np.bool_)
     loops = scaled(robot, linearised.closures, robot.loops.rotation)[:, :, robot.moving]
-    values = np.linalg.svd(loops, compute_uv=False)
-    return np.asarray(values[:, -1] < BRANCHES_CROSS * np.maximum(values[:, 0], 1.0))
-
-
-def _offsets(robot: ParallelRobot, start: Array, end: Array) -> Array:
-    """Compute tangent vectors (T, nv) from start (T, nq) to end (T, nq)."""
-    if robot.model.nq == robot.model.nv:
-        return end - start
-    return np.concatenate([difference(robot, a, b[None]) for a, b in zip(start, end, strict=True)])
+    values = singular_values(loops)
+    return values[:, -1] < BRANCHES_CROSS * np.maximum(values[:, 0], 1.0)

@@ -45,12 +45,11 @@ class Window(ReadOnlyArrays):
     @property
     def cell(self) -> Array:
         """Distance of neighbours along either axis (2,)."""
-        return np.asarray((self.upper - self.lower) / (np.array(self.shape) - 1))
+        return (self.upper - self.lower) / (np.array(self.shape) - 1)
 
     def points(self) -> Array:
         """Return platform coordinates (I, J, n) of all poses."""
-        x = np.empty((*self.shape, len(self.held)))
-        x[:] = self.held
+        x = np.tile(self.held, (*self.shape, 1))
         first, second = self.spans
         x[..., self.axes[0]], x[..., self.axes[1]] = first[:, None], second
         return x

@@ -62,8 +62,17 @@ class WorkspaceMap(ReadOnlyArrays):
     def locus(self) -> MapLocus:
         """The singular locus over the window on this branch, traced at the first use."""
         window = self.window
-        x, g = window.points(), self.values["g"]
-        poses = MapPoses(window.axes, window.lower, window.upper, x, self.q, self.reached, g, self._lead)
+        poses = MapPoses(
+            axes=window.axes,
+            lower=window.lower,
+            upper=window.upper,
+            cell=window.cell,
+            x=window.points(),
+            q=self.q,
+            reached=self.reached,
+            g=self.values["g"],
+            lead=self._lead,
+        )
         return locus_on_map(self.robot, poses)
 
     def _lead(self, q: Array, start: Array, end: Array) -> tuple[Array, BoolArray]:
@@ -84,7 +93,7 @@ class WorkspaceMap(ReadOnlyArrays):
     @property
     def beyond_ranges(self) -> BoolArray:
         """(I, J) reached, but not within the ranges of the joints (`ranges.restrict_to_ranges`)."""
-        return np.asarray(self.reason >= len(PoseReason))
+        return self.reason >= len(PoseReason)
 
     @property
     def load_counts(self) -> dict[str, int]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from framework.control.run_monitor import PERIODS_PER_CHECK, ControlLoop, Run, R
 from framework.control.variation import Spread, Variation, noise_of, vary
 from framework.errors import InvalidInput, NotAssembled
 from framework.kinematics.frames import integrate
-from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.ordered_sums import matvec
 from framework.simulation import Stepper
 from framework.simulation.schemes import State
@@ -26,30 +25,7 @@ FRICTION_SMOOTHING = 0.02  # of the largest planned motor speed: below, Coulomb 
 MIN_SPEED = 1e-12  # [rad/s] for motors that stand still all the time: 0 / 0 otherwise
 
 
-@dataclass(frozen=True, eq=False)
-class MotorFriction:
-    """Coulomb friction on the motors, smoothed at speeds that are small for this plan."""
-
-    size: Array  # (R, n_a) [N m]
-    slow: Array  # (n_a,) [rad/s]
-    robot: ParallelRobot
-
-    @staticmethod
-    def of(controller: Controller, variations: Sequence[Variation]) -> MotorFriction:
-        """Return the friction of R varied robots."""
-        ref = controller.reference
-        size = np.array([variation.friction for variation in variations]) * np.abs(ref.torque).max(axis=0)
-        slow = FRICTION_SMOOTHING * np.maximum(np.abs(ref.motor_speed).max(axis=0), MIN_SPEED)
-        return MotorFriction(size, slow, ref.robot)
-
-    def torque(self, v: Array) -> Array:
-        """Return the torque of friction (R, n_a) [N m], motor side."""
-        speed = self.robot.gear_ratio * v[:, self.robot.actuated]
-        return np.asarray(self.size * np.tanh(speed / self.slow))
-
-
-@dataclass(frozen=True, eq=False)
-class DelayLine:
+class DelayLine(NamedTuple):
     """Torques that arrive a whole number of sampling periods late, each run by its own."""
 
     delays: IntArray  # (R,)
@@ -81,8 +57,8 @@ def torque_limit(reference: Reference, loop: ControlLoop) -> Array:
     default = 10 * np.abs(reference.torque).max(axis=0)
     if loop.limit is None:
         motors = reference.robot.description.actuators
-        in_file = [motor.torque_limit for motor in motors]
-        return np.where([limit is None for limit in in_file], default, np.array(in_file, dtype=float))
+        in_file = np.array([motor.torque_limit for motor in motors], dtype=float)
+        return np.where(np.isnan(in_file), default, in_file)
     limit = np.asarray(loop.limit, dtype=float)
     if limit.shape not in ((), (1,), default.shape) or not np.all(limit > 0):
         raise InvalidInput(f"limit: needs {len(default)} positive torques [N m], got {list(loop.limit)}")
@@ -129,15 +105,15 @@ def run_closed_loop(
     return monitor.verdict(loop, variations)
 
 
-@dataclass(frozen=True, eq=False)
-class _Robots:
+class _Robots(NamedTuple):
     """R varied robots with their encoders, the friction of their motors and the world."""
 
     reference: Reference
     stepper: Stepper
     start: State  # q (R, nq), v (R, nv)
     world: WorldForces
-    friction: MotorFriction
+    friction: Array  # (R, n_a) [N m] Coulomb friction of the motors
+    slow: Array  # (n_a,) [rad/s] motor speeds below which that is smoothed, small for this plan
     noise: Array | None  # (K, R, 2, nv) of the encoders
 
     @staticmethod
@@ -154,7 +130,9 @@ class _Robots:
                 f"places: with so large a spread a robot cannot be assembled: {error}"
             ) from None
         noise = noise_of(ref.robot, spread, [each.seed for each in variations], len(ref.times))
-        return _Robots(ref, stepper, start, world, MotorFriction.of(controller, variations), noise)
+        friction = np.array([each.friction for each in variations]) * np.abs(ref.torque).max(axis=0)
+        slow = FRICTION_SMOOTHING * np.maximum(np.abs(ref.motor_speed).max(axis=0), MIN_SPEED)
+        return _Robots(ref, stepper, start, world, friction, slow, noise)
 
     def platform(self, k: int, q: Array, v: Array) -> Array:
         """Compute platform coordinates (R, n) at instant k."""
@@ -166,7 +144,7 @@ class _Robots:
         offset = np.zeros_like(v) if self.noise is None else self.noise[k][:, 0]
         rates = v if self.noise is None else v + self.noise[k][:, 1]
         n, motors = robot.gear_ratio, robot.actuated
-        angle, speed = n * (joint_angle(robot, q) + offset[:, motors]), n * rates[:, motors]
+        angle, speed = n * (robot.actuated_coordinates(q) + offset[:, motors]), n * rates[:, motors]
         if sensors == "motors":
             return Measurement(angle, speed, None)
         from_joints = np.linalg.pinv(ref.N[k])  # (n, nv)
@@ -181,10 +159,6 @@ class _Robots:
             middle = np.repeat(min(ref.times[k] + 0.5 * ref.period, ref.times[-1]), len(q))
             models = [robot.model for robot in self.stepper.stack.robots]
             world = self.world(ref.robot, middle, integrate(ref.robot, q, 0.5 * ref.period * v), models)
-        return self.stepper.step(q, v, torque - self.friction.torque(v), ref.period, world=world)
-
-
-def joint_angle(robot: ParallelRobot, q: Array) -> Array:
-    """Return the positions (R, n_a) of the actuated joints [rad, m]."""
-    columns = [robot.model.joints[robot.model.getJointId(name)].idx_q for name in robot.actuator_names]
-    return np.asarray(q[:, columns])
+        speed = ref.robot.gear_ratio * v[:, ref.robot.actuated]
+        friction = self.friction * np.tanh(speed / self.slow)
+        return self.stepper.step(q, v, torque - friction, ref.period, world=world)

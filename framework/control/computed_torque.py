@@ -75,7 +75,7 @@ class ComputedTorque:
             multipliers = planned + consistent_solution(P, r[:, columns] - matvec(P, planned))
         torque = ((r - matvec(J.transpose(0, 2, 1), multipliers)) / robot.column_scale)[:, robot.actuated]
         n = robot.gear_ratio
-        return np.asarray(robot.rotor_inertia * n * motion.a[:, robot.actuated] + torque / n)
+        return robot.rotor_inertia * n * motion.a[:, robot.actuated] + torque / n
 
 
 class _Motion(NamedTuple):
@@ -108,8 +108,8 @@ def _constrained_motion(reference: Reference, k: int, state: RobotState, ddx: Ar
     platform_drift = robot.platform.drift(frames, motions)
     drift = np.concatenate([dtwist - platform_drift, -closure_drift(rows, frames, motions)], axis=1)
     a[:, columns] = solve(whole, drift)
-    t = np.repeat(reference.times[k], len(state.q))
-    return _Motion(state.q, v, a, loops, reference.wrenches_at(t, frames))
+    s = np.asarray(reference.law(np.repeat(reference.times[k], len(state.q))))
+    return _Motion(state.q, v, a, loops, reference.wrenches.at(robot, frames, s))
 
 
 def _planned_multipliers(reference: Reference) -> Array:
@@ -123,4 +123,4 @@ def _planned_multipliers(reference: Reference) -> Array:
     r[:, robot.actuated] -= n * (reference.torque - robot.rotor_inertia * n * motion.a[:, robot.actuated])
     J = scaled(robot, motion.linearised.closures, robot.loops.rotation)
     transposed = np.linalg.pinv(J.transpose(0, 2, 1))  # (K, m, nv)
-    return np.asarray((transposed @ (r * robot.column_scale)[..., None])[..., 0])
+    return (transposed @ (r * robot.column_scale)[..., None])[..., 0]

@@ -37,6 +37,7 @@ from framework.kinematics.motion_changes import require_turns_at_rest
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.platform import FramePlatform, JointPlatform
 from framework.kinematics.single_pose import SinglePose
+from framework.linalg.ordered_sums import singular_values
 from framework.tolerances import BRANCHES_MEET, DETERMINANT_LOST
 
 MAX_ITERATIONS = 5  # of Newton's method in a cycle; a prediction that needs more is none
@@ -77,10 +78,6 @@ class ControlCycle:
         self._scale = np.asfortranarray(robot.passive_scale)
         self._size = robot.column_scale[robot.following]
         self._row_sizes = robot.row_lengths[self._independent] * robot.structure.row_sizes
-        self._lengths = robot.column_scale
-        self._motor_sizes = robot.column_scale[robot.actuated]
-        self._rotors = np.zeros(robot.model.nv)
-        self._rotors[robot.actuated] = robot.gear_ratio**2 * robot.rotor_inertia
         self._flat = robot.model.nq == robot.model.nv
         self._motors = robot.actuated_coordinates(start.q[None])[0].copy()
         self.q, self.x, self.dx = start.q.copy(), start.x.copy(), np.zeros(robot.n)
@@ -131,8 +128,9 @@ class ControlCycle:
         """Motor torques (n_a, n_a) for unit accelerations of the motors: torque = mass ddq_a + bias."""
         upper = np.triu(pin.crba(self.robot.model, self._data, self.q))
         whole = upper + np.triu(upper, 1).T
-        whole[np.diag_indices(len(whole))] += self._rotors
-        return np.asarray(self.T.T @ whole @ self.T / self.robot.gear_ratio[:, None])
+        motors, gears = self._actuated, self.robot.gear_ratio
+        whole[motors, motors] += gears**2 * self.robot.rotor_inertia
+        return self.T.T @ whole @ self.T / gears[:, None]
 
     @property
     def bias(self) -> Array:
@@ -157,8 +155,8 @@ class ControlCycle:
         """
         robot = self.robot
         platform = robot.platform.jacobian(self._equations.frame_stack(self.q))[0]
-        matrix = platform @ self.T * self._motor_sizes / robot.platform_scale[:, None]
-        least = np.linalg.svd(matrix, compute_uv=False)[-1]
+        matrix = platform @ self.T * robot.column_scale[robot.actuated] / robot.platform_scale[:, None]
+        least = singular_values(matrix)[-1]
         return float(np.copysign(least, np.linalg.det(matrix)))
 
     def _linearise(self, q: Array) -> float:
@@ -214,8 +212,9 @@ class ControlCycle:
         else:
             return None
         corrected = np.abs(correction / self._size).max(initial=0.0)
-        advance = np.abs(along / self._lengths).max()
-        turned = np.abs((self.T @ turn - along) / self._lengths).max()
+        lengths = self.robot.column_scale
+        advance = np.abs(along / lengths).max()
+        turned = np.abs((self.T @ turn - along) / lengths).max()
         counts = (
             is_small(corrected, advance)
             and is_straight(turned, corrected, advance)
@@ -226,7 +225,7 @@ class ControlCycle:
 
     def _integrate(self, q: Array, step: Array) -> Array:
         """Return the configuration (nq,) after a step (nv,) from q."""
-        return q + step if self._flat else np.asarray(pin.integrate(self.robot.model, q, step))
+        return q + step if self._flat else pin.integrate(self.robot.model, q, step)
 
     def _set_state(self, q: Array, rates: Array) -> None:
         """Set q (nq,), at which T is computed, with rates of the motors (n_a,), residual and platform."""
@@ -276,4 +275,4 @@ class ControlCycle:
             force = force + robot.joint_damping * self.v
         if self._sprung:
             force = force + spring_torques(robot, self.q[None])[0]
-        return np.asarray(force @ self.T / robot.gear_ratio)
+        return force @ self.T / robot.gear_ratio

@@ -14,7 +14,7 @@ import numpy as np
 from framework.arrays import Array
 from framework.control.reference import Reference
 from framework.kinematics.frames import integrate
-from framework.linalg.ordered_sums import matvec
+from framework.linalg.ordered_sums import matvec, solve
 
 FADING_RATIO = 0.1  # singular values below this share of the largest count as near the singularity
 
@@ -56,7 +56,11 @@ def estimated_state(reference: Reference, k: int, measurement: Measurement, *, a
     angle = measurement.motor_angle - reference.motor_angle[k]
     speed = measurement.motor_speed - reference.motor_speed[k]
     errors = np.stack([angle, speed])
-    step, rate = consistent_solution(G[None], errors) if aware else matvec(_inverse(G), errors)
+    step, rate = (
+        consistent_solution(G[None], errors)
+        if aware
+        else matvec(solve(G[None], np.eye(len(G))[None]), errors)
+    )
     return RobotState(
         q=integrate(robot, reference.motion.q[k], matvec(N, step)),
         v=reference.motion.v[k] + matvec(N, rate),
@@ -78,11 +82,3 @@ def consistent_solution(matrices: Array, right: Array) -> Array:
         inverse = np.where(sigma > threshold, 1.0 / np.maximum(sigma, threshold), sigma / threshold**2)
     solutions = matvec(v.transpose(0, 2, 1), inverse * matvec(u.transpose(0, 2, 1), right))
     return np.where(finite, solutions, np.nan)
-
-
-def _inverse(matrix: Array) -> Array:
-    """Return the inverse of a matrix; infinite for a singular one."""
-    try:
-        return np.asarray(np.linalg.inv(matrix))
-    except np.linalg.LinAlgError:
-        return np.full(matrix.T.shape, np.inf)

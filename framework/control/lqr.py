@@ -59,7 +59,7 @@ class TimeVaryingLQR:
         ref = self.reference
         state = estimated_state(ref, k, measurement, aware=True)
         error = np.concatenate([ref.x[k] - state.x, ref.dx[k] - state.dx], axis=1)
-        return np.asarray(ref.held[k] + matvec(self.gain[k], error))
+        return ref.held[k] + matvec(self.gain[k], error)
 
 
 def linearise_error(reference: Reference) -> tuple[Array, Array]:

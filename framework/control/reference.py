@@ -9,8 +9,7 @@ import numpy as np
 from framework.arrays import Array, ReadOnlyArrays
 from framework.crossing.result import CrossingPlan
 from framework.errors import InvalidInput
-from framework.kinematics.external_wrenches import AppliedWrench, ExternalWrenches
-from framework.kinematics.frames import FrameStack
+from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.motion_rates import Motion, joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.law import MotionLaw
@@ -43,10 +42,6 @@ class Reference(ReadOnlyArrays):
         """The wrenches (K, 6) by frame, on base axes, along the planned motion."""
         frames = self.motion.linearised.frames
         return self.wrenches.on_base_axes(self.robot, frames, np.asarray(self.law(self.times)))
-
-    def wrenches_at(self, t: Array, frames: FrameStack) -> tuple[AppliedWrench, ...]:
-        """Compute the wrenches at instants t (T,) [s] on robots with given frames."""
-        return self.wrenches.at(self.robot, frames, np.asarray(self.law(t)))
 
 
 def reference_of(plan: CrossingPlan, *, period: float) -> Reference:

@@ -80,9 +80,7 @@ class RunMonitor:
         size = self.robot.platform_scale
         self.error = np.nan_to_num(np.abs((x - planned) / size), nan=MAX_DEVIATION).max(axis=1)
         self.end(time, ~(self.error < MAX_DEVIATION))
-        self.worst = np.where(
-            self.alive, np.maximum(self.worst, self.error), np.maximum(self.worst, MAX_DEVIATION)
-        )
+        self.worst = np.maximum(self.worst, np.where(self.alive, self.error, MAX_DEVIATION))
         self.places.append(np.where(self.alive[:, None], x, np.nan))
 
     def end(self, time: float, runs: NDArray[np.bool_]) -> None:

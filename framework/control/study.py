@@ -53,14 +53,11 @@ class Study(ReadOnlyArrays):
     @property
     def interval(self) -> tuple[float, float]:
         """Wilson's 95 % interval of the probability of passing."""
-        count, z = len(self.passed), 1.959963984540054
-        middle = (self.probability + z**2 / (2 * count)) / (1 + z**2 / count)
-        half = (
-            z
-            / (1 + z**2 / count)
-            * np.sqrt(self.probability * (1 - self.probability) / count + z**2 / (4 * count**2))
-        )
-        return max(0.0, float(middle - half)), min(1.0, float(middle + half))
+        from scipy.stats import binomtest  # takes time to import
+
+        passes = binomtest(int(np.count_nonzero(self.passed)), len(self.passed))
+        low, high = passes.proportion_ci(method="wilson")
+        return float(low), float(high)
 
     @property
     def failures(self) -> list[tuple[int, int]]:
@@ -122,18 +119,8 @@ def run_study(
 
 def _join(chunks: Sequence[Run], controller: str, spread: Spread, seed: int, seconds: float) -> Study:
     """Join the runs of all chunks into one study."""
-    return Study(
-        controller=controller,
-        spread=spread,
-        seed=seed,
-        passed=np.concatenate([run.passed for run in chunks]),
-        why=tuple(reason for run in chunks for reason in run.why),
-        tracking_error=np.concatenate([run.tracking_error for run in chunks]),
-        end_error=np.concatenate([run.end_error for run in chunks]),
-        peak_torque=np.concatenate([run.peak_torque for run in chunks]),
-        payload=np.concatenate([run.payload for run in chunks]),
-        seconds=seconds,
-    )
+    kept = {name: np.concatenate([getattr(run, name) for run in chunks]) for name in _kept_arrays(0, 0)}
+    return Study(controller=controller, spread=spread, seed=seed, **_with_reasons(kept), seconds=seconds)
 
 
 def _select_chunks(stored: list[tuple[range, Run]], runs: int) -> dict[range, Run]:
@@ -209,7 +196,8 @@ class KeptRuns:
             except ValueError:
                 continue  # not one of ours: computed anew
             if fits(arrays, _kept_arrays(stop - first, self.motors)):
-                runs.append((range(first, stop), _run(arrays)))
+                x = np.empty((0, 0, 0))  # not kept
+                runs.append((range(first, stop), Run(**_with_reasons(arrays), x=x)))
         return runs
 
     def keep(self, chunk: range, run: Run) -> None:
@@ -222,14 +210,6 @@ class KeptRuns:
         self.chunks.keep(f"{chunk.start}-{chunk.stop}", arrays)
 
 
-def _run(kept: Arrays) -> Run:
-    """Return the runs of a stored chunk."""
-    return Run(
-        passed=kept["passed"],
-        why=tuple(kept["why"].tolist()),
-        tracking_error=kept["tracking_error"],
-        end_error=kept["end_error"],
-        peak_torque=kept["peak_torque"],
-        payload=kept["payload"],
-        x=np.empty((0, 0, 0)),  # not kept
-    )
+def _with_reasons(kept: Arrays) -> dict[str, Any]:
+    """Return the arrays of a chunk as fields of `Run` and `Study`, its reasons as words."""
+    return {**kept, "why": tuple(kept["why"].tolist())}

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from framework.atlas.map_files import package_versions
 from framework.control.closed_loop import run_closed_loop, torque_limit
 from framework.control.controllers import tuned_controller
 from framework.control.estimation import Controller
@@ -37,7 +37,6 @@ from framework.fields import (
 from framework.model.documents import naming
 
 FILE = "robustness.json"
-PACKAGES = ("parallel-singularity-crossing", "pin", "numpy", "scipy")
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,8 +61,7 @@ class StudySetup:
         """
         plan = plan_from_document(plan_document(plan), Path(FILE))
         limit = tuple(map(float, torque_limit(reference_of(plan, period=period), loop)))
-        spelled_out = ControlLoop(tolerance=loop.tolerance, end=loop.end, limit=limit, sensors=loop.sensors)
-        return StudySetup(plan, period, spelled_out, spread, seed)
+        return StudySetup(plan, period, replace(loop, limit=limit), spread, seed)
 
     @cached_property
     def reference(self) -> Reference:
@@ -76,14 +74,17 @@ class StudySetup:
 
     def run(self, controller: str, number: int) -> Run:
         """Do one run of the study once more, alone, with its torques recorded."""
-        variation = draw(self.plan.robot, self.spread, (self.seed, number))
-        return run_closed_loop(self.controller(controller), self.loop, self.spread, [variation], record=True)
+        return self._run(controller, [number], record=True)
 
     def count_passes(self, controller: str, numbers: Sequence[int]) -> int:
         """Count the runs of given numbers that pass with a controller."""
-        variations = [draw(self.plan.robot, self.spread, (self.seed, number)) for number in numbers]
-        run = run_closed_loop(self.controller(controller), self.loop, self.spread, variations)
+        run = self._run(controller, numbers)
         return int(np.count_nonzero(run.passed))
+
+    def _run(self, controller: str, numbers: Sequence[int], *, record: bool = False) -> Run:
+        """Do runs of the study once more, together."""
+        variations = [draw(self.plan.robot, self.spread, (self.seed, number)) for number in numbers]
+        return run_closed_loop(self.controller(controller), self.loop, self.spread, variations, record=record)
 
     def to_dict(self, folder: Path | None = None) -> dict[str, Any]:
         """Return the content of robustness.json in a folder, with the versions of libraries."""
@@ -127,8 +128,7 @@ _STUDY: Table = {
 
 def versions() -> dict[str, str]:
     """Return the versions on which the last bit of a run depends."""
-    packages = {package: version(package) for package in PACKAGES}
-    return {**packages, "python": platform.python_version(), "machine": platform.machine()}
+    return {**package_versions(), "python": platform.python_version(), "machine": platform.machine()}
 
 
 def load_study(folder: str | Path, *, robot_file: str | None = None) -> tuple[StudySetup, dict[str, Any]]:

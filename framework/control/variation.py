@@ -70,7 +70,7 @@ def noise_of(
     shape = (samples, 2, robot.model.nv)
     sequences = [np.random.SeedSequence((*seed, 1)) for seed in seeds]
     runs = [np.random.default_rng(sequence).standard_normal(shape) for sequence in sequences]
-    return np.asarray(np.stack(runs, axis=1) * size * robot.column_scale)
+    return np.stack(runs, axis=1) * size * robot.column_scale
 
 
 def vary(robot: ParallelRobot, variation: Variation) -> ParallelRobot:

@@ -28,8 +28,8 @@ from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, 
 from framework.kinematics.loop_matrices import type2_matrix
 from framework.kinematics.motion_rates import joint_rates, motion_at
 from framework.motion.path import along
+from framework.singularity.bordered_system import root_of_g
 from framework.singularity.points_on_path import SingularPoint
-from framework.singularity.root_of_g import root_of_g
 from framework.singularity.type2 import least_held, sign_along, uncontrolled_motion
 from framework.tolerances import CONDITION_ROUNDING, NO_HOLD
 

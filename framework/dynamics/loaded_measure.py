@@ -19,7 +19,7 @@ from framework.dynamics.result import InverseDynamics
 from framework.errors import NoAnswer
 from framework.motion.law import orders_of
 from framework.motion.path import along
-from framework.singularity.root_of_g import root_of_g
+from framework.singularity.bordered_system import root_of_g
 from framework.tolerances import SAME_PLACE
 
 DEFLECTION_STEP = 1e-5  # in units of the springs, for differences

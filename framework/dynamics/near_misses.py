@@ -18,7 +18,7 @@ from framework.dynamics.result import InverseDynamics
 from framework.dynamics.singularity_crossings import instants
 from framework.errors import point
 from framework.kinematics.loop_matrices import type2_matrix
-from framework.singularity.extrema_of_g import extremum_near
+from framework.singularity.piecewise_measure import extremum_near
 from framework.singularity.points_on_path import SearchedPath
 from framework.singularity.rank_deficiency import NearMiss
 from framework.tolerances import RESOLVABLE_TAIL

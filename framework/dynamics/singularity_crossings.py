@@ -18,8 +18,8 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.chebyshev import TimeGrid, real_roots
 from framework.motion.law import MotionLaw, PlannedLaw, orders_of
 from framework.motion.path import along
+from framework.singularity.bordered_system import root_of_g
 from framework.singularity.points_on_path import SingularPoint
-from framework.singularity.root_of_g import root_of_g
 from framework.singularity.type2 import UNCROSSABLE, escaping_motions, uncontrolled_motion
 from framework.tolerances import SAME_PLACE, STOP_AT_CROSSING
 

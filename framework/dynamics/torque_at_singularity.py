@@ -28,7 +28,7 @@ from framework.kinematics.loop_matrices import type2_matrix
 from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.chebyshev import TimeGrid, coefficients, evaluate, tail
-from framework.singularity.root_of_g import root_of_g
+from framework.singularity.bordered_system import root_of_g
 from framework.singularity.type2 import UNCROSSABLE, Uncontrolled, uncontrolled_motion
 from framework.tolerances import CONDITION_RESIDUAL, RANK_LOST, TORQUE_TAIL
 

@@ -23,6 +23,7 @@ import numpy as np
 import pinocchio as pin
 
 from framework.arrays import Array
+from framework.dynamics.tangent_stiffness import spring_stiffness
 from framework.export.mjcf_loops import OFF_ORIGIN, equality_axes, frame_names
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import is_ball, positions_beyond_limits
@@ -112,11 +113,9 @@ def _body(robot: ParallelRobot, data: pin.Data, j: int, parent: ElementTree.Elem
         joint |= {"type": "slide" if slides else "hinge", "axis": _numbers(linear if slides else angular)}
     armature = model.armature.copy()
     armature[robot.actuated] += robot.rotor_inertia * robot.gear_ratio**2
-    stiffness = robot.joint_stiffness.copy()
-    stiffness[robot.elastic] = robot.stiffness
     for key, value in (
         ("armature", armature[column]),
-        ("stiffness", stiffness[column]),
+        ("stiffness", spring_stiffness(robot)[column]),
         ("springref", robot.joint_rest[column]),
         ("damping", robot.joint_damping[column]),
         ("frictionloss", robot.joint_friction[column]),
@@ -128,7 +127,7 @@ def _body(robot: ParallelRobot, data: pin.Data, j: int, parent: ElementTree.Elem
             joint |= {"limited": "true", "range": _numbers([limit.lower, limit.upper])}
     ElementTree.SubElement(body, "joint", joint)
     inertia = model.inertias[j]
-    moments = _accepted(np.asarray(inertia.inertia))
+    moments = _accepted(inertia.inertia)
     ElementTree.SubElement(
         body,
         "inertial",
@@ -147,7 +146,7 @@ def _accepted(inertia: Array) -> Array:
     """
     moments, axes = np.linalg.eigh(inertia)
     moments[:2] += 0.5 * max(0.0, moments[2] - moments[0] - moments[1])
-    return np.asarray(axes @ np.diag(np.maximum(moments, MIN_INERTIA)) @ axes.T)
+    return axes @ np.diag(np.maximum(moments, MIN_INERTIA)) @ axes.T
 
 
 def _add_loops(robot: ParallelRobot, root: ElementTree.Element, bodies: list[ElementTree.Element]) -> None:
@@ -183,12 +182,9 @@ def _add_loops(robot: ParallelRobot, root: ElementTree.Element, bodies: list[Ele
 
 
 def _placed(placement: pin.SE3) -> dict[str, str]:
-    turned = pin.Quaternion(placement.rotation)
-    return {
-        "pos": _numbers(placement.translation),
-        "quat": _numbers([turned.w, turned.x, turned.y, turned.z]),
-    }
+    place = pin.SE3ToXYZQUAT(placement)
+    return {"pos": _numbers(place[:3]), "quat": _numbers(place[[6, 3, 4, 5]])}
 
 
 def _numbers(values: Iterable[float] | Array) -> str:
-    return " ".join(repr(float(value) + 0.0) for value in np.asarray(values))
+    return " ".join(repr(float(value) + 0.0) for value in values)

@@ -16,7 +16,7 @@ from framework.arrays import Array
 from framework.errors import InvalidInput
 from framework.kinematics.assembly import nearby_configurations
 from framework.kinematics.closures import loop_equations
-from framework.kinematics.frames import frames_at, integrate
+from framework.kinematics.frames import frames_at, integrate_columns
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import Closure, locked_axes
 from framework.model.loop_rows import loop_rows
@@ -72,10 +72,10 @@ def _more_locked(robot: ParallelRobot, closure: Closure, poses: Array) -> tuple[
 
 def _configurations_beside(robot: ParallelRobot) -> Array:
     """Return assembled configurations (K, nq) at and beside the reference, springs at rest and deflected."""
-    rest, aside = robot.reference.q, np.zeros((1, robot.model.nv))
+    rest = robot.reference.q
     share = np.random.default_rng(0).uniform(-1, 1, robot.n_e)
-    aside[0, robot.elastic] = TRIED_DEFLECTION * robot.column_scale[robot.elastic] * share
-    starts = [rest, integrate(robot, rest[None], aside)[0]] if robot.n_e else [rest]
+    deflections = TRIED_DEFLECTION * robot.column_scale[robot.elastic] * share
+    starts = [rest, integrate_columns(robot, rest, robot.elastic, deflections)] if robot.n_e else [rest]
     return np.array([rest, *(q for start in starts for q in nearby_configurations(robot, start))])
 
 

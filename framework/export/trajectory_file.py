@@ -42,13 +42,25 @@ class TrajectoryFile(NamedTuple):
 
 _NUMBERS = required(list_of(number))
 _DURATION: Table = {"sec": required(integer), "nanosec": required(integer)}
+
+
+def _seconds(where: str, given: Any) -> float:
+    """Read a builtin_interfaces/Duration, in seconds."""
+    duration = read_table(where, given, _DURATION)
+    if duration["sec"] < 0 or not 0 <= duration["nanosec"] < NANOSECONDS:
+        raise RobotFileError(
+            f"{where}: needs sec of at least 0 and nanosec of 0 to {NANOSECONDS - 1}, got {duration}"
+        )
+    return float(duration["sec"] + duration["nanosec"] / NANOSECONDS)
+
+
 _HEADER: Table = {
     "stamp": required(lambda where, given: read_table(where, given, _DURATION)),
     "frame_id": required(one_of("side", FRAME_IDS)),
 }
 _POINT: Table = {
     **dict.fromkeys(FIELDS, _NUMBERS),
-    "time_from_start": required(lambda where, given: _seconds(where, given)),
+    "time_from_start": required(_seconds),
 }
 _MESSAGE: Table = {
     "header": required(lambda where, given: read_table(where, given, _HEADER)),
@@ -96,13 +108,3 @@ def _parsed(content: str) -> Any:
         return yaml.load(content, Loader=yaml.CSafeLoader)
     except (yaml.YAMLError, ValueError, TypeError, OverflowError) as error:
         raise RobotFileError(f"neither YAML nor JSON: {' '.join(str(error).split())}") from None
-
-
-def _seconds(where: str, given: Any) -> float:
-    """Read a builtin_interfaces/Duration, in seconds."""
-    duration = read_table(where, given, _DURATION)
-    if duration["sec"] < 0 or not 0 <= duration["nanosec"] < NANOSECONDS:
-        raise RobotFileError(
-            f"{where}: needs sec of at least 0 and nanosec of 0 to {NANOSECONDS - 1}, got {duration}"
-        )
-    return float(duration["sec"] + duration["nanosec"] / NANOSECONDS)

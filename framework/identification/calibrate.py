@@ -9,6 +9,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -20,16 +21,17 @@ from framework.identification.calibration_equations import (
     Eliminated,
     Measurements,
     eliminated,
+    joint_names,
     measurements_of,
     offsets,
 )
 from framework.identification.calibration_steps import GaussNewton, rows_of
 from framework.identification.combinations import Combinations, combination_text, determined_combinations
 from framework.identification.geometry import Geometry, geometry_of
-from framework.identification.recording import Recording, check_recording, read_recording
+from framework.identification.recording import Recording, recording_of
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.continuation.pose_stack import forward_kinematics_stack
-from framework.kinematics.frames import frames_at, integrate
+from framework.kinematics.frames import frames_at, integrate_columns
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.model.robot_file_writer import write_robot_file
 from framework.tolerances import LOOP_GAP, MAX_NOISE_RATIO, MAX_PRIOR_DEVIATIONS, RANK_ROUNDING
@@ -89,24 +91,21 @@ class Calibration(ReadOnlyArrays):
 
     def to_dict(self) -> dict[str, Any]:
         """Return all numbers, for JSON."""
-        parameters = zip(self.geometry.names, self.values, self.deviations, strict=True)
-        driven = self.measured.driven
-        errors = {
-            name: {"before": before, "after": after}
-            for name, before, after in list(
-                zip(self.measured.names, self.error_before.tolist(), self.error_after.tolist(), strict=True)
-            )[driven:]
-        }
+        parameters = zip(self.geometry.names, self.values.tolist(), self.deviations.tolist(), strict=True)
+        errors = zip(self.measured.names, self.error_before.tolist(), self.error_after.tolist(), strict=True)
         return {
             "robot": self.robot.name,
             "rank": self.combinations.rank,
             "gap": self.combinations.gap if np.isfinite(self.combinations.gap) else None,
             "parameters": {
-                name: {"value": float(value), "standard_deviation": float(deviation)}
+                name: {"value": value, "standard_deviation": deviation}
                 for name, value, deviation in parameters
             },
             "unseen": list(self.unseen),
-            "errors_held_out": errors,
+            "errors_held_out": {
+                name: {"before": before, "after": after}
+                for name, before, after in islice(errors, self.measured.driven, None)
+            },
             "noise": self.noise,
             "degrees_of_freedom": self.degrees_of_freedom,
             "outliers": list(self.outliers),
@@ -142,18 +141,16 @@ def calibrate(
     """
     expect_robot(robot)
     started = clock.perf_counter()
-    for name in noise or {}:
+    noise = noise or {}
+    for name in noise:
         if name not in NOISE:
             raise InvalidInput(choose_from("kind of noise", name, NOISE))
-    for what, value in {**(noise or {}), "length_error": length_error, "angle_error": angle_error}.items():
+    for what, value in {**noise, "length_error": length_error, "angle_error": angle_error}.items():
         if not (np.isfinite(value) and value > 0):
             raise InvalidInput(f"{what}: needs a positive number, got {value!r}")
     geometry = geometry_of(robot, joints)
-    if isinstance(data, Recording):
-        check_recording(robot, data)
-    else:
-        data = read_recording(robot, data)
-    measured = measurements_of(geometry, data, {**NOISE, **(noise or {})})
+    data = recording_of(robot, data)
+    measured = measurements_of(geometry, data, {**NOISE, **noise})
     held = np.arange(len(data)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
     if not held.any():
         raise InvalidInput(f"{data.source}: {len(data)} rows; at least {HELD_OUT_EVERY} are needed")
@@ -192,7 +189,7 @@ def _start(model: ParallelRobot, measured: Measurements) -> Array:
     stack = forward_kinematics_stack(model, measured.values[:, : measured.driven])
     for refusal in stack.refused.values():
         raise refusal
-    return stack.q.copy()
+    return stack.q
 
 
 def _determined(
@@ -225,9 +222,7 @@ def _check_plausible(robot: ParallelRobot, geometry: Geometry, share: Array, noi
 
 def _prediction_error(model: ParallelRobot, measured: Measurements, q: Array, values: Array) -> Array:
     """Compute errors (m,), root mean square, of what motors' angles and parameters (p,) predict."""
-    moved = np.zeros((len(q), model.model.nv))
-    moved[:, model.elastic] = values
-    q = integrate(model, q, moved)
+    q = integrate_columns(model, q, model.elastic, np.tile(values, (len(q), 1)))
     lengths = model.column_scale[model.joints]
     sizes = 1.0 / model.row_lengths[model.structure.independent]
     for _ in range(MAX_CLOSING_STEPS):
@@ -237,10 +232,8 @@ def _prediction_error(model: ParallelRobot, measured: Measurements, q: Array, va
         driven = slice(0, measured.driven)
         matrix = np.concatenate([sizes[:, None] * loops.jacobian, slope[:, driven]], axis=1)
         right = np.concatenate([sizes * loops.residual, offset[:, driven]], axis=1)
-        step = np.zeros((len(q), model.model.nv))
         back = np.linalg.pinv(matrix[:, :, model.joints] * lengths, rcond=RANK_ROUNDING)
-        step[:, model.joints] = -lengths * np.einsum("tkr,tr->tk", back, right)
-        q = integrate(model, q, step)
+        q = integrate_columns(model, q, model.joints, -lengths * np.einsum("tkr,tr->tk", back, right))
         if np.abs(right).max() < RANK_ROUNDING:
             break
     else:
@@ -250,7 +243,7 @@ def _prediction_error(model: ParallelRobot, measured: Measurements, q: Array, va
             f"motor angles; these data are of another robot, or the file is too far off",
             residual=float(np.abs(right[worst]).max()),
         )
-    return np.asarray(np.sqrt(np.mean(offsets(model, measured, frames_at(model, q)).offset ** 2, axis=0)))
+    return np.sqrt(np.mean(offsets(model, measured, frames_at(model, q)).offset ** 2, axis=0))
 
 
 def _unseen(
@@ -259,15 +252,10 @@ def _unseen(
     """Name the directions of the parameters that the data do not see, with what would show each."""
     model, names = geometry.model, geometry.names
     frames = frames_at(model, q)
-    shown = {f"platform_{axis}": frames.jacobian[:, 0, k] for k, axis in enumerate(("x", "y", "z"))}
-    shown |= {
-        f"the platform's turn about {axis}": frames.jacobian[:, 0, 3 + k] for k, axis in enumerate("xyz")
-    }
-    single = {joint.idx_v for joint in model.model.joints[1:] if joint.nv == 1}
-    for column in single.intersection(map(int, model.passive)):
-        unit = np.zeros((len(q), model.model.nv))
-        unit[:, column] = 1.0
-        shown[f"joint_{model.coordinates.name_of(column)}"] = unit
+    axes = [*(f"platform_{axis}" for axis in "xyz"), *(f"the platform's turn about {axis}" for axis in "xyz")]
+    shown = {axis: frames.jacobian[:, 0, k] for k, axis in enumerate(axes)}
+    for column, name in joint_names(model).items():
+        shown[name] = np.tile(np.eye(model.model.nv)[column], (len(q), 1))
     sentences = []
     for direction in combinations.unseen:
         moved = np.zeros((len(q), model.model.nv))
@@ -280,12 +268,9 @@ def _unseen(
             if name not in measured.names
             and np.abs(np.einsum("tv,tv->t", slope, moved)).max() > MIN_RESPONSE * size
         ]
-        sentences.append(f"{unseen_text(names, direction)}; {_advice(by)}")
+        advice = f"{by[0]} would show it" if by else "no pose or joint angle depends on it"
+        sentences.append(f"{unseen_text(names, direction)}; {advice}")
     return tuple(sentences)
-
-
-def _advice(by: Sequence[str]) -> str:
-    return f"{by[0]} would show it" if by else "no pose or joint angle depends on it"
 
 
 def unseen_text(names: Sequence[str], direction: Array) -> str:

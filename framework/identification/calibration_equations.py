@@ -8,7 +8,7 @@ singularities, and noise of motors counts as that of the platform does.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +20,7 @@ from framework.identification.recording import LINEAR_AXES, Recording
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.frames import FrameStack, frames_at
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.tree_model import single_columns
 from framework.tolerances import LOOP_GAP, RANK_ROUNDING
 
 
@@ -37,8 +38,7 @@ class Measurements(ReadOnlyArrays):
 
     def rows(self, which: BoolArray) -> Measurements:
         """Return those of some instants."""
-        parts = {**vars(self), "values": self.values[which]}
-        return Measurements(**parts)
+        return replace(self, values=self.values[which])
 
 
 def measurements_of(geometry: Geometry, data: Recording, noise: dict[str, float]) -> Measurements:
@@ -54,14 +54,8 @@ def measurements_of(geometry: Geometry, data: Recording, noise: dict[str, float]
     robot, model = geometry.robot, geometry.model
     motors = data.columns("motor_angle", robot.actuator_names) / robot.gear_ratio
     names = [f"motor_angle_{joint}" for joint in robot.actuator_names]
-    single = {joint.idx_v for joint in model.model.joints[1:] if joint.nv == 1}  # balls have no encoder
-    names_of = model.coordinates.name_of
-    of_joints = [
-        int(column)
-        for column in model.passive
-        if int(column) in single and f"joint_{names_of(int(column))}" in data.names
-    ]
-    joints = [f"joint_{names_of(column)}" for column in of_joints]
+    encoders = {column: name for column, name in joint_names(model).items() if name in data.names}
+    joints = list(encoders.values())
     axes = [k for k, axis in enumerate(robot.axis_names) if f"platform_{axis}" in data.names]
     beside = [
         k
@@ -88,10 +82,16 @@ def measurements_of(geometry: Geometry, data: Recording, noise: dict[str, float]
             ]
         ),
         driven=robot.n_a,
-        columns=np.array([*model.actuated, *of_joints], dtype=np.intp),
+        columns=np.array([*model.actuated, *encoders], dtype=np.intp),
         axes=np.array(axes, dtype=np.intp),
         beside=np.array(beside, dtype=np.intp),
     )
+
+
+def joint_names(model: ParallelRobot) -> dict[int, str]:
+    """Return the names of the passive joints that an encoder measures, by column; balls have none."""
+    single = single_columns(model.model)
+    return {k: f"joint_{model.coordinates.name_of(k)}" for k in model.passive.tolist() if k in single}
 
 
 class MeasuredOffsets(NamedTuple):
@@ -107,8 +107,7 @@ def offsets(model: ParallelRobot, measured: Measurements, frames: FrameStack) ->
     count, first = len(joints), len(joints) + len(axes)
     x = model.platform.coordinates(frames)
     x[:, axes] = measured.values[:, count:first]
-    unit = np.zeros((len(x), count, model.model.nv))
-    unit[:, np.arange(count), joints] = 1.0
+    unit = np.tile(np.eye(model.model.nv)[joints], (len(x), 1, 1))
     place = frames.position[:, 0, beside] - measured.values[:, first:]
     return MeasuredOffsets(
         np.concatenate(

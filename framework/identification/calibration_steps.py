@@ -9,7 +9,7 @@ import numpy as np
 from framework.arrays import Array
 from framework.errors import NotConverged
 from framework.identification.calibration_equations import Eliminated, Measurements, eliminated
-from framework.kinematics.frames import integrate
+from framework.kinematics.frames import integrate_columns
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.tolerances import RANK_ROUNDING
 
@@ -42,7 +42,10 @@ class GaussNewton:
         for self.count in range(1, MAX_STEPS + 1):
             progress(self.count)
             change = self._change(equations, damping)
-            q = self._moved(equations, change)
+            joints = equations.step + equations.follow @ change
+            parameters = np.tile(change, (len(joints), 1))
+            columns = np.concatenate([self.model.joints, self.model.elastic])
+            q = integrate_columns(self.model, self.q, columns, np.concatenate([joints, parameters], axis=1))
             ahead = eliminated(self.model, self.measured, q)
             after = self._cost(ahead, self.values + change)
             if not after <= cost * (1.0 + RANK_ROUNDING) + RANK_ROUNDING:
@@ -78,13 +81,7 @@ class GaussNewton:
         stacked = np.concatenate([matrix, np.eye(len(self.prior)), damped])
         wanted = np.concatenate([right, self.values / self.prior, np.zeros(len(self.prior))])
         q, r = np.linalg.qr(stacked)
-        return np.asarray(-self.prior * np.linalg.solve(r, q.T @ wanted))
-
-    def _moved(self, equations: Eliminated, change: Array) -> Array:
-        moved = np.zeros((len(self.q), self.model.model.nv))
-        moved[:, self.model.joints] = equations.step + equations.follow @ change
-        moved[:, self.model.elastic] = change
-        return integrate(self.model, self.q, moved)
+        return -self.prior * np.linalg.solve(r, q.T @ wanted)
 
     def _cost(self, equations: Eliminated, values: Array) -> float:
         right = self._system(equations)[1]
@@ -144,7 +141,7 @@ class GaussNewton:
         _, held, axes = np.linalg.svd(np.linalg.qr(holding, mode="r"))
         rows = rows_of(self.weights[:, None, None] * equations.matrix) * self.prior
         rows = rows @ axes.T / np.sqrt(1.0 + held**2)
-        return np.asarray(np.linalg.eigvalsh(rows.T @ rows).clip(0.0))
+        return np.linalg.eigvalsh(rows.T @ rows).clip(0.0)
 
 
 def rows_of(stack: Array) -> Array:

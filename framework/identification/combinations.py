@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from framework.arrays import Array, IntArray, ReadOnlyArrays
+from framework.linalg.ordered_sums import singular_values
 from framework.tolerances import RANK_ROUNDING
 
 COEFFICIENT_ROUNDING = (
@@ -51,12 +52,6 @@ class Combinations(ReadOnlyArrays):
         return float(self.singular_values[self.rank - 1]) / least
 
     @property
-    def dependent(self) -> IntArray:
-        """The parameters that are seen, but in combinations that others lead."""
-        rest = np.setdiff1d(np.arange(self.coefficients.shape[1]), self.leading)
-        return np.setdiff1d(rest, self.without_effect)
-
-    @property
     def unseen(self) -> Array:
         """Return directions (p - rank, p) of the parameters that change no base parameter.
 
@@ -81,7 +76,7 @@ def determined_combinations(regressor: Array, sizes: Array) -> Combinations:
     seen = np.flatnonzero(lengths > RANK_ROUNDING * lengths.max(initial=0.0))
     unit = scaled[:, seen] / lengths[seen]
     compact = np.asarray(np.linalg.qr(unit, mode="r"))
-    values = np.linalg.svd(compact, compute_uv=False)
+    values = singular_values(compact)
     rank = int(np.sum(values > RANK_ROUNDING * values.max(initial=0.0)))
     leading = _leading(compact, rank)
     others = np.setdiff1d(np.arange(len(seen)), leading)

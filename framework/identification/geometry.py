@@ -12,14 +12,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import pinocchio as pin
 
 from framework.arrays import Array, ReadOnlyArrays
 from framework.errors import InvalidInput, choose_from
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import AXES, RobotDescription, Spring
-from framework.model.placement import from_rpy, placement
+from framework.model.placement import about, placement
 from framework.model.urdf_writing import joint_element, origin_element
+from framework.model.xml_reading import origin_of
 
 ERRORS = "errors"  # ending of a virtual joint's name
 PLACED = "placed"  # ending of what carries the origin of a joint that moves
@@ -118,11 +118,9 @@ def _split(urdf: ElementTree.Element, joint: ElementTree.Element) -> str:
 def _move_origin(joint: ElementTree.Element, moved: Array) -> None:
     """Move the origin of a joint by displacements along and turns about its axes (6,)."""
     old = joint.find("origin")
-    attributes = {} if old is None else old.attrib
-    xyz, rpy = ([float(part) for part in attributes.get(key, "0 0 0").split()] for key in ("xyz", "rpy"))
-    place = placement(from_rpy(rpy), xyz) @ placement(None, moved[:3])
+    place = origin_of(old, f"joint {joint.get('name')!r}") @ placement(None, moved[:3])
     for axis, angle in zip(np.eye(3), moved[3:], strict=True):
-        place = place @ placement(np.asarray(pin.exp3(angle * axis)))
+        place = place @ placement(about(axis, angle))
     if old is not None:
         joint.remove(old)
     joint.append(origin_element(place))

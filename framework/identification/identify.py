@@ -25,9 +25,10 @@ from framework.identification.physical import (
     possible_parameters,
     with_masses_and_motors,
 )
-from framework.identification.recording import Recording, check_recording, read_recording
+from framework.identification.recording import Recording, recording_of
 from framework.identification.torque_parameters import ParameterRegressor, parameter_regressor
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.linalg.ordered_sums import singular_values
 from framework.model.robot_file_writer import write_robot_file
 from framework.tolerances import MIN_NOISE_RATIO, RANK_ROUNDING, SIGNIFICANT_DEVIATIONS
 
@@ -161,10 +162,7 @@ def identify(
     if not (np.isfinite(prior) and prior > 0):
         raise InvalidInput(f"prior: needs a positive number, got {prior!r}")
     base = base_parameters(robot, massless=massless)
-    if isinstance(data, Recording):
-        check_recording(robot, data)
-    else:
-        data = read_recording(robot, data)
+    data = recording_of(robot, data)
     measured = measured_motion(robot, data, cutoff=cutoff, poses=poses, progress=progress)
     regressor = parameter_regressor(robot, measured.motion, base.described, signs=measured.signs)
     rows = _whitened(robot, regressor, measured)
@@ -220,7 +218,7 @@ def _held_out(times: Array) -> BoolArray:
     """Return which instants are held out: every fourth block of time."""
     share = (times - times[0]) / (times[-1] - times[0])
     blocks = np.minimum((share * HELD_OUT_BLOCKS).astype(int), HELD_OUT_BLOCKS - 1)
-    return np.asarray(blocks % HELD_OUT_EVERY == HELD_OUT_EVERY - 1)
+    return blocks % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
 
 
 def _least_squares(base: BaseParameters, rows: Rows) -> tuple[Array, Array, float]:
@@ -249,7 +247,7 @@ def torque_error(
     Of instants at which the motors hold the robot well; NaN where there are none.
     """
     speeds = regressor.motors / robot.platform_scale[:, None] / robot.column_scale[robot.actuated]
-    values = np.linalg.svd(speeds / robot.gear_ratio, compute_uv=False)
+    values = singular_values(speeds / robot.gear_ratio)
     which = np.flatnonzero(instants & (values[:, -1] > MIN_NOISE_RATIO * values[:, 0]))
     if not len(which):
         return np.full(robot.n_a, np.nan)
@@ -258,7 +256,7 @@ def torque_error(
     missing = wrench - np.einsum("tna,ta->tn", to_motors, torque)
     error = np.einsum("tan,tn->ta", np.linalg.pinv(to_motors), missing)
     size = np.sqrt(np.mean(torque**2, axis=0))
-    return np.asarray(np.sqrt(np.mean(error**2, axis=0)) / np.maximum(size, np.finfo(float).tiny))
+    return np.sqrt(np.mean(error**2, axis=0)) / np.maximum(size, np.finfo(float).tiny)
 
 
 def _by_motor(robot: ParallelRobot, values: Array) -> dict[str, float | None]:

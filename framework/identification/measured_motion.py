@@ -24,6 +24,7 @@ from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, 
 from framework.kinematics.loop_matrices import clearance
 from framework.kinematics.motion_rates import Motion, joint_rates, motion_at, without_elastic_rates
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.linalg.rotations import whole_turns
 from framework.tolerances import MAX_MOTOR_MISFIT
 
 ORDER, SPLINE_DEGREE = 4, 5  # of the filter, of the splines
@@ -83,7 +84,11 @@ def measured_motion(
                 f"{data.source}: torque_{joint} is zero at all samples; measured torques are needed"
             )
     complete = data.has("platform", robot.axis_names)
-    cutoff = _cutoff(data, joints, period) if cutoff is None else _checked(cutoff, period, len(data))
+    least, most = MIN_PERIODS / (len(data) * period), MAX_CUTOFF / period
+    if cutoff is None:
+        cutoff = _cutoff(data, joints, period, least, most)
+    elif not least <= cutoff <= most:
+        raise InvalidInput(f"cutoff: needs {least:.3g} to {most:.3g} Hz for these data, got {cutoff:g}")
     margin = int(np.ceil(END_PERIODS / (cutoff * period)))
     angles = _with_derivatives(joints, period, cutoff)
     kept = np.arange(margin, len(data) - margin, max(round(0.5 / (cutoff * period)), 1))
@@ -115,19 +120,11 @@ def measured_motion(
 def _from_reference(robot: ParallelRobot, joints: Array) -> Array:
     """Return motors' joints (T, n_a) less whole turns, to begin within half a turn of the reference."""
     away = joints[0] - robot.actuated_coordinates(robot.reference.q[None])[0]
-    turns = 2.0 * np.pi * np.round(away / (2.0 * np.pi))
-    return np.asarray(joints - np.where(robot.sliding[robot.actuated], 0.0, turns))
+    return joints - np.where(robot.sliding[robot.actuated], 0.0, whole_turns(away))
 
 
-def _checked(cutoff: float, period: float, count: int) -> float:
-    least, most = MIN_PERIODS / (count * period), MAX_CUTOFF / period
-    if not least <= cutoff <= most:
-        raise InvalidInput(f"cutoff: needs {least:.3g} to {most:.3g} Hz for these data, got {cutoff:g}")
-    return cutoff
-
-
-def _cutoff(data: Recording, joints: Array, period: float) -> float:
-    """Return the frequency [Hz] at which the last spectrum of the angles' accelerations meets its noise."""
+def _cutoff(data: Recording, joints: Array, period: float, least: float, most: float) -> float:
+    """Return the frequency [Hz] at which the angles' last spectrum meets its noise, within a range."""
     from scipy.ndimage import uniform_filter1d
 
     count = len(joints)
@@ -139,7 +136,6 @@ def _cutoff(data: Recording, joints: Array, period: float) -> float:
     above = power > SIGNAL_TO_NOISE * np.maximum(floor, np.finfo(float).tiny)
     first = [int(np.argmin(column)) if not column.all() else len(column) for column in above.T]
     frequency = max(first) / (count * period)
-    least, most = MIN_PERIODS / (count * period), MAX_CUTOFF / period
     if least > most:
         raise InvalidInput(f"{data.source}: {count} samples are too few to filter")
     return float(np.clip(frequency, least, most))
@@ -151,7 +147,7 @@ def _filtered(values: Array, period: float, cutoff: float) -> Array:
 
     sections = butter(ORDER, cutoff, fs=1.0 / period, output="sos")
     padding = min(len(values) - 1, int(np.ceil(3.0 / (cutoff * period))))
-    return np.asarray(sosfiltfilt(sections, values, axis=0, padlen=padding))
+    return sosfiltfilt(sections, values, axis=0, padlen=padding)
 
 
 def _with_derivatives(values: Array, period: float, cutoff: float) -> list[Array]:
@@ -160,7 +156,7 @@ def _with_derivatives(values: Array, period: float, cutoff: float) -> list[Array
 
     times = period * np.arange(len(values))
     spline = make_interp_spline(times, _filtered(values, period, cutoff), k=SPLINE_DEGREE)
-    return [np.asarray(spline(times, order)) for order in range(3)]
+    return [spline(times, order) for order in range(3)]
 
 
 def _by_motors(robot: ParallelRobot, angles: list[Array], progress: Callable[[int], None]) -> Motion:
@@ -248,8 +244,7 @@ def _motor_misfit(robot: ParallelRobot, source: str, motion: Motion, q_a: Array,
         InvalidInput: it is more than a file that is a little wrong explains.
     """
     off = robot.actuated_coordinates(motion.q) - q_a
-    turns = 2.0 * np.pi * np.round(off / (2.0 * np.pi))
-    off = np.abs(np.where(robot.sliding[robot.actuated], off, off - turns))
+    off = np.abs(np.where(robot.sliding[robot.actuated], off, off - whole_turns(off)))
     off /= robot.column_scale[robot.actuated]
     k, motor = np.unravel_index(int(off.argmax()), off.shape)
     largest = float(off[k, motor])

@@ -23,13 +23,14 @@ from framework.dynamics.body_parameters import (
     pseudo_inertia,
 )
 from framework.errors import NotConverged
-from framework.identification.torque_parameters import OF_MOTORS, TorqueParameters
+from framework.identification.torque_parameters import LENGTH_POWERS, OF_MOTORS, TorqueParameters
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import JointDynamics, RobotDescription
-from framework.model.placement import from_rpy, placement
 from framework.model.urdf_writing import vector_text
+from framework.model.xml_reading import attribute, child_element, origin_of
 from framework.motion.cone_program import Affine, LinearMatrix, Unsolved, semidefinite_least_squares
 
+MOMENTS = ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")  # in the order of pinocchio
 NO_ROTOR = 1e-9  # of the size of a motor's inertia: what a rotor that the file does not have may take
 ROUNDED_BODY = 1e-9  # of mass and second moments: what rounding may leave negative
 
@@ -76,7 +77,7 @@ def _body_sizes(body: Array) -> Array:
     """Return sizes (10,) of a body's parameters, by its mass and its extent; a point stays a point."""
     moments = float(np.trace(pseudo_inertia(body)[:3, :3]))
     arm = np.sqrt(max(moments, 0.0) / body[0])
-    return np.asarray(body[0] * arm ** np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2]))
+    return body[0] * arm**LENGTH_POWERS
 
 
 def inertial_parameters(link: ElementTree.Element) -> Array:
@@ -84,14 +85,12 @@ def inertial_parameters(link: ElementTree.Element) -> Array:
     inertial = link.find("inertial")
     if inertial is None:
         return np.zeros(10)
-    origin, mass, inertia = (inertial.find(tag) for tag in ("origin", "mass", "inertia"))
-    attributes = {} if origin is None else origin.attrib
-    xyz, rpy = ([float(part) for part in attributes.get(key, "0 0 0").split()] for key in ("xyz", "rpy"))
-    values = {key: float(text) for key, text in (inertia.attrib if inertia is not None else {}).items()}
-    central = np.array([float(mass.get("value", "0")) if mass is not None else 0.0, 0.0, 0.0, 0.0])
-    keys = ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")
-    central = np.append(central, [values.get(key, 0.0) for key in keys])
-    return np.asarray(moved_parameters(pin.SE3(placement(from_rpy(rpy), xyz))) @ central)
+    where = f"link {link.get('name')!r}: <inertial>"
+    mass = attribute(child_element(inertial, where, "mass"), where, "value")
+    inertia = child_element(inertial, where, "inertia")
+    entries = [float(attribute(inertia, where, key)) for key in MOMENTS]
+    place = origin_of(inertial.find("origin"), where)
+    return moved_parameters(pin.SE3(place)) @ np.array([float(mass), 0.0, 0.0, 0.0, *entries])
 
 
 def possible_parameters(
@@ -131,7 +130,7 @@ def possible_parameters(
         )
     values = best + change @ solution
     values[motors] = np.maximum(values[motors], 0.0)
-    return np.asarray(values)
+    return values
 
 
 def _balance(parameters: Array) -> Array:
@@ -177,7 +176,6 @@ def _write_inertial(link: ElementTree.Element, parameters: Array) -> None:
     inertial = ElementTree.Element("inertial")
     ElementTree.SubElement(inertial, "origin", xyz=vector_text(centre), rpy="0 0 0")
     ElementTree.SubElement(inertial, "mass", value=repr(mass))
-    keys = ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")
-    entries = {key: repr(float(value)) for key, value in zip(keys, central[4:], strict=True)}
+    entries = {key: repr(float(value)) for key, value in zip(MOMENTS, central[4:], strict=True)}
     ElementTree.SubElement(inertial, "inertia", entries)
     link.insert(0, inertial)

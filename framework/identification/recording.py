@@ -18,6 +18,7 @@ from framework.arrays import Array, IntArray, ReadOnlyArrays
 from framework.errors import InvalidInput, choose_from, short
 from framework.input import read_text
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.linalg.rotations import whole_turns
 
 LARGEST_RECORDING = 200_000_000  # bytes
 MIN_ROWS = 2
@@ -38,7 +39,7 @@ class Recording(ReadOnlyArrays):
 
     def column(self, name: str) -> Array:
         """Return one column (T,)."""
-        return np.asarray(self.values[:, self.names.index(name)])
+        return self.values[:, self.names.index(name)]
 
     def columns(self, prefix: str, endings: Sequence[str]) -> Array:
         """Return the columns PREFIX_ENDING, (T, k).
@@ -52,7 +53,7 @@ class Recording(ReadOnlyArrays):
             raise InvalidInput(
                 f"{self.source}: no column {', '.join(missing)}; it has {', '.join(self.names) or 'none'}"
             )
-        return np.asarray(self.values[:, [self.names.index(name) for name in wanted]])
+        return self.values[:, [self.names.index(name) for name in wanted]]
 
     def has(self, prefix: str, endings: Sequence[str]) -> bool:
         """Whether all columns PREFIX_ENDING are there."""
@@ -127,6 +128,14 @@ def _numbers(where: str, header: Sequence[str], used: Sequence[int], cells: Sequ
     return numbers
 
 
+def recording_of(robot: ParallelRobot, data: Recording | str | Path) -> Recording:
+    """Return a recording, or that of a file; raises as `check_recording`."""
+    if not isinstance(data, Recording):
+        return read_recording(robot, data)
+    check_recording(robot, data)
+    return data
+
+
 def check_recording(robot: ParallelRobot, recording: Recording) -> None:
     """Refuse time that does not advance, and motor angles in degrees.
 
@@ -158,7 +167,7 @@ def _in_degrees(angles: Array, start: Array) -> bool:
     Whole turns count as no distance, once a sample is farther away than half a turn.
     """
     away, converted = angles[0] - start, np.radians(angles) - start
-    beside_turns = np.abs(away - 2.0 * np.pi * np.round(away / (2.0 * np.pi))).max()
+    beside_turns = np.abs(away - whole_turns(away)).max()
     return bool(
         np.abs(away).max() > np.pi
         and np.abs(converted[0]).max() < beside_turns

@@ -9,7 +9,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.errors import InvalidInput, choose_from
-from framework.identification.recording import Recording
+from framework.identification.recording import Recording, known_columns
 from framework.simulation.result import Simulation
 
 MAX_SAMPLES = 10_000_000
@@ -70,19 +70,14 @@ def record_sensors(
         size = np.broadcast_to(step, values.shape)
         return np.where(size > 0, np.round(noisy / np.where(size > 0, size, 1.0)) * size, noisy)
 
-    values = [
+    columns = [
         times[:, None],
         measured(angles, sensors.angle_noise, steps),
         measured(torques, sensors.torque_noise * largest, sensors.torque_step * largest),
         measured(x, sensors.platform_noise * robot.platform_scale / robot.length, 0.0),
     ]
-    names = [
-        "time",
-        *(f"motor_angle_{joint}" for joint in robot.actuator_names),
-        *(f"torque_{joint}" for joint in robot.actuator_names),
-        *(f"platform_{axis}" for axis in robot.axis_names),
-    ]
-    return Recording(f"sensors of {robot.name}", tuple(names), np.concatenate(values, axis=1))
+    values = np.concatenate(columns, axis=1)
+    return Recording(f"sensors of {robot.name}", known_columns(robot)[: values.shape[1]], values)
 
 
 def sensors_of(words: dict[str, float]) -> Sensors:

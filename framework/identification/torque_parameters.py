@@ -25,6 +25,7 @@ from framework.errors import InvalidInput
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
 
+LENGTH_POWERS = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])  # of the parameters of a body
 OF_MOTORS = ("rotor_inertia", "damping", "friction")
 
 
@@ -61,7 +62,7 @@ def torque_parameters(robot: ParallelRobot, *, massless: bool = False) -> Torque
     columns, gears = robot.actuated, robot.gear_ratio
     of_motors = [robot.rotor_inertia, robot.joint_damping[columns], robot.joint_friction[columns]]
     length, mass = robot.length, robot.mass or 1.0
-    sizes = np.tile(mass * length ** np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2]), len(bodies))
+    sizes = np.tile(mass * length**LENGTH_POWERS, len(bodies))
     arm = robot.column_scale[columns]  # 1 of a hinge, whose inertia is mass length^2
     inertia = mass * (length / arm) ** 2
     rate = np.sqrt(gravity_of(robot) / length)

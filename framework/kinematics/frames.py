@@ -119,6 +119,13 @@ def integrate(mechanism: Mechanism, q: Array, step: Array) -> Array:
     return np.array(flat).reshape(*step.shape[:-1], model.nq)
 
 
+def integrate_columns(mechanism: Mechanism, q: Array, columns: IntArray, change: Array) -> Array:
+    """Move q (..., nq) by changes (..., k) of some columns of the tangent vector, the others at rest."""
+    step = np.zeros((*change.shape[:-1], mechanism.model.nv))
+    step[..., columns] = change
+    return integrate(mechanism, q, step)
+
+
 def difference(mechanism: Mechanism, start: Array, q: Array) -> Array:
     """Compute tangent vectors (T, nv) from one configuration `start` (nq,) to q (T, nq)."""
     model = mechanism.model

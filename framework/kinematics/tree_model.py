@@ -119,6 +119,11 @@ class Coordinates:
         return v if self.model.nq == self.model.nv else np.asarray(v @ named_axes(self.model).T)
 
 
+def single_columns(model: pin.Model) -> frozenset[int]:
+    """Return the columns of joints that have one alone: hinges and slides."""
+    return frozenset(int(joint.idx_v) for joint in list(model.joints)[1:] if joint.nv == 1)
+
+
 def coordinate_names(model: pin.Model) -> tuple[str, ...]:
     """Return a name for each entry of the velocity vector, (nv,)."""
     return tuple(

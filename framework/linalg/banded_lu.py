@@ -106,7 +106,7 @@ class Factors:
         solution, _ = dgbtrs(
             self.lu, self.band.lower, self.band.upper, stacked, self.pivots, trans=transposed, overwrite_b=1
         )
-        return np.asarray(solution.T.reshape(right.shape).take(position, axis=-1))
+        return solution.T.reshape(right.shape).take(position, axis=-1)
 
     @cached_property
     def slogdet(self) -> tuple[Array, Array]:

@@ -9,7 +9,10 @@ every BLAS. A study of runs needs that, to give one of them back by its seed. `n
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from framework.arrays import Array
 
@@ -48,11 +51,24 @@ def matmul(a: Array, b: Array) -> Array:
 def solve(matrix: Array, right: Array) -> Array:
     """Solve systems with matrices (R, n, n) and right sides (R, n) or (R, n, k); infinite where singular."""
     if right.ndim < matrix.ndim:
-        return np.asarray(solve(matrix, right[..., None])[..., 0])
+        return solve(matrix, right[..., None])[..., 0]
     try:
         return np.asarray(np.linalg.solve(matrix, right))
     except np.linalg.LinAlgError:
         return np.array([_solve_one(a, b) for a, b in zip(matrix, right, strict=True)])
+
+
+def singular_values(matrices: NDArray[Any]) -> Array:
+    """Compute the singular values (..., k) of matrices (..., m, n), the largest first."""
+    return np.linalg.svd(matrices, compute_uv=False)
+
+
+def solve_or_fit(matrices: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
+    """Solve systems (S, n, n) with right sides (S, n, k), by least squares where one is singular."""
+    try:
+        return np.linalg.solve(matrices, right)
+    except np.linalg.LinAlgError:
+        return np.array([np.linalg.lstsq(m, r, rcond=None)[0] for m, r in zip(matrices, right, strict=True)])
 
 
 def _solve_one(matrix: Array, right: Array) -> Array:

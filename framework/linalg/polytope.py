@@ -13,6 +13,7 @@ from itertools import combinations, product
 import numpy as np
 
 from framework.arrays import Array, BoolArray, ReadOnlyArrays
+from framework.linalg.ordered_sums import singular_values
 from framework.tolerances import RANK_ROUNDING, SAME_PLACE
 
 
@@ -32,7 +33,7 @@ class Polytope(ReadOnlyArrays):
     def contains(self, points: Array) -> BoolArray:
         """Whether points (..., n) are inside, but for rounding."""
         size = np.abs(self.offsets).max(initial=0.0)
-        return np.asarray(np.all(points @ self.normals.T <= self.offsets + SAME_PLACE * size, axis=-1))
+        return np.all(points @ self.normals.T <= self.offsets + SAME_PLACE * size, axis=-1)
 
     def reach(self, direction: Array) -> tuple[float, float]:
         """Compute the least and the largest t for which t direction (n,) is inside; (nan, nan) if none is."""
@@ -85,7 +86,7 @@ def slabs(rows: Array, limits: Array) -> Polytope:
     inside, signs = rows @ span.T, _signs(len(span))
     points = [np.zeros((0, rows.shape[1]))]
     for subset in map(list, combinations(range(len(rows)), len(span)) if len(span) else ()):
-        if np.linalg.svd(inside[subset], compute_uv=False)[-1] > RANK_ROUNDING * largest:
+        if singular_values(inside[subset])[-1] > RANK_ROUNDING * largest:
             points.append(np.linalg.solve(inside[subset], (signs * limits[subset]).T).T @ span)
     corners = np.concatenate(points)
     corners = corners[np.all(np.abs(corners @ rows.T) <= limits * (1 + SAME_PLACE), axis=1)]

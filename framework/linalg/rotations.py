@@ -22,11 +22,21 @@ _SERIES = np.array(
 )
 
 
+def whole_turns(angles: Array) -> Array:
+    """Return the whole turns [rad] nearest to angles."""
+    return 2.0 * np.pi * np.round(angles / (2.0 * np.pi))
+
+
+def wrap_angles(angles: Array) -> Array:
+    """Return angles less whole turns, in [-pi, pi)."""
+    return np.mod(angles + np.pi, 2 * np.pi) - np.pi
+
+
 def rotation_matrix(vector: Array) -> Array:
     """Compute rotation matrices (T, 3, 3) of rotation vectors (T, 3) [rad]."""
     from scipy.spatial.transform import Rotation
 
-    return np.asarray(Rotation.from_rotvec(vector).as_matrix())
+    return Rotation.from_rotvec(vector).as_matrix()
 
 
 def rotation_vector(rotation: Array) -> Array:

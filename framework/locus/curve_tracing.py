@@ -9,13 +9,13 @@ cannot be followed; the pieces are then put together.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, BoolArray, IntArray
-from framework.locus.locus_equations import Borders, Evaluated, LocusEquations
+from framework.arrays import Array, BoolArray, IntArray, join, select
+from framework.locus.locus_equations import Evaluated, LocusEquations
+from framework.singularity.bordered_system import Border
 from framework.tolerances import NEWTON_STEP, RANK_ROUNDING
 
 MAX_CURVE_OFFSET = 0.05  # of a chord, from it to a point on the curve; chords leave the curve by 0.02
@@ -40,34 +40,18 @@ class Points(NamedTuple):
     orientation: Array  # (S,) det [dF/du ; t']: its sign changes at branch points
     cusp: Array  # (S,) slope of g along the motion that locked motors do not hold, without dimension
     eta: Array  # (S, m) that motion, of unit size, turned so that `cusp` is continuous
-    b: Array  # (S, m) of the borders of P
-    c: Array  # (S, m)
-
-    @property
-    def border(self) -> Borders:
-        """Borders of P at the points."""
-        return Borders(self.b, self.c)
-
-    def take(self, which: IntArray | BoolArray | slice) -> Points:
-        """Return the points `which` (s,) of the S."""
-        return Points(*(part[which] for part in self))
+    border: Border  # (S, m, 1) of P
 
     def reverse(self) -> Points:
         """Return the same points of curves that are followed the other way."""
         return self._replace(tangent=-self.tangent, orientation=-self.orientation)
 
-    @staticmethod
-    def join(parts: list[Points]) -> Points:
-        """Return points one after the other."""
-        return Points(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
-
     def single(self, k: int) -> Points:
         """Return the k-th of the points, S = 1."""
-        return self.take(np.array([k]))
+        return select(self, np.array([k]))
 
 
-@dataclass(frozen=True, eq=False)
-class Curve:
+class Curve(NamedTuple):
     """A traced curve."""
 
     points: Points  # in order; a closed curve ends with its first
@@ -107,7 +91,8 @@ def whole_curves(
         inside: which configurations (T, nq) are in the region; the first point outside is kept.
         longest: step [rad, lengths].
     """
-    starts = starts.take(_distinct(equations, starts.q))
+    distance = np.linalg.norm(equations.offsets(starts.q[:, None], starts.q[None]), axis=2)
+    starts = select(starts, ~np.tril(distance < MIN_START_DISTANCE, -1).any(axis=1))
     pieces = _pieces(equations, starts, inside, min(longest, MAX_STEP))
     curves, done = list[Curve](), set[int]()
     for first in range(len(starts.q)):
@@ -115,11 +100,11 @@ def whole_curves(
             continue
         along, end = _chain(pieces, first, 0, done)
         if end == "closed":
-            curves.append(Curve(Points.join(along), (end, end)))
+            curves.append(Curve(join(along), (end, end)))
             continue
         against, begin = _chain(pieces, first, 1, done)
-        head = Points.join(against).take(slice(None, 0, -1)).reverse()
-        curves.append(Curve(Points.join([head, *along]), (begin, end)))
+        head = select(join(against), slice(None, 0, -1)).reverse()
+        curves.append(Curve(join([head, *along]), (begin, end)))
     return curves
 
 
@@ -140,10 +125,6 @@ class _Fronts(NamedTuple):
     step: Array  # (F,) [rad, lengths] to be tried next
     piece: IntArray  # (F,) the start's number, plus their count against its tangent
 
-    def take(self, which: BoolArray) -> _Fronts:
-        """Return the fronts `which` (f,) of the F."""
-        return _Fronts(self.points.take(which), self.bend[which], self.step[which], self.piece[which])
-
     def advance(self, ahead: Points, good: BoolArray, step: Array, longest: float) -> _Fronts:
         """Return the fronts after steps (F,): the points ahead where good, else the same points."""
         count = len(step)
@@ -151,7 +132,7 @@ class _Fronts(NamedTuple):
         turn = np.linalg.norm(turning, axis=1) * step
         growth = np.clip(TURN_SHARE * MAX_TANGENT_TURN / np.maximum(turn, MIN_STEP), MIN_GROWTH, MAX_GROWTH)
         return _Fronts(
-            points=Points.join([ahead, self.points]).take(np.where(good, 0, count) + np.arange(count)),
+            points=select(join([ahead, self.points]), np.where(good, 0, count) + np.arange(count)),
             bend=np.where(good[:, None], turning, self.bend),
             step=np.where(good, np.minimum(step * growth, longest), step),
             piece=self.piece,
@@ -163,7 +144,9 @@ def _pieces(
 ) -> dict[tuple[int, int], _Piece]:
     """Trace a piece from each of S starts along its tangent (side 0) and against (side 1)."""
     count = len(starts.q)
-    fronts = _first_fronts(starts, min(FIRST_STEP, longest))
+    points = join([starts, starts.reverse()])  # all along their tangents, then all against
+    step = np.full(2 * count, min(FIRST_STEP, longest))
+    fronts = _Fronts(points, np.zeros_like(points.tangent), step, np.arange(2 * count))
     traced = [[fronts.points.single(k)] for k in range(2 * count)]
     pieces: dict[tuple[int, int], _Piece] = {}
     while len(fronts.piece):
@@ -182,19 +165,12 @@ def _pieces(
                 if not ends[k] and len(traced[piece]) == MAX_POINTS:
                     ends[k] = "long"
             if ends[k]:
-                points = Points.join(traced[piece])
+                points = join(traced[piece])
                 pieces[piece % count, piece // count] = _Piece(
                     points, str(ends[k]), int(start[k]), int(side[k])
                 )
-        fronts = fronts.advance(ahead, good, step, longest).take(ends == "")
+        fronts = select(fronts.advance(ahead, good, step, longest), ends == "")
     return pieces
-
-
-def _first_fronts(starts: Points, step: float) -> _Fronts:
-    """Return the fronts at S starts: all along their tangents, then all against."""
-    points = Points.join([starts, starts.reverse()])
-    count = len(points.q)
-    return _Fronts(points, np.zeros_like(points.tangent), np.full(count, step), np.arange(count))
 
 
 def _find_met_starts(
@@ -226,7 +202,7 @@ def _chain(
     parts, start = list[Points](), first
     while True:
         piece = pieces[start, side]
-        parts.append(piece.points if not parts else piece.points.take(slice(1, None)))
+        parts.append(piece.points if not parts else select(piece.points, slice(1, None)))
         if piece.end != "met":
             return parts, piece.end
         start, side = piece.start, piece.side
@@ -235,12 +211,6 @@ def _chain(
         if start in done:  # starts so near to one another that their pieces disagree
             return parts, "long"
         done.add(start)
-
-
-def _distinct(equations: LocusEquations, q: Array) -> IntArray:
-    """Return the indices of configurations (S, nq) that repeat no earlier one."""
-    distance = np.linalg.norm(equations.offsets(q[:, None], q[None]), axis=2)
-    return np.flatnonzero(~(np.tril(distance < MIN_START_DISTANCE, -1)).any(axis=1))
 
 
 def advance(equations: LocusEquations, points: Points, step: Array, bend: Array) -> tuple[Points, BoolArray]:
@@ -252,7 +222,7 @@ def advance(equations: LocusEquations, points: Points, step: Array, bend: Array)
     good, live, correction = np.zeros(len(q), dtype=bool), np.arange(len(q)), np.zeros(len(q))
     ahead = points
     for _ in range(MAX_CORRECTIONS):
-        start = points.take(live)
+        start = select(points, live)
         evaluated = equations.evaluate(q[live], start.border)
         change, sound = _corrector(evaluated, start.tangent)
         correction[live] += np.abs(change).max(axis=1)
@@ -261,12 +231,12 @@ def advance(equations: LocusEquations, points: Points, step: Array, bend: Array)
         ready = sound & (np.abs(change).max(axis=1) < NEWTON_STEP)
         if ready.any():
             accepted = live[ready]
-            corrected = _points(equations, q[accepted], evaluated.take(ready), start.take(ready))
+            corrected = _points(equations, q[accepted], select(evaluated, ready), select(start, ready))
             turns = corrected.tangent - start.tangent[ready]
             good[accepted] = np.linalg.norm(turns, axis=1) < MAX_TANGENT_TURN
             index = np.arange(len(q))
             index[accepted] = len(q) + np.arange(len(accepted))
-            ahead = Points.join([ahead, corrected]).take(index)
+            ahead = select(join([ahead, corrected]), index)
         live = live[sound & ~ready]
         if not len(live):
             break
@@ -295,13 +265,11 @@ def _points(equations: LocusEquations, q: Array, evaluated: Evaluated, previous:
         tangent = np.where(flips, -tangent, tangent)
         flips = np.sum(motion * previous.eta, axis=1, keepdims=True) < 0
         motion = np.where(flips, -motion, motion)
-    border = equations.border(evaluated.P)
     return Points(
         q=q,
         tangent=tangent,
         orientation=np.linalg.det(np.concatenate([evaluated.slopes, tangent[:, None]], axis=1)),
         cusp=np.sum(evaluated.slopes[:, -1, -motion.shape[1] :] * motion, axis=1),
         eta=motion,
-        b=border.b,
-        c=border.c,
+        border=Border.of(evaluated.P),
     )

@@ -15,24 +15,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, BoolArray, IntArray
+from framework.arrays import Array, IntArray
 from framework.errors import InvalidInput, choose_from
 from framework.kinematics.closures import scaled
-from framework.kinematics.frames import FrameStack, between, integrate
+from framework.kinematics.frames import FrameStack, between, integrate_columns
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.loop_matrices import passive_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.linalg.rotations import wrap_angles
+from framework.singularity.bordered_system import Border, solve_bordered
 
 # [rad, lengths] of central differences: errors of 1e-10 in slopes, none in what is solved
 DIFFERENCE_STEP = 1e-5
-
-
-class Borders(NamedTuple):
-    """Borders of S matrices P."""
-
-    b: Array  # (S, m)
-    c: Array  # (S, m)
 
 
 class Evaluated(NamedTuple):
@@ -43,10 +38,6 @@ class Evaluated(NamedTuple):
     P: Array  # (S, m, m)
     eta: Array  # (S, m) the motion that locked motors hold least, c' eta = 1
 
-    def take(self, which: BoolArray) -> Evaluated:
-        """Return the equations at the configurations `which` of the S."""
-        return Evaluated(*(part[which] for part in self))
-
 
 @dataclass(frozen=True, eq=False)
 class LocusEquations:
@@ -56,6 +47,7 @@ class LocusEquations:
     x: Array  # (n,) the platform's coordinates in the slice
     motors: Array  # (n_a,) the motors' joints in the slice
     in_motors: bool  # whether freedoms are the motors; else the platform's coordinates
+    free_names: tuple[str, str]  # of the two freedoms that are not fixed
     free: tuple[int, int]  # the two freedoms that are not fixed
     fixed: IntArray  # (n - 2,) the others
 
@@ -74,15 +66,12 @@ class LocusEquations:
         require_square(robot)
         if not len(robot.following) or robot.n_a != robot.n:
             raise InvalidInput(f"{robot.name}: a locus needs passive joints and one motor for each freedom")
-        translations = np.flatnonzero(robot.translations)
         names = robot.axis_names + robot.actuator_names
         if free is None:
-            if robot.n == 2:
-                free = (robot.axis_names[0], robot.axis_names[1])
-            elif len(translations) == 2:
-                free = (robot.axis_names[translations[0]], robot.axis_names[translations[1]])
-            else:
+            chosen = (0, 1) if robot.n == 2 else tuple(np.flatnonzero(robot.translations).tolist())
+            if len(chosen) != 2:
                 raise InvalidInput(f"free: name two axes or two motors of {robot.name}: {', '.join(names)}")
+            free = (robot.axis_names[chosen[0]], robot.axis_names[chosen[1]])
         for name in free:
             if name not in names:
                 raise InvalidInput(choose_from("freedom", name, names))
@@ -96,6 +85,7 @@ class LocusEquations:
             x=x,
             motors=robot.actuated_coordinates(q[None])[0],
             in_motors=in_motors,
+            free_names=free,
             free=(first, second),
             fixed=np.delete(np.arange(robot.n), [first, second]),
         )
@@ -105,54 +95,42 @@ class LocusEquations:
         """k, the joints that move."""
         return len(self.robot.moving)
 
-    @property
-    def free_names(self) -> tuple[str, str]:
-        """Names of the two free ones."""
-        names = self.robot.actuator_names if self.in_motors else self.robot.axis_names
-        return names[self.free[0]], names[self.free[1]]
-
     def move(self, q: Array, u: Array) -> Array:
         """Return the configurations (S, nq) after steps u (S, k) [rad, lengths] from q."""
-        step = np.zeros((len(u), self.robot.model.nv))
-        step[:, self.robot.moving] = u * self.robot.column_scale[self.robot.moving]
-        return integrate(self.robot, q, step)
+        columns = self.robot.moving
+        return integrate_columns(self.robot, q, columns, u * self.robot.column_scale[columns])
 
     def offsets(self, start: Array, q: Array) -> Array:
         """Compute offsets (..., k) of q (..., nq) from start (..., nq), hinges the short way round."""
         columns = self.robot.moving
         offset = between(self.robot, start, q)[..., columns] / self.robot.column_scale[columns]
         turning = ~self.robot.sliding[columns]
-        offset[..., turning] = np.mod(offset[..., turning] + np.pi, 2 * np.pi) - np.pi
+        offset[..., turning] = wrap_angles(offset[..., turning])
         return offset
 
-    def border(self, P: Array) -> Borders:
-        """Return borders at which g is the smallest singular value of P (S, m, m), up to its sign."""
-        left, _, right = np.linalg.svd(P)
-        sign = -np.sign(np.linalg.det(left) * np.linalg.det(right))
-        return Borders(left[:, :, -1] * sign[:, None], right[:, -1])
-
-    def evaluate(self, q: Array, border: Borders | None = None) -> Evaluated:
+    def evaluate(self, q: Array, border: Border | None = None) -> Evaluated:
         """Evaluate the equations at q (S, nq); each with its own border by default."""
         robot, k = self.robot, self.size
         step = np.concatenate([np.zeros((1, k)), DIFFERENCE_STEP * np.eye(k), -DIFFERENCE_STEP * np.eye(k)])
         poses = self.move(np.repeat(q, len(step), axis=0), np.tile(step, (len(q), 1)))
         linearised = linearised_at(robot, poses, np.broadcast_to(self.x, (len(poses), robot.n)))
-        centres = slice(None, None, len(step))
         sizes = robot.structure.row_sizes
-        loops = scaled(robot, linearised.closures[centres], robot.loops.rotation) / sizes[:, None]
-        gaps = linearised.residual[centres, robot.n :] / sizes
+        loops = scaled(robot, linearised.closures[:: len(step)], robot.loops.rotation) / sizes[:, None]
+        gaps = linearised.residual[:: len(step), robot.n :] / sizes
         gaps = gaps * np.where(robot.loops.rotation, 1.0, 1.0 / robot.length)
         P = passive_matrix(robot, linearised).reshape(len(q), len(step), len(robot.following), -1)
-        eta, psi, g = _solve_bordered(P[:, 0], self.border(P[:, 0]) if border is None else border)
-        dg = -np.einsum("si,skij,sj->sk", psi, _differences(P), eta)
+        border = Border.of(P[:, 0]) if border is None else border
+        eta, g = solve_bordered(P[:, 0], border)
+        psi = solve_bordered(P[:, 0].swapaxes(1, 2), Border(border.c, border.b)).eta
+        dg = -np.einsum("si,skij,sj->sk", psi[:, :, 0], _differences(P), eta[:, :, 0])
         offsets = self._fixed_offsets(poses, linearised.frames).reshape(len(q), len(step), len(self.fixed))
         return Evaluated(
-            values=np.concatenate([gaps, offsets[:, 0], g[:, None]], axis=1),
+            values=np.concatenate([gaps, offsets[:, 0], g[:, 0]], axis=1),
             slopes=np.concatenate(
                 [loops[:, :, robot.moving], _differences(offsets).swapaxes(1, 2), dg[:, None]], axis=1
             ),
             P=P[:, 0],
-            eta=eta,
+            eta=eta[:, :, 0],
         )
 
     def _fixed_offsets(self, poses: Array, frames: FrameStack) -> Array:
@@ -167,23 +145,11 @@ class LocusEquations:
             sliding = robot.translations[fixed]
             offset = (robot.platform.coordinates(frames) - self.x)[:, fixed]
             offset = offset / np.where(sliding, robot.length, 1.0)
-        offset[:, ~sliding] = np.mod(offset[:, ~sliding] + np.pi, 2 * np.pi) - np.pi
-        return np.asarray(offset)
+        offset[:, ~sliding] = wrap_angles(offset[:, ~sliding])
+        return offset
 
 
 def _differences(values: Array) -> Array:
     """Compute slopes (S, k, ...) by central differences of values (S, 2 k + 1, ...), the centre first."""
     k = values.shape[1] // 2
-    return np.asarray((values[:, 1 : k + 1] - values[:, k + 1 :]) / (2 * DIFFERENCE_STEP))
-
-
-def _solve_bordered(P: Array, border: Borders) -> tuple[Array, Array, Array]:
-    """Compute eta (S, m), psi (S, m) and g (S,) of matrices (S, m, m)."""
-    count, m = P.shape[:2]
-    bordered = np.zeros((count, m + 1, m + 1))
-    bordered[:, :m, :m], bordered[:, :m, m], bordered[:, m, :m] = P, border.b, border.c
-    unit = np.zeros((count, m + 1, 1))
-    unit[:, m] = 1.0
-    right = np.linalg.solve(bordered, unit)[:, :, 0]
-    left = np.linalg.solve(bordered.swapaxes(1, 2), unit)[:, :, 0]
-    return right[:, :m], left[:, :m], right[:, m]
+    return (values[:, 1 : k + 1] - values[:, k + 1 :]) / (2 * DIFFERENCE_STEP)

@@ -43,17 +43,13 @@ class MapPoses(NamedTuple):
     axes: tuple[int, int]  # the two platform coordinates
     lower: Array  # (2,) their least values [m, rad]
     upper: Array  # (2,)
+    cell: Array  # (2,) distance of neighbours along either axis
     x: Array  # (I, J, n)
     q: Array  # (I, J, nq)
     reached: BoolArray  # (I, J)
     g: Array  # (I, J) NaN where a pose is not reached
     # q (T, nq) at x (T, n) led to other x: configurations there, and which of them are on the same branch
     lead: Callable[[Array, Array, Array], tuple[Array, BoolArray]]
-
-    @property
-    def cell(self) -> Array:
-        """Distance of neighbours along either axis (2,)."""
-        return np.asarray((self.upper - self.lower) / (np.array(self.g.shape) - 1))
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, BoolArray
+from framework.arrays import Array, BoolArray, join, select
 from framework.kinematics.frames import between, frames_at
 from framework.kinematics.inverse_kinematics import close_each
 from framework.kinematics.linearised_loops import linearised_at
@@ -23,8 +23,7 @@ MAX_ROTATION = 3.0  # [rad] of a rotation vector: its chart ends at pi
 CUT_CLEARANCE_RATIO = 1e-3
 
 
-@dataclass(frozen=True, eq=False)
-class Region:
+class Region(NamedTuple):
     """The part of the configuration space in which curves are followed."""
 
     equations: LocusEquations
@@ -45,15 +44,15 @@ class Region:
             off = between(robot, self.q, q)[:, moving[robot.sliding[moving]]]
         inside &= np.abs(off).max(axis=1, initial=0.0) < self.reach
         if self.mode is None:
-            return np.asarray(inside)
-        return np.asarray(inside & (self.clearance(q) > -RANK_ROUNDING))
+            return inside
+        return inside & (self.clearance(q) > -RANK_ROUNDING)
 
     def clearance(self, q: Array) -> Array:
         """Compute the least determinant of a leg (T,) at q (T, nq), negative beyond the working mode."""
         robot = self.equations.robot
         linearised = linearised_at(robot, q, np.broadcast_to(self.x, (len(q), robot.n)))
         mode = np.ones(1) if self.mode is None else self.mode
-        return np.asarray((leg_determinants(robot, linearised) * mode).min(axis=1))
+        return (leg_determinants(robot, linearised) * mode).min(axis=1)
 
     def clip(self, curve: Curve) -> Curve:
         """Return the part of a curve in the working mode, which ends next to a Type 1 singularity."""
@@ -69,9 +68,9 @@ class Region:
             if end == 0:  # the region is entered: seen from its inside, the other way round
                 inside, outside = inside.reverse(), outside.reverse()
             edge = self._edge(inside, outside, CUT_CLEARANCE_RATIO * float(clear[inner]))
-            clipped = clipped.take(slice(None, -1) if end else slice(1, None))
+            clipped = select(clipped, slice(None, -1) if end else slice(1, None))
             if edge is not None:
-                clipped = Points.join([clipped, edge] if end else [edge.reverse(), clipped])
+                clipped = join([clipped, edge] if end else [edge.reverse(), clipped])
         return Curve(clipped, curve.ends)
 
     def _edge(self, inside: Points, outside: Points, margin: float) -> Points | None:

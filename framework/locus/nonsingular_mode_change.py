@@ -17,6 +17,7 @@ from framework.errors import InvalidInput, NotAssembled
 from framework.kinematics.continuation.forward_kinematics import forward_kinematics
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.linalg.rotations import whole_turns
 from framework.locus.traced_locus import LocusCurve, LocusPoint, TracedLocus
 from framework.proofs.assembly_modes import assembly_modes
 from framework.singularity.type2 import singularity_measure
@@ -85,8 +86,8 @@ def _opening_direction(robot: ParallelRobot, curve: LocusCurve, cusp: LocusPoint
     distance = np.linalg.norm((curve.q - cusp.q) / scale, axis=1)
     k = int(np.clip(np.argmin(distance), 1, len(curve.q) - 2))
     offset = curve.motors[k] - cusp.motors
-    turns = np.where(np.abs(offset) > 3, 2 * np.pi * np.round(offset / (2 * np.pi)), 0.0)
-    return np.asarray(0.5 * (curve.motors[k - 1] + curve.motors[k + 1]) - (cusp.motors + turns))
+    turns = np.where(np.abs(offset) > 3, whole_turns(offset), 0.0)
+    return 0.5 * (curve.motors[k - 1] + curve.motors[k + 1]) - (cusp.motors + turns)
 
 
 def _follow_circle(robot: ParallelRobot, cusp: LocusPoint, motors: Array) -> AssemblyModeChange | None:

@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from framework.arrays import Array
+from framework.arrays import Array, select
 from framework.locus.curve_tracing import Points, advance
 from framework.locus.locus_equations import LocusEquations
 from framework.tolerances import DISTINCT_SOLUTIONS
@@ -90,7 +90,7 @@ def _second_tangent(equations: LocusEquations, crossing: Points) -> Array | None
 
     def second(w: Array) -> float:
         ends = equations.move(np.repeat(crossing.q, 2, axis=0), DIFFERENCE_STEP * np.stack([w, -w]))
-        values = equations.evaluate(ends, crossing.take(np.zeros(2, dtype=np.intp)).border).values
+        values = equations.evaluate(ends, select(crossing.border, np.zeros(2, dtype=np.intp))).values
         return float(left[:, -1] @ (values[0] + values[1] - 2 * evaluated.values[0]) / DIFFERENCE_STEP**2)
 
     along, across = second(tangent), second(normal)
@@ -100,4 +100,4 @@ def _second_tangent(equations: LocusEquations, crossing: Points) -> Array | None
     if not len(roots) or np.abs(roots.imag).max() > DISTINCT_SOLUTIONS:
         return None
     second_tangent = tangent + roots.real[np.argmax(np.abs(roots))] * normal
-    return np.asarray(second_tangent / np.linalg.norm(second_tangent))
+    return second_tangent / np.linalg.norm(second_tangent)

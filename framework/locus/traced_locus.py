@@ -16,11 +16,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.arrays import Array, ArrayLike, ReadOnlyArrays, join, select
 from framework.kinematics.frames import frames_at
 from framework.kinematics.linearised_loops import assembled_at, linearised_at
 from framework.kinematics.modes import leg_signs
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.linalg.ordered_sums import singular_values
 from framework.locus.curve_tracing import (
     MAX_CURVE_OFFSET,
     MAX_STEP,
@@ -138,7 +139,7 @@ def _trace_branches(
     crossings: list[list[Points]] = []
     starts = [points_at(equations, solutions)]
     while starts and len(curves) < MAX_CURVES:
-        traced = whole_curves(equations, Points.join(starts), region.contains, longest)
+        traced = whole_curves(equations, join(starts), region.contains, longest)
         own_crossings = [_crossings(equations, curve) for curve in traced]
         curves += traced
         crossings += own_crossings
@@ -158,7 +159,7 @@ def _crossings(equations: LocusEquations, curve: Curve) -> list[Points]:
     """
     points = curve.points
     changes = np.flatnonzero(points.orientation[1:] * points.orientation[:-1] < 0)
-    ranks = [_least_slope(equations, points.take(changes + k)) for k in (0, 1)]
+    ranks = [_least_slope(equations, select(points, changes + k)) for k in (0, 1)]
     changes = changes[np.maximum(*ranks) > RANK_LOST]
     return [branch_point(equations, points.single(k), points.single(k + 1)) for k in changes.tolist()]
 
@@ -168,7 +169,7 @@ def _least_slope(equations: LocusEquations, points: Points) -> Array:
     if not len(points.q):
         return np.zeros(0)
     slopes = equations.evaluate(points.q, points.border).slopes
-    return np.asarray(np.linalg.svd(slopes, compute_uv=False)[:, -1])
+    return np.asarray(singular_values(slopes)[:, -1])
 
 
 def _passes(equations: LocusEquations, curve: Curve, point: Points) -> bool:

@@ -29,7 +29,7 @@ from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.errors import InvalidInput, finite_numbers
 from framework.kinematics.closures import turned_over
 from framework.kinematics.continuation.forward_kinematics import motors_are_free
-from framework.kinematics.frames import between, frames_at, integrate
+from framework.kinematics.frames import between, frames_at, integrate_columns
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.proofs.leg_conditions import LegConditions, leg_conditions
 from framework.proofs.leg_paving import leg_solutions_complete
@@ -104,9 +104,8 @@ def assembly_modes(robot: ParallelRobot, q_a: ArrayLike, *, pave: bool = False) 
     target = finite_numbers(f"q_a ({', '.join(robot.actuator_names)})", q_a, robot.n_a)
     if not motors_are_free(robot):
         raise InvalidInput(f"{robot.name}: its motors depend on one another: none of them can be given alone")
-    step = np.zeros((1, robot.model.nv))
-    step[0, robot.actuated] = target - robot.actuated_coordinates(robot.reference.q[None])[0]
-    q = integrate(robot, robot.reference.q[None], step)
+    reference = robot.reference.q[None]
+    q = integrate_columns(robot, reference, robot.actuated, target - robot.actuated_coordinates(reference))
     conditions = leg_conditions(robot, q[0])
     if conditions is None:
         return _search(robot, q)

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Generic, NamedTuple, Protocol, Self, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from framework.arrays import Array, BoolArray, IntArray
+from framework.arrays import Array, BoolArray, IntArray, Stack, join, select
 from framework.proofs.rounding import ROUND_UP, UNIT_ROUNDOFF
 
 SHRUNK_VOLUME_RATIO = 0.5  # a box that has lost more is tested again before it is cut
@@ -21,58 +21,39 @@ MIDDLE_ROUNDING = 10 * UNIT_ROUNDOFF  # of the middle of a box, added to its rad
 NO_AXIS = -1
 
 
-class Stack(Protocol):
-    """Pieces of a region in arrays, one item a piece."""
-
-    @property
-    def size(self) -> int:
-        """The number of pieces."""
-        ...
-
-    def take(self, which: BoolArray | IntArray | slice, /) -> Self:
-        """Return the pieces `which` (s,)."""
-        ...
-
-    @classmethod
-    def join(cls, parts: list[Self], /) -> Self:
-        """Return the pieces of several stacks."""
-        ...
-
-
-S = TypeVar("S", bound=Stack)
 K = TypeVar("K")
 
 
 @dataclass(frozen=True, eq=False)
-class Examined(Generic[S, K]):
+class Examined(Generic[Stack, K]):
     """The result of a test; pieces that are in neither of the three are dropped."""
 
     proved: K  # with whatever the proof says of them
-    undecided: S  # too small to be cut
-    ahead: S  # narrowed or cut, to be tested again
+    undecided: Stack  # too small to be cut
+    ahead: Stack  # narrowed or cut, to be tested again
 
 
 @dataclass(frozen=True, eq=False)
-class Partition(Generic[S, K]):
+class Partition(Generic[Stack, K]):
     """The pieces of a region that were not dropped."""
 
     proved: list[K]
-    undecided: S
-    ahead: S  # not tested, for want of work allowed or because they are no nearer than `limit`
+    undecided: Stack
+    ahead: Stack  # not tested, for want of work allowed or because they are no nearer than `limit`
     limit: float  # all pieces nearer than this are decided
     examined: int  # pieces tested
 
 
 def branch_and_bound(
-    test: Callable[[S], Examined[S, K]],
-    region: S,
+    test: Callable[[Stack], Examined[Stack, K]],
+    region: Stack,
     *,
     batch: int,
     max_examined: int,
-    distance: Callable[[S], Array] | None = None,
+    distance: Callable[[Stack], Array] | None = None,
     limit: float = np.inf,
-) -> Partition[S, K]:
-    """Test pieces of a region until each is decided, the newest first.
+) -> Partition[Stack, K]:
+    """Test pieces of a region, a stack of arrays, until each is decided, the newest first.
 
     Args:
         batch: pieces tested at a time.
@@ -80,25 +61,25 @@ def branch_and_bound(
         distance: (S,) of the pieces. The nearest are tested first, and none that is no nearer than `limit` or
             than one that is undecided; without it all are tested.
     """
-    ahead, proved, undecided, examined = region, list[K](), list[S](), 0
+    ahead, proved, undecided, examined = region, list[K](), list[Stack](), 0
 
-    def least_distance(pieces: S) -> float:
+    def least_distance(pieces: Stack) -> float:
         return np.inf if distance is None else float(distance(pieces).min(initial=np.inf))
 
-    while ahead.size and examined < max_examined:
+    while len(ahead[0]) and examined < max_examined:
         if distance is not None:
-            ahead = ahead.take(np.argsort(distance(ahead), kind="stable"))
-        result = test(ahead.take(slice(batch)))
-        examined += min(batch, ahead.size)
-        ahead = ahead.join([result.ahead, ahead.take(slice(batch, None))])
+            ahead = select(ahead, np.argsort(distance(ahead), kind="stable"))
+        result = test(select(ahead, slice(batch)))
+        examined += min(batch, len(ahead[0]))
+        ahead = join([result.ahead, select(ahead, slice(batch, None))])
         proved.append(result.proved)
         undecided.append(result.undecided)
         limit = min(limit, least_distance(result.undecided))
         if distance is not None:
-            ahead = ahead.take(distance(ahead) < limit)
+            ahead = select(ahead, distance(ahead) < limit)
     limit = min(limit, least_distance(ahead))
-    nothing = region.take(slice(0))
-    return Partition(proved, region.join([nothing, *undecided]), ahead, limit, examined)
+    nothing = select(region, slice(0))
+    return Partition(proved, join([nothing, *undecided]), ahead, limit, examined)
 
 
 class Boxes(NamedTuple):
@@ -112,15 +93,6 @@ class Boxes(NamedTuple):
         """S."""
         return len(self.middle)
 
-    def take(self, which: BoolArray | IntArray | slice, /) -> Boxes:
-        """Return the boxes `which` (s,) of the S."""
-        return Boxes(self.middle[which], self.radii[which])
-
-    @classmethod
-    def join(cls, parts: list[Boxes], /) -> Boxes:
-        """Return the boxes of several stacks, at least one."""
-        return Boxes(*map(np.concatenate, zip(*parts, strict=True)))
-
     def clip(self, lower: Array, upper: Array) -> Boxes:
         """Return the parts of the boxes between offsets (S, k) from the middles."""
         middle = self.middle + 0.5 * (lower + upper)
@@ -133,7 +105,7 @@ class Boxes(NamedTuple):
         radii, shift = self.radii.copy(), np.zeros_like(self.radii)
         radii[each, axis] *= 0.5 * ROUND_UP
         shift[each, axis] = 0.5 * self.radii[each, axis]
-        return Boxes.join([Boxes(self.middle - shift, radii), Boxes(self.middle + shift, radii)])
+        return join([Boxes(self.middle - shift, radii), Boxes(self.middle + shift, radii)])
 
 
 def narrow_or_halve(wide: Boxes, boxes: Boxes, axis: IntArray, is_small: BoolArray) -> tuple[Boxes, Boxes]:
@@ -150,5 +122,5 @@ def narrow_or_halve(wide: Boxes, boxes: Boxes, axis: IntArray, is_small: BoolArr
     shrunk = free & (np.prod(boxes.radii / wide.radii, axis=1) < SHRUNK_VOLUME_RATIO)
     small = free & is_small & ~shrunk
     cut = ~(shrunk | small)
-    halves = boxes.take(cut).halves(np.where(free, boxes.radii.argmax(axis=1), axis)[cut])
-    return boxes.take(small), Boxes.join([boxes.take(shrunk), halves])
+    halves = select(boxes, cut).halves(np.where(free, boxes.radii.argmax(axis=1), axis)[cut])
+    return select(boxes, small), join([select(boxes, shrunk), halves])

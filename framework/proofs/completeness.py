@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, BoolArray
+from framework.arrays import Array, BoolArray, select
 from framework.proofs.branch_and_bound import NO_AXIS, Boxes, Examined, branch_and_bound, narrow_or_halve
 from framework.proofs.interval_newton import LinearEnclosure, contract, damped_mixers
 
@@ -41,7 +41,7 @@ class KnownSolutions(NamedTuple):
         wrapped = np.abs(offset - period * np.round(offset / period))
         offset = np.where(periodic, wrapped, offset)
         inside = np.all(offset + boxes.radii[:, None] < self.radii[:, None], axis=2)
-        return np.asarray(np.any(inside, axis=1))
+        return np.any(inside, axis=1)
 
 
 def unique_radius(equations: Equations, point: Array) -> float:
@@ -67,10 +67,10 @@ def has_no_others(
         linear = equations(*boxes)
         remaining = contract(linear, boxes.radii, damped_mixers(linear, boxes.radii))
         possible = ~remaining.empty
-        wide = boxes.take(possible)
-        narrow = wide.clip(remaining.lower[possible], remaining.upper[possible])
+        wide = select(boxes, possible)
+        narrow = wide.clip(*select(remaining, possible))
         is_open = ~known.contain(narrow)
-        wide, narrow = wide.take(is_open), narrow.take(is_open)
+        wide, narrow = select(wide, is_open), select(narrow, is_open)
         is_small = narrow.radii.max(axis=1) < MIN_RADIUS
         return Examined(None, *narrow_or_halve(wide, narrow, np.full(narrow.size, NO_AXIS), is_small))
 

@@ -21,12 +21,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, BoolArray, IntArray
+from framework.arrays import Array, BoolArray, select
 from framework.errors import InvalidInput
-from framework.kinematics.frames import FrameStack, between, frames_at, integrate
+from framework.kinematics.frames import FrameStack, frames_at, integrate_columns
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.ordered_sums import cross
-from framework.proofs.equation_terms import BASE, Chain, EquationTerms, Term, moving_balls
+from framework.proofs.equation_terms import BASE, Chain, EquationTerms, Term, moving_balls, stretched_length
 from framework.proofs.rounding import ROUND_UP
 from framework.tolerances import FRAME_ROUNDING
 
@@ -39,10 +39,6 @@ class _ChainDerivatives(NamedTuple):
     bent: Array  # (S, L, L, 3) d2p
     offset: Array  # (S, 3) from the first frame's origin to the second one's
     lever: Array  # (S, L) |u_j|
-
-    def take(self, which: BoolArray | IntArray) -> _ChainDerivatives:
-        """Return the derivatives at the configurations `which` of the S."""
-        return _ChainDerivatives(*(part[which] for part in self))
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,11 +74,8 @@ class DerivativeBounds:
         loops = robot.loops
         turning = np.concatenate([~robot.translations, loops.rotation])
         sizes = np.concatenate([np.ones(robot.n), robot.structure.row_sizes])
-        links = sum(float(np.linalg.norm(placement.translation)) for placement in robot.model.jointPlacements)
-        links += sum(float(np.linalg.norm(robot.model.frames[k].placement.translation)) for k in robot.frames)
-        links += float(np.abs(between(robot, robot.neutral, robot.reference.q)[robot.sliding]).sum())
         slid = max(reach, 1.0) * np.count_nonzero(robot.sliding[robot.moving])
-        size = links / robot.length + 1.0 + float(slid)
+        size = stretched_length(robot, robot.reference.q) + 1.0 + float(slid)
         table = EquationTerms.of(robot)
         return DerivativeBounds(
             robot,
@@ -95,9 +88,7 @@ class DerivativeBounds:
 
     def configurations(self, u: Array) -> Array:
         """Return the configurations (S, nq) at offsets u (S, k) [rad, lengths] from the reference."""
-        step = np.zeros((len(u), self.robot.model.nv))
-        step[:, self.robot.moving] = u * self.column_scale
-        return integrate(self.robot, np.repeat(self.robot.reference.q[None], len(u), axis=0), step)
+        return integrate_columns(self.robot, self.robot.reference.q, self.robot.moving, u * self.column_scale)
 
     def evaluate(self, q: Array) -> Derivatives:
         """Evaluate the equations and their derivatives at q (S, nq)."""
@@ -127,8 +118,7 @@ class DerivativeBounds:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class Derivatives:
+class Derivatives(NamedTuple):
     """Values and derivatives of the R equations at the middles of S boxes; the loops have their values."""
 
     bounds: DerivativeBounds
@@ -138,16 +128,15 @@ class Derivatives:
     hessians: Array  # (S, R, k, k)
     derivatives: list[_ChainDerivatives]  # of each chain
 
-    def take(self, which: BoolArray | IntArray) -> Derivatives:
+    def take(self, which: BoolArray) -> Derivatives:
         """Return the derivatives in the boxes `which` of the S."""
-        position, rotation, screws, carried, q = self.frames
         return Derivatives(
             self.bounds,
-            FrameStack(position[which], rotation[which], screws[which], carried, q[which]),
+            self.frames.at(np.flatnonzero(which)),
             self.values[which],
             self.slopes[which],
             self.hessians[which],
-            [own.take(which) for own in self.derivatives],
+            [select(own, which) for own in self.derivatives],
         )
 
     def remainders(self, radii: Array) -> Remainders:
@@ -169,7 +158,7 @@ class Derivatives:
                 third = _thirds(term, chain, derivative, _widen_levers(chain, derivative, r), r)
                 thirds[:, term.row, chain.places[:, None], chain.places] += third
         scale = bounds.row_scale[:, None] * bounds.column_scale
-        return np.asarray(thirds * (ROUND_UP * scale[:, :, None] * bounds.column_scale))
+        return thirds * (ROUND_UP * scale[:, :, None] * bounds.column_scale)
 
 
 class Remainders(NamedTuple):
@@ -201,27 +190,22 @@ def _term(
     else:
         axis = frames.rotation[:, chain.first, :, term.axis]
     f = term.factor
-    if term.kind == "point":
-        return (
-            f * np.einsum("sc,sc->s", axis, derivative.offset),
-            f * np.einsum("sc,sjc->sj", axis, derivative.point),
-            f * np.einsum("sc,sijc->sij", axis, derivative.bent),
-        )
     if term.kind == "distance":
         first = np.einsum("sc,sjc->sj", derivative.offset, derivative.point)
         second = np.einsum("sic,sjc->sij", derivative.point, derivative.point)
         second = second + np.einsum("sc,sijc->sij", derivative.offset, derivative.bent)
         return 0.5 * f * np.einsum("sc,sc->s", derivative.offset, derivative.offset), f * first, f * second
+    vector, moved, bent = derivative.offset, derivative.point, derivative.bent
     if term.kind == "turn":  # axis . the part of R(q) R(middle)' that is not symmetric: 0 at the middle
-        swept = 0.5 * cross(derivative.turning[:, chain.inner], derivative.turning[:, chain.outer])
-        second = np.einsum("sc,sijc->sij", axis, swept)
-        return np.zeros(S), np.einsum("sc,sjc->sj", axis, derivative.turning), second
-    carried = frames.rotation[:, chain.second, :, term.selected]
-    own_turn = cross(derivative.turning, carried[:, None])
-    bent = cross(derivative.turning[:, chain.inner], own_turn[:, chain.outer])
+        vector, moved = np.zeros((S, 3)), derivative.turning
+        bent = 0.5 * cross(moved[:, chain.inner], moved[:, chain.outer])
+    if term.kind == "direction":
+        vector = frames.rotation[:, chain.second, :, term.selected]
+        moved = cross(derivative.turning, vector[:, None])
+        bent = cross(derivative.turning[:, chain.inner], moved[:, chain.outer])
     return (
-        f * np.einsum("sc,sc->s", axis, carried),
-        f * np.einsum("sc,sjc->sj", axis, own_turn),
+        f * np.einsum("sc,sc->s", axis, vector),
+        f * np.einsum("sc,sjc->sj", axis, moved),
         f * np.einsum("sc,sijc->sij", axis, bent),
     )
 

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array, BoolArray, IntArray
+from framework.kinematics.frames import between
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import scratch_of
 from framework.kinematics.placements import planar_normal
@@ -32,6 +33,14 @@ def moving_balls(robot: ParallelRobot) -> list[str]:
     ]
 
 
+def stretched_length(robot: ParallelRobot, q: Array) -> float:
+    """Bound the distance of any two frames [robot lengths], links stretched out, slides as in q (nq,)."""
+    placements = [*robot.model.jointPlacements, *(robot.model.frames[k].placement for k in robot.frames)]
+    links = sum(float(np.linalg.norm(placement.translation)) for placement in placements)
+    slid = np.abs(between(robot, robot.neutral, q)[robot.sliding]).sum()
+    return (links + float(slid)) / robot.length
+
+
 class Chain(NamedTuple):
     """The joints that move, from one frame to another one."""
 
@@ -46,13 +55,13 @@ class Chain(NamedTuple):
     def outer(self) -> IntArray:
         """(L, L) the later one of two joints."""
         own = np.arange(len(self.places))
-        return np.asarray(np.maximum(own[:, None], own))
+        return np.maximum(own[:, None], own)
 
     @property
     def inner(self) -> IntArray:
         """(L, L) the earlier one of two joints."""
         own = np.arange(len(self.places))
-        return np.asarray(np.minimum(own[:, None], own))
+        return np.minimum(own[:, None], own)
 
 
 class Term(NamedTuple):

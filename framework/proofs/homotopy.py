@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array, BoolArray
+from framework.linalg.ordered_sums import solve_or_fit
 from framework.proofs.quadric_family import ComplexArray, QuadricFamily, is_first
 from framework.tolerances import ENDGAME_MIN_EXPONENT, NEWTON_STEP
 
@@ -129,7 +130,7 @@ def sizes(family: QuadricFamily, z: ComplexArray) -> Array:
     """Compute the size (S,) of z (S, N) as a displacement, infinite at infinity."""
     values = family.values(z)
     with np.errstate(divide="ignore"):
-        return np.asarray(np.linalg.norm(values, axis=1) / np.abs(values[:, 0]))
+        return np.linalg.norm(values, axis=1) / np.abs(values[:, 0])
 
 
 def _endgame(
@@ -167,7 +168,7 @@ def _leave_for_infinity(w: Array, logarithm: Array) -> BoolArray:
     """Whether exponents w (A, S) of successive segments agree and sizes are large, (S,)."""
     least, largest = w.min(axis=0), w.max(axis=0)
     agree = largest - least < MAX_EXPONENT_SPREAD * largest
-    return np.asarray((least > ENDGAME_MIN_EXPONENT) & agree & (logarithm > np.log(MIN_INFINITE_SIZE)))
+    return (least > ENDGAME_MIN_EXPONENT) & agree & (logarithm > np.log(MIN_INFINITE_SIZE))
 
 
 class _LinearHomotopy(NamedTuple):
@@ -188,14 +189,16 @@ class _LinearHomotopy(NamedTuple):
         """Compute dz/dt (S, N) along the way."""
         S, N = z.shape
         changes = np.einsum("ski,si->sk", (self.change.reshape(-1, N) @ z.T).T.reshape(S, N - 1, N), z)
-        return _solve(self.slopes(z, t), np.concatenate([-0.5 * changes, np.zeros((S, 1))], axis=1))
+        right = np.concatenate([-0.5 * changes, np.zeros((S, 1))], axis=1)
+        return solve_or_fit(self.slopes(z, t), right[:, :, None])[:, :, 0]
 
     def newton(self, z: ComplexArray, t: Array) -> ComplexArray:
         """Compute the Newton step (S, N)."""
         slopes = self.slopes(z, t)
         values = 0.5 * np.einsum("ski,si->sk", slopes, z)
         values[:, -1] = 0.5 * (z @ self.chart - 1.0)
-        return _solve(slopes, -values)
+        # one of them singular to the last bit: its path is shortened
+        return solve_or_fit(slopes, -values[:, :, None])[:, :, 0]
 
     def advance(self, z: ComplexArray, t: Array, h: Array) -> tuple[ComplexArray, Array]:
         """Predict z (S, N) at t + h (Runge-Kutta) and correct; return also the last correction."""
@@ -208,11 +211,3 @@ class _LinearHomotopy(NamedTuple):
             change = self.newton(ahead, t + h)
             ahead = ahead + change
         return ahead, np.linalg.norm(change, axis=1) / np.linalg.norm(ahead, axis=1)
-
-
-def _solve(matrices: ComplexArray, right: ComplexArray) -> ComplexArray:
-    """Solve systems with matrices (S, N, N) and right sides (S, N), by least squares where singular."""
-    try:
-        return np.asarray(np.linalg.solve(matrices, right[:, :, None])[:, :, 0])
-    except np.linalg.LinAlgError:  # one of them singular to the last bit: its path is shortened
-        return np.array([np.linalg.lstsq(m, r, rcond=None)[0] for m, r in zip(matrices, right, strict=True)])

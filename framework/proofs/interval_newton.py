@@ -103,46 +103,11 @@ def damped_mixers(equations: LinearEnclosure, radii: Array) -> Array:
     U, s, Vt = np.linalg.svd(equations.slopes * radii[:, None] * weights[:, :, None], full_matrices=False)
     Ut, V = U.swapaxes(1, 2), Vt.swapaxes(1, 2)
     damped = V * (s / (s**2 + 1.0))[:, None] @ Ut
-    return np.asarray(np.concatenate([damped, Ut], axis=1) * weights[:, None])
+    return np.concatenate([damped, Ut], axis=1) * weights[:, None]
 
 
-class BorderedBounds(NamedTuple):
-    """Solutions of M z = e and z' M = e', e the last unit vector, for M in boxes."""
-
-    valid: BoolArray  # (S,) every M is regular
-    right: Array  # (S, s + 1), at the middle: (eta, g)
-    right_errors: Array  # (S, s + 1) for all M
-    left: Array  # (S, s + 1), (psi, g)
-    left_errors: Array
-    g_error: Array  # (S,) of g at the middle itself
-
-
-def bordered_bounds(P: Array, errors: Array, rounding: float) -> BorderedBounds:
-    """Enclose the bordered systems of P (S, s, s), for all P within errors (S, s, s).
-
-    M = [P b; c' 0], and b, c are the last singular vectors of P. Every matrix that is singular has g = 0, and
-    where M is regular no other has.
-    """
-    S, s = P.shape[:2]
-    left, _, right = np.linalg.svd(P)
-    M = np.zeros((S, s + 1, s + 1))
-    M[:, :s, :s], M[:, :s, s], M[:, s, :s] = P, left[:, :, -1], right[:, -1]
-    X, E = inverses(M), np.zeros_like(M)
-    E[:, :s, :s] = errors + rounding
-    right_solution = _last_columns(M, X, E, rounding)
-    left_solution = _last_columns(M.swapaxes(1, 2), X.swapaxes(1, 2), E.swapaxes(1, 2), rounding)
-    return BorderedBounds(
-        right_solution.valid & left_solution.valid,
-        right_solution.z,
-        right_solution.error,
-        left_solution.z,
-        left_solution.error,
-        right_solution.last_error,
-    )
-
-
-class _LastColumns(NamedTuple):
-    """Solutions z of M z = e."""
+class LastColumns(NamedTuple):
+    """Solutions z of M z = e, e the last unit vector, for M in boxes."""
 
     valid: BoolArray  # (S,) all matrices are regular
     z: Array  # (S, k)
@@ -150,7 +115,23 @@ class _LastColumns(NamedTuple):
     last_error: Array  # (S,) of the last entry for the middle itself
 
 
-def _last_columns(M: Array, X: Array, E: Array, rounding: float) -> _LastColumns:
+def bordered_bounds(P: Array, errors: Array, rounding: float) -> tuple[LastColumns, LastColumns]:
+    """Enclose the bordered systems of P (S, s, s) and of P', for all P within errors (S, s, s).
+
+    M = [P b; c' 0], and b, c are the last singular vectors of P; z is (eta, g), and (psi, g) for M'. Every
+    matrix that is singular has g = 0, and where M is regular no other has.
+    """
+    S, s = P.shape[:2]
+    left, _, right = np.linalg.svd(P)
+    M = np.zeros((S, s + 1, s + 1))
+    M[:, :s, :s], M[:, :s, s], M[:, s, :s] = P, left[:, :, -1], right[:, -1]
+    X, E = inverses(M), np.zeros_like(M)
+    E[:, :s, :s] = errors + rounding
+    Mt, Xt, Et = (stack.swapaxes(1, 2) for stack in (M, X, E))
+    return _last_columns(M, X, E, rounding), _last_columns(Mt, Xt, Et, rounding)
+
+
+def _last_columns(M: Array, X: Array, E: Array, rounding: float) -> LastColumns:
     """Enclose the last columns of the inverses of all matrices within E of M (S, k, k).
 
     With X near the inverse of M,
@@ -168,7 +149,7 @@ def _last_columns(M: Array, X: Array, E: Array, rounding: float) -> _LastColumns
     largest = ROUND_UP * error.max(axis=1) / remaining
     error = error + ROUND_UP * N.sum(axis=2) * largest[:, None]
     last_error = middle_error[:, -1] + ROUND_UP * N[:, -1].sum(axis=1) * middle_error.max(axis=1) / remaining
-    return _LastColumns(valid, z, error, last_error)
+    return LastColumns(valid, z, error, last_error)
 
 
 class Existence(NamedTuple):

@@ -31,7 +31,7 @@ class Enclosures(NamedTuple):
     """Polydiscs about S points of P^(N-1), in the chart."""
 
     proved: BoolArray  # (S,) each holds exactly one solution
-    radii: Array  # (S, N)
+    radii: Array  # (S, N), infinite where none are proved
 
 
 def enclosures(quadrics: ComplexArray, radii: Array, chart: Array, z: ComplexArray) -> Enclosures:
@@ -44,21 +44,19 @@ def enclosures(quadrics: ComplexArray, radii: Array, chart: Array, z: ComplexArr
         radii: (N - 1, N, N) of their entries; zero where they are exact as they stand.
         chart: (N,) real and exact, z in it.
     """
-    radii_of = [_radii(quadrics, radii, chart, point) for point in z]
-    proved = np.array([radius is not None for radius in radii_of], dtype=bool)
-    discs = np.array([np.full(z.shape[1], np.inf) if radius is None else radius for radius in radii_of])
-    return Enclosures(proved, discs.reshape(z.shape))
+    discs = np.array([_radii(quadrics, radii, chart, point) for point in z]).reshape(z.shape)
+    return Enclosures(np.isfinite(discs).all(axis=1), discs)
 
 
-def _radii(quadrics: ComplexArray, radii: Array, chart: Array, z: ComplexArray) -> Array | None:
-    """Find radii (N,) about a solution z (N,) in which the test holds; None if none are found."""
+def _radii(quadrics: ComplexArray, radii: Array, chart: Array, z: ComplexArray) -> Array:
+    """Find radii (N,) about a solution z (N,) in which the test holds; infinite if none are found."""
     N, size = len(z), np.abs(z)
     rounding = gamma(2 * N)  # of a quadratic form in complex numbers
     J = np.vstack([2 * quadrics @ z, chart])
     try:
         Y = np.linalg.inv(J)
     except np.linalg.LinAlgError:
-        return None
+        return np.full(N, np.inf)
     Y_size, sizes = np.abs(Y), ROUND_UP * np.abs(quadrics)
     uncertainty = rounding * sizes + radii
     values = np.append(np.einsum("kij,i,j->k", quadrics, z, z), z @ chart - 1.0)
@@ -72,18 +70,18 @@ def _radii(quadrics: ComplexArray, radii: Array, chart: Array, z: ComplexArray) 
     return _widen(off, rest, Y_size, sizes + radii)
 
 
-def _widen(off: Array, rest: Array, Y_size: Array, sizes: Array) -> Array | None:
-    """Widen radii (N,) until the test maps the polydisc into itself; None if never."""
+def _widen(off: Array, rest: Array, Y_size: Array, sizes: Array) -> Array:
+    """Widen radii (N,) until the test maps the polydisc into itself; infinite if never."""
     r = 2 * off + MIN_RADIUS
     for _ in range(MAX_WIDENINGS):
         spread = np.vstack([2 * ROUND_UP * sizes @ r, np.zeros(len(r))])
         needed = ROUND_UP * (off + ROUND_UP**2 * ((rest + Y_size @ spread) @ r))
         if np.all(needed < r):
-            return np.asarray(r)
+            return r
         r = WIDENING_RATIO * needed + MIN_RADIUS
         if not r.max() < MAX_RADIUS:
             break
-    return None
+    return np.full(len(r), np.inf)
 
 
 def chart_for(z: ComplexArray, seed: int = 0) -> Array:
@@ -91,11 +89,11 @@ def chart_for(z: ComplexArray, seed: int = 0) -> Array:
     charts = np.random.default_rng(seed).standard_normal((RANDOM_CHARTS, z.shape[1]))
     charts /= np.linalg.norm(charts, axis=1, keepdims=True)
     heights = np.abs(charts @ z.T) / np.linalg.norm(z, axis=1)
-    return np.asarray(charts[np.argmax(heights.min(axis=1, initial=np.inf))])
+    return charts[np.argmax(heights.min(axis=1, initial=np.inf))]
 
 
 def are_apart(z: ComplexArray, radii: Array) -> bool:
     """Whether polydiscs about z (S, N) have nothing in common with one another."""
     gap = np.abs(z[:, None] - z[None]) / ROUND_UP - radii[:, None] - radii[None]
-    disjoint = np.asarray((gap > 0).any(axis=2)) | np.eye(len(z), dtype=bool)
+    disjoint = (gap > 0).any(axis=2) | np.eye(len(z), dtype=bool)
     return bool(disjoint.all())

@@ -117,8 +117,7 @@ def _chains(robot: ParallelRobot) -> Iterator[list[_Edge]]:
     yield from continue_chain(0, frozenset({0}))
 
 
-@dataclass(frozen=True, eq=False)
-class _Sampler:
+class _Sampler(NamedTuple):
     """Random poses of chains."""
 
     robot: ParallelRobot
@@ -137,7 +136,7 @@ class _Sampler:
         for _ in range(SAMPLE_POSES):
             passive = np.where(robot.sliding[robot.passive], robot.length, np.pi)
             step[robot.passive] = rng.uniform(-passive, passive)
-            poses.append(np.asarray(pin.integrate(model, q, step)))
+            poses.append(pin.integrate(model, q, step))
             pin.forwardKinematics(model, data, poses[-1])
             links.append([pin.SE3(placement) for placement in data.liMi])
         pin.framesForwardKinematics(model, data, robot.reference.q)
@@ -174,21 +173,19 @@ class _Sampler:
             return None
         slide = rng.uniform(-1, 1, 3) * self.robot.length
         slide[[k for k, axis in enumerate("xyz") if axis in closure.axes]] = 0.0
-        if closure.length is not None:
-            slide *= closure.length / np.linalg.norm(slide)
-        turn = np.zeros(3)
+        turned = np.eye(3)
         if len(turns) == 3 and self.normal is not None:
             first = self.data.oMf[model.getFrameId(closure.frames[0])].rotation
             second = self.data.oMf[model.getFrameId(closure.frames[1])].rotation
-            turned = pin.exp3(first.T @ self.normal * rng.uniform(-np.pi, np.pi)) @ first.T @ second
+            across = first.T @ self.normal
+            turned = pin.exp3(across * rng.uniform(-np.pi, np.pi)) @ first.T @ second
             if closure.length is not None:
-                across = first.T @ self.normal
                 slide -= across * (across @ slide)
-                slide *= closure.length / np.linalg.norm(slide)
-            return frame_a.placement * pin.SE3(turned, slide) * frame_b.placement.inverse()
-        if len(turns) == 3:
+        elif len(turns) == 3:
             turn = rng.standard_normal(3)
-            turn *= rng.uniform(0, np.pi) / np.linalg.norm(turn)
+            turned = pin.exp3(turn * rng.uniform(0, np.pi) / np.linalg.norm(turn))
         elif turns:
-            turn["xyz".index(turns[0][1])] = rng.uniform(-np.pi, np.pi)
-        return frame_a.placement * pin.SE3(pin.exp3(turn), slide) * frame_b.placement.inverse()
+            turned = pin.exp3(rng.uniform(-np.pi, np.pi) * np.eye(3)["xyz".index(turns[0][1])])
+        if closure.length is not None:
+            slide *= closure.length / np.linalg.norm(slide)
+        return frame_a.placement * pin.SE3(turned, slide) * frame_b.placement.inverse()

@@ -17,11 +17,12 @@ import numpy as np
 
 from framework.arrays import Array, BoolArray, IntArray
 from framework.kinematics.closures import loop_equations
-from framework.kinematics.frames import FrameStack, between, frames_at, integrate
+from framework.kinematics.frames import FrameStack, between, frames_at, integrate_columns
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import scratch_of
 from framework.kinematics.placements import planar_normal
 from framework.kinematics.platform import FramePlatform, JointPlatform
+from framework.kinematics.tree_model import single_columns
 from framework.linalg.ordered_sums import cross
 from framework.proofs.branch_and_bound import Boxes
 from framework.proofs.completeness import KnownSolutions, has_no_others, unique_radius
@@ -50,7 +51,7 @@ def leg_solutions_complete(
     """
     slides = robot.sliding[own]
     too_many = len(own) > MAX_JOINTS or slides.sum() > 1
-    if robot.rows.has_couplings or too_many or not _has_single_columns(robot, own):
+    if robot.rows.has_couplings or too_many or not single_columns(robot.model).issuperset(own.tolist()):
         return False
     equations = LegEquations.of(robot, own, fixed, q, x)
     if not equations.count:
@@ -62,11 +63,6 @@ def leg_solutions_complete(
     period = np.where(slides, np.inf, 2 * np.pi)
     radii = np.array([unique_radius(equations, point) for point in points])
     return has_no_others(equations, region, KnownSolutions(points, radii, period))
-
-
-def _has_single_columns(robot: ParallelRobot, own: IntArray) -> bool:
-    single = {joint.idx_v for joint in list(robot.model.joints)[1:] if joint.nv == 1}
-    return single.issuperset(own.tolist())
 
 
 def _region(equations: LegEquations) -> Boxes | None:
@@ -133,9 +129,7 @@ class LegEquations:
     def __call__(self, middle: Array, radii: Array) -> LinearEnclosure:
         """Enclose the equations in boxes (B, n)."""
         robot, own = self.robot, self.own
-        step = np.zeros((len(middle), robot.model.nv))
-        step[:, own] = middle * robot.column_scale[own]
-        frames = frames_at(robot, integrate(robot, self.q, step))
+        frames = frames_at(robot, integrate_columns(robot, self.q, own, middle * robot.column_scale[own]))
         slid = np.abs(self._slides(frames.q))
         slid[:, own] += np.where(robot.sliding[own], radii * robot.column_scale[own], 0.0)
         bounds = [chain.hessian_bounds(radii, slid) for chain in self.chains]
@@ -252,8 +246,7 @@ class ChainBounds(NamedTuple):
     length: Array  # (B,) of the chain
 
 
-@dataclass(frozen=True, eq=False)
-class LeverChain:
+class LeverChain(NamedTuple):
     """The joints from a point to the frame of its observer, with their levers."""
 
     robot_length: float  # [m]

@@ -6,15 +6,18 @@ Newton's method on the loops, redundant ones too, from many starts at once.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
 from framework.arrays import Array, BoolArray, IntArray
 from framework.kinematics.closures import loop_equations, scaled
-from framework.kinematics.frames import FrameStack, between, frames_at, integrate
+from framework.kinematics.frames import FrameStack, between, frames_at, integrate, integrate_columns
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.loop_matrices import passive_matrix, type1_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.linalg.rotations import wrap_angles
+from framework.proofs.equation_terms import stretched_length
 from framework.tolerances import DISTINCT_SOLUTIONS, FRAME_ROUNDING, LOOP_GAP, RANK_ROUNDING
 
 RANDOM_STARTS = 24  # for each pose of the platform
@@ -51,9 +54,7 @@ def joints_at(robot: ParallelRobot, q: Array, place: Array, turn: Array | None) 
     for k in range(count):
         starts_of = slice(k * RANDOM_STARTS, (k + 1) * RANDOM_STARTS)
         candidates = [nearest_turn(robot, pose) for pose in poses[starts_of][closed[starts_of]]]
-        nearest_poses.append(
-            min(candidates, key=lambda pose: distance_from_reference(robot, pose), default=None)
-        )
+        nearest_poses.append(min(candidates, key=partial(distance_from_reference, robot), default=None))
     return nearest_poses
 
 
@@ -70,7 +71,7 @@ def close_all_loops(
         more: further equations and their slopes along all joints, (T, e) and (T, e, nv), without dimension.
     """
     columns, size = robot.following if columns is None else columns, np.full(len(q), np.inf)
-    weights = np.where(robot.rows.rotation, 1.0, 1.0 / robot.length)
+    weights = 1.0 / robot.row_lengths
     last = False
     for _ in range(MAX_SEARCH_STEPS):
         frames = frames_at(robot, q)
@@ -88,26 +89,23 @@ def close_all_loops(
         inverse = np.linalg.pinv(slopes[:, :, columns], rcond=RANK_ROUNDING)
         change = -(inverse @ values[:, :, None])[:, :, 0]
         change /= np.maximum(np.abs(change).max(axis=1, keepdims=True) / MAX_SEARCH_STEP, 1.0)
-        step = np.zeros((len(q), robot.model.nv))
-        step[:, columns] = change * robot.column_scale[columns]
-        q = integrate(robot, q, step)
-    return q, np.asarray(size < LOOP_GAP)
+        q = integrate_columns(robot, q, columns, change * robot.column_scale[columns])
+    return q, size < LOOP_GAP
 
 
 def random_starts(robot: ParallelRobot, q: Array, count: int, columns: IntArray | None = None) -> Array:
     """Draw configurations (count, nq): q (1, nq), and others with joints (the passive ones) anywhere."""
     columns = robot.passive if columns is None else columns
     spread = np.where(robot.sliding[columns], robot.length, np.pi)
-    step = np.zeros((count, robot.model.nv))
-    step[1:, columns] = np.random.default_rng(RANDOM_SEED).uniform(-spread, spread, (count - 1, len(spread)))
-    return integrate(robot, np.repeat(q, count, axis=0), step)
+    others = np.random.default_rng(RANDOM_SEED).uniform(-spread, spread, (count - 1, len(spread)))
+    return integrate_columns(robot, q, columns, np.concatenate([np.zeros((1, len(spread))), others]))
 
 
 def nearest_turn(robot: ParallelRobot, q: Array) -> Array:
     """Return the same configuration (nq,), passive hinges less than half a turn from the reference."""
     offset = between(robot, robot.reference.q, q)
     hinges = robot.passive[~robot.sliding[robot.passive]]
-    offset[hinges] = np.mod(offset[hinges] + np.pi, 2 * np.pi) - np.pi
+    offset[hinges] = wrap_angles(offset[hinges])
     return integrate(robot, robot.reference.q, offset)
 
 
@@ -134,10 +132,7 @@ def is_proved(robot: ParallelRobot, q: Array, *, locked: str = "motors") -> bool
         return False
     weights = np.where(robot.loops.rotation, 1.0, 1.0 / robot.length) / robot.structure.row_sizes
     values = float(np.abs(linearised.residual[0, robot.n :] * weights).max())
-    reach = sum(float(np.linalg.norm(placement.translation)) for placement in robot.model.jointPlacements)
-    reach += sum(float(np.linalg.norm(robot.model.frames[k].placement.translation)) for k in robot.frames)
-    reach += float(np.abs(between(robot, robot.neutral, q)[robot.sliding]).sum())
-    size = reach / robot.length + 1.0  # with a length to spare for slides near by
+    size = stretched_length(robot, q) + 1.0  # with a length to spare for slides near by
     shortest = float(robot.loops.length[robot.loops.distance].min(initial=robot.length))
     bend = 8.0 * size**2 * robot.length / shortest / min(float(robot.structure.row_sizes.min()), 1.0)
     beta = INVERSE_FACTOR * float(np.abs(inverse).sum(axis=1).max())

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from framework.arrays import Array, BoolArray
+from framework.linalg.ordered_sums import singular_values
 from framework.tolerances import DISTINCT_SOLUTIONS, RANK_ROUNDING
 
 ComplexArray = NDArray[np.complex128]
@@ -48,7 +49,7 @@ class QuadricFamily:
 
     def values(self, z: ComplexArray) -> ComplexArray:
         """Evaluate the members at points z (S, N), (S, M)."""
-        return np.asarray(np.einsum("mij,ti,tj->tm", self.members, z, z))
+        return np.einsum("mij,ti,tj->tm", self.members, z, z)
 
     def random_point(self, rng: np.random.Generator) -> ComplexArray:
         """Return a point (N,) on all fixed quadrics."""
@@ -75,7 +76,7 @@ class QuadricFamily:
             quadrics = self.quadrics(coefficients)
             quotients = np.einsum("kij,i,j->k", quadrics[:K], z, z) / (z @ first @ z)
             quadrics[:K] -= quotients[:, None, None] * first
-            values = np.linalg.svd(quadrics @ z, compute_uv=False)
+            values = singular_values(quadrics @ z)
             if values[-1] > RANK_ROUNDING * values[0]:
                 return False
         return True

@@ -52,14 +52,12 @@ class PathCount:
     def sentence(self) -> str:
         """The count in words."""
         ends = {
-            "at single solutions": self.finite,
-            "at infinity": self.infinite,
-            "at multiple ones": self.multiple,
+            "end at single solutions": self.finite,
+            "end at infinity": self.infinite,
+            "end at multiple ones": self.multiple,
+            "are lost": self.lost,
         }
-        counts = [f"{count} end {where}" for where, count in ends.items() if count]
-        return f"of {self.paths} paths " + ", ".join(
-            counts + ([f"{self.lost} are lost"] if self.lost else [])
-        )
+        return f"of {self.paths} paths " + ", ".join(f"{count} {end}" for end, count in ends.items() if count)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,12 +95,13 @@ def real_solutions(
         )
     rows, slack = group.eliminate_square(coefficients)
     slack = rounding * slack
-    attempts = [_prove_path_ends(group, rows, slack, 0)]
-    while attempts[-1].status == "at least" and len(attempts) < MAX_ATTEMPTS:
-        attempts.append(_prove_path_ends(group, rows, slack, len(attempts)))
-    attempts.reverse()  # of equal ones the last
-    best = min(
-        attempts,
+    attempts = list[RealSolutions]()
+    for attempt in range(MAX_ATTEMPTS):
+        attempts.append(_prove_path_ends(group, rows, slack, attempt))
+        if attempts[-1].status != "at least":
+            break
+    best = min(  # of equal ones the last
+        reversed(attempts),
         key=lambda attempt: (attempt.status == "at least", attempt.count.lost, attempt.count.multiple),
     )
     if pave and best.status != "proved" and best.proved.all() and are_all_real(group, rows, slack, best.z):
@@ -167,7 +166,7 @@ def _is_finite(first: Array, z: ComplexArray, radii: Array) -> BoolArray:
     size = np.abs(z)
     change = np.sum((2 * np.abs(slopes) + radii @ np.abs(first)) * radii, axis=1)
     rounding = gamma(2 * z.shape[1]) * np.einsum("si,ij,sj->s", size, np.abs(first), size)
-    return np.asarray(value > ROUND_UP**2 * (change + 2 * rounding))
+    return value > ROUND_UP**2 * (change + 2 * rounding)
 
 
 # ------------------------------------------------------------------ no others

@@ -14,9 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, BoolArray, IntArray
+from framework.arrays import Array, BoolArray, IntArray, join, select
 from framework.kinematics.attitude import TwistAngle, TwoAngles
-from framework.kinematics.frames import between, integrate
+from framework.kinematics.frames import between, integrate_columns
 from framework.kinematics.inverse_kinematics import close_each
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import planar_normal
@@ -78,7 +78,7 @@ def _single_cell(test: CellTest, q: Array, within: float) -> float:
     """Compute the largest radius of one cell, a ball, that is found by halving and then in steps."""
     best = 0.0
     for exponents in (-np.arange(MAX_HALVINGS), np.arange(STEPS_PER_OCTAVE) / STEPS_PER_OCTAVE):
-        radii = np.asarray((best or within) * np.exp2(exponents), dtype=np.float64)
+        radii = (best or within) * np.exp2(exponents)
         radii = radii[radii <= within]
         joints = np.repeat(q[None], len(radii), axis=0)
         proved = test(np.zeros((len(radii), len(test.x))), joints, radii, ball=True).proved
@@ -95,29 +95,13 @@ class _Cubes(NamedTuple):
     places: IntArray  # (S, n)
     cells: Cells
 
-    @property
-    def size(self) -> int:
-        """S."""
-        return len(self.level)
-
-    def take(self, which: BoolArray | IntArray | slice, /) -> _Cubes:
-        """Return the cubes `which` (s,) of the S."""
-        return _Cubes(self.level[which], self.places[which], self.cells.take(which))
-
-    @classmethod
-    def join(cls, parts: list[_Cubes], /) -> _Cubes:
-        """Return the cubes of several stacks, at least one."""
-        level, places = (np.concatenate([part[field] for part in parts]) for field in (0, 1))
-        cells = Cells(*map(np.concatenate, zip(*(part.cells for part in parts), strict=True)))
-        return _Cubes(level, places, cells)
-
     def parts(self) -> _Cubes:
         """Return the cubes of half the width in each."""
         n = self.places.shape[1]
         corners = np.stack(np.meshgrid(*[[0, 1]] * n, indexing="ij"), axis=-1).reshape(-1, n)
-        parent = np.repeat(np.arange(self.size), len(corners))
-        places = 2 * self.places[parent] + np.tile(corners, (self.size, 1))
-        return _Cubes(self.level[parent] + 1, places, self.cells.take(parent))
+        parent = np.repeat(np.arange(len(self.level)), len(corners))
+        places = 2 * self.places[parent] + np.tile(corners, (len(self.level), 1))
+        return _Cubes(self.level[parent] + 1, places, select(self.cells, parent))
 
 
 class _Grid(NamedTuple):
@@ -143,7 +127,7 @@ class _Grid(NamedTuple):
         """Return the smallest cubes (S, n) behind the nearest points, on the way to the pose."""
         pose = int(np.floor(OFF_CENTRE * 2**MAX_CUTS))
         size = 2 ** (MAX_CUTS - cubes.level[:, None])
-        return np.asarray(np.clip(pose, cubes.places * size - 1, (cubes.places + 1) * size))
+        return np.clip(pose, cubes.places * size - 1, (cubes.places + 1) * size)
 
 
 def _many_cells(test: CellTest, q: Array, within: float, max_cells: int) -> RegularBall:
@@ -155,17 +139,17 @@ def _many_cells(test: CellTest, q: Array, within: float, max_cells: int) -> Regu
     def examine(cubes: _Cubes) -> Examined[_Cubes, _Cubes]:
         cubes = _test_cubes(test, grid, cubes, start.signs)
         proved = cubes.cells.proved
-        undecided = cubes.take(~proved & (cubes.level == MAX_CUTS))
-        ahead = cubes.take(~proved & (cubes.level < MAX_CUTS)).parts()
-        return Examined(cubes.take(proved), undecided, ahead)
+        undecided = select(cubes, ~proved & (cubes.level == MAX_CUTS))
+        ahead = select(cubes, ~proved & (cubes.level < MAX_CUTS)).parts()
+        return Examined(select(cubes, proved), undecided, ahead)
 
     end = branch_and_bound(
         examine, first, batch=CELLS_PER_BATCH, max_examined=max_cells, distance=grid.distances, limit=within
     )
-    proved = _Cubes.join(end.proved)
+    proved = join(end.proved)
     distances = grid.distances(proved)
-    proved, distances = proved.take(distances < end.limit), distances[distances < end.limit]
-    if not proved.size:
+    proved, distances = select(proved, distances < end.limit), distances[distances < end.limit]
+    if not len(distances):
         return RegularBall(0.0, end.examined)
     disagree = ~_agree(test, grid, proved, q)
     return RegularBall(min(end.limit, float(distances[disagree].min(initial=np.inf))), end.examined)
@@ -175,7 +159,7 @@ def _test_cubes(test: CellTest, grid: _Grid, cubes: _Cubes, signs: Array) -> _Cu
     """Test cubes; one whose joints come out on another branch is not proved, and keeps its parent's cell."""
     z = grid.middles(cubes)
     half = 0.5 * grid.width * 0.5 ** np.asarray(cubes.level, dtype=float)
-    parent = cubes.cells._replace(proved=np.zeros(cubes.size, dtype=bool))
+    parent = cubes.cells._replace(proved=np.zeros(len(half), dtype=bool))
     verdict = test(z, _close(test, parent, z), half)
     elsewhere = (verdict.signs != signs).any(axis=1)
     cells = [
@@ -191,21 +175,21 @@ def _agree(test: CellTest, grid: _Grid, cubes: _Cubes, q: Array) -> BoolArray:
     neighbour = _inward_neighbours(grid, cubes)
     nearest = grid.nearest(cubes)
     joints = _close(test, cells, nearest)
-    point = test(nearest, joints, np.zeros(cubes.size))
+    point = test(nearest, joints, np.zeros(len(nearest)))
     agree = point.proved & (neighbour >= 0)
-    for index in (np.arange(cubes.size), neighbour):
+    for index in (np.arange(len(nearest)), neighbour):
         offset = between(robot, cells.q[index], joints)[:, robot.moving] / scale
         agree &= (ROUND_UP * (np.abs(offset) + point.radii) <= cells.radii[index]).all(axis=1)
     home = (nearest == 0).all(axis=1)
     offset = between(robot, cells.q[home], np.repeat(q[None], np.count_nonzero(home), axis=0))
     offset = np.abs(offset[:, robot.moving] / scale) + LOOP_GAP
     agree[home] &= (offset <= cells.radii[home]).all(axis=1)
-    return np.asarray(agree)
+    return agree
 
 
 def _inward_neighbours(grid: _Grid, cubes: _Cubes) -> IntArray:
     """Find the cube (S,) behind each one's nearest point, on the way to the pose; -1 for none, or itself."""
-    inward, neighbour = grid.inward(cubes).astype(np.intp), np.full(cubes.size, -1)
+    inward, neighbour = grid.inward(cubes).astype(np.intp), np.full(len(cubes.level), -1)
     for level in np.unique(cubes.level):
         of_level = np.flatnonzero(cubes.level == level)
         number_of = {
@@ -220,9 +204,8 @@ def _inward_neighbours(grid: _Grid, cubes: _Cubes) -> IntArray:
 def _close(test: CellTest, cells: Cells, z: Array) -> Array:
     """Compute joints (S, nq) at points z (S, n), on from the middle of a cell each."""
     robot = test.bounds.robot
-    step = np.zeros((len(z), robot.model.nv))
     offset = np.einsum("skn,sn->sk", cells.slope, z - cells.z)
-    step[:, robot.moving] = np.clip(offset, -MAX_STEP, MAX_STEP) * test.bounds.column_scale
-    guess = integrate(robot, cells.q, step)
+    change = np.clip(offset, -MAX_STEP, MAX_STEP) * test.bounds.column_scale
+    guess = integrate_columns(robot, cells.q, robot.moving, change)
     result = close_each(robot, test.x + z * test.scale, guess)
     return np.where(result.closed[:, None], result.q, guess)

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, BoolArray, IntArray
+from framework.arrays import Array, BoolArray
 from framework.proofs.derivative_bounds import DerivativeBounds, Derivatives, Remainders
 from framework.proofs.rounding import ROUND_UP, WIDENING_RATIO, gamma, identity_defect, inverses, times
 
@@ -37,10 +37,6 @@ class Cells(NamedTuple):
     error: Array  # (S, k) beside q + slope dz
     radii: Array  # (S, k) of the box with one pose for each x
     signs: Array  # (S, 2) of det dF/dq and det P at the middle
-
-    def take(self, which: BoolArray | IntArray | slice) -> Cells:
-        """Return the cells `which` (s,) of the S."""
-        return Cells(*(part[which] for part in self))  # type: ignore[arg-type]
 
 
 class CellTest(NamedTuple):
@@ -78,7 +74,7 @@ class _JointBoxes(NamedTuple):
 def _extent(along: Array, half: Array, ball: bool) -> Array:
     """Bound along dz (S, ...) over cells or balls, the last axis that of z (n)."""
     size = np.linalg.norm(along, axis=-1) if ball else np.abs(along).sum(axis=-1)
-    return np.asarray(size * half.reshape(-1, *[1] * (size.ndim - 1)))
+    return size * half.reshape(-1, *[1] * (size.ndim - 1))
 
 
 def _joint_boxes(derivatives: Derivatives, values: Array, inverse: Array, reach: Array) -> _JointBoxes:

@@ -24,7 +24,7 @@ def gamma(terms: int) -> float:
 
 def times(matrices: Array, vectors: Array) -> Array:
     """Multiply matrices (S, m, k) and vectors (S, k)."""
-    return np.asarray((matrices @ vectors[:, :, None])[:, :, 0])
+    return (matrices @ vectors[:, :, None])[:, :, 0]
 
 
 def inverses(matrices: Array) -> Array:
@@ -42,4 +42,4 @@ def identity_defect(inverse: Array, matrices: Array) -> Array:
     """Bound |1 - X M| entry by entry (S, k, k), rounding included, for X near the inverse of M."""
     identity = np.eye(matrices.shape[1])
     computed = np.abs(identity - inverse @ matrices)
-    return np.asarray(computed + gamma(len(identity)) * (np.abs(inverse) @ np.abs(matrices) + identity))
+    return computed + gamma(len(identity)) * (np.abs(inverse) @ np.abs(matrices) + identity)

@@ -14,9 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, BoolArray, IntArray
+from framework.arrays import Array, BoolArray, IntArray, select
 from framework.kinematics.modes import legs
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.linalg.rotations import wrap_angles
 from framework.proofs.branch_and_bound import NO_AXIS, Boxes, Examined, narrow_or_halve
 from framework.proofs.derivative_bounds import DerivativeBounds, Derivatives, Remainders
 from framework.proofs.interval_newton import (
@@ -69,24 +70,24 @@ def measure_bounds(which: SingularSet, derivatives: Derivatives, remainders: Rem
     """Enclose the bordered scalar g of a block, dg = -psi' dP eta (Govaerts 2000), over boxes."""
     rows, columns = which.rows[:, None], which.columns
     rounding = derivatives.bounds.rounding
-    bordered = bordered_bounds(
+    right, left = bordered_bounds(
         derivatives.slopes[:, rows, columns], remainders.slopes[:, rows, columns], rounding
     )
-    eta, psi = bordered.right[:, :-1], bordered.left[:, :-1]
-    eta_error, psi_error = bordered.right_errors[:, :-1], bordered.left_errors[:, :-1]
+    eta, psi = right.z[:, :-1], left.z[:, :-1]
+    eta_error, psi_error = right.error[:, :-1], left.error[:, :-1]
     eta_size, psi_size = np.abs(eta) + eta_error, np.abs(psi)
     dP = derivatives.hessians[:, rows, columns]  # (S, s, s, k)
     dP_size, dP_change = np.abs(dP), remainders.hessians[:, rows, columns] + rounding
 
     def product(left: Array, middle: Array, right: Array) -> Array:
-        return np.asarray(np.einsum("si,sijl,sj->sl", left, middle, right, optimize=True))
+        return np.einsum("si,sijl,sj->sl", left, middle, right, optimize=True)
 
     slope_changes = product(psi_size, dP_change, eta_size) + product(psi_size, dP_size, eta_error)
     slope_changes += product(psi_error, dP_size + dP_change, eta_size)
     return MeasureBounds(
-        bordered.valid,
-        bordered.right[:, -1],
-        bordered.g_error,
+        right.valid & left.valid,
+        right.z[:, -1],
+        right.last_error,
         -product(psi, dP, eta),
         ROUND_UP * slope_changes,
     )
@@ -110,12 +111,6 @@ class _SingularEquations(NamedTuple):
     x: Array  # (S, n)
     x_slopes: Array  # (S, n, k) without dimension
     x_errors: Array  # (S, n) of these in the wider box
-
-    def take(self, which: BoolArray) -> _SingularEquations:
-        """Return the equations in the boxes `which` of the S."""
-        enclosure, *others = self
-        own = LinearEnclosure(*(part[which] for part in enclosure))
-        return _SingularEquations(own, *(part[which] for part in others))
 
 
 class _Decision(NamedTuple):
@@ -146,13 +141,13 @@ class SingularBoxTest:
         wider += WIDENING_CURVATURE * boxes.radii.max(axis=1, keepdims=True, initial=0.0) ** 2
         remainders = derivatives.remainders(wider)
         g = measure_bounds(self.which, derivatives, remainders)
-        equations = self._equations(derivatives, remainders, errors, g, boxes.radii).take(g.valid)
-        decision = self._decide(boxes.take(g.valid), wider[g.valid], equations)  # elsewhere g says nothing
+        equations = select(self._equations(derivatives, remainders, errors, g, boxes.radii), g.valid)
+        decision = self._decide(select(boxes, g.valid), wider[g.valid], equations)  # elsewhere g says nothing
         lower[g.valid], upper[g.valid] = decision.lower, decision.upper
         axis[g.valid], is_arc[g.valid] = decision.axis, decision.small
 
         is_open = (lower <= upper).all(axis=1) & ~is_arc
-        narrow, boxes = boxes.clip(lower, upper).take(is_open), boxes.take(is_open)
+        narrow, boxes = select(boxes.clip(lower, upper), is_open), select(boxes, is_open)
         is_small = self.bounds.robot.length * narrow.radii.sum(axis=1) < MIN_SIZE_RATIO * self.resolution
         return Examined(decision.arcs, *narrow_or_halve(boxes, narrow, axis[is_open], is_small))
 
@@ -167,8 +162,8 @@ class SingularBoxTest:
         loops = LinearEnclosure(derivatives.values[:, n:], derivatives.slopes[:, n:], errors[:, n:])
         remaining = contract(loops, boxes.radii, pivoting_mixers(loops.slopes, boxes.radii))
         possible = ~remaining.empty & self._meets_window(derivatives, boxes.radii, errors)
-        parts = Contracted(remaining.lower[possible], remaining.upper[possible])
-        return boxes.take(possible), parts, derivatives.take(possible), errors[possible, n:]
+        boxes, parts = select(boxes, possible), select(remaining, possible)
+        return boxes, parts, derivatives.take(possible), errors[possible, n:]
 
     def _meets_window(self, derivatives: Derivatives, radii: Array, errors: Array) -> BoolArray:
         """Whether boxes may have poses in the window, whose angles are the same after a whole turn."""
@@ -177,9 +172,9 @@ class SingularBoxTest:
             return np.ones(len(radii), dtype=bool)
         extent = times(np.abs(derivatives.slopes[:, :n]), radii) + errors[:, :n] + self.bounds.rounding
         off = robot.platform.coordinates(derivatives.frames) - self.window.mean(axis=0)
-        off = np.where(robot.translations, off, np.remainder(off + np.pi, 2 * np.pi) - np.pi)
+        off = np.where(robot.translations, off, wrap_angles(off))
         reach = 0.5 * np.ptp(self.window, axis=0) + robot.platform_scale * ROUND_UP * extent
-        return np.asarray((np.abs(off) <= reach).all(axis=1))
+        return (np.abs(off) <= reach).all(axis=1)
 
     def _equations(
         self,
@@ -223,7 +218,7 @@ class SingularBoxTest:
         small = proof.proved & (lower <= upper).all(axis=1)
         small &= (2 * robot.length * x_radii <= self.resolution).all(axis=1)
         x_radii = robot.platform_scale * x_radii
-        boxes = boxes.clip(proof.lower, proof.upper).take(small)
+        boxes = select(boxes.clip(proof.lower, proof.upper), small)
         return _Decision(
             lower,
             upper,

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays, join
 from framework.errors import InvalidInput, finite_numbers, whole_number
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
@@ -46,7 +46,7 @@ class PavedSet(ReadOnlyArrays):
     x_radii: Array  # (B, n) the poses that are proved are within
     q: Array  # (B, nq) middles
     q_radii: Array  # (B, k) of the joints that move [rad, m]
-    along: Array  # (B,) index into the joints that move; -1: none
+    along: IntArray  # (B,) index into the joints that move; -1: none
     undecided_x: Array  # (U, n)
     undecided_x_radii: Array  # (U, n)
     undecided_q: Array  # (U, nq)
@@ -159,19 +159,18 @@ def _pave(test: SingularBoxTest, reach: float, max_boxes: int) -> PavedSet:
     region = Boxes(np.zeros((1, k)), np.where(robot.sliding[robot.moving], reach, ROUND_UP * np.pi)[None])
     batch = max(MAX_HESSIAN_ENTRIES // (len(bounds.row_scale) * k**2), 1)
     partition = branch_and_bound(test, region, batch=batch, max_examined=max_boxes)
-    left = Boxes.join([partition.undecided, partition.ahead])
+    left = join([partition.undecided, partition.ahead])
     derivatives = bounds.evaluate(bounds.configurations(left.middle))
     left_reach = times(np.abs(derivatives.slopes[:, : robot.n]), left.radii)
     left_reach += derivatives.remainders(left.radii).values[:, : robot.n]
-    arcs = partition.proved
-    tubes = Boxes.join([stack.boxes for stack in arcs])
+    arcs = join(partition.proved)
     return PavedSet(
         name=test.which.name,
-        x=np.concatenate([stack.x for stack in arcs]),
-        x_radii=np.concatenate([stack.x_radii for stack in arcs]),
-        q=bounds.configurations(tubes.middle),
-        q_radii=tubes.radii * bounds.column_scale,
-        along=np.concatenate([stack.along for stack in arcs]),
+        x=arcs.x,
+        x_radii=arcs.x_radii,
+        q=bounds.configurations(arcs.boxes.middle),
+        q_radii=arcs.boxes.radii * bounds.column_scale,
+        along=arcs.along,
         undecided_x=robot.platform.coordinates(derivatives.frames),
         undecided_x_radii=robot.platform_scale * ROUND_UP * left_reach,
         undecided_q=derivatives.frames.q,

@@ -16,12 +16,13 @@ import numpy as np
 
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.errors import finite_numbers
-from framework.kinematics.frames import FrameStack, between, integrate
+from framework.kinematics.frames import FrameStack, between, integrate_columns
 from framework.kinematics.inverse_kinematics import require_square, without_spin
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.modes import Leg, leg_signs, legs
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tree_model import positions_beyond_limits
+from framework.linalg.rotations import wrap_angles
 from framework.proofs.leg_paving import leg_solutions_complete
 from framework.proofs.passive_joints import (
     close_all_loops,
@@ -124,10 +125,9 @@ def _combinations(robot: ParallelRobot, solutions: list[list[Array]]) -> Array:
     """Put the legs' solutions together in every way, configurations (T, nq)."""
     q = []
     for joints_of_legs in islice(product(*solutions), MAX_COMBINATIONS):
-        offset = np.zeros(robot.model.nv)
-        for leg, joints in zip(legs(robot), joints_of_legs, strict=True):
-            offset[robot.moving[leg.columns]] = joints
-        q.append(integrate(robot, robot.reference.q, offset * robot.column_scale))
+        columns = np.concatenate([robot.moving[leg.columns] for leg in legs(robot)])
+        offset = np.concatenate(joints_of_legs) * robot.column_scale[columns]
+        q.append(integrate_columns(robot, robot.reference.q, columns, offset))
     return np.array(q).reshape(-1, robot.model.nq)
 
 
@@ -175,5 +175,5 @@ def _from_reference(robot: ParallelRobot, q: Array) -> Array:
     """Compute the way from the reference to q (nq,), all hinges the short way round (nv,)."""
     offset = between(robot, robot.reference.q, q)
     hinges = ~robot.sliding
-    offset[hinges] = np.mod(offset[hinges] + np.pi, 2 * np.pi) - np.pi
+    offset[hinges] = wrap_angles(offset[hinges])
     return offset

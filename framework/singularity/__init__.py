@@ -7,7 +7,7 @@ The measure
 
 Along a path
     points_on_path       singular points, classified
-    rank_deficiency      all places where a matrix loses rank; `extrema_of_g`, `root_of_g` are its tools
+    rank_deficiency      all places where a matrix loses rank; `piecewise_measure` its tool
     spring_shift         how far deflections move a singular point
 
 At one pose

@@ -8,32 +8,43 @@ With n x k borders b, c the k x k block G of
 has the rank deficiency of M, however many singular values of M vanish at once, as long as k is no
 less. det G has the sign of det M and, unlike det M, a scale; unlike the smallest singular value it has
 no kink. For k = 1 it is the bordered scalar g.
+
+`root_of_g` finds a root of g as one parameter p moves the matrix, however it does: the path coordinate s of a
+robot at rest or with given deflections, the time t of a motion. Each step of Newton's method has the border
+of the matrix at its own p, and the slope by central differences; so g is smooth at the root itself, where any
+border from elsewhere would do less well.
 Source: Govaerts, Numerical Methods for Bifurcations of Dynamical Equilibria, SIAM 2000, chapter 3.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from framework.arrays import Array
+from framework.linalg.ordered_sums import solve_or_fit
+from framework.tolerances import NEWTON_STEP
+
+STENCIL_HALF_WIDTH = 1e-4  # half the width of the central difference, as a share of the interval of p
+MAX_ITERATIONS = 20
 
 
 class Border(NamedTuple):
     """The border (b, c): the last `size` singular vectors of one matrix, for all near the matrix."""
 
-    b: Array  # (n, size) left
-    c: Array  # (n, size) right
+    b: Array  # (n, size) left, or (T, n, size) of T matrices
+    c: Array  # (n, size) right, likewise
 
     @staticmethod
     def of(matrix: Array, size: int = 1) -> Border:
-        """Return the border for matrices near this one (n, n); det G then has the sign of the determinant."""
+        """Return the border for matrices near this one (..., n, n); det G then has the determinant's sign."""
         left, _, right = np.linalg.svd(matrix)
-        b, c = left[:, -size:].copy(), right[-size:].T
+        b, c = left[..., -size:].copy(), right[..., -size:, :].swapaxes(-1, -2)
         # for the matrix itself G = -diag(sigma) with this border; det decides which sign it should have
-        if (-1) ** size * np.prod(np.linalg.det(np.array([left, right]))) < 0:
-            b[:, -1] *= -1
+        orientation = (-1) ** size * np.linalg.det(left) * np.linalg.det(right)
+        b[..., -1] *= np.sign(orientation)[..., None]
         return Border(b, c)
 
 
@@ -50,22 +61,92 @@ class BorderedSolution(NamedTuple):
 
 
 def solve_bordered(matrices: Array, border: Border) -> BorderedSolution:
-    """Solve the bordered systems of matrices (T, n, n)."""
+    """Solve the bordered systems of matrices (T, n, n), with one border or T."""
     count, n = matrices.shape[:2]
-    size = border.b.shape[1]
+    size = border.b.shape[-1]
     bordered = np.zeros((count, n + size, n + size))
     bordered[:, :n, :n] = matrices
     bordered[:, :n, n:] = border.b
-    bordered[:, n:, :n] = border.c.T
+    bordered[:, n:, :n] = border.c.swapaxes(-1, -2)
     unit = np.zeros((count, n + size, size))
     unit[:, n:] = np.eye(size)
-    try:
-        solution = np.linalg.solve(bordered, unit)
-    except np.linalg.LinAlgError:  # more null vectors than borders, to the last bit: G is singular there
-        solution = np.array([np.linalg.lstsq(system, unit[0], rcond=None)[0] for system in bordered])
+    # by least squares with more null vectors than borders, to the last bit: G is singular there
+    solution = solve_or_fit(bordered, unit)
     return BorderedSolution(solution[:, :n], solution[:, n:])
+
+
+def bordered_solution(matrices: Array, k: int, size: int = 1) -> BorderedSolution:
+    """Solve the bordered systems of matrices (T, n, n) with the border of the k-th."""
+    return solve_bordered(matrices, Border.of(matrices[k], size))
 
 
 def determinant(G: Array) -> Array:
     """Compute det G (T,) of blocks (T, size, size)."""
-    return G[:, 0, 0] if G.shape[1] == 1 else np.asarray(np.linalg.det(G))
+    return G[:, 0, 0] if G.shape[1] == 1 else np.linalg.det(G)
+
+
+# ------------------------------------------------------------------ roots
+
+
+class Slope(NamedTuple):
+    """g and its derivatives by p, with the border of the matrix at p."""
+
+    g: float
+    slope: float
+    upper: float  # g at the upper end of the stencil
+    bend: float  # its second derivative; 0 where the stencil lies on one side
+
+
+class Root(NamedTuple):
+    """The result of Newton's method."""
+
+    place: float
+    depth: float  # what is left of g: 0 if the last step was small enough for the next one to be rounding
+    converged: bool
+    slope: float  # dg/dp, by the last stencil
+    bend: float  # d2g/dp2, likewise; 0 at an end of the interval
+
+
+def stencil(place: float, low: float = 0.0, high: float = 1.0) -> Array:
+    """Return the places (3,) about p for the slope; at an end of [low, high] on one side."""
+    half = STENCIL_HALF_WIDTH * (high - low)
+    return np.clip([place - half, place, place + half], low, high)
+
+
+def slope_of_g(matrices: Array, places: Array, size: int = 1) -> Slope:
+    """Compute g and dg/dp from matrices (3, n, n) at places (3,) of a `stencil`, the border `size` wide."""
+    g = bordered_solution(matrices, 1, size).g
+    lower, middle, upper = map(float, g)
+    width = float(places[2] - places[0])
+    both_sides = places[0] < places[1] < places[2]
+    bend = 4.0 * (lower - 2.0 * middle + upper) / width**2 if both_sides else 0.0
+    return Slope(middle, (upper - lower) / width, upper, bend)
+
+
+def root_of_g(
+    matrices: Callable[[Array], Array],
+    start: float,
+    *,
+    low: float = 0.0,
+    high: float = 1.0,
+    size: int = 1,
+    longest: float = np.inf,
+) -> Root:
+    """Find the root of g near `start`, within [low, high].
+
+    Args:
+        matrices: the matrices (3, n, n) at three values (3,) of p.
+        size: width of the border; more than 1 where other singular values are small beside the one sought.
+        longest: a Newton step beyond this leads away from the root sought, and none is found.
+    """
+    place, depth, slope, bend = start, np.inf, 0.0, 0.0
+    for _ in range(MAX_ITERATIONS):
+        places = stencil(place, low, high)
+        depth, slope, _, bend = slope_of_g(matrices(places), places, size)
+        step = -depth / slope if slope else np.inf
+        if not abs(step) < longest:
+            break
+        place = float(np.clip(place + step, low, high))
+        if abs(step) < NEWTON_STEP * (high - low):
+            return Root(place, 0.0, True, slope, bend)
+    return Root(place, depth, False, slope, bend)

@@ -16,6 +16,7 @@ from framework.arrays import Array
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.velocity_matrices import dimensionless_matrices
+from framework.linalg.ordered_sums import singular_values
 from framework.singularity.type2 import singularity_measure
 from framework.tolerances import RANK_LOST
 
@@ -53,7 +54,7 @@ def singularity_distances(robot: ParallelRobot, linearised: LinearisedLoops) -> 
     """Compute the distances of T assembled configurations of a robot whose platform determines its joints."""
     A, B, _ = dimensionless_matrices(robot, linearised)
     if robot.n_a > robot.n:  # least torques: of dq_a = G v, the pseudoinverse
-        sigma_A = np.linalg.svd(A, compute_uv=False)[:, -1]
+        sigma_A = singular_values(A)[:, -1]
         A, B = np.linalg.pinv(B) @ A, np.broadcast_to(np.eye(robot.n_a), B.shape)
         left, values, right = np.linalg.svd(A, full_matrices=False)
     else:
@@ -62,16 +63,12 @@ def singularity_distances(robot: ParallelRobot, linearised: LinearisedLoops) -> 
     inverse = 1.0 / np.maximum(values, SINGULAR_VALUE_FLOOR)
     directions = left.swapaxes(1, 2) @ B  # (T, n, n_a): what the motors feel of each singular direction
     J = right.swapaxes(1, 2) @ (inverse[:, :, None] * directions)  # (T, n, n_a): v = J dq_a, no dimension
-    joint_side = _worst_torques(robot, J, right, values, np.ones(robot.n_a))
-    motor_side = _worst_torques(robot, J, right, values, robot.gear_ratio)
     return Distances(
-        g=singularity_measure(robot, linearised).g,
-        sigma_A=np.asarray(sigma_A),
-        torque_norm=joint_side[0],
-        torque_largest=joint_side[1],
-        motor_torque_norm=motor_side[0],
-        motor_torque_largest=motor_side[1],
-        pressure_angle=_pressure_angles(robot, J),
+        singularity_measure(robot, linearised).g,
+        np.asarray(sigma_A),
+        *_worst_torques(robot, J, right, values, np.ones(robot.n_a)),
+        *_worst_torques(robot, J, right, values, robot.gear_ratio),
+        _pressure_angles(robot, J),
     )
 
 
@@ -81,13 +78,14 @@ def _worst_torques(
     """Compute the largest 2-norm (T,) and single torque (T,) against a unit force, behind gears (n_a,)."""
     sliding = robot.translations
     if not sliding.any():
-        return np.full(len(J), np.nan), np.full(len(J), np.nan)
+        nothing = np.full(len(J), np.nan)
+        return nothing, nothing
     # W' v = tau' dq_a: tau = J' W, back in metres and radians
     units = robot.length / (robot.column_scale[robot.actuated] * gear)
     torques = J[:, sliding] * units  # (T, translations, n_a)
     moves_point = np.abs(right[:, :, sliding]).max(axis=2) > RANK_LOST
     is_lost = ((values < RANK_LOST) & moves_point).any(axis=1)
-    norm = np.linalg.svd(torques, compute_uv=False)[:, 0]
+    norm = singular_values(torques)[:, 0]
     largest = np.linalg.norm(torques, axis=1).max(axis=1)
     return np.where(is_lost, np.inf, norm), np.where(is_lost, np.inf, largest)
 

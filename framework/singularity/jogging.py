@@ -22,6 +22,7 @@ from framework.kinematics.linearised_loops import ClosedStack, assembled_at, lin
 from framework.kinematics.loop_matrices import passive_matrix, type1_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import positions_beyond_limits
+from framework.linalg.ordered_sums import singular_values
 from framework.motion.path import Line
 from framework.singularity.type2 import singularity_measure, twist_norm, uncontrolled_motion
 
@@ -264,7 +265,7 @@ def _check(index: int, count: int, value: float) -> None:
 
 
 def _smallest(matrix: Array) -> float:
-    return float(np.linalg.svd(matrix, compute_uv=False).min(initial=np.inf))
+    return float(singular_values(matrix).min(initial=np.inf))
 
 
 def _usual_sizes(robot: ParallelRobot) -> tuple[float, float]:

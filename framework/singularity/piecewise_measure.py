@@ -2,6 +2,11 @@
 
 On a panel det G of `bordered_system` is a polynomial up to rounding, so its roots and its extrema are all
 found as eigenvalues; none is stepped over.
+
+Where the path touches the locus, crosses it twice within a short stretch, or misses, g has an extremum near
+zero. It is polished on panels centred on it, and what rounding leaves of g there is measured by the same
+panel: the last coefficients of its series. Whether the path touches, crosses twice or misses is decided
+against that, and how far it can be decided is said in s.
 """
 
 from __future__ import annotations
@@ -15,18 +20,23 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from framework.arrays import Array
+from framework.arrays import Array, BoolArray
 from framework.errors import NotAssembled, NotConverged, SingularPath
 from framework.kinematics.continuation.branch import Branch
 from framework.kinematics.linearised_loops import LinearisedLoops
+from framework.linalg.ordered_sums import singular_values
 from framework.motion.chebyshev import coefficients, extrema, nodes, real_roots, tail
-from framework.singularity.bordered_system import Border, solve_bordered
+from framework.singularity.bordered_system import bordered_solution, determinant
 from framework.tolerances import MEASURE_ROUNDING, MEASURE_TAIL, MIN_PANEL_WIDTH, RANK_LOST
 
 TAIL_ROUNDING = 100 * MEASURE_ROUNDING  # a series sums dozens of values
 PANEL_NODES = 24
 MAX_ETA_NORM = 20.0  # larger with a border that has turned away from the null vectors
 CANDIDATE_DEPTH = 1e3  # tails of g that a minimum may be deep and still be looked at
+PANEL_HALF_WIDTH = 0.04  # of a panel about an extremum, in s; halved while rounding is not all that is left
+MAX_HALVINGS = 5  # of that width
+CENTRING_PASSES = 3  # each centres the panel on the extremum found on the last one
+FIRST_BRACKET_STEP = 1e-10  # of the walks away from an extremum, in s; doubled
 WIDER_BORDER_RATIO = 0.05  # singular values below are candidates for a wider border
 
 
@@ -68,7 +78,7 @@ class Panel:
 
     def path_coordinates(self, local: Array) -> Array:
         """Return the path coordinates s (T,) of local ones (T,) in [-1, 1]."""
-        return self.start + 0.5 * (self.end - self.start) * (np.asarray(local) + 1.0)
+        return self.start + 0.5 * (self.end - self.start) * (local + 1.0)
 
     @cached_property
     def extrema(self) -> Array:
@@ -146,7 +156,7 @@ def _resolve(samples: Samples, measured: Measured, start: float, end: float) -> 
     middle = matrices[PANEL_NODES // 2]
     size, largest_size = 1, 1
     while size <= largest_size:
-        eta, G = solution = solve_bordered(matrices, Border.of(middle, size))
+        eta, G = solution = bordered_solution(matrices, PANEL_NODES // 2, size)
         largest = float(np.abs(solution.g).max())
         if largest < RANK_LOST and np.linalg.norm(G, ord=-2, axis=(1, 2)).max() < RANK_LOST:
             raise SingularPath(
@@ -163,5 +173,107 @@ def _resolve(samples: Samples, measured: Measured, start: float, end: float) -> 
 
 def count_below(matrix: Array, level: float) -> int:
     """Count the singular values of a matrix below level times the largest, or times 1 if less."""
-    values = np.linalg.svd(matrix, compute_uv=False)
+    values = singular_values(matrix)
     return int(np.sum(values < level * min(float(values[0]), 1.0)))
+
+
+# ------------------------------------------------------------------ extrema near zero
+
+
+class Extremum(NamedTuple):
+    """An extremum of g at s, with a series of g about s."""
+
+    s: float
+    g: float
+    rounding: float  # to which g is known here
+    start: float
+    end: float
+    series: Array  # (PANEL_NODES,) Chebyshev coefficients of g on [start, end]
+
+    @property
+    def is_touch(self) -> bool:
+        """Whether g is zero here as far as can be known."""
+        return abs(self.g) <= self.rounding
+
+    def evaluate(self, s: Array) -> Array:
+        """Compute g (T,) at s (T,) in [start, end]."""
+        return np.asarray(chebyshev.chebval(2 * (s - self.start) / (self.end - self.start) - 1, self.series))
+
+    def bracket(self, level: float) -> tuple[float, float]:
+        """Return the nearest s on either side with |g| above a level, or the panel's ends."""
+        lower, upper = (self._bracket(side, lambda g: np.abs(g) > level) for side in (-1, 1))
+        return (
+            self.start if lower is None else lower[1],
+            self.end if upper is None else upper[1],
+        )
+
+    @property
+    def changes_sign(self) -> bool:
+        """Whether g has different signs on the two sides, where |g| is more than rounding."""
+        lower, upper = self.evaluate(np.array(self.bracket(self.rounding)))
+        return bool(lower * upper < 0)
+
+    def roots(self) -> list[float]:
+        """Find the roots beside an extremum that is no touch: two, one or none.
+
+        At most one lies on each side; it is bracketed and bisected, to rounding of g.
+        """
+        roots = []
+        for side in (-1, 1):
+            bracket = self._bracket(side, lambda g: g * self.g < 0)
+            if bracket is not None:
+                inner, outer = bracket
+                while (middle := 0.5 * (inner + outer)) not in (inner, outer):
+                    same = self.evaluate(np.array([middle]))[0] * self.g > 0
+                    inner, outer = (middle, outer) if same else (inner, middle)
+                roots.append(middle)
+        return roots
+
+    def _bracket(self, side: int, test: Callable[[Array], BoolArray]) -> tuple[float, float] | None:
+        """Find the first step to one side after which g passes the test: inner and outer end."""
+        limit = self.end if side > 0 else self.start
+        count = int(np.ceil(np.log2(max(abs(limit - self.s) / FIRST_BRACKET_STEP, 1.0)))) + 1
+        distances = np.concatenate(([0.0], FIRST_BRACKET_STEP * 2.0 ** np.arange(count)))
+        s = self.s + side * np.minimum(distances, abs(limit - self.s))
+        k = np.flatnonzero(test(self.evaluate(s[1:])))
+        return (float(s[k[0]]), float(s[k[0] + 1])) if len(k) else None
+
+
+def extremum_near(
+    matrices: Callable[[Array], Array],
+    knots: Array,
+    s: float,
+    size: int,
+    scalar: Callable[[Array], Array] = determinant,
+) -> Extremum:
+    """Find the extremum nearest to s of a scalar (T,) of G (T, size, size).
+
+    On a panel without an extremum s itself is returned.
+
+    Args:
+        matrices: the matrices (T, n, n) at s (T,), smooth between the `knots`, of which 0 and 1 are two.
+    """
+    k = int(np.clip(np.searchsorted(knots, s, side="right"), 1, len(knots) - 1))
+    width, narrowings, passes = PANEL_HALF_WIDTH, 0, 0
+    while True:
+        # not over a knot, where g is not smooth
+        start, end = max(knots[k - 1], s - width), min(knots[k], s + width)
+        local = start + 0.5 * (end - start) * (nodes(PANEL_NODES) + 1.0)
+        stack = matrices(np.append(local, s))
+        values = scalar(bordered_solution(stack, -1, size).G)
+        series = coefficients(values[:-1, None])[:, 0]
+        # a resolved series ends in rounding; one that is not ends in what it lacks
+        rounding = max(float(np.abs(series[-PANEL_NODES // 3 :]).sum()), MEASURE_ROUNDING)
+        turning = extrema(series)
+        if not len(turning):
+            return Extremum(s, float(values[-1]), rounding, start, end, series)
+        centre = 2 * (s - start) / (end - start) - 1
+        best = float(turning[np.argmin(np.abs(turning - centre))])
+        s = start + 0.5 * (end - start) * (best + 1)
+        passes += 1
+        if passes < CENTRING_PASSES:
+            continue
+        if rounding > 10 * MEASURE_ROUNDING and narrowings < MAX_HALVINGS:
+            width, narrowings = 0.5 * width, narrowings + 1
+            continue
+        return Extremum(s, float(chebyshev.chebval(best, series)), rounding, start, end, series)

@@ -17,7 +17,9 @@ from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.kinematics.loop_matrices import type1_matrix, type2_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.linalg.ordered_sums import singular_values
 from framework.motion.path import Path
+from framework.singularity.bordered_system import slope_of_g, stencil
 from framework.singularity.piecewise_measure import (
     Measured,
     Panel,
@@ -34,7 +36,6 @@ from framework.singularity.rank_deficiency import (
     contacts,
     find_near_misses,
 )
-from framework.singularity.root_of_g import slope_of_g, stencil
 from framework.singularity.type2 import sign_along, uncontrolled_motion
 from framework.tolerances import MIN_PANEL_WIDTH, RANK_LOST
 
@@ -191,14 +192,14 @@ def _weakest_place(mobile: Measured, s: float) -> float:
     near = branch.s[np.abs(branch.s - s) < 10 * MIN_PANEL_WIDTH]
     places = np.concatenate([near, branch.s[max(k - 1, 0) : k + 1], [round(s, 3)]])
     linearised = linearised_at(branch.robot, branch.guess(places), branch.path(places))
-    return float(places[np.argmin(np.linalg.svd(mobile.matrix(linearised), compute_uv=False)[:, -1])])
+    return float(places[np.argmin(singular_values(mobile.matrix(linearised))[:, -1])])
 
 
 def _refusal_at(passive: Measured, unresolved: Unresolved) -> Exception:
     """Return the error for an unresolved g: several motions that escape together, if two vanish."""
     branch, s = passive.branch, unresolved.s
     linearised = linearised_at(branch.robot, branch.guess(np.array([s])), branch.path(np.array([s])))
-    values = np.linalg.svd(passive.matrix(linearised)[0], compute_uv=False)
+    values = singular_values(passive.matrix(linearised)[0])
     count = int(np.sum(values < VANISHING_TOGETHER**passive.power))
     if count < 2:
         return unresolved
@@ -217,7 +218,7 @@ def _check_dropped_rows(branch: Branch, s: float, linearised: LinearisedLoops) -
         return
     jacobian = loop_equations(robot.rows, linearised.frames).jacobian
     all_values, values = (
-        np.linalg.svd(scaled(robot, part, rows.rotation)[0][:, robot.moving], compute_uv=False)
+        singular_values(scaled(robot, part, rows.rotation)[0][:, robot.moving])
         for part, rows in ((jacobian, robot.rows), (linearised.closures, robot.loops))
     )
     if np.sum(values > RANK_LOST) < np.sum(all_values > RANK_LOST):
@@ -238,8 +239,8 @@ def _is_type_1(mobile: Measured, s: float) -> bool:
     robot, branch = mobile.branch.robot, mobile.branch
     linearised = branch.closed(s).linearised
     _check_dropped_rows(branch, s, linearised)
-    followed = float(np.linalg.svd(mobile.matrix(linearised)[0], compute_uv=False)[-1])
-    values = np.linalg.svd(type2_matrix(robot, linearised)[0], compute_uv=False)
+    followed = float(singular_values(mobile.matrix(linearised)[0])[-1])
+    values = singular_values(type2_matrix(robot, linearised)[0])
     smallest = values.min(initial=np.inf)
     # where joints move without the platform, both matrices lose rank together
     return (
@@ -259,7 +260,7 @@ def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
     P = passive.matrix(closed.linearised)
     if uncontrolled.corank > 1:
         slopes = block_slopes(passive.evaluate, s, uncontrolled.corank)[1]
-        slope = np.linalg.svd(slopes, compute_uv=False)[-1]
+        slope = singular_values(slopes)[-1]
     else:
         _, slope, upper, _ = slope_of_g(P, places)
         # a border taken at the root knows no sign of det: give g the sign of det P above the root

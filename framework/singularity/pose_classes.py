@@ -37,13 +37,14 @@ from framework.errors import InvalidInput, finite_numbers
 from framework.kinematics.assembly import nearby_configurations
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import require_square
-from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, assembled_at, linearised_at
-from framework.kinematics.loop_matrices import passive_matrix, type1_matrix, type2_matrix
+from framework.kinematics.linearised_loops import ClosedStack, assembled_at, linearised_at
+from framework.kinematics.loop_matrices import clearance, type1_matrix, type2_matrix
 from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.singularity.bordered_system import Border, solve_bordered
+from framework.linalg.ordered_sums import singular_values
+from framework.singularity.bordered_system import bordered_solution
 from framework.singularity.distances import singularity_distances
-from framework.singularity.type2 import escaping_motions, twist_norm
+from framework.singularity.type2 import escaping_motions, lost_directions, twist_norm
 from framework.tolerances import RANK_LOST, TANGENTIAL_SLOPE
 
 DIFFERENCE_STEP = 1e-4  # [rad, lengths] of the central difference along a direction
@@ -119,7 +120,7 @@ def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = No
     require_square(robot)
     linearised = closed.linearised
     escaping = escaping_motions(robot, linearised)
-    rest = _motions_of_a_locked_platform(robot, linearised)
+    rest = lost_directions(type1_matrix(robot, linearised)[0])  # motions of a locked platform
     gained = max(escaping.freedoms - robot.n, 0)
     kinds = set(escaping.kinds)
     is_type_1, legs = _type_1(robot, rest[:, : robot.n_a], gained)
@@ -145,15 +146,10 @@ def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = No
         corank_inverse=len(rest),
         gained=gained,
         contact=contact,
-        g=float(distances.g[0]),
-        sigma_A=float(distances.sigma_A[0]),
         length=robot.length,
-        torque_norm=float(distances.torque_norm[0]),
-        torque_largest=float(distances.torque_largest[0]),
-        motor_torque_norm=float(distances.motor_torque_norm[0]),
-        motor_torque_largest=float(distances.motor_torque_largest[0]),
         pressure_angle=distances.pressure_angle[0],
         transmission_angle=distances.transmission_angle[0],
+        **{key: float(values[0]) for key, values in distances._asdict().items() if values.ndim == 1},
     )
 
 
@@ -163,18 +159,12 @@ def _type_1(robot: ParallelRobot, rates: Array, gained: int) -> tuple[bool, tupl
     Args:
         rates: (k, n_a) of the motors in the motions of a locked platform.
     """
-    values = np.linalg.svd(rates, compute_uv=False) if len(rates) else np.zeros(0)
+    values = singular_values(rates) if len(rates) else np.zeros(0)
     if int(np.sum(values > RANK_LOST)) <= gained:
         return False, ()
     share = np.linalg.norm(rates, axis=0)
     moving = zip(robot.actuator_names, share, strict=True)
     return True, tuple(name for name, size in moving if size > RANK_LOST**0.5)
-
-
-def _motions_of_a_locked_platform(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
-    """Compute rates (k, n_a + passive) of the `moving` columns, platform at rest, in radians and lengths."""
-    values, right = np.linalg.svd(type1_matrix(robot, linearised)[0])[1:]
-    return right[int(np.sum(values >= RANK_LOST * max(values.max(initial=0.0), 1.0))) :]
 
 
 def _is_singular_everywhere(robot: ParallelRobot, q: Array) -> bool:
@@ -192,8 +182,7 @@ def _is_singular_everywhere(robot: ParallelRobot, q: Array) -> bool:
 
 def _least_singular_value(robot: ParallelRobot, q: Array) -> float:
     """Compute the smallest singular value of P at q (nq,)."""
-    P = passive_matrix(robot, linearised_at(robot, q[None], robot.reference.x[None]))
-    return float(np.linalg.svd(P, compute_uv=False).min(initial=np.inf))
+    return float(clearance(robot, linearised_at(robot, q[None], robot.reference.x[None]))[0])
 
 
 def _unit_twists(robot: ParallelRobot, twists: Array) -> Array:
@@ -215,6 +204,6 @@ def _contact(robot: ParallelRobot, closed: ClosedStack, along: ArrayLike, corank
     steps = DIFFERENCE_STEP / size * np.array([-1.0, 0.0, 1.0])[:, None] * rates
     poses = integrate(robot, np.repeat(closed.q, 3, axis=0), steps)
     matrices = type2_matrix(robot, linearised_at(robot, poses, np.repeat(closed.x, 3, axis=0)))
-    G = solve_bordered(matrices, Border.of(matrices[1], corank)).G
+    G = bordered_solution(matrices, 1, corank).G
     slope = (G[2] - G[0]) / (2 * DIFFERENCE_STEP)
-    return "transversal" if np.linalg.svd(slope, compute_uv=False)[-1] > TANGENTIAL_SLOPE else "tangential"
+    return "transversal" if singular_values(slope)[-1] > TANGENTIAL_SLOPE else "tangential"

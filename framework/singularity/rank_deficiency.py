@@ -14,16 +14,17 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from framework.arrays import Array
-from framework.singularity.bordered_system import Border, solve_bordered
-from framework.singularity.extrema_of_g import Extremum, extremum_near
+from framework.linalg.ordered_sums import singular_values
+from framework.singularity.bordered_system import STENCIL_HALF_WIDTH, Root, bordered_solution, root_of_g
 from framework.singularity.piecewise_measure import (
+    Extremum,
     Measured,
     Panel,
     candidates,
     count_below,
+    extremum_near,
     largest_on,
 )
-from framework.singularity.root_of_g import STENCIL_HALF_WIDTH, Root, root_of_g
 from framework.tolerances import (
     DISTINCT_EXTREMA,
     MEASURE_ROUNDING,
@@ -98,7 +99,7 @@ def contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
 
 def find_near_misses(measured: Measured, resolved: list[Panel], known: list[Contact]) -> list[NearMiss]:
     """Find the near misses of the matrix along the path, ascending; `known` are its `contacts`."""
-    smallest = [np.linalg.svd(panel.matrices, compute_uv=False)[:, -1] for panel in resolved]
+    smallest = [singular_values(panel.matrices)[:, -1] for panel in resolved]
     level = NEAR_MISS**measured.power * max((values.max() for values in smallest), default=0.0)
     misses: list[NearMiss] = []
     for k, s in ((0, 0.0), (-1, 1.0)):  # the first node of the first panel, the last of the last
@@ -107,7 +108,7 @@ def find_near_misses(measured: Measured, resolved: list[Panel], known: list[Cont
     for panel in resolved:
         for start in map(float, panel.path_coordinates(panel.extrema)):
             matrix = panel.matrix(start)
-            if np.linalg.svd(matrix, compute_uv=False)[-1] < level:
+            if singular_values(matrix)[-1] < level:
                 size = _border_width(measured, matrix)
                 turning = extremum_near(measured.evaluate, measured.knots, start, size)
                 inside = abs(turning.s - start) < panel.end - panel.start
@@ -124,7 +125,7 @@ def _miss_at_extremum(
     if turning.is_touch or turning.roots() or any(lower <= contact.s <= upper for contact in known):
         return []
     matrix = measured.evaluate(np.array([turning.s]))
-    g = float(solve_bordered(matrix, Border.of(matrix[0])).g[0])
+    g = float(bordered_solution(matrix, 0).g[0])
     return [NearMiss(turning.s, g, min(turning.s - lower, upper - turning.s), size)]
 
 
@@ -138,7 +139,7 @@ def _miss_at_end(measured: Measured, panel: Panel, known: list[Contact], s: floa
     width = float(0.5 * (panel.end - panel.start) * abs(value / slope))
     if any(abs(contact.s - s) <= width for contact in known):
         return []
-    g = float(solve_bordered(matrix[None], Border.of(matrix)).g[0])
+    g = float(bordered_solution(matrix[None], 0).g[0])
     return [NearMiss(s, g, width, _border_width(measured, matrix))]
 
 
@@ -205,7 +206,7 @@ def _is_crossing(measured: Measured, root: Root, size: int) -> bool:
     if not h < s < 1 - h or (root.converged and steep):
         return True
     matrices = measured.evaluate(np.array([s - h, s, s + h]))
-    g = solve_bordered(matrices, Border.of(matrices[1], size)).g
+    g = bordered_solution(matrices, 1, size).g
     return bool(g[0] * g[2] <= 0)
 
 
@@ -225,7 +226,7 @@ def _common_contact(measured: Measured, start: float, size: int) -> Contact | No
         if abs(step) < CONVERGED_STEP or not abs(s + step - start) < SEARCH_RADIUS:
             break
         s = float(np.clip(s + step, 0.0, 1.0))
-    steepness = np.linalg.svd(slope, compute_uv=False) / max(float(np.abs(bend).max()), 1.0)
+    steepness = singular_values(slope) / max(float(np.abs(bend).max()), 1.0)
     kind = "transversal" if steepness[-1] > TANGENTIAL_SLOPE else "tangential"
     # where none has a slope the search comes nearer by halves
     if steepness[0] < TANGENTIAL_SLOPE or abs(step) > NEWTON_STEP:
@@ -246,6 +247,6 @@ def block_slopes(matrices: Callable[[Array], Array], s: float, size: int) -> tup
     h = STENCIL_HALF_WIDTH
     middle = float(np.clip(s, h, 1.0 - h))  # at an end of the path from the side
     stack = matrices(np.array([middle - h, middle, middle + h, s]))
-    lower, centre, upper, G = solve_bordered(stack, Border.of(stack[3], size)).G
+    lower, centre, upper, G = bordered_solution(stack, 3, size).G
     second = (lower - 2 * centre + upper) / h**2
     return G, (upper - lower) / (2 * h) + (s - middle) * second, second

@@ -11,10 +11,10 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.kinematics.continuation.tracking import Branch
-from framework.kinematics.frames import integrate
+from framework.kinematics.frames import integrate_columns
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.loop_matrices import type2_matrix
-from framework.singularity.bordered_system import Border, solve_bordered
+from framework.singularity.bordered_system import bordered_solution
 from framework.singularity.points_on_path import SingularPoint
 
 DIFFERENCE_STEP = 1e-5  # of s, rad, robot lengths, for differences
@@ -34,11 +34,9 @@ def spring_shift(branch: Branch, point: SingularPoint) -> Array:
     deflections = np.vstack([np.diag(steps), -np.diag(steps), np.zeros((2, robot.n_e))])
     ends = np.clip([point.s + DIFFERENCE_STEP, point.s - DIFFERENCE_STEP], 0.0, 1.0)
     s = np.append(np.full(2 * robot.n_e, point.s), ends)
-    motion = np.zeros((len(s), robot.model.nv))
-    motion[:, robot.elastic] = deflections
-    guess = integrate(robot, branch.guess(s), motion)
+    guess = integrate_columns(robot, branch.guess(s), robot.elastic, deflections)
     matrices = type2_matrix(robot, close_loops(robot, path(s), guess).linearised)
-    g = solve_bordered(matrices, Border.of(matrices[-1])).g
+    g = bordered_solution(matrices, -1).g
     by_deflection = (g[: robot.n_e] - g[robot.n_e : -2]) / (2 * steps)
     by_path = (g[-2] - g[-1]) / (ends[0] - ends[1])
     shift = -by_deflection / by_path

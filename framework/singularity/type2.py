@@ -20,6 +20,7 @@ from framework.kinematics.loop_matrices import (
     type2_matrix,
 )
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.linalg.ordered_sums import singular_values
 from framework.tolerances import RANK_LOST
 
 # What no law can cross, by kind: what the joints do there is not a function of the platform's path.
@@ -96,9 +97,8 @@ def escaping_motions(
         at_least: so many motions are taken for uncontrolled however large their singular values are.
     """
     P = passive_matrix(robot, linearised)[0]
-    values, right = np.linalg.svd(P)[1:] if P.shape[1] else (np.zeros(0), np.zeros((0, 0)))
-    corank = max(int(np.sum(values < RANK_LOST * max(values.max(initial=0.0), 1.0))), at_least)
-    motions = passive_motion(robot, right[len(right) - corank :])
+    lost = lost_directions(P, at_least) if P.shape[1] else np.zeros((0, 0))
+    corank, motions = len(lost), passive_motion(robot, lost)
     freedoms = instantaneous_motions(robot, linearised)
     usual = len(robot.moving) - len(robot.loops.names)
     all_twists = _platform_twists(robot, linearised)
@@ -118,6 +118,13 @@ def escaping_motions(
     return EscapingMotions(frozenset(kinds), motions, corank, freedoms.shape[1])
 
 
+def lost_directions(matrix: Array, at_least: int = 0) -> Array:
+    """Return the right singular vectors (c, k) along which a matrix (m, k) loses rank, at least so many."""
+    values, right = np.linalg.svd(matrix)[1:]
+    rank = int(np.sum(values >= RANK_LOST * max(values.max(initial=0.0), 1.0)))
+    return right[min(rank, len(right) - at_least) :]
+
+
 def _platform_twists(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
     """Return the platform's twist (nv, 6) for unit rates of all joints (T = 1), in lengths and radians."""
     twists = linearised.frames.jacobian[0, 0].T.copy()
@@ -127,7 +134,7 @@ def _platform_twists(robot: ParallelRobot, linearised: LinearisedLoops) -> Array
 
 def _rank(rows: Array) -> int:
     """Compute the rank of rows (k, n) without dimension."""
-    return int(np.sum(np.linalg.svd(rows, compute_uv=False) > RANK_LOST)) if rows.size else 0
+    return int(np.sum(singular_values(rows) > RANK_LOST)) if rows.size else 0
 
 
 def twist_norm(robot: ParallelRobot, twist: Array) -> float:

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from framework.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays
+from framework.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays, select
 from framework.dynamics.tangent_stiffness import (
     Balance,
     Load,
@@ -33,7 +33,7 @@ from framework.kinematics.continuation.turning_point import (
     TurningPoints,
     turning_points,
 )
-from framework.kinematics.frames import frames_at, integrate
+from framework.kinematics.frames import frames_at, integrate_columns
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.modes import mode_signs
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -90,10 +90,6 @@ class _Points(NamedTuple):
     share: Array  # (T,) of the load
     rate: Array  # (T, f) of the moving columns with respect to the share, radians and lengths of the robot
 
-    def select(self, which: IntArray) -> _Points:
-        """Return the points `which` (k,) of the T."""
-        return _Points(self.q[which], self.share[which], self.rate[which])
-
 
 class _Prediction(NamedTuple):
     """T steps along the tangents."""
@@ -133,7 +129,7 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
     for _ in range(MAX_STEPS):
         if not len(live):
             break
-        start, whole = current.select(live), load.at(live)
+        start, whole = select(current, live), load.at(live)
         ahead = _step(robot, start, whole, step[live])
         step[live] = np.where(ahead.good, np.minimum(2.0 * ahead.size, MAX_STEP), 0.5 * ahead.size)
         for values, new in zip(current, ahead.points, strict=True):
@@ -141,7 +137,7 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
         reason[live] = _reasons(robot, ahead)
         turned = np.flatnonzero(ahead.turned)
         if len(turned):
-            folds = _folds(robot, start.select(turned), whole.at(turned))
+            folds = _folds(robot, select(start, turned), whole.at(turned))
             turned = live[turned[folds.found]]
             current.q[turned], current.share[turned] = folds.q[folds.found], folds.share[folds.found]
             reason[turned] = LoadReason.GIVES_WAY
@@ -282,6 +278,4 @@ def _folds(robot: ParallelRobot, start: _Points, load: Load) -> TurningPoints:
 def _move(robot: ParallelRobot, q: Array, move: Array) -> Array:
     """Return configurations (T, nq) after moves (T, f) [rad, lengths of the robot]."""
     columns = moving_columns(robot)
-    tangent = np.zeros((len(q), robot.model.nv))
-    tangent[:, columns] = move * robot.column_scale[columns]
-    return integrate(robot, q, tangent)
+    return integrate_columns(robot, q, columns, move * robot.column_scale[columns])

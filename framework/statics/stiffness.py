@@ -38,7 +38,7 @@ from framework.dynamics.tangent_stiffness import (
 )
 from framework.errors import InvalidInput, NotConverged
 from framework.kinematics.closures import scaled
-from framework.kinematics.frames import difference, integrate
+from framework.kinematics.frames import difference, integrate_columns
 from framework.kinematics.linearised_loops import LinearisedLoops, assembled_at
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.pinocchio_memory import scratch_of
@@ -161,7 +161,7 @@ class PlatformStiffness(ReadOnlyArrays):
     def frequencies(self) -> Array:
         """Natural frequencies (k,) [Hz]; NaN for a motion that buckles."""
         with np.errstate(invalid="ignore"):
-            return np.asarray(np.sqrt(self.squares) / (2 * np.pi))
+            return np.sqrt(self.squares) / (2 * np.pi)
 
 
 def platform_stiffness(
@@ -183,15 +183,14 @@ def platform_stiffness(
     expect_robot(robot)
     if wrench is not None and not loaded:
         raise InvalidInput("wrench: counts under load alone; give loaded=True")
-    closed = assembled_at(robot, q)
+    closed, load = assembled_at(robot, q), None
     if loaded:
         q, load = _equilibrium(robot, closed.q[0], wrench)
         closed = assembled_at(robot, q)
-        free = compliant_motions(robot, closed.linearised, closed.q)
+    free = compliant_motions(robot, closed.linearised, closed.q)
+    H = free.K[0]
+    if load is not None:
         H = tangent_stiffness(robot, closed.linearised, closed.q, free.Z, load)[0]
-    else:
-        free = compliant_motions(robot, closed.linearised, closed.q)
-        H = free.K[0]
     squares, shapes = _vibrations(H, free.M[0])
     modes = np.zeros((len(shapes), robot.model.nv))
     modes[:, free.columns] = shapes @ free.Z[0].T
@@ -250,9 +249,7 @@ def _equilibrium(robot: ParallelRobot, q: Array, wrench: ArrayLike | None) -> tu
         size = float(np.abs(step).max())
         if not np.isfinite(size):
             break
-        move = np.zeros((1, robot.model.nv))
-        move[0, columns] = step * min(1.0, MAX_STEP / max(size, MAX_STEP)) * lengths
-        q = integrate(robot, q[None], move)[0]
+        q = integrate_columns(robot, q, columns, step * min(1.0, MAX_STEP / max(size, MAX_STEP)) * lengths)
     raise NotConverged(
         f"{robot.name}: the springs find no equilibrium near this configuration: the load buckles the "
         f"robot, or deflects it by more than linear springs mean",
@@ -263,7 +260,7 @@ def _equilibrium(robot: ParallelRobot, q: Array, wrench: ArrayLike | None) -> tu
 def deflects_little(robot: ParallelRobot, q: Array) -> BoolArray:
     """Whether the deflections of q (T, nq) are within the range of linear springs, (T,)."""
     deflections = (difference(robot, robot.neutral, q) / robot.column_scale)[:, robot.elastic]
-    return np.asarray(np.abs(deflections).max(axis=1, initial=0.0) <= MAX_DEFLECTION)
+    return np.abs(deflections).max(axis=1, initial=0.0) <= MAX_DEFLECTION
 
 
 # ------------------------------------------------------------------ matrices
@@ -294,7 +291,7 @@ def _condense(robot: ParallelRobot, H: Array, X: Array) -> Array:
     if aside.size:
         forces = forces - H @ aside @ np.linalg.solve(aside.T @ H @ aside, aside.T @ H @ raised)
     K = raised.T @ forces
-    return np.asarray(0.5 * (K + K.T))
+    return 0.5 * (K + K.T)
 
 
 def _inverse(robot: ParallelRobot, K: Array) -> Array:

@@ -60,18 +60,16 @@ def test_solutions_of_bordered_systems_are_within_their_bounds(rng):
     P[::2, 2] = P[::2, 1] + 1e-7 * P[::2, 0]  # nearly singular
     errors = 10.0 ** rng.uniform(-8, -1, (BOXES, 1, 1)) * rng.uniform(0, 1, P.shape)
     found = bordered_bounds(P, errors, 1e-13)
-    assert 0.5 < found.valid.mean() < 1
+    valid = found[0].valid & found[1].valid
+    assert 0.5 < valid.mean() < 1
     left, _, right = np.linalg.svd(P)
     for _ in range(10):
         M = np.zeros((BOXES, 4, 4))
         M[:, :3, :3] = P + errors * rng.choice([-1, 1], P.shape)
         M[:, :3, 3], M[:, 3, :3] = left[:, :, -1], right[:, -1]
-        exact = np.linalg.inv(M[found.valid])
-        for z, middle, bound in (
-            (exact[:, :, 3], found.right, found.right_errors),
-            (exact[:, 3], found.left, found.left_errors),
-        ):
-            assert (np.abs(z - middle[found.valid]) <= bound[found.valid] + 1e-12).all()
+        exact = np.linalg.inv(M[valid])
+        for z, bounds in zip((exact[:, :, 3], exact[:, 3]), found, strict=True):
+            assert (np.abs(z - bounds.z[valid]) <= bounds.error[valid] + 1e-12).all()
 
 
 def test_one_root_is_proved_where_there_is_one_and_none_elsewhere(rng):

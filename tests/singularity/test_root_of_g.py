@@ -10,7 +10,7 @@ from framework import Line, locate_singularities, plan_crossing
 from framework.kinematics.continuation.tracking import track_path
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.loop_matrices import type2_matrix
-from framework.singularity.root_of_g import STENCIL_HALF_WIDTH, root_of_g, slope_of_g, stencil
+from framework.singularity.bordered_system import STENCIL_HALF_WIDTH, root_of_g, slope_of_g, stencil
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 
