@@ -243,7 +243,7 @@ class ControlCycle:
         """Return x and dx (n,) of a platform that is a frame."""
         linear, w = self._equations.platform_twist()
         attitude, position = platform.attitude, self._equations.platform_origin
-        if attitude is None:
+        if platform.is_point:
             return position[platform.along], linear[platform.along]
         frames = self._equations.frame_stack(self.q)
         x = platform.unwrap(platform.coordinates(frames), self.x[None])[0]

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array, BoolArray, IntArray
-from framework.kinematics.attitude import TwistAngle, TwoAngles
+from framework.kinematics.attitude import RotationVector, TwistAngle, TwoAngles
 from framework.kinematics.frames import between, integrate
 from framework.kinematics.inverse_kinematics import close_each
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -68,7 +68,7 @@ def regular_ball(
         return RegularBall(0.0, 0)
     test = CellTest(DerivativeBounds.of(robot), x, robot.platform_scale)
     single = _single_cell(test, q, min(within, MAX_TURN))
-    if robot.n > 3 or not (turning is None or planar):
+    if robot.n > 3 or isinstance(turning, RotationVector):
         return RegularBall(single, MAX_HALVINGS + STEPS_PER_OCTAVE)
     many = _many_cells(test, q, within, min(max_cells, int(MAX_WORK / len(robot.moving) ** 4)))
     return RegularBall(max(single, many.radius), many.cells)
