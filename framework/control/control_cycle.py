@@ -79,8 +79,6 @@ class ControlCycle:
         self._row_sizes = robot.row_lengths[self._independent] * robot.structure.row_sizes
         self._lengths = robot.column_scale
         self._motor_sizes = robot.column_scale[robot.actuated]
-        self._rotors = np.zeros(robot.model.nv)
-        self._rotors[robot.actuated] = robot.gear_ratio**2 * robot.rotor_inertia
         self._flat = robot.model.nq == robot.model.nv
         self._motors = robot.actuated_coordinates(start.q[None])[0].copy()
         self.q, self.x, self.dx = start.q.copy(), start.x.copy(), np.zeros(robot.n)
@@ -131,7 +129,7 @@ class ControlCycle:
         """Motor torques (n_a, n_a) for unit accelerations of the motors: torque = mass ddq_a + bias."""
         upper = np.triu(pin.crba(self.robot.model, self._data, self.q))
         whole = upper + np.triu(upper, 1).T
-        whole[np.diag_indices(len(whole))] += self._rotors
+        whole[np.diag_indices(len(whole))] += self.robot.rotors
         return np.asarray(self.T.T @ whole @ self.T / self.robot.gear_ratio[:, None])
 
     @property

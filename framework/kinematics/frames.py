@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from framework.arrays import Array, IntArray
 from framework.kinematics.mechanism import Mechanism
-from framework.kinematics.pinocchio_memory import scratch_of
+from framework.kinematics.pinocchio_memory import Scratch, scratch_of
 from framework.linalg.ordered_sums import cross, matvec
 
 
@@ -77,11 +77,15 @@ def frames_at(mechanism: Mechanism, q: Array) -> FrameStack:
     for k in range(len(q)):
         pin.computeJointJacobians(model, data, q[k])
         pin.updateFramePlacements(model, data)
-        if scratch.refresh is not None:
-            scratch.refresh()
+        scratch.update()
         poses[k] = placements
         screws[k] = columns
-    poses = poses.take(scratch.frames, axis=1)
+    return stacked_frames(scratch, poses, screws, q)
+
+
+def stacked_frames(scratch: Scratch, placements: Array, screws: Array, q: Array) -> FrameStack:
+    """Return the frames at q (T, nq) among all placements (T, frames, 12), with the screws (T, nv, 6)."""
+    poses = placements.take(scratch.frames, axis=1)
     return FrameStack(poses[:, :, 9:], rotations(poses), screws, scratch.carried, q)
 
 
@@ -99,8 +103,7 @@ def frame_motions(mechanism: Mechanism, frames: FrameStack, q: Array, v: Array) 
     twist, drift = moving
     for k in range(len(q)):
         pin.computeForwardKinematicsDerivatives(model, data, q[k], v[k], rest)
-        if scratch.refresh is not None:
-            scratch.refresh()
+        scratch.update()
         twist[k] = velocities
         drift[k] = accelerations
     return FrameMotions.at_origins(moving.take(scratch.bodies, axis=2), frames.position)

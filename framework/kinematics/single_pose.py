@@ -58,8 +58,7 @@ class SinglePose:
         scratch = self.scratch
         pin.computeJointJacobians(self.robot.model, scratch.data, q)
         pin.updateFramePlacements(self.robot.model, scratch.data)
-        if scratch.refresh is not None:
-            scratch.refresh()
+        scratch.update()
         a, b = self._measure(q)
         wrench, lever = self._wrench, self._second_points if self._straight else self._levers(b)
         force = a if self._straight else a * self._unit
@@ -76,8 +75,7 @@ class SinglePose:
         scratch = self.scratch
         pin.computeForwardKinematicsDerivatives(self.robot.model, scratch.data, q, v, np.zeros(len(v)))
         pin.updateFramePlacements(self.robot.model, scratch.data)
-        if scratch.refresh is not None:
-            scratch.refresh()
+        scratch.update()
         self._measure(q)
 
     def drift(self) -> Array:

@@ -24,11 +24,11 @@ from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 from numpy.polynomial import legendre
 
 from framework.arrays import LEAST_DIVISOR, Array, ReadOnlyArrays
-from framework.kinematics.frames import integrate
+from framework.kinematics.frame_variations import tree_columns
+from framework.kinematics.frames import difference_rates, integrate
 from framework.kinematics.loop_curvature import loop_curvature
 from framework.simulation.drive import Drive
 from framework.simulation.equations import EquationsOfMotion, Tangent
@@ -198,8 +198,7 @@ class _StepEquations:
         slope = guess if guess.any() else v
         for _ in range(MAX_SLOPE_ITERATIONS):
             q = integrate(self.equations.robot, self.q0, self.length * self.table.once @ slope)
-            inward = [pin.dDifference(model, self.q0, end, pin.ARG1) for end in q]
-            new = np.einsum("sij,sj->si", np.array(inward), v)
+            new = difference_rates(self.equations.robot, self.q0, q, v)
             if np.abs(new - slope).max() <= COORDINATE_ROUNDING * max(np.abs(v).max(), LEAST_DIVISOR):
                 return new
             slope = new
@@ -214,18 +213,14 @@ class _StepEquations:
         force = equations.motor_forces(torque)
         if world.acts:
             force += world(equations.robot, self.times, q)
-            tangent = tangent.with_world(
-                world.slope(equations.robot, self.times, q, equations.geometry.before)
-            )
+            tangent = tangent.with_world(world.slope(equations.robot, self.times, q))
         force = tangent.force - force - np.einsum("smi,sm->si", tangent.jacobian, multipliers)
         return _Balance(slope, torque, tangent, force)
 
     def newton_matrix(self, tangent: Tangent, multipliers: Array) -> NewtonMatrix | None:
         """Return Newton's matrix; None where the equations are singular."""
-        robot, geometry = self.equations.robot, self.equations.geometry
-        by_q = tangent.by_q - loop_curvature(
-            self.equations.rows, tangent.frames, geometry.before, multipliers
-        )
+        robot, rows = self.equations.robot, self.equations.rows
+        by_q = tangent.by_q - loop_curvature(rows, tangent.frames, tree_columns(robot).before, multipliers)
         by_v = tangent.by_v.copy()
         gains = self.drive.gains(self.time, self.q0, self.v0)
         if gains is not None:
