@@ -84,14 +84,14 @@ def loop_wrenches(rows: LoopRows, frames: FrameStack) -> LoopWrenches:
 
 def _of_frames(rows: LoopRows, frames: FrameStack) -> LoopWrenches:
     """Compute the loop equations between frames as wrenches."""
-    e, d = _first_axes(rows, frames), _displacements(rows, frames)
+    e, d = first_axes(rows, frames), displacements(rows, frames)
     wrench = np.zeros((*d.shape[:2], 6))
     if rows.only_translations:
         wrench[..., :3] = e
         return LoopWrenches(dot(e, d), wrench)
-    w = _second_axes(rows, frames) * rows.sign[:, None]
+    w = second_axes(rows, frames) * rows.sign[:, None]
     turning, distance = rows.rotation[:, None], rows.distance[:, None]
-    length = np.where(rows.distance, rows.length, 1.0)
+    length = rows.length
     wrench[..., :3] = np.where(turning, 0.0, np.where(distance, d / length[:, None], e))
     wrench[..., 3:] = np.where(turning, cross(w, e), 0.0)
     gap = (dot(d, d) - length**2) / (2 * length)
@@ -101,25 +101,24 @@ def _of_frames(rows: LoopRows, frames: FrameStack) -> LoopWrenches:
 
 def wrench_rates(rows: LoopRows, frames: FrameStack, twists: Array) -> Array:
     """Compute the rates (T, m, 6) of the wrenches of `loop_wrenches` for twists (T, F, 6) of the frames."""
-    e, d = _first_axes(rows, frames), _displacements(rows, frames)
+    e, d = first_axes(rows, frames), displacements(rows, frames)
     twist1, twist2 = twists[:, rows.first], twists[:, rows.second]
     rate = np.zeros((*d.shape[:2], 6))
     de = cross(twist1[..., 3:], e)
     if rows.only_translations:
         rate[..., :3] = de
         return rate
-    w = _second_axes(rows, frames) * rows.sign[:, None]
+    w = second_axes(rows, frames) * rows.sign[:, None]
     turning, distance = rows.rotation[:, None], rows.distance[:, None]
-    length = np.where(rows.distance, rows.length, 1.0)[:, None]
     dd, dw = twist2[..., :3] - twist1[..., :3], cross(twist2[..., 3:], w)
-    rate[..., :3] = np.where(turning, 0.0, np.where(distance, dd / length, de))
+    rate[..., :3] = np.where(turning, 0.0, np.where(distance, dd / rows.length[:, None], de))
     rate[..., 3:] = np.where(turning, cross(dw, e) + cross(w, de), 0.0)
     return rate
 
 
 def closure_drift(rows: LoopRows, frames: FrameStack, motions: FrameMotions) -> Array:
     """Compute the second time derivative (T, m) of the loop equations when joint accelerations are zero."""
-    e, d = _first_axes(rows, frames), _displacements(rows, frames)
+    e, d = first_axes(rows, frames), displacements(rows, frames)
     first = motions.rates.take(rows.first, axis=2)  # twists and drifts, (2, T, m, 6)
     apart = motions.rates.take(rows.second, axis=2) - first
     # all as seen from the first frame, where e rests: p2 moves with `velocity` and `acceleration`
@@ -129,24 +128,24 @@ def closure_drift(rows: LoopRows, frames: FrameStack, motions: FrameMotions) -> 
     translation = dot(e, acceleration)
     if rows.only_translations:
         return translation
-    w, turning = _second_axes(rows, frames), apart[0, ..., 3:]
+    w, turning = second_axes(rows, frames), apart[0, ..., 3:]
     turned = cross(apart[1, ..., 3:] - cross(omega, turning), w) + cross(turning, cross(turning, w))
-    distance = (dot(velocity, velocity) + dot(d, acceleration)) / np.where(rows.distance, rows.length, 1.0)
+    distance = (dot(velocity, velocity) + dot(d, acceleration)) / rows.length
     along = np.where(rows.rotation, rows.sign * dot(e, turned), translation)
     return np.where(rows.distance, distance, along)
 
 
-def _first_axes(rows: LoopRows, frames: FrameStack) -> Array:
+def first_axes(rows: LoopRows, frames: FrameStack) -> Array:
     """Return the axis of every row on its first frame, (T, m, 3)."""
     return frames.rotation.swapaxes(2, 3)[:, rows.first, rows.first_axis]
 
 
-def _displacements(rows: LoopRows, frames: FrameStack) -> Array:
+def displacements(rows: LoopRows, frames: FrameStack) -> Array:
     """Compute p2 - p1 of every row, (T, m, 3)."""
     return frames.position[:, rows.second] - frames.position[:, rows.first]
 
 
-def _second_axes(rows: LoopRows, frames: FrameStack) -> Array:
+def second_axes(rows: LoopRows, frames: FrameStack) -> Array:
     """Return the axis of every row on its second frame, (T, m, 3)."""
     return frames.rotation.swapaxes(2, 3)[:, rows.second, rows.second_axis]
 

@@ -228,7 +228,8 @@ class LegEquations:
         position = ~robot.rows.rotation[self.loops]
         others = np.abs(self.extended_slides())
         others[self.own[slide]] = 0.0
-        ends = robot.rows.length[self.loops].sum() + (0.0 if self.x is None else np.abs(self.x).sum())
+        ends = (robot.rows.length * robot.rows.distance)[self.loops].sum()
+        ends += 0.0 if self.x is None else np.abs(self.x).sum()
         bounds = []
         for k, chain in enumerate(self.chains):
             rows = np.flatnonzero(position & (self.chain_of == k))
