@@ -123,11 +123,20 @@ def integrate(mechanism: Mechanism, q: Array, step: Array) -> Array:
 
 
 def difference(mechanism: Mechanism, start: Array, q: Array) -> Array:
-    """Compute tangent vectors (T, nv) from one configuration `start` (nq,) to q (T, nq)."""
+    """Compute tangent vectors (..., nv) from configurations start (..., nq) to q (..., nq), broadcast."""
     model = mechanism.model
     if model.nq == model.nv:
-        return q - start
-    return np.array([pin.difference(model, start, np.ascontiguousarray(row)) for row in q])
+        return np.asarray(q - start)
+    pairs = np.broadcast_arrays(start, q)
+    flat = (np.ascontiguousarray(part).reshape(-1, model.nq) for part in pairs)
+    ways = [pin.difference(model, first, end) for first, end in zip(*flat, strict=True)]
+    return np.array(ways).reshape(*pairs[0].shape[:-1], model.nv)
+
+
+def _difference_slopes(mechanism: Mechanism, start: Array, q: Array) -> Array:
+    """Compute the derivatives (T, nv, nv) of `difference` from start (nq,) to q (T, nq) along joint rates."""
+    rows = map(np.ascontiguousarray, q)
+    return np.array([pin.dDifference(mechanism.model, start, row, pin.ArgumentPosition.ARG1) for row in rows])
 
 
 def along_joints(mechanism: Mechanism, start: Array, q: Array, force: Array) -> Array:
@@ -138,8 +147,7 @@ def along_joints(mechanism: Mechanism, start: Array, q: Array, force: Array) -> 
     model = mechanism.model
     if model.nq == model.nv or not force.any():
         return force
-    by_q = [pin.dDifference(model, start, np.ascontiguousarray(row), pin.ArgumentPosition.ARG1) for row in q]
-    return matvec(np.array(by_q).swapaxes(1, 2), force)
+    return matvec(_difference_slopes(mechanism, start, q).swapaxes(1, 2), force)
 
 
 def along_joints_slope(mechanism: Mechanism, start: Array, q: Array, stiffness: Array) -> Array:
@@ -150,8 +158,7 @@ def along_joints_slope(mechanism: Mechanism, start: Array, q: Array, stiffness: 
     model = mechanism.model
     if model.nq == model.nv:
         return np.broadcast_to(np.diag(stiffness), (len(q), model.nv, model.nv))
-    by_q = [pin.dDifference(model, start, np.ascontiguousarray(row), pin.ArgumentPosition.ARG1) for row in q]
-    return np.asarray(stiffness[:, None] * np.array(by_q))
+    return np.asarray(stiffness[:, None] * _difference_slopes(mechanism, start, q))
 
 
 def difference_rates(mechanism: Mechanism, start: Array, q: Array, v: Array) -> Array:
@@ -159,16 +166,4 @@ def difference_rates(mechanism: Mechanism, start: Array, q: Array, v: Array) -> 
     model = mechanism.model
     if model.nq == model.nv:
         return v
-    by_q = [pin.dDifference(model, start, np.ascontiguousarray(row), pin.ArgumentPosition.ARG1) for row in q]
-    return matvec(np.array(by_q), v)
-
-
-def between(mechanism: Mechanism, start: Array, q: Array) -> Array:
-    """Compute tangent vectors (..., nv) from configurations start (..., nq) to q (..., nq), broadcast."""
-    model = mechanism.model
-    if model.nq == model.nv:
-        return np.asarray(q - start)
-    pairs = np.broadcast_arrays(start, q)
-    flat = (np.ascontiguousarray(part).reshape(-1, model.nq) for part in pairs)
-    ways = [pin.difference(model, first, end) for first, end in zip(*flat, strict=True)]
-    return np.array(ways).reshape(*pairs[0].shape[:-1], model.nv)
+    return matvec(_difference_slopes(mechanism, start, q), v)

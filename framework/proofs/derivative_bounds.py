@@ -23,7 +23,7 @@ import numpy as np
 
 from framework.arrays import Array, BoolArray, IntArray
 from framework.errors import InvalidInput
-from framework.kinematics.frames import FrameStack, between, frames_at, integrate
+from framework.kinematics.frames import FrameStack, difference, frames_at, integrate
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.ordered_sums import cross
 from framework.proofs.equation_terms import BASE, Chain, EquationTerms, Term, moving_balls
@@ -80,7 +80,7 @@ class DerivativeBounds:
         sizes = np.concatenate([np.ones(robot.n), robot.structure.row_sizes])
         links = sum(float(np.linalg.norm(placement.translation)) for placement in robot.model.jointPlacements)
         links += sum(float(np.linalg.norm(robot.model.frames[k].placement.translation)) for k in robot.frames)
-        links += float(np.abs(between(robot, robot.neutral, robot.reference.q)[robot.sliding]).sum())
+        links += float(np.abs(difference(robot, robot.neutral, robot.reference.q)[robot.sliding]).sum())
         slid = max(reach, 1.0) * np.count_nonzero(robot.sliding[robot.moving])
         size = links / robot.length + 1.0 + float(slid)
         table = EquationTerms.of(robot)

@@ -17,7 +17,7 @@ import numpy as np
 
 from framework.arrays import Array, BoolArray, IntArray
 from framework.kinematics.closures import loop_equations
-from framework.kinematics.frames import FrameStack, between, frames_at, integrate
+from framework.kinematics.frames import FrameStack, difference, frames_at, integrate
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import scratch_of
 from framework.kinematics.placements import planar_normal
@@ -210,7 +210,7 @@ class LegEquations:
 
     def _slides(self, q: Array) -> Array:
         """Compute how far the slides are out in q (..., nq), (..., nv) [m]; 0 for hinges."""
-        return np.where(self.robot.sliding, between(self.robot, self.robot.neutral, q), 0.0)
+        return np.where(self.robot.sliding, difference(self.robot, self.robot.neutral, q), 0.0)
 
     def extended_slides(self) -> Array:
         """Compute how far the slides are out in the configuration about which the leg is paved, (nv,) [m]."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from framework.arrays import Array, BoolArray, IntArray
 from framework.kinematics.closures import loop_equations, scaled
-from framework.kinematics.frames import FrameStack, between, frames_at, integrate
+from framework.kinematics.frames import FrameStack, difference, frames_at, integrate
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.loop_matrices import passive_matrix, type1_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -105,7 +105,7 @@ def random_starts(robot: ParallelRobot, q: Array, count: int, columns: IntArray 
 
 def nearest_turn(robot: ParallelRobot, q: Array) -> Array:
     """Return the same configuration (nq,), passive hinges less than half a turn from the reference."""
-    offset = between(robot, robot.reference.q, q)
+    offset = difference(robot, robot.reference.q, q)
     hinges = robot.passive[~robot.sliding[robot.passive]]
     offset[hinges] = np.mod(offset[hinges] + np.pi, 2 * np.pi) - np.pi
     return integrate(robot, robot.reference.q, offset)
@@ -113,7 +113,7 @@ def nearest_turn(robot: ParallelRobot, q: Array) -> Array:
 
 def distance_from_reference(robot: ParallelRobot, q: Array) -> float:
     """Compute the distance of a configuration (nq,) from the reference [rad, lengths]."""
-    return float(np.linalg.norm(between(robot, robot.reference.q, q) / robot.column_scale))
+    return float(np.linalg.norm(difference(robot, robot.reference.q, q) / robot.column_scale))
 
 
 def is_proved(robot: ParallelRobot, q: Array, *, locked: str = "motors") -> bool:
@@ -136,7 +136,7 @@ def is_proved(robot: ParallelRobot, q: Array, *, locked: str = "motors") -> bool
     values = float(np.abs(linearised.residual[0, robot.n :] * weights).max())
     reach = sum(float(np.linalg.norm(placement.translation)) for placement in robot.model.jointPlacements)
     reach += sum(float(np.linalg.norm(robot.model.frames[k].placement.translation)) for k in robot.frames)
-    reach += float(np.abs(between(robot, robot.neutral, q)[robot.sliding]).sum())
+    reach += float(np.abs(difference(robot, robot.neutral, q)[robot.sliding]).sum())
     size = reach / robot.length + 1.0  # with a length to spare for slides near by
     shortest = float(robot.loops.length[robot.loops.distance].min(initial=robot.length))
     bend = 8.0 * size**2 * robot.length / shortest / min(float(robot.structure.row_sizes.min()), 1.0)

@@ -16,7 +16,7 @@ import numpy as np
 
 from framework.arrays import Array, BoolArray, IntArray
 from framework.kinematics.attitude import RotationVector, TwistAngle, TwoAngles
-from framework.kinematics.frames import between, integrate
+from framework.kinematics.frames import difference, integrate
 from framework.kinematics.inverse_kinematics import close_each
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import planar_normal
@@ -194,10 +194,10 @@ def _agree(test: CellTest, grid: _Grid, cubes: _Cubes, q: Array) -> BoolArray:
     point = test(nearest, joints, np.zeros(cubes.size))
     agree = point.proved & (neighbour >= 0)
     for index in (np.arange(cubes.size), neighbour):
-        offset = between(robot, cells.q[index], joints)[:, robot.moving] / scale
+        offset = difference(robot, cells.q[index], joints)[:, robot.moving] / scale
         agree &= (ROUND_UP * (np.abs(offset) + point.radii) <= cells.radii[index]).all(axis=1)
     home = (nearest == 0).all(axis=1)
-    offset = between(robot, cells.q[home], np.repeat(q[None], np.count_nonzero(home), axis=0))
+    offset = difference(robot, cells.q[home], np.repeat(q[None], np.count_nonzero(home), axis=0))
     offset = np.abs(offset[:, robot.moving] / scale) + LOOP_GAP
     agree[home] &= (offset <= cells.radii[home]).all(axis=1)
     return np.asarray(agree)
