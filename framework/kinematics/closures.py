@@ -51,12 +51,6 @@ class LoopWrenches(NamedTuple):
     residual: Array  # (T, m)
     wrench: Array  # (T, m, 6) force and couple at the origin of the second frame
 
-    def take(self, rows: IntArray) -> LoopWrenches:
-        """Return some of the equations, by ascending rows."""
-        if len(rows) == self.residual.shape[1]:
-            return self
-        return LoopWrenches(self.residual.take(rows, axis=1), self.wrench.take(rows, axis=1))
-
 
 def loop_equations(rows: LoopRows, frames: FrameStack) -> LoopEquations:
     """Compute closures(q) and its derivative, of any rows of a robot."""
@@ -133,6 +127,20 @@ def closure_drift(rows: LoopRows, frames: FrameStack, motions: FrameMotions) -> 
     distance = (dot(velocity, velocity) + dot(d, acceleration)) / rows.length
     along = np.where(rows.rotation, rows.sign * dot(e, turned), translation)
     return np.where(rows.distance, distance, along)
+
+
+def row_factors(rows: LoopRows, placed: Array) -> tuple[Array, Array]:
+    """Return both factors (..., m, 3) of every row out of axes and origins (..., F, 4, 3), or of rates.
+
+    The first is an axis of the first frame, or p2 - p1 of a distance; the second is p2 - p1, or an axis of
+    the second frame.
+    """
+    vectors = placed.reshape(*placed.shape[:-3], -1, 3).take(rows.vectors, axis=-2)  # (..., 4, m, 3)
+    first, apart = vectors[..., 0, :, :], vectors[..., 3, :, :] - vectors[..., 2, :, :]
+    if rows.only_translations:
+        return first, apart
+    second = np.where(rows.rotation[:, None], vectors[..., 1, :, :] * rows.sign[:, None], apart)
+    return np.where(rows.distance[:, None], apart, first), second
 
 
 def first_axes(rows: LoopRows, frames: FrameStack) -> Array:

@@ -21,9 +21,10 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array, BoolArray, IntArray
+from framework.kinematics.closures import row_factors
 from framework.kinematics.frames import FrameStack
 from framework.kinematics.mechanism import Mechanism
-from framework.kinematics.pinocchio_memory import carriers
+from framework.kinematics.pinocchio_memory import carriers, scratch_of
 from framework.linalg.ordered_sums import cross, dot
 from framework.model.loop_rows import LoopRows
 
@@ -84,8 +85,8 @@ class TreeMotion:
         before, quicker = V[:, columns.parent], A[:, columns.parent]
         once = bracket(before, S)
         twice = bracket(before, once) + bracket(quicker, S)
-        twist = frames.carried @ (S * v[..., None])
-        acceleration = frames.carried @ (S * a[..., None] + own * v[..., None])
+        bodies = scratch_of(mechanism).bodies
+        twist, acceleration = V[:, bodies], A[:, bodies]
         placed = np.concatenate([frames.rotation.swapaxes(2, 3), frames.position[:, :, None]], axis=2)
         rate = carried_along(twist, placed)
         second = carried_along(acceleration, placed) + turned(twist, rate)
@@ -128,20 +129,6 @@ def row_variation(rows: LoopRows, motion: TreeMotion, variation: FrameVariation)
     once = dot(da1, b0) + dot(a1, db0) + dot(da0, b1) + dot(a0, db1)
     twice = dot(da2, b0) + dot(a2, db0) + dot(da0, b2) + dot(a0, db2) + 2.0 * (dot(da1, b1) + dot(a1, db1))
     return rows.weight * once, rows.weight * twice
-
-
-def row_factors(rows: LoopRows, placed: Array) -> tuple[Array, Array]:
-    """Return both factors (..., m, 3) of every row out of axes and origins (..., F, 4, 3), or of rates.
-
-    The first is an axis of the first frame, or p2 - p1 of a distance; the second is p2 - p1, or an axis of
-    the second frame.
-    """
-    vectors = placed.reshape(*placed.shape[:-3], -1, 3).take(rows.vectors, axis=-2)  # (..., 4, m, 3)
-    first, apart = vectors[..., 0, :, :], vectors[..., 3, :, :] - vectors[..., 2, :, :]
-    if rows.only_translations:
-        return first, apart
-    second = np.where(rows.rotation[:, None], vectors[..., 1, :, :] * rows.sign[:, None], apart)
-    return np.where(rows.distance[:, None], apart, first), second
 
 
 def turned(twist: Array, vectors: Array) -> Array:

@@ -102,18 +102,23 @@ class ClosedStack:
 
 def linearised_at(robot: ParallelRobot, q: Array, x: Array | None) -> LinearisedLoops:
     """Compute F and its derivatives at q (T, nq) for the platform at x (T, n); None: where q has it."""
-    equations, frames, count, n = robot.equations, frames_at(robot, q), len(q), robot.n
-    loops = loop_wrenches(robot.rows, frames)
-    residual, wrench = np.zeros((count, len(equations.bodies))), np.empty((count, len(equations.bodies), 6))
+    equations, frames, n = robot.equations, frames_at(robot, q), robot.n
+    loops, residual = loop_wrenches(robot.rows, frames), np.zeros((len(q), len(equations.bodies)))
     if x is not None:
         residual[:, :n] = robot.platform.residual(frames, x)
+    residual[:, n:] = loops.residual.take(robot.structure.independent, axis=1)
+    entries = equations.pattern.entries(equation_wrenches(robot, frames, loops), frames.screws)
+    return LinearisedLoops(equations, frames, loops, residual, entries)
+
+
+def equation_wrenches(robot: ParallelRobot, frames: FrameStack, loops: LoopWrenches) -> Array:
+    """Compute the wrenches (T, n + m, 6) of platform and independent loops about the base's origin."""
+    bodies, n = robot.equations.bodies, robot.n
+    wrench = np.empty((len(frames.q), len(bodies), 6))
     wrench[:, :n] = robot.platform.wrenches(frames)
-    residual[:, n:], wrench[:, n:] = loops.take(robot.structure.independent)
-    arm = frames.position.take(equations.bodies, axis=1)
-    wrench[..., 3:] += cross(arm, wrench[..., :3])  # about the base's origin
-    return LinearisedLoops(
-        equations, frames, loops, residual, equations.pattern.entries(wrench, frames.screws)
-    )
+    wrench[:, n:] = loops.wrench.take(robot.structure.independent, axis=1)
+    wrench[..., 3:] += cross(frames.position.take(bodies, axis=1), wrench[..., :3])
+    return wrench
 
 
 def linearised_at_reference(robot: ParallelRobot) -> LinearisedLoops:

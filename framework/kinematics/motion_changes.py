@@ -20,7 +20,7 @@ from framework.errors import InvalidInput
 from framework.kinematics.frame_variations import TreeMotion, row_variation
 from framework.kinematics.idle_turns import driven_turns
 from framework.kinematics.linearised_loops import LinearisedLoops
-from framework.kinematics.motion_rates import Motion, undetermined_joints
+from framework.kinematics.motion_rates import Motion, moving_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.platform import CoordinateRates
 
@@ -98,10 +98,7 @@ def solved_rates(
     if len(columns):
         rates[..., columns] = known
         right = right - known @ linearised.jacobian[:, :, columns].swapaxes(1, 2)
-    try:
-        rates[..., robot.moving] = linearised.factors.solve(right.swapaxes(0, 1)).swapaxes(0, 1)
-    except np.linalg.LinAlgError:
-        raise undetermined_joints(robot, linearised) from None
+    rates[..., robot.moving] = moving_rates(robot, linearised, right.swapaxes(0, 1)).swapaxes(0, 1)
     return rates
 
 

@@ -10,7 +10,8 @@ import numpy as np
 import pinocchio as pin
 
 from framework.arrays import Array
-from framework.kinematics.frame_variations import carried_along, row_factors, turned
+from framework.kinematics.closures import row_factors
+from framework.kinematics.frame_variations import carried_along, turned
 from framework.kinematics.frames import FrameStack, rotations
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import Scratch

@@ -180,8 +180,7 @@ class _StepEquations:
     @cached_property
     def torque(self) -> Array | None:
         """Torques (s, n_a) of time alone; None with feedback."""
-        nothing = np.empty((self.table.stages, 0))
-        return None if self.drive.feedback else self.drive(self.times, nothing, nothing)
+        return self.drive.of_time(self.times)
 
     def nodes(self, a: Array, slope: Array) -> tuple[Array, Array, Array]:
         """Compute q (s, nq), v (s, nv) and the slope (s, nv) for accelerations a (s, nv)."""
@@ -213,7 +212,7 @@ class _StepEquations:
         force = equations.motor_forces(torque)
         if world.acts:
             force += world(equations.robot, self.times, q)
-            tangent = tangent.with_world(world.slope(equations.robot, self.times, q))
+            tangent = tangent._replace(by_q=tangent.by_q - world.slope(equations.robot, self.times, q))
         force = tangent.force - force - np.einsum("smi,sm->si", tangent.jacobian, multipliers)
         return _Balance(slope, torque, tangent, force)
 

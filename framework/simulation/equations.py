@@ -46,10 +46,6 @@ class Tangent(NamedTuple):
         terms = (force[entry], by_q[entry], by_v[entry], mass[entry])
         return Tangent(*terms, frames.at(entry), residual[entry], jacobian[entry])
 
-    def with_world(self, slope: Array) -> Tangent:
-        """Return the terms with forces of the world whose derivative by q is `slope` (T, nv, nv)."""
-        return self._replace(by_q=self.by_q - slope)
-
 
 @dataclass(frozen=True, eq=False)
 class EquationsOfMotion:
@@ -104,7 +100,7 @@ class EquationsOfMotion:
         idle = self.robot.structure.idle
         if not len(idle):
             return self
-        mass = self.tangent(self.robot.q_near[None], *np.zeros((2, 1, self.robot.model.nv))).mass[0]
+        mass = self.tangent_at_rest(self.robot.q_near).mass[0]
         massless = idle[np.diag(mass)[idle] <= EIGENVALUE_ROUNDING * np.diag(mass).max()]
         rotors = self.rotors.copy()
         rotors[massless] = 1.0
@@ -143,6 +139,11 @@ class EquationsOfMotion:
         frames = stacked_frames(scratch, placements, screws, q)
         loops = loop_equations(self.rows, frames)
         return Tangent(force, by_q, by_v, mass, frames, loops.residual, loops.jacobian)
+
+    def tangent_at_rest(self, q: Array) -> Tangent:
+        """Compute all terms and derivatives at one configuration (nq,) at rest, T = 1."""
+        rest = np.zeros((1, self.robot.model.nv))
+        return self.tangent(q[None], rest, rest)
 
     def energy(self, q: Array, v: Array) -> Array:
         """Compute the sum of kinetic, gravitational and elastic energy (T,) [J], heights from the base."""
