@@ -21,8 +21,9 @@ from framework.kinematics.frames import (
     frames_at,
 )
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.linalg.banded_lu import Factors
+from framework.linalg.banded_lu import Band, Factors
 from framework.linalg.ordered_sums import cross
+from framework.linalg.sparsity import Part
 from framework.tolerances import FILE_ROUNDING
 
 
@@ -73,10 +74,7 @@ class LinearisedLoops:
         Raises:
             numpy.linalg.LinAlgError: there are not as many equations as columns.
         """
-        band = self.equations.moving_band
-        if band is None:
-            raise np.linalg.LinAlgError("the platform and the loops do not make a square system")
-        return band.factor(self.entries.take(self.equations.moving.entry, axis=1))
+        return self._factor(self.equations.moving_band, self.equations.moving, "the platform and the loops")
 
     @cached_property
     def passive_factors(self) -> Factors:
@@ -85,10 +83,14 @@ class LinearisedLoops:
         Raises:
             numpy.linalg.LinAlgError: there are not as many loop equations as columns.
         """
-        band = self.equations.passive_band
+        return self._factor(
+            self.equations.passive_band, self.equations.passive, "the loops along passive joints"
+        )
+
+    def _factor(self, band: Band | None, part: Part, what: str) -> Factors:
         if band is None:
-            raise np.linalg.LinAlgError("the loops do not make a square system for the passive joints")
-        return band.factor(self.entries.take(self.equations.passive.entry, axis=1))
+            raise np.linalg.LinAlgError(f"{what} do not make a square system")
+        return band.factor(self.entries.take(part.entry, axis=1))
 
 
 @dataclass(frozen=True, eq=False)

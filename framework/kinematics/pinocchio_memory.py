@@ -60,19 +60,9 @@ class Scratch(NamedTuple):
                 array[...] = current
 
         bodies = np.array([model.frames[frame].parentJoint for frame in frames], dtype=np.intp)
-        return Scratch(
-            data=data,
-            placements=arrays[0],
-            columns=arrays[1],
-            velocities=arrays[2],
-            accelerations=arrays[3],
-            joints=arrays[4],
-            forces=arrays[5],
-            frames=np.array(frames, dtype=np.intp),
-            bodies=bodies,
-            carried=carriers(model, bodies),
-            refresh=None if shown else refresh,
-        )
+        rows = np.array(frames, dtype=np.intp)
+        carried = carriers(model, bodies)
+        return Scratch._make((data, *arrays, rows, bodies, carried, None if shown else refresh))
 
 
 def scratch_of(mechanism: Mechanism) -> Scratch:
