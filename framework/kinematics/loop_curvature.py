@@ -11,22 +11,18 @@ serial kinematic chain", Mechanism and Machine Theory 31(2).
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from framework.arrays import Array
 from framework.kinematics.closures import displacements, first_axes, second_axes
+from framework.kinematics.frame_variations import tree_columns
 from framework.kinematics.frames import FrameStack
+from framework.kinematics.mechanism import Mechanism
 from framework.linalg.ordered_sums import cross
 from framework.model.loop_rows import LoopRows
 
 
-def loop_curvature(
-    rows: LoopRows, frames: FrameStack, before: NDArray[np.bool_], multipliers: Array
-) -> Array:
-    """Compute d(J' lambda)/dq (T, nv, nv) for multipliers (T, m), row by row along the second index.
-
-    `before` (nv, nv) tells of columns i and j whether i moves what j turns about, see `tree_columns`.
-    """
+def loop_curvature(mechanism: Mechanism, rows: LoopRows, frames: FrameStack, multipliers: Array) -> Array:
+    """Compute d(J' lambda)/dq (T, nv, nv) for multipliers (T, m), row by row along the second index."""
     jacobian = frames.jacobian.transpose(0, 1, 3, 2)  # (T, F, nv, 6)
     slides, turns = jacobian[..., :3], jacobian[..., 3:]
     turn1 = turns[:, rows.first]  # (T, m, nv, 3)
@@ -65,6 +61,7 @@ def loop_curvature(
     if rows.distance.any():
         stretched = np.where(distance, load / rows.length[:, None], 0.0)[..., None]
         symmetric += _products(stretched * slide, slide)
+    before = tree_columns(mechanism).before
     strictly = before & ~before.T  # not two columns of one ball, whose order matters
     return np.asarray(
         symmetric + (upper * before).transpose(0, 2, 1) + np.where(strictly, upper, 0.0), dtype=float

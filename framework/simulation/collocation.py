@@ -27,7 +27,6 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from framework.arrays import LEAST_DIVISOR, Array, ReadOnlyArrays
-from framework.kinematics.frame_variations import tree_columns
 from framework.kinematics.frames import difference_rates, integrate
 from framework.kinematics.loop_curvature import loop_curvature
 from framework.simulation.drive import Drive
@@ -219,7 +218,7 @@ class _StepEquations:
     def newton_matrix(self, tangent: Tangent, multipliers: Array) -> NewtonMatrix | None:
         """Return Newton's matrix; None where the equations are singular."""
         robot, rows = self.equations.robot, self.equations.rows
-        by_q = tangent.by_q - loop_curvature(rows, tangent.frames, tree_columns(robot).before, multipliers)
+        by_q = tangent.by_q - loop_curvature(robot, rows, tangent.frames, multipliers)
         by_v = tangent.by_v.copy()
         gains = self.drive.gains(self.time, self.q0, self.v0)
         if gains is not None:

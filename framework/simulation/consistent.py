@@ -14,7 +14,6 @@ import numpy as np
 from framework.arrays import LEAST_DIVISOR, Array, BoolArray
 from framework.errors import InvalidInput, NotAssembled, NotConverged
 from framework.kinematics.closures import loop_wrenches, scaled
-from framework.kinematics.frame_variations import tree_columns
 from framework.kinematics.frames import integrate
 from framework.kinematics.loop_curvature import loop_curvature
 from framework.linalg.ordered_sums import matmul
@@ -124,8 +123,7 @@ def balancing_step(
 ) -> Array:
     """Compute the step along the massless motions towards the balance of their springs."""
     multipliers = np.linalg.lstsq(tangent.jacobian[0].T, unbalanced, rcond=None)[0]
-    before = tree_columns(equations.robot).before
-    curved = loop_curvature(equations.rows, tangent.frames, before, multipliers[None])[0]
+    curved = loop_curvature(equations.robot, equations.rows, tangent.frames, multipliers[None])[0]
     springs = light.T @ np.diag(equations.stiffness) @ light
     strength = np.linalg.eigvalsh(springs + light.T @ np.diag(equations.damping) @ light)
     stiffest = max(

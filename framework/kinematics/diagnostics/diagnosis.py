@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+import numpy as np
+
 from framework.arrays import Array
 from framework.errors import NotAssembled, SingularReference, expect
 from framework.kinematics.assembly import all_loops_matrix, nearby_configurations
