@@ -79,35 +79,36 @@ def loop_wrenches(rows: LoopRows, frames: FrameStack) -> LoopWrenches:
 def _of_frames(rows: LoopRows, frames: FrameStack) -> LoopWrenches:
     """Compute the loop equations between frames as wrenches."""
     e, d = first_axes(rows, frames), displacements(rows, frames)
-    wrench = np.zeros((*d.shape[:2], 6))
     if rows.only_translations:
-        wrench[..., :3] = e
-        return LoopWrenches(dot(e, d), wrench)
+        return LoopWrenches(dot(e, d), _stacked_wrenches(rows, e, d))
     w = second_axes(rows, frames) * rows.sign[:, None]
+    gap = (dot(d, d) - rows.length**2) / (2 * rows.length)
+    along = dot(e, np.where(rows.rotation[:, None], w, d))
+    residual = np.where(rows.distance, gap, along)
+    return LoopWrenches(residual, _stacked_wrenches(rows, e, d, cross(w, e)))
+
+
+def _stacked_wrenches(rows: LoopRows, along: Array, apart: Array, couple: Array | None = None) -> Array:
+    """Return wrenches (T, m, 6) of translations, distances and rotations, or their rates, each (T, m, 3)."""
+    wrench = np.zeros((*along.shape[:2], 6))
+    if couple is None:  # translations only
+        wrench[..., :3] = along
+        return wrench
     turning, distance = rows.rotation[:, None], rows.distance[:, None]
-    length = rows.length
-    wrench[..., :3] = np.where(turning, 0.0, np.where(distance, d / length[:, None], e))
-    wrench[..., 3:] = np.where(turning, cross(w, e), 0.0)
-    gap = (dot(d, d) - length**2) / (2 * length)
-    along = dot(e, np.where(turning, w, d))
-    return LoopWrenches(np.where(rows.distance, gap, along), wrench)
+    wrench[..., :3] = np.where(turning, 0.0, np.where(distance, apart / rows.length[:, None], along))
+    wrench[..., 3:] = np.where(turning, couple, 0.0)
+    return wrench
 
 
 def wrench_rates(rows: LoopRows, frames: FrameStack, twists: Array) -> Array:
     """Compute the rates (T, m, 6) of the wrenches of `loop_wrenches` for twists (T, F, 6) of the frames."""
-    e, d = first_axes(rows, frames), displacements(rows, frames)
-    twist1, twist2 = twists[:, rows.first], twists[:, rows.second]
-    rate = np.zeros((*d.shape[:2], 6))
-    de = cross(twist1[..., 3:], e)
+    e, twist1, twist2 = first_axes(rows, frames), twists[:, rows.first], twists[:, rows.second]
+    de, dd = cross(twist1[..., 3:], e), twist2[..., :3] - twist1[..., :3]
     if rows.only_translations:
-        rate[..., :3] = de
-        return rate
+        return _stacked_wrenches(rows, de, dd)
     w = second_axes(rows, frames) * rows.sign[:, None]
-    turning, distance = rows.rotation[:, None], rows.distance[:, None]
-    dd, dw = twist2[..., :3] - twist1[..., :3], cross(twist2[..., 3:], w)
-    rate[..., :3] = np.where(turning, 0.0, np.where(distance, dd / rows.length[:, None], de))
-    rate[..., 3:] = np.where(turning, cross(dw, e) + cross(w, de), 0.0)
-    return rate
+    dw = cross(twist2[..., 3:], w)
+    return _stacked_wrenches(rows, de, dd, cross(dw, e) + cross(w, de))
 
 
 def closure_drift(rows: LoopRows, frames: FrameStack, motions: FrameMotions) -> Array:
