@@ -15,16 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from framework.arrays import Array, BoolArray, IntArray
-from framework.kinematics.closures import scaled
-from framework.kinematics.continuation.predictor_corrector import is_small
-from framework.kinematics.frames import between, integrate
+from framework.kinematics.continuation.predictor_corrector import is_small, is_straight
+from framework.kinematics.frames import difference, integrate
 from framework.kinematics.inverse_kinematics import close_each
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
-from framework.kinematics.modes import keeps_working_mode
+from framework.kinematics.loop_matrices import lost_equations
+from framework.kinematics.modes import keeps_sign, keeps_working_mode
 from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.linalg.ordered_sums import singular_values
-from framework.tolerances import BRANCH_TURN, BRANCHES_CROSS, DETERMINANT_LOST
+from framework.tolerances import BRANCHES_CROSS
 
 NEWTON_STEPS = 10  # Newton steps to a neighbour; a step along the tangent that needs more is no good one
 MAX_JOINT_STEP = 0.5  # [rad, lengths] that such a step may move a joint by
@@ -141,7 +140,7 @@ def _step_once(robot: ParallelRobot, q: Array, start: Array, end: Array) -> Step
         robot, end, predicted, iterations=NEWTON_STEPS, farthest=MAX_JOINT_STEP
     )
     with np.errstate(invalid="ignore"):
-        correction = np.abs(between(robot, predicted, corrected) / robot.column_scale).max(axis=1)
+        correction = np.abs(difference(robot, predicted, corrected) / robot.column_scale).max(axis=1)
         advance = np.abs(move / robot.column_scale).max(axis=1)
         small = np.flatnonzero(closed & is_small(correction, advance))
         same = small[_keep_working_mode(robot, linearised, end_linearised, small)]
@@ -149,8 +148,8 @@ def _step_once(robot: ParallelRobot, q: Array, start: Array, end: Array) -> Step
         twist, _ = robot.platform.twist(end, twist)
         turn = joint_rates(robot, end_linearised.at(same), twist[same], np.zeros((len(same), robot.n_e)))
         turn = np.abs((turn - move[same]) / robot.column_scale).max(axis=1)
-        bent = turn > BRANCH_TURN * correction[same] + 0.25 * advance[same]
-        bent[bent] = _cross_branches(robot, end_linearised.at(same[bent]))
+        bent = ~is_straight(turn, correction[same], advance[same])
+        bent[bent] = lost_equations(robot, end_linearised.at(same[bent]), BRANCHES_CROSS) > 0
     reason = np.where(closed, PoseReason.OTHER_MODE, PoseReason.OPEN).astype(np.uint8)
     reason[same[~bent]] = PoseReason.REACHED
     return StepEnds(corrected, reason)
@@ -160,18 +159,8 @@ def _keep_working_mode(
     robot: ParallelRobot, start: LinearisedLoops, end: LinearisedLoops, which: IntArray
 ) -> BoolArray:
     """Whether no Type 1 singularity lies between start and end, for `which` (t,) of T steps."""
-    (start_sign, start_size), (end_sign, end_size) = start.factors.slogdet, end.factors.slogdet
-    sure = (start_sign == end_sign) & (end_size - start_size > np.log(DETERMINANT_LOST))
+    sure = keeps_sign(start.factors.slogdet, end.factors.slogdet)
     return np.array(
         [sure[k] or keeps_working_mode(robot, start.at(k), end.at(k))[0] for k in which.tolist()],
         dtype=np.bool_,
     )
-
-
-def _cross_branches(robot: ParallelRobot, linearised: LinearisedLoops) -> BoolArray:
-    """Whether branches cross near configurations, (T,): the loops nearly lose rank."""
-    if not len(linearised.residual):
-        return np.zeros(0, dtype=np.bool_)
-    loops = scaled(robot, linearised.closures, robot.loops.rotation)[:, :, robot.moving]
-    values = singular_values(loops)
-    return values[:, -1] < BRANCHES_CROSS * np.maximum(values[:, 0], 1.0)

@@ -128,9 +128,8 @@ class ControlCycle:
         """Motor torques (n_a, n_a) for unit accelerations of the motors: torque = mass ddq_a + bias."""
         upper = np.triu(pin.crba(self.robot.model, self._data, self.q))
         whole = upper + np.triu(upper, 1).T
-        motors, gears = self._actuated, self.robot.gear_ratio
-        whole[motors, motors] += gears**2 * self.robot.rotor_inertia
-        return self.T.T @ whole @ self.T / gears[:, None]
+        whole[np.diag_indices(len(whole))] += self.robot.rotors
+        return self.T.T @ whole @ self.T / self.robot.gear_ratio[:, None]
 
     @property
     def bias(self) -> Array:
@@ -242,7 +241,7 @@ class ControlCycle:
         """Return x and dx (n,) of a platform that is a frame."""
         linear, w = self._equations.platform_twist()
         attitude, position = platform.attitude, self._equations.platform_origin
-        if attitude is None:
+        if platform.is_point:
             return position[platform.along], linear[platform.along]
         frames = self._equations.frame_stack(self.q)
         x = platform.unwrap(platform.coordinates(frames), self.x[None])[0]

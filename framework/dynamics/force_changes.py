@@ -76,8 +76,7 @@ def force_changes(
     changes: MotionChanges,
 ) -> Array:
     """Compute d(r - J' lambda) (T, k, nv) for multipliers (T, m) of the independent loop equations."""
-    before = tree_columns(robot).before
-    curved = loop_curvature(robot.loops, motion.linearised.frames, before, multipliers)
+    curved = loop_curvature(robot, robot.loops, motion.linearised.frames, multipliers)
     dq, dv, da = changes
     by_q = (slopes.by_q - curved).swapaxes(1, 2)
     return np.asarray(dq @ by_q + dv @ slopes.by_v.swapaxes(1, 2) + da @ slopes.mass)

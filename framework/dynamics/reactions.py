@@ -146,8 +146,7 @@ def joint_reactions(robot: ParallelRobot, motion: Motion, loops: LoopLoads) -> d
     for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
         pin.forwardKinematics(model, scratch.data, q)
         pin.rnea(model, scratch.data, q, v, a)
-        if scratch.refresh is not None:
-            scratch.refresh()
+        scratch.update()
         poses[k], own[k] = scratch.joints, scratch.forces
     position = poses[..., 9:]
     turned = matvec(rotations(poses)[:, :, None], own.reshape(*own.shape[:2], 2, 3))

@@ -23,84 +23,79 @@ Journal of Mechanical Design 122, 2000.
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from framework.arrays import Array, IntArray, ReadOnlyArrays
 from framework.linalg.ordered_sums import cross, dot
-from framework.linalg.rotations import (
-    left_jacobian_coefficients,
-    left_jacobian_series,
-    rotation_matrix,
-    rotation_vector,
-)
+from framework.linalg.rotations import left_jacobian_coefficients, rotation_matrix, rotation_vector
 from framework.tolerances import FILE_ROUNDING
 
 AttitudeRates = tuple[Array, Array, Array]  # coordinates (T, k) and two time derivatives, or turns and rates
+COMPLEX_STEP = 1e-200  # of a complex-step derivative: its square is zero, so that nothing is cut off
 
 
-class Attitude(Protocol):
-    """A chart of k coordinates; T attitudes are rotations R (T, 3, 3), columns the frame's axes."""
+@dataclass(frozen=True, eq=False)
+class Attitude(ReadOnlyArrays):
+    """A chart of k coordinates; T attitudes are rotations R (T, 3, 3), columns the frame's axes.
 
-    constant: bool  # whether the couples are the same at every attitude
-    by_rates: bool  # whether v = dx
+    Unless a subclass says otherwise the couples are base axes and v = dx; without axes nothing turns.
+    """
+
+    axes: IntArray  # (k,) base axes 0..2 in the stated order
+    constant = True  # whether the couples are the same at every attitude
+    by_rates = True  # whether v = dx
 
     def coordinates(self, rotation: Array) -> Array:
         """Compute coordinates x (T, k) [rad]."""
-        ...
+        return np.empty((len(rotation), 0))
 
     def residual(self, rotation: Array, x: Array) -> Array:
         """Compute the offset of R from the attitude of x, (T, k), turns the short way: its rate is v."""
-        ...
+        return np.mod(self.coordinates(rotation) - x + np.pi, 2 * np.pi) - np.pi
 
     def couples(self, rotation: Array) -> Array:
         """Compute the couples (T, k, 3), or (k, 3) if constant, in base axes: v = couples w."""
-        ...
+        return np.eye(3)[self.axes]
 
     def couple_rates(self, rotation: Array, w: Array) -> Array:
         """Compute the couples' time derivatives (T, k, 3) at angular velocities w (T, 3)."""
-        ...
+        return np.zeros((len(w), len(self.axes), 3))
 
     def couple_rate_changes(self, rotation: Array, w: Array, turn: Array, dw: Array) -> Array:
         """Compute what a small `turn` (T, 3) with a change dw of w makes of `couple_rates`, (T, k, 3)."""
-        ...
+        return np.zeros((len(w), len(self.axes), 3))
 
     def turning(self, rotation: Array, v: Array) -> Array:
         """Compute w (T, 3) with couples w = v (T, k), without a turn that no coordinate measures."""
-        ...
+        return v @ np.eye(3)[self.axes]
 
     def rates(self, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array]:
         """Compute v = E(x) dx and its time derivative, (T, k)."""
-        ...
+        return dx, ddx
 
     def rate_changes(self, motion: AttitudeRates, step: AttitudeRates) -> AttitudeRates:
         """Compute the small turn of a step, and what it makes of v = E(x) dx and of its time derivative.
 
         `motion` and `step` are x, dx, ddx and small changes of them, each (T, k).
         """
-        ...
+        return step
 
     def unwrap(self, x: Array, near: Array) -> Array:
         """Compute coordinates (T, k) of the same attitudes next to `near` (k,) or (T, k)."""
-        ...
+        return np.asarray(x + 2 * np.pi * np.round((near - x) / (2 * np.pi)))
 
 
 def attitude_about(axes: IntArray) -> Attitude:
-    """Return the chart of one, two or three different axes 0..2 in the stated order."""
-    if len(axes) == 2:
-        return TwoAngles.about(axes)
-    return TwistAngle(axes) if len(axes) == 1 else RotationVector(axes)
+    """Return the chart of none to three different axes 0..2 in the stated order."""
+    return (Attitude, TwistAngle, TwoAngles, RotationVector)[len(axes)](axes)
 
 
 @dataclass(frozen=True, eq=False)
-class TwistAngle(ReadOnlyArrays):
+class TwistAngle(Attitude):
     """One axis, and the turn about it by the swing-twist decomposition: that which leaves the least."""
-
-    axes: IntArray  # (1,)
-    constant = True
-    by_rates = True
 
     def coordinates(self, rotation: Array) -> Array:
         i = int(self.axes[0])
@@ -108,66 +103,50 @@ class TwistAngle(ReadOnlyArrays):
         sine = rotation[:, k, j] - rotation[:, j, k]
         return np.arctan2(sine, rotation[:, j, j] + rotation[:, k, k])[:, None]
 
-    def residual(self, rotation: Array, x: Array) -> Array:
-        return _short_way(self.coordinates(rotation) - x)
+
+@dataclass(frozen=True, eq=False)
+class DirectionChart(Attitude):
+    """Angles whose couples are functions of the direction u = R e of an axis e of the frame."""
+
+    constant = False
+
+    @property
+    def frame_axis(self) -> int:
+        """The index of e."""
+        return int(self.axes[0])
+
+    @abstractmethod
+    def direction_couples(self, u: Array, du: Array) -> tuple[Array, Array]:
+        """Compute the couples (T, k, 3) and their rates, analytic in u and its rate du (T, 3)."""
 
     def couples(self, rotation: Array) -> Array:
-        return np.eye(3)[self.axes]
+        u = rotation[:, :, self.frame_axis]
+        return self.direction_couples(u, np.zeros_like(u))[0]
 
     def couple_rates(self, rotation: Array, w: Array) -> Array:
-        return np.zeros((len(w), 1, 3))
+        u = rotation[:, :, self.frame_axis]
+        return self.direction_couples(u, cross(w, u))[1]
 
     def couple_rate_changes(self, rotation: Array, w: Array, turn: Array, dw: Array) -> Array:
-        return np.zeros((len(w), 1, 3))
-
-    def turning(self, rotation: Array, v: Array) -> Array:
-        return v @ np.eye(3)[self.axes]
-
-    def rates(self, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array]:
-        return dx, ddx
-
-    def rate_changes(self, motion: AttitudeRates, step: AttitudeRates) -> AttitudeRates:
-        return step
-
-    def unwrap(self, x: Array, near: Array) -> Array:
-        return _by_full_turns(x, near)
+        u = rotation[:, :, self.frame_axis]
+        shift, step = cross(turn, u), 1j * COMPLEX_STEP
+        swung = cross(dw, u) + cross(w, shift)
+        rates = self.direction_couples(u + step * shift, cross(w, u) + step * swung)[1]
+        return np.asarray(rates.imag / COMPLEX_STEP)
 
 
 @dataclass(frozen=True, eq=False)
-class SwingTwistAngle(TwistAngle):
-    """The same angle of a frame that turns about other axes too.
+class SwingTwistAngle(DirectionChart, TwistAngle):
+    """The angle of `TwistAngle`, of a frame that turns about other axes too.
 
     With e the axis and u = R e, dx = (e + u) . w / (1 + e . u): along e alone where w is, else not.
     """
 
-    constant = False
-
-    def couples(self, rotation: Array) -> Array:
-        axis = np.eye(3)[self.axes]
-        both = axis + rotation[:, :, int(self.axes[0])]
-        return (both / self._size(rotation)[:, None])[:, None]
-
-    def couple_rates(self, rotation: Array, w: Array) -> Array:
-        i = int(self.axes[0])
-        turned, size = rotation[:, :, i], self._size(rotation)[:, None]
-        moved = cross(w, turned)
-        both = np.eye(3)[self.axes] + turned
-        return (moved / size - both * (moved[:, i, None] / size**2))[:, None]
-
-    def couple_rate_changes(self, rotation: Array, w: Array, turn: Array, dw: Array) -> Array:
-        i = int(self.axes[0])
-        turned, size = rotation[:, :, i], self._size(rotation)[:, None]
-        moved, shifted = cross(w, turned), cross(turn, turned)
-        both = cross(dw, turned) + cross(w, shifted)
-        sizes = [part[:, i, None] for part in (moved, shifted, both)]
-        numerator = np.eye(3)[self.axes] + turned
-        crossed = moved * sizes[1] + shifted * sizes[0] + numerator * sizes[2]
-        twice = 2.0 * numerator * sizes[0] * sizes[1]
-        return (both / size - crossed / size**2 + twice / size**3)[:, None]
-
-    def _size(self, rotation: Array) -> Array:
-        i = int(self.axes[0])
-        return np.asarray(1.0 + rotation[:, i, i])
+    def direction_couples(self, u: Array, du: Array) -> tuple[Array, Array]:
+        i = self.frame_axis
+        size = 1.0 + u[:, i, None]
+        couple = (np.eye(3)[i] + u) / size
+        return couple[:, None], ((du - couple * du[:, i, None]) / size)[:, None]
 
 
 def twist_angle_for(angle: TwistAngle, rotations: Array) -> TwistAngle:
@@ -178,102 +157,49 @@ def twist_angle_for(angle: TwistAngle, rotations: Array) -> TwistAngle:
 
 
 @dataclass(frozen=True, eq=False)
-class TwoAngles(ReadOnlyArrays):
+class TwoAngles(DirectionChart):
     """Two axes a, b of the base: R = R_a(x_1) R_b(x_2) R_c(free), x_2 within a right angle.
 
     The angular velocity is w = dx_1 a + dx_2 R_a b + (free rate) R c; the couples are the two that
-    yield dx_1 and dx_2 on it and nothing on the free turn.
+    yield dx_1 and dx_2 on it and nothing on the free turn. With u = R c and q its part across a they are
+    a - (a . u) q / q^2 and, a x b = hand c, R_a b = hand u x a / |q|.
     """
 
-    axes: IntArray  # (2,)
-    basis: Array  # (3, 3) rows a, b and c, a right-handed or a left-handed set
-    hand: float  # a x b = hand c
-    constant = False
-    by_rates = True
+    @property
+    def frame_axis(self) -> int:
+        """The index of c."""
+        return 3 - int(self.axes.sum())
 
-    @staticmethod
-    def about(axes: IntArray) -> TwoAngles:
-        """Return the chart of two different axes 0..2."""
-        order = [*axes, 3 - int(axes.sum())]
-        basis = np.eye(3)[order]
-        return TwoAngles(axes, basis, float(np.linalg.det(basis)))
+    @property
+    def hand(self) -> float:
+        """1 where a, b and c are right-handed, else -1."""
+        return float(np.linalg.det(np.eye(3)[[*self.axes, self.frame_axis]]))
 
     def coordinates(self, rotation: Array) -> Array:
-        along = rotation @ self.basis[2] @ self.basis.T  # R c on a, b, c: (T, 3)
-        first = np.arctan2(-self.hand * along[:, 1], along[:, 2])
-        second = np.arctan2(self.hand * along[:, 0], np.hypot(along[:, 1], along[:, 2]))
-        return np.stack([first, second], axis=1)
+        a, b, c = (rotation[:, k, self.frame_axis] for k in (*self.axes, self.frame_axis))  # R c on a, b, c
+        first = np.arctan2(-self.hand * b, c)
+        return np.stack([first, np.arctan2(self.hand * a, np.hypot(b, c))], axis=1)
 
-    def residual(self, rotation: Array, x: Array) -> Array:
-        return _short_way(self.coordinates(rotation) - x)
-
-    def couples(self, rotation: Array) -> Array:
-        sine, cosine, tangent = self._parts(rotation)
-        a, b, c = self.basis
-        first = a + self.hand * tangent * (self.hand * sine * b - cosine * c)
-        return np.stack([first, cosine * b + self.hand * sine * c], axis=1)
-
-    def couple_rates(self, rotation: Array, w: Array) -> Array:
-        sine, cosine, tangent = self._parts(rotation)
-        _, b, c = self.basis
-        rates = np.sum(self.couples(rotation) * w[:, None], axis=2)
-        first, second = rates[:, :1], (1 + tangent**2) * rates[:, 1:]
-        across, along = self.hand * sine * b - cosine * c, cosine * b + self.hand * sine * c
-        return np.stack(
-            [
-                self.hand * (second * across + self.hand * tangent * first * along),
-                -self.hand * first * across,
-            ],
-            axis=1,
-        )
-
-    def couple_rate_changes(self, rotation: Array, w: Array, turn: Array, dw: Array) -> Array:
-        sine, cosine, tangent = self._parts(rotation)
-        _, b, c = self.basis
-        couples, hand = self.couples(rotation), self.hand
-        (first, second), (step, shift) = (
-            (dot(couples[:, 0], turned)[:, None], dot(couples[:, 1], turned)[:, None]) for turned in (w, turn)
-        )
-        changed = self.couple_rates(rotation, turn)
-        dfirst, dsecond = ((dot(changed[:, k], w) + dot(couples[:, k], dw))[:, None] for k in range(2))
-        across, along = hand * sine * b - cosine * c, cosine * b + hand * sine * c
-        slope = 1 + tangent**2  # of the tangent
-        return np.stack(
-            [
-                hand * slope * ((2 * tangent * second * shift + dsecond) * across)
-                + slope * (second * step + shift * first) * along
-                + tangent * (dfirst * along - hand * first * step * across),
-                -hand * dfirst * across - first * step * along,
-            ],
-            axis=1,
-        )
+    def direction_couples(self, u: Array, du: Array) -> tuple[Array, Array]:
+        a = np.eye(3)[self.axes[0]]
+        along, along_rate = (vector[:, self.axes[:1]] for vector in (u, du))
+        q, dq = u - along * a, du - along_rate * a
+        square = dot(q, q)[:, None]
+        share, lever = q / square, self.hand / np.sqrt(square) * cross(u, a)
+        growth = dot(share, dq)[:, None]  # of the logarithm of |q|
+        share_rate = dq / square - 2.0 * growth * share
+        lever_rate = self.hand / np.sqrt(square) * cross(du, a) - growth * lever
+        couples = np.stack([a - along * share, lever], axis=1)
+        return couples, np.stack([-along_rate * share - along * share_rate, lever_rate], axis=1)
 
     def turning(self, rotation: Array, v: Array) -> Array:
-        sine, cosine, _ = self._parts(rotation)
-        a, b, c = self.basis
-        return v[:, :1] * a + v[:, 1:] * (cosine * b + self.hand * sine * c)
-
-    def rates(self, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array]:
-        return dx, ddx
-
-    def rate_changes(self, motion: AttitudeRates, step: AttitudeRates) -> AttitudeRates:
-        return step
-
-    def unwrap(self, x: Array, near: Array) -> Array:
-        return _by_full_turns(x, near)
-
-    def _parts(self, rotation: Array) -> tuple[Array, Array, Array]:
-        """Compute the sine and cosine of the first angle and tangent of the second, each (T, 1)."""
-        first, second = np.split(self.coordinates(rotation), 2, axis=1)
-        return np.sin(first), np.cos(first), np.tan(second)
+        return v[:, :1] * np.eye(3)[self.axes[0]] + v[:, 1:] * self.couples(rotation)[:, 1]
 
 
 @dataclass(frozen=True, eq=False)
-class RotationVector(ReadOnlyArrays):
+class RotationVector(Attitude):
     """Three axes: the rotation vector, its components in the stated order."""
 
-    axes: IntArray  # (3,) a permutation
-    constant = True
     by_rates = False
 
     def coordinates(self, rotation: Array) -> Array:
@@ -283,30 +209,9 @@ class RotationVector(ReadOnlyArrays):
         target = rotation_matrix(self._vector(x))
         return rotation_vector(rotation @ target.transpose(0, 2, 1))[:, self.axes]
 
-    def couples(self, rotation: Array) -> Array:
-        return np.eye(3)[self.axes]
-
-    def couple_rates(self, rotation: Array, w: Array) -> Array:
-        return np.zeros((len(w), 3, 3))
-
-    def couple_rate_changes(self, rotation: Array, w: Array, turn: Array, dw: Array) -> Array:
-        return np.zeros((len(w), 3, 3))
-
-    def turning(self, rotation: Array, v: Array) -> Array:
-        return self._vector(v)
-
     def rates(self, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array]:
         r, dr, ddr = (self._vector(part) for part in (x, dx, ddx))
-        a, da, b, db = left_jacobian_series(dot(r, r), dot(r, dr))
-        swept, swept_twice = cross(r, dr), cross(r, cross(r, dr))
-        omega = dr + a * swept + b * swept_twice
-        alpha = (
-            ddr
-            + a * cross(r, ddr)
-            + da * swept
-            + b * (cross(dr, swept) + cross(r, cross(r, ddr)))
-            + db * swept_twice
-        )
+        omega, alpha, _ = _left_jacobian_products((r, dr, ddr), (dr, ddr, np.zeros_like(ddr)))
         return omega[:, self.axes], alpha[:, self.axes]
 
     def rate_changes(self, motion: AttitudeRates, step: AttitudeRates) -> AttitudeRates:
@@ -314,21 +219,7 @@ class RotationVector(ReadOnlyArrays):
         omega, alpha = (self._vector(part) for part in self.rates(*motion))
         r, dr, ddr = (self._vector(part) for part in motion)
         s, ds, dds = (self._vector(part) for part in step)
-        square_rate, square_second = 2.0 * dot(r, dr), 2.0 * (dot(dr, dr) + dot(r, ddr))
-        (a, a1, a2), (b, b1, b2) = left_jacobian_coefficients(dot(r, r))[..., None]
-        rate, second = square_rate[:, None], square_second[:, None]
-        da, dda = a1 * rate, a2 * rate**2 + a1 * second
-        db, ddb = b1 * rate, b2 * rate**2 + b1 * second
-        # r x s and r x (r x s) with two time derivatives
-        once = cross(r, s)
-        donce = cross(dr, s) + cross(r, ds)
-        ddonce = cross(ddr, s) + 2.0 * cross(dr, ds) + cross(r, dds)
-        twice = cross(r, once)
-        dtwice = cross(dr, once) + cross(r, donce)
-        ddtwice = cross(ddr, once) + 2.0 * cross(dr, donce) + cross(r, ddonce)
-        phi = s + a * once + b * twice
-        dphi = ds + da * once + a * donce + db * twice + b * dtwice
-        ddphi = dds + dda * once + 2 * da * donce + a * ddonce + ddb * twice + 2 * db * dtwice + b * ddtwice
+        phi, dphi, ddphi = _left_jacobian_products((r, dr, ddr), (s, ds, dds))
         changes = (phi, dphi + cross(phi, omega), ddphi + cross(dphi, omega) + cross(phi, alpha))
         turn, dw, dalpha = (part[:, self.axes] for part in changes)
         return turn, dw, dalpha
@@ -346,9 +237,21 @@ class RotationVector(ReadOnlyArrays):
         return vector
 
 
-def _short_way(difference: Array) -> Array:
-    return np.mod(difference + np.pi, 2 * np.pi) - np.pi
-
-
-def _by_full_turns(x: Array, near: Array) -> Array:
-    return x + 2 * np.pi * np.round((near - x) / (2 * np.pi))
+def _left_jacobian_products(rotation: AttitudeRates, step: AttitudeRates) -> AttitudeRates:
+    """Compute phi = E(r) s and two time derivatives, (T, 3), for those of r and of s."""
+    (r, dr, ddr), (s, ds, dds) = rotation, step
+    (a, a1, a2), (b, b1, b2) = left_jacobian_coefficients(dot(r, r))[..., None]
+    rate, second = (2.0 * dot(r, dr))[:, None], (2.0 * (dot(dr, dr) + dot(r, ddr)))[:, None]
+    da, dda = a1 * rate, a2 * rate**2 + a1 * second
+    db, ddb = b1 * rate, b2 * rate**2 + b1 * second
+    # r x s and r x (r x s) with two time derivatives
+    once = cross(r, s)
+    donce = cross(dr, s) + cross(r, ds)
+    ddonce = cross(ddr, s) + 2.0 * cross(dr, ds) + cross(r, dds)
+    twice = cross(r, once)
+    dtwice = cross(dr, once) + cross(r, donce)
+    ddtwice = cross(ddr, once) + 2.0 * cross(dr, donce) + cross(r, ddonce)
+    phi = s + a * once + b * twice
+    dphi = ds + da * once + a * donce + db * twice + b * dtwice
+    ddphi = dds + dda * once + 2 * da * donce + a * ddonce + ddb * twice + 2 * db * dtwice + b * ddtwice
+    return phi, dphi, ddphi

@@ -51,12 +51,6 @@ class LoopWrenches(NamedTuple):
     residual: Array  # (T, m)
     wrench: Array  # (T, m, 6) force and couple at the origin of the second frame
 
-    def take(self, rows: IntArray) -> LoopWrenches:
-        """Return some of the equations, by ascending rows."""
-        if len(rows) == self.residual.shape[1]:
-            return self
-        return LoopWrenches(self.residual.take(rows, axis=1), self.wrench.take(rows, axis=1))
-
 
 def loop_equations(rows: LoopRows, frames: FrameStack) -> LoopEquations:
     """Compute closures(q) and its derivative, of any rows of a robot."""
@@ -84,42 +78,42 @@ def loop_wrenches(rows: LoopRows, frames: FrameStack) -> LoopWrenches:
 
 def _of_frames(rows: LoopRows, frames: FrameStack) -> LoopWrenches:
     """Compute the loop equations between frames as wrenches."""
-    e, d = _first_axes(rows, frames), _displacements(rows, frames)
-    wrench = np.zeros((*d.shape[:2], 6))
+    e, d = first_axes(rows, frames), displacements(rows, frames)
     if rows.only_translations:
-        wrench[..., :3] = e
-        return LoopWrenches(dot(e, d), wrench)
-    w = _second_axes(rows, frames) * rows.sign[:, None]
+        return LoopWrenches(dot(e, d), _stacked_wrenches(rows, e, d))
+    w = second_axes(rows, frames) * rows.sign[:, None]
+    gap = (dot(d, d) - rows.length**2) / (2 * rows.length)
+    along = dot(e, np.where(rows.rotation[:, None], w, d))
+    residual = np.where(rows.distance, gap, along)
+    return LoopWrenches(residual, _stacked_wrenches(rows, e, d, cross(w, e)))
+
+
+def _stacked_wrenches(rows: LoopRows, along: Array, apart: Array, couple: Array | None = None) -> Array:
+    """Return wrenches (T, m, 6) of translations, distances and rotations, or their rates, each (T, m, 3)."""
+    wrench = np.zeros((*along.shape[:2], 6))
+    if couple is None:  # translations only
+        wrench[..., :3] = along
+        return wrench
     turning, distance = rows.rotation[:, None], rows.distance[:, None]
-    length = np.where(rows.distance, rows.length, 1.0)
-    wrench[..., :3] = np.where(turning, 0.0, np.where(distance, d / length[:, None], e))
-    wrench[..., 3:] = np.where(turning, cross(w, e), 0.0)
-    gap = (dot(d, d) - length**2) / (2 * length)
-    along = dot(e, np.where(turning, w, d))
-    return LoopWrenches(np.where(rows.distance, gap, along), wrench)
+    wrench[..., :3] = np.where(turning, 0.0, np.where(distance, apart / rows.length[:, None], along))
+    wrench[..., 3:] = np.where(turning, couple, 0.0)
+    return wrench
 
 
 def wrench_rates(rows: LoopRows, frames: FrameStack, twists: Array) -> Array:
     """Compute the rates (T, m, 6) of the wrenches of `loop_wrenches` for twists (T, F, 6) of the frames."""
-    e, d = _first_axes(rows, frames), _displacements(rows, frames)
-    twist1, twist2 = twists[:, rows.first], twists[:, rows.second]
-    rate = np.zeros((*d.shape[:2], 6))
-    de = cross(twist1[..., 3:], e)
+    e, twist1, twist2 = first_axes(rows, frames), twists[:, rows.first], twists[:, rows.second]
+    de, dd = cross(twist1[..., 3:], e), twist2[..., :3] - twist1[..., :3]
     if rows.only_translations:
-        rate[..., :3] = de
-        return rate
-    w = _second_axes(rows, frames) * rows.sign[:, None]
-    turning, distance = rows.rotation[:, None], rows.distance[:, None]
-    length = np.where(rows.distance, rows.length, 1.0)[:, None]
-    dd, dw = twist2[..., :3] - twist1[..., :3], cross(twist2[..., 3:], w)
-    rate[..., :3] = np.where(turning, 0.0, np.where(distance, dd / length, de))
-    rate[..., 3:] = np.where(turning, cross(dw, e) + cross(w, de), 0.0)
-    return rate
+        return _stacked_wrenches(rows, de, dd)
+    w = second_axes(rows, frames) * rows.sign[:, None]
+    dw = cross(twist2[..., 3:], w)
+    return _stacked_wrenches(rows, de, dd, cross(dw, e) + cross(w, de))
 
 
 def closure_drift(rows: LoopRows, frames: FrameStack, motions: FrameMotions) -> Array:
     """Compute the second time derivative (T, m) of the loop equations when joint accelerations are zero."""
-    e, d = _first_axes(rows, frames), _displacements(rows, frames)
+    e, d = first_axes(rows, frames), displacements(rows, frames)
     first = motions.rates.take(rows.first, axis=2)  # twists and drifts, (2, T, m, 6)
     apart = motions.rates.take(rows.second, axis=2) - first
     # all as seen from the first frame, where e rests: p2 moves with `velocity` and `acceleration`
@@ -129,24 +123,38 @@ def closure_drift(rows: LoopRows, frames: FrameStack, motions: FrameMotions) -> 
     translation = dot(e, acceleration)
     if rows.only_translations:
         return translation
-    w, turning = _second_axes(rows, frames), apart[0, ..., 3:]
+    w, turning = second_axes(rows, frames), apart[0, ..., 3:]
     turned = cross(apart[1, ..., 3:] - cross(omega, turning), w) + cross(turning, cross(turning, w))
-    distance = (dot(velocity, velocity) + dot(d, acceleration)) / np.where(rows.distance, rows.length, 1.0)
+    distance = (dot(velocity, velocity) + dot(d, acceleration)) / rows.length
     along = np.where(rows.rotation, rows.sign * dot(e, turned), translation)
     return np.where(rows.distance, distance, along)
 
 
-def _first_axes(rows: LoopRows, frames: FrameStack) -> Array:
+def row_factors(rows: LoopRows, placed: Array) -> tuple[Array, Array]:
+    """Return both factors (..., m, 3) of every row out of axes and origins (..., F, 4, 3), or of rates.
+
+    The first is an axis of the first frame, or p2 - p1 of a distance; the second is p2 - p1, or an axis of
+    the second frame.
+    """
+    vectors = placed.reshape(*placed.shape[:-3], -1, 3).take(rows.vectors, axis=-2)  # (..., 4, m, 3)
+    first, apart = vectors[..., 0, :, :], vectors[..., 3, :, :] - vectors[..., 2, :, :]
+    if rows.only_translations:
+        return first, apart
+    second = np.where(rows.rotation[:, None], vectors[..., 1, :, :] * rows.sign[:, None], apart)
+    return np.where(rows.distance[:, None], apart, first), second
+
+
+def first_axes(rows: LoopRows, frames: FrameStack) -> Array:
     """Return the axis of every row on its first frame, (T, m, 3)."""
     return frames.rotation.swapaxes(2, 3)[:, rows.first, rows.first_axis]
 
 
-def _displacements(rows: LoopRows, frames: FrameStack) -> Array:
+def displacements(rows: LoopRows, frames: FrameStack) -> Array:
     """Compute p2 - p1 of every row, (T, m, 3)."""
     return frames.position[:, rows.second] - frames.position[:, rows.first]
 
 
-def _second_axes(rows: LoopRows, frames: FrameStack) -> Array:
+def second_axes(rows: LoopRows, frames: FrameStack) -> Array:
     """Return the axis of every row on its second frame, (T, m, 3)."""
     return frames.rotation.swapaxes(2, 3)[:, rows.second, rows.second_axis]
 

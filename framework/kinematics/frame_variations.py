@@ -21,9 +21,10 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array, BoolArray, IntArray
+from framework.kinematics.closures import row_factors
 from framework.kinematics.frames import FrameStack
 from framework.kinematics.mechanism import Mechanism
-from framework.kinematics.pinocchio_memory import carriers
+from framework.kinematics.pinocchio_memory import carriers, scratch_of
 from framework.linalg.ordered_sums import cross, dot
 from framework.model.loop_rows import LoopRows
 
@@ -84,11 +85,11 @@ class TreeMotion:
         before, quicker = V[:, columns.parent], A[:, columns.parent]
         once = bracket(before, S)
         twice = bracket(before, once) + bracket(quicker, S)
-        twist = frames.carried @ (S * v[..., None])
-        acceleration = frames.carried @ (S * a[..., None] + own * v[..., None])
+        bodies = scratch_of(mechanism).bodies
+        twist, acceleration = V[:, bodies], A[:, bodies]
         placed = np.concatenate([frames.rotation.swapaxes(2, 3), frames.position[:, :, None]], axis=2)
-        rate = _carried_along(twist, placed)
-        second = _carried_along(acceleration, placed) + _turned(twist, rate)
+        rate = carried_along(twist, placed)
+        second = carried_along(acceleration, placed) + turned(twist, rate)
         moved = np.concatenate([S, once, twice], axis=2)
         rates = FrameRates(placed, rate, second)
         return TreeMotion(columns, frames, v, moved, own, twist, acceleration, rates)
@@ -106,11 +107,9 @@ class TreeMotion:
         dV = once + bracket(phi, V) + carried @ quicker
         dA = twice + bracket(once, V) + bracket(phi, A) + carried @ sooner
         value, rate = self.rates.value[:, None], self.rates.rate[:, None]
-        moved = _carried_along(phi, value)
-        moved_rate = _carried_along(dV, value) + _turned(V, moved)
-        moved_second = (
-            _carried_along(dA, value) + _turned(A, moved) + _turned(dV, rate) + _turned(V, moved_rate)
-        )
+        moved = carried_along(phi, value)
+        moved_rate = carried_along(dV, value) + turned(V, moved)
+        moved_second = carried_along(dA, value) + turned(A, moved) + turned(dV, rate) + turned(V, moved_rate)
         return FrameVariation(phi, dV, dA, FrameRates(moved, moved_rate, moved_second))
 
 
@@ -125,41 +124,20 @@ class FrameVariation(NamedTuple):
 
 def row_variation(rows: LoopRows, motion: TreeMotion, variation: FrameVariation) -> tuple[Array, Array]:
     """Compute the changes (T, k, m) of the first and the second time derivative of loop equations."""
-    a0, a1, a2 = (_first_vectors(rows, part)[:, None] for part in motion.rates)
-    b0, b1, b2 = (_second_vectors(rows, part)[:, None] for part in motion.rates)
-    da0, da1, da2 = (_first_vectors(rows, part) for part in variation.rates)
-    db0, db1, db2 = (_second_vectors(rows, part) for part in variation.rates)
+    (a0, b0), (a1, b1), (a2, b2) = (row_factors(rows, part[:, None]) for part in motion.rates)
+    (da0, db0), (da1, db1), (da2, db2) = (row_factors(rows, part) for part in variation.rates)
     once = dot(da1, b0) + dot(a1, db0) + dot(da0, b1) + dot(a0, db1)
     twice = dot(da2, b0) + dot(a2, db0) + dot(da0, b2) + dot(a0, db2) + 2.0 * (dot(da1, b1) + dot(a1, db1))
-    weight = np.where(rows.distance, 0.5 / np.where(rows.distance, rows.length, 1.0), 1.0 - rows.coupled)
-    return weight * once, weight * twice
+    return rows.weight * once, rows.weight * twice
 
 
-def _first_vectors(rows: LoopRows, placed: Array) -> Array:
-    """Return the first factor (..., m, 3) of every row: an axis of the first frame, or p2 - p1."""
-    axes = placed[..., rows.first, rows.first_axis, :]
-    if not rows.distance.any():
-        return axes
-    apart = placed[..., rows.second, 3, :] - placed[..., rows.first, 3, :]
-    return np.where(rows.distance[:, None], apart, axes)
-
-
-def _second_vectors(rows: LoopRows, placed: Array) -> Array:
-    """Return the second factor (..., m, 3): p2 - p1, or an axis of the second frame."""
-    apart = placed[..., rows.second, 3, :] - placed[..., rows.first, 3, :]
-    if rows.only_translations:
-        return np.asarray(apart)
-    axes = placed[..., rows.second, rows.second_axis, :] * rows.sign[:, None]
-    return np.where(rows.rotation[:, None], axes, apart)
-
-
-def _turned(twist: Array, vectors: Array) -> Array:
+def turned(twist: Array, vectors: Array) -> Array:
     """Compute w x c for twists (..., F, 6) and vectors c (..., F, 4, 3)."""
     return cross(twist[..., None, 3:], vectors)
 
 
-def _carried_along(twist: Array, placed: Array) -> Array:
+def carried_along(twist: Array, placed: Array) -> Array:
     """Compute the velocities (..., F, 4, 3) of axes and origins under twists (..., F, 6) about the base."""
-    moved = _turned(twist, placed)
+    moved = turned(twist, placed)
     moved[..., 3, :] += twist[..., :3]
     return moved

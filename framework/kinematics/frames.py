@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from framework.arrays import Array, IntArray
 from framework.kinematics.mechanism import Mechanism
-from framework.kinematics.pinocchio_memory import scratch_of
+from framework.kinematics.pinocchio_memory import Scratch, scratch_of
 from framework.linalg.ordered_sums import cross, matvec
 
 
@@ -77,11 +77,15 @@ def frames_at(mechanism: Mechanism, q: Array) -> FrameStack:
     for k in range(len(q)):
         pin.computeJointJacobians(model, data, q[k])
         pin.updateFramePlacements(model, data)
-        if scratch.refresh is not None:
-            scratch.refresh()
+        scratch.update()
         poses[k] = placements
         screws[k] = columns
-    poses = poses.take(scratch.frames, axis=1)
+    return stacked_frames(scratch, poses, screws, q)
+
+
+def stacked_frames(scratch: Scratch, placements: Array, screws: Array, q: Array) -> FrameStack:
+    """Return the frames at q (T, nq) among all placements (T, frames, 12), with the screws (T, nv, 6)."""
+    poses = placements.take(scratch.frames, axis=1)
     return FrameStack(poses[:, :, 9:], rotations(poses), screws, scratch.carried, q)
 
 
@@ -99,8 +103,7 @@ def frame_motions(mechanism: Mechanism, frames: FrameStack, q: Array, v: Array) 
     twist, drift = moving
     for k in range(len(q)):
         pin.computeForwardKinematicsDerivatives(model, data, q[k], v[k], rest)
-        if scratch.refresh is not None:
-            scratch.refresh()
+        scratch.update()
         twist[k] = velocities
         drift[k] = accelerations
     return FrameMotions.at_origins(moving.take(scratch.bodies, axis=2), frames.position)
@@ -127,11 +130,20 @@ def integrate_columns(mechanism: Mechanism, q: Array, columns: IntArray, change:
 
 
 def difference(mechanism: Mechanism, start: Array, q: Array) -> Array:
-    """Compute tangent vectors (T, nv) from one configuration `start` (nq,) to q (T, nq)."""
+    """Compute tangent vectors (..., nv) from configurations start (..., nq) to q (..., nq), broadcast."""
     model = mechanism.model
     if model.nq == model.nv:
-        return q - start
-    return np.array([pin.difference(model, start, np.ascontiguousarray(row)) for row in q])
+        return np.asarray(q - start)
+    pairs = np.broadcast_arrays(start, q)
+    flat = (np.ascontiguousarray(part).reshape(-1, model.nq) for part in pairs)
+    ways = [pin.difference(model, first, end) for first, end in zip(*flat, strict=True)]
+    return np.array(ways).reshape(*pairs[0].shape[:-1], model.nv)
+
+
+def _difference_slopes(mechanism: Mechanism, start: Array, q: Array) -> Array:
+    """Compute the derivatives (T, nv, nv) of `difference` from start (nq,) to q (T, nq) along joint rates."""
+    rows = map(np.ascontiguousarray, q)
+    return np.array([pin.dDifference(mechanism.model, start, row, pin.ArgumentPosition.ARG1) for row in rows])
 
 
 def along_joints(mechanism: Mechanism, start: Array, q: Array, force: Array) -> Array:
@@ -142,8 +154,7 @@ def along_joints(mechanism: Mechanism, start: Array, q: Array, force: Array) -> 
     model = mechanism.model
     if model.nq == model.nv or not force.any():
         return force
-    by_q = [pin.dDifference(model, start, np.ascontiguousarray(row), pin.ArgumentPosition.ARG1) for row in q]
-    return matvec(np.array(by_q).swapaxes(1, 2), force)
+    return matvec(_difference_slopes(mechanism, start, q).swapaxes(1, 2), force)
 
 
 def along_joints_slope(mechanism: Mechanism, start: Array, q: Array, stiffness: Array) -> Array:
@@ -154,8 +165,7 @@ def along_joints_slope(mechanism: Mechanism, start: Array, q: Array, stiffness: 
     model = mechanism.model
     if model.nq == model.nv:
         return np.broadcast_to(np.diag(stiffness), (len(q), model.nv, model.nv))
-    by_q = [pin.dDifference(model, start, np.ascontiguousarray(row), pin.ArgumentPosition.ARG1) for row in q]
-    return np.asarray(stiffness[:, None] * np.array(by_q))
+    return np.asarray(stiffness[:, None] * _difference_slopes(mechanism, start, q))
 
 
 def difference_rates(mechanism: Mechanism, start: Array, q: Array, v: Array) -> Array:
@@ -163,16 +173,4 @@ def difference_rates(mechanism: Mechanism, start: Array, q: Array, v: Array) -> 
     model = mechanism.model
     if model.nq == model.nv:
         return v
-    by_q = [pin.dDifference(model, start, np.ascontiguousarray(row), pin.ArgumentPosition.ARG1) for row in q]
-    return matvec(np.array(by_q), v)
-
-
-def between(mechanism: Mechanism, start: Array, q: Array) -> Array:
-    """Compute tangent vectors (..., nv) from configurations start (..., nq) to q (..., nq), broadcast."""
-    model = mechanism.model
-    if model.nq == model.nv:
-        return np.asarray(q - start)
-    pairs = np.broadcast_arrays(start, q)
-    flat = (np.ascontiguousarray(part).reshape(-1, model.nq) for part in pairs)
-    ways = [pin.difference(model, first, end) for first, end in zip(*flat, strict=True)]
-    return np.array(ways).reshape(*pairs[0].shape[:-1], model.nv)
+    return matvec(_difference_slopes(mechanism, start, q), v)

@@ -50,7 +50,7 @@ def idle_turns(robot: ParallelRobot, linearised: LinearisedLoops) -> IdleTurns |
     weights = _weights(robot)
     if not weights.any():
         return None
-    ways = _ways(robot, linearised)
+    ways = turn_motions(robot, linearised)
     rows = ways.transpose(0, 2, 1) * weights
     for k in np.flatnonzero(~weights.any(axis=1)):
         rows[:, k, robot.structure.idle[k]] = 1.0
@@ -68,7 +68,7 @@ def _weights(robot: ParallelRobot) -> Array:
     weights = np.zeros((len(robot.structure.idle), robot.model.nv))
     drives = [_alike_on_balls(robot, values) for values in (robot.joint_damping, robot.model.armature)]
     if len(weights) and any(values.any() for values in drives):
-        ways = _ways(robot, linearised_at_reference(robot))[0]
+        ways = turn_motions(robot, linearised_at_reference(robot))[0]
         for k, direction in enumerate(ways.T):
             felt = [values for values in drives if np.abs(values * direction).max() > 0.0]
             weights[k] = felt[0] if felt else 0.0
@@ -85,8 +85,8 @@ def _alike_on_balls(robot: ParallelRobot, values: Array) -> Array:
     return alike
 
 
-def _ways(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
-    """Compute Z (T, nv, k)."""
+def turn_motions(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
+    """Compute Z (T, nv, k): motions of the joints that turn one idle joint alone."""
     idle = robot.structure.idle
     ways = _following(robot, linearised, linearised.jacobian[:, :, idle])
     ways[:, idle] = np.eye(len(idle))

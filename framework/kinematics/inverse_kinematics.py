@@ -22,6 +22,7 @@ from framework.kinematics.frames import (
     difference_rates,
     integrate,
 )
+from framework.kinematics.idle_turns import turn_motions
 from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, linearised_at
 from framework.kinematics.newton import MAX_ITERATIONS, Linear, NewtonResult, Which, newton
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -130,10 +131,7 @@ def without_spin(robot: ParallelRobot, origin: Array, q: Array, x: Array) -> Arr
         spin = difference(robot, origin, q)[:, idle]
         if np.abs(spin).max() <= SPIN_ROUNDING:
             break
-        jacobian = linearised_at(robot, q, x).jacobian
-        freely = np.zeros((len(q), robot.model.nv, len(idle)))  # motions (T, nv, k) of the idle spins
-        freely[:, idle] = np.eye(len(idle))
-        freely[:, robot.moving] = -np.linalg.solve(jacobian[:, :, robot.moving], jacobian[:, :, idle])
+        freely = turn_motions(robot, linearised_at(robot, q, x))[:, :, np.isin(robot.structure.idle, idle)]
         rates = np.stack(
             [difference_rates(robot, origin, q, freely[:, :, k])[:, idle] for k in range(len(idle))], axis=2
         )

@@ -89,8 +89,7 @@ def kinematic_derivatives(robot: ParallelRobot, q: ArrayLike | Configuration) ->
 def _slopes(robot: ParallelRobot, closed: ClosedStack, columns: IntArray) -> PoseSlopes:
     """Compute the slopes along k joints of the velocity vector, which the passive joints follow."""
     k = len(columns)
-    steps = np.zeros((k, robot.model.nv))
-    steps[np.arange(k), columns] = 1.0
+    steps = np.eye(robot.model.nv)[columns]
     if len(robot.following):
         opened = closed.linearised.closures[0][:, columns].T
         steps[:, robot.following] = -closed.linearised.passive_factors.solve(opened[:, None])[:, 0]

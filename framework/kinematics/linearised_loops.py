@@ -21,8 +21,9 @@ from framework.kinematics.frames import (
     frames_at,
 )
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.linalg.banded_lu import Factors
+from framework.linalg.banded_lu import Band, Factors
 from framework.linalg.ordered_sums import cross
+from framework.linalg.sparsity import Part
 from framework.tolerances import FILE_ROUNDING
 
 
@@ -73,10 +74,7 @@ class LinearisedLoops:
         Raises:
             numpy.linalg.LinAlgError: there are not as many equations as columns.
         """
-        band = self.equations.moving_band
-        if band is None:
-            raise np.linalg.LinAlgError("the platform and the loops do not make a square system")
-        return band.factor(self.entries.take(self.equations.moving.entry, axis=1))
+        return self._factor(self.equations.moving_band, self.equations.moving, "the platform and the loops")
 
     @cached_property
     def passive_factors(self) -> Factors:
@@ -85,10 +83,14 @@ class LinearisedLoops:
         Raises:
             numpy.linalg.LinAlgError: there are not as many loop equations as columns.
         """
-        band = self.equations.passive_band
+        return self._factor(
+            self.equations.passive_band, self.equations.passive, "the loops along passive joints"
+        )
+
+    def _factor(self, band: Band | None, part: Part, what: str) -> Factors:
         if band is None:
-            raise np.linalg.LinAlgError("the loops do not make a square system for the passive joints")
-        return band.factor(self.entries.take(self.equations.passive.entry, axis=1))
+            raise np.linalg.LinAlgError(f"{what} do not make a square system")
+        return band.factor(self.entries.take(part.entry, axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,18 +104,23 @@ class ClosedStack:
 
 def linearised_at(robot: ParallelRobot, q: Array, x: Array | None) -> LinearisedLoops:
     """Compute F and its derivatives at q (T, nq) for the platform at x (T, n); None: where q has it."""
-    equations, frames, count, n = robot.equations, frames_at(robot, q), len(q), robot.n
-    loops = loop_wrenches(robot.rows, frames)
-    residual, wrench = np.zeros((count, len(equations.bodies))), np.empty((count, len(equations.bodies), 6))
+    equations, frames, n = robot.equations, frames_at(robot, q), robot.n
+    loops, residual = loop_wrenches(robot.rows, frames), np.zeros((len(q), len(equations.bodies)))
     if x is not None:
         residual[:, :n] = robot.platform.residual(frames, x)
+    residual[:, n:] = loops.residual.take(robot.structure.independent, axis=1)
+    entries = equations.pattern.entries(equation_wrenches(robot, frames, loops), frames.screws)
+    return LinearisedLoops(equations, frames, loops, residual, entries)
+
+
+def equation_wrenches(robot: ParallelRobot, frames: FrameStack, loops: LoopWrenches) -> Array:
+    """Compute the wrenches (T, n + m, 6) of platform and independent loops about the base's origin."""
+    bodies, n = robot.equations.bodies, robot.n
+    wrench = np.empty((len(frames.q), len(bodies), 6))
     wrench[:, :n] = robot.platform.wrenches(frames)
-    residual[:, n:], wrench[:, n:] = loops.take(robot.structure.independent)
-    arm = frames.position.take(equations.bodies, axis=1)
-    wrench[..., 3:] += cross(arm, wrench[..., :3])  # about the base's origin
-    return LinearisedLoops(
-        equations, frames, loops, residual, equations.pattern.entries(wrench, frames.screws)
-    )
+    wrench[:, n:] = loops.wrench.take(robot.structure.independent, axis=1)
+    wrench[..., 3:] += cross(frames.position.take(bodies, axis=1), wrench[..., :3])
+    return wrench
 
 
 def linearised_at_reference(robot: ParallelRobot) -> LinearisedLoops:

@@ -11,27 +11,24 @@ serial kinematic chain", Mechanism and Machine Theory 31(2).
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from framework.arrays import Array
+from framework.kinematics.closures import displacements, first_axes, second_axes
+from framework.kinematics.frame_variations import tree_columns
 from framework.kinematics.frames import FrameStack
+from framework.kinematics.mechanism import Mechanism
 from framework.linalg.ordered_sums import cross
 from framework.model.loop_rows import LoopRows
 
 
-def loop_curvature(
-    rows: LoopRows, frames: FrameStack, before: NDArray[np.bool_], multipliers: Array
-) -> Array:
-    """Compute d(J' lambda)/dq (T, nv, nv) for multipliers (T, m), row by row along the second index.
-
-    `before` (nv, nv) tells of columns i and j whether i moves what j turns about, see `tree_columns`.
-    """
+def loop_curvature(mechanism: Mechanism, rows: LoopRows, frames: FrameStack, multipliers: Array) -> Array:
+    """Compute d(J' lambda)/dq (T, nv, nv) for multipliers (T, m), row by row along the second index."""
     jacobian = frames.jacobian.transpose(0, 1, 3, 2)  # (T, F, nv, 6)
     slides, turns = jacobian[..., :3], jacobian[..., 3:]
     turn1 = turns[:, rows.first]  # (T, m, nv, 3)
     slide = slides[:, rows.second] - slides[:, rows.first]
-    e = frames.rotation[:, rows.first, :, rows.first_axis].transpose(1, 0, 2)[:, :, None]  # (T, m, 1, 3)
-    d = (frames.position[:, rows.second] - frames.position[:, rows.first])[:, :, None]
+    e = first_axes(rows, frames)[:, :, None]  # (T, m, 1, 3)
+    d = displacements(rows, frames)[:, :, None]
     swing = cross(turn1, e)  # (T, m, nv, 3) how e turns
     load = multipliers[:, :, None]  # (T, m, 1)
     turning, distance = rows.rotation[:, None], rows.distance[:, None]
@@ -39,15 +36,14 @@ def loop_curvature(
     # the force that each row puts on the second frame, what acts on its first axis, and how that changes
     push, held, offset, change = load * e[:, :, 0], load[..., None], d, slide
     if rows.distance.any():
-        length = np.where(rows.distance, rows.length, 1.0)[:, None]
-        push = load * np.where(distance, d[:, :, 0] / length, e[:, :, 0])
+        push = load * np.where(distance, d[:, :, 0] / rows.length[:, None], e[:, :, 0])
         held = np.where(distance, 0.0, load)[..., None]  # (T, m, 1, 1)
     if rows.rotation.any():
-        w = frames.rotation[:, rows.second, :, rows.second_axis].transpose(1, 0, 2)[:, :, None]
+        w = rows.sign[:, None, None] * second_axes(rows, frames)[:, :, None]
         turn2 = turns[:, rows.second]
-        swing2 = rows.sign[:, None, None] * cross(turn2, w)
+        swing2 = cross(turn2, w)
         push = np.where(turning, 0.0, push)
-        offset = np.where(turning[:, None], rows.sign[:, None, None] * w, d)
+        offset = np.where(turning[:, None], w, d)
         change = np.where(turning[:, None], swing2, slide)
 
     # second derivatives of the points
@@ -63,8 +59,9 @@ def loop_curvature(
     mixed = _products(held * swing, change)
     symmetric = mixed + mixed.transpose(0, 2, 1)
     if rows.distance.any():
-        stretched = np.where(distance, load / length, 0.0)[..., None]
+        stretched = np.where(distance, load / rows.length[:, None], 0.0)[..., None]
         symmetric += _products(stretched * slide, slide)
+    before = tree_columns(mechanism).before
     strictly = before & ~before.T  # not two columns of one ball, whose order matters
     return np.asarray(
         symmetric + (upper * before).transpose(0, 2, 1) + np.where(strictly, upper, 0.0), dtype=float

@@ -16,9 +16,19 @@ from framework.tolerances import RANK_LOST
 CHOLESKY_CLEARANCE = 1e-4  # singular values of P whose squares are above what rounding makes of P'P
 
 
+def scaled_loops(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
+    """Compute all columns (T, m, nv) of the independent loop equations, in radians and robot lengths."""
+    return scaled(robot, linearised.closures, robot.loops.rotation)
+
+
+def scaled_platform(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
+    """Compute the platform's rows (T, n, nv), in radians and robot lengths."""
+    return scaled(robot, linearised.platform, ~robot.translations)
+
+
 def independent_loops_matrix(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
     """Compute all columns (T, m, nv) of the independent loop equations, without dimension."""
-    return scaled(robot, linearised.closures, robot.loops.rotation) / robot.structure.row_sizes[:, None]
+    return scaled_loops(robot, linearised) / robot.structure.row_sizes[:, None]
 
 
 def passive_matrix(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
@@ -67,10 +77,7 @@ def type1_matrix(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
 
     Columns: actuated, then passive. Singular in Type 1 singularities, and where the loop equations lose rank.
     """
-    both = [
-        scaled(robot, linearised.platform, ~robot.translations),
-        independent_loops_matrix(robot, linearised),
-    ]
+    both = [scaled_platform(robot, linearised), independent_loops_matrix(robot, linearised)]
     return np.concatenate(both, axis=1)[:, :, robot.moving]
 
 
@@ -82,14 +89,14 @@ def passive_motion(robot: ParallelRobot, eta: Array) -> Array:
     return motion
 
 
-def lost_equations(robot: ParallelRobot, linearised: LinearisedLoops, level: float = RANK_LOST) -> int:
-    """Count the rank that the independent loop equations lose at one configuration (T = 1).
+def lost_equations(robot: ParallelRobot, linearised: LinearisedLoops, level: float = RANK_LOST) -> IntArray:
+    """Count the ranks (T,) that the independent loop equations lose.
 
     Counted by singular values below `level`, in radians and robot lengths.
     """
-    loops = scaled(robot, linearised.closures, robot.loops.rotation)[0][:, robot.moving]
-    values = np.linalg.svd(loops, compute_uv=False)
-    return int(np.sum(values < level * max(float(values.max(initial=0.0)), 1.0)))
+    values = np.linalg.svd(scaled_loops(robot, linearised)[:, :, robot.moving], compute_uv=False)
+    largest = np.maximum(values.max(axis=1, initial=0.0), 1.0)
+    return np.asarray(np.sum(values < level * largest[:, None], axis=1))
 
 
 def instantaneous_motions(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
@@ -99,7 +106,6 @@ def instantaneous_motions(robot: ParallelRobot, linearised: LinearisedLoops) -> 
     degrees of freedom, and more where the loop equations lose rank.
     """
     columns = robot.moving
-    loops = scaled(robot, linearised.closures, robot.loops.rotation)[0][:, columns]
-    values, right = np.linalg.svd(loops)[1:]
+    values, right = np.linalg.svd(scaled_loops(robot, linearised)[0][:, columns])[1:]
     rank = int(np.sum(values > RANK_LOST * max(float(values[0]), 1.0)))
     return right[rank:].T * robot.column_scale[columns][:, None]

@@ -79,7 +79,7 @@ def singular_reference(
 
 def independent_rows(matrix: Array) -> IntArray:
     """Return ascending indices of rows that do not repeat others."""
-    return np.sort(_pivots(matrix)[: _rank(matrix)])
+    return np.sort(row_pivots(matrix)[: numerical_rank(matrix)])
 
 
 def rows_of_springs_alone(
@@ -107,7 +107,7 @@ def idle_columns(felt: Array, passive: IntArray) -> IntArray:
         return np.empty(0, dtype=np.intp)
     values, right = np.linalg.svd(felt)[1:]
     rank = int(np.sum(values > RANK_ROUNDING * max(float(values[0]), 1.0)))
-    order = _pivots(right[rank:].T) if rank < len(right) else np.empty(0, dtype=np.intp)
+    order = row_pivots(right[rank:].T) if rank < len(right) else np.empty(0, dtype=np.intp)
     return np.sort(passive[order[: len(passive) - rank]])
 
 
@@ -119,21 +119,21 @@ def motion_matrix(mechanism: Mechanism, platform: PlatformCoordinates, q: Array)
 
 def _lost_rows(at_reference: Array, nearby: Array) -> IntArray:
     """Find the rows by which the rank of `nearby` exceeds that of `reference`, by pivoting."""
-    rank, remaining = _rank(nearby), _rank(at_reference, BRANCHES_MEET)
+    rank, remaining = numerical_rank(nearby), numerical_rank(at_reference, BRANCHES_MEET)
     if remaining >= rank:
         return np.empty(0, dtype=np.intp)
-    kept = _pivots(at_reference)[:remaining]
+    kept = row_pivots(at_reference)[:remaining]
     span = np.linalg.qr(nearby[kept].T)[0]
-    return np.sort(_pivots(nearby - nearby @ span @ span.T)[: rank - len(kept)])
+    return np.sort(row_pivots(nearby - nearby @ span @ span.T)[: rank - len(kept)])
 
 
-def _rank(matrix: Array, level: float = RANK_ROUNDING) -> int:
+def numerical_rank(matrix: Array, level: float = RANK_ROUNDING) -> int:
     """Count singular values above `level` times the largest."""
     values = np.linalg.svd(matrix, compute_uv=False)
     return int(np.sum(values > level * values.max(initial=0.0)))
 
 
-def _pivots(matrix: Array) -> IntArray:
+def row_pivots(matrix: Array) -> IntArray:
     """Order the rows of a matrix, each the farthest from the span of those before it."""
     from scipy.linalg import qr
 

@@ -145,6 +145,13 @@ class Mechanism(ReadOnlyArrays):
         """All entries of the velocity vector but those of springs."""
         return read_only(np.setdiff1d(np.arange(self.model.nv), self.elastic))
 
+    @cached_property
+    def all_stiffness(self) -> Array:
+        """Stiffness of all springs on each coordinate, (nv,) joint side [N/m, N m/rad]."""
+        stiffness = self.joint_stiffness.copy()
+        stiffness[self.elastic] += self.stiffness
+        return read_only(stiffness)
+
     @property
     def spring_names(self) -> tuple[str, ...]:
         """Names of all springs: of virtual joints, and of the joints of the URDF that springs act on."""

@@ -17,14 +17,10 @@ def more_than_a_turn(mechanism: Mechanism, joints: Mapping[str, float]) -> str:
     Angles in degrees are.
     """
     columns = columns_of(mechanism.model, joints)
-    hinges = {
-        joint: angle
-        for column, (joint, angle) in zip(columns, joints.items(), strict=True)
-        if not mechanism.sliding[column] and abs(angle) > 2.0 * np.pi
-    }
     turns = ", ".join(
         f"{joint} at {angle:g} rad is {abs(angle) / (2.0 * np.pi):.3g} turns"
-        for joint, angle in hinges.items()
+        for column, (joint, angle) in zip(columns, joints.items(), strict=True)
+        if not mechanism.sliding[column] and abs(angle) > 2.0 * np.pi
     )
     return f"; angles are in rad: {turns}" if turns else ""
 

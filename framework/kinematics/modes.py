@@ -14,10 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from framework.arrays import Array, BoolArray, IntArray, ReadOnlyArrays
-from framework.kinematics.closures import scaled
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import LinearisedLoops
-from framework.kinematics.loop_matrices import type1_matrix
+from framework.kinematics.loop_matrices import scaled_loops, scaled_platform, type1_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.tolerances import DETERMINANT_LOST, RANK_LOST
 
@@ -28,21 +27,35 @@ def mode_signs(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array
     The sign of det [dF/dq] changes at Type 1 singularities, the sign of the determinant of the
     passive columns of the loops at Type 2 (of a robot without redundant motors; else it is 1).
     """
-    working = linearised.factors.slogdet[0]
-    if linearised.equations.passive_band is None:
-        return working, np.ones(len(working))
-    return working, linearised.passive_factors.slogdet[0]
+    return linearised.factors.slogdet[0], passive_determinants(linearised)[0]
 
 
-def keeps_assembly_mode(before: LinearisedLoops, after: LinearisedLoops) -> bool:
-    """Whether no Type 2 singularity lies between two near configurations (T = 1) or at the second.
+def passive_determinants(linearised: LinearisedLoops) -> tuple[Array, Array]:
+    """Compute signs and logarithms (T,) of the determinants of the passive columns of the loops.
 
-    Of robots without redundant motors. A determinant of which no more than rounding is left has no sign.
+    With redundant motors these are not square, and without passive joints there are none: it is 1 then.
     """
-    if before.equations.passive_band is None:
-        return True
-    (sign_one, size_one), (sign_two, size_two) = before.passive_factors.slogdet, after.passive_factors.slogdet
-    return bool(sign_one == sign_two and size_two - size_one > np.log(DETERMINANT_LOST))
+    if linearised.equations.passive_band is None:
+        count = len(linearised.residual)
+        return np.ones(count), np.zeros(count)
+    return linearised.passive_factors.slogdet
+
+
+def keeps_sign(before: tuple[Array, Array], after: tuple[Array, Array]) -> BoolArray:
+    """Whether determinants (T,), their signs and logarithms, have the same sign before and after.
+
+    A determinant of which no more than rounding is left has no sign.
+    """
+    (sign, size), (later_sign, later_size) = before, after
+    return np.asarray((later_sign == sign) & (later_size - size > np.log(DETERMINANT_LOST)))
+
+
+def keeps_assembly_mode(before: LinearisedLoops, after: LinearisedLoops) -> BoolArray:
+    """Whether no Type 2 singularity lies between near configurations or at the second, (T,).
+
+    Of robots without redundant motors.
+    """
+    return keeps_sign(passive_determinants(before), passive_determinants(after))
 
 
 def keeps_working_mode(robot: ParallelRobot, before: LinearisedLoops, after: LinearisedLoops) -> BoolArray:
@@ -57,18 +70,16 @@ def keeps_working_mode(robot: ParallelRobot, before: LinearisedLoops, after: Lin
     """
     columns = robot.moving
 
-    def loops(linearised: LinearisedLoops) -> Array:
-        return scaled(robot, linearised.closures, robot.loops.rotation)[:, :, columns]
-
-    ranked = np.linalg.svd(loops(after), compute_uv=False).min(axis=1, initial=np.inf) >= RANK_LOST
+    loops = scaled_loops(robot, after)[:, :, columns]
+    ranked = np.linalg.svd(loops, compute_uv=False).min(axis=1, initial=np.inf) >= RANK_LOST
     signs, sizes = map(np.concatenate, zip(before.factors.slogdet, after.factors.slogdet, strict=True))
-    keep = ranked & (signs[1:] == signs[:-1]) & (sizes[1:] - sizes[:-1] > np.log(DETERMINANT_LOST))
+    keep = ranked & keeps_sign((signs[:-1], sizes[:-1]), (signs[1:], sizes[1:]))
     for k in map(int, np.flatnonzero(ranked & ~keep)):
         bases, maps = [], []
         for linearised in (after.at(k - 1) if k else before, after.at(k)):
-            basis = np.linalg.svd(loops(linearised)[0])[2][linearised.closures.shape[1] :].T
+            basis = np.linalg.svd(scaled_loops(robot, linearised)[0][:, columns])[2][loops.shape[1] :].T
             bases.append(basis)
-            platform = scaled(robot, linearised.platform, ~robot.translations)[0][:, columns]
+            platform = scaled_platform(robot, linearised)[0][:, columns]
             maps.append(float(np.linalg.det(platform @ basis)))
         carried_on = maps[1] * np.sign(maps[0] * np.linalg.det(bases[0].T @ bases[1]))
         keep[k] = carried_on > DETERMINANT_LOST * abs(maps[0])

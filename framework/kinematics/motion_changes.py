@@ -20,7 +20,7 @@ from framework.errors import InvalidInput
 from framework.kinematics.frame_variations import TreeMotion, row_variation
 from framework.kinematics.idle_turns import driven_turns
 from framework.kinematics.linearised_loops import LinearisedLoops
-from framework.kinematics.motion_rates import Motion, undetermined_joints
+from framework.kinematics.motion_rates import Motion, moving_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.platform import CoordinateRates
 
@@ -52,9 +52,8 @@ def coordinate_steps(
     columns = np.empty(0, dtype=np.intp) if columns is None else columns
     count, n = x[0].shape
     size = n + len(columns)
-    units = np.zeros((3, count, 3 * size, size))
-    for order in range(3):
-        units[order, :, order * size : (order + 1) * size] = np.eye(size)
+    steps = np.eye(3 * size).reshape(3 * size, 3, size).swapaxes(0, 1)
+    units = np.repeat(steps[:, None], count, axis=1)
     repeated = _three(np.repeat(part, 3 * size, axis=0) for part in x)
     twists = robot.platform.twist_changes(repeated, _three(part[..., :n].reshape(-1, n) for part in units))
     along = _three(part.reshape(count, 3 * size, n) for part in twists)
@@ -98,10 +97,7 @@ def solved_rates(
     if len(columns):
         rates[..., columns] = known
         right = right - known @ linearised.jacobian[:, :, columns].swapaxes(1, 2)
-    try:
-        rates[..., robot.moving] = linearised.factors.solve(right.swapaxes(0, 1)).swapaxes(0, 1)
-    except np.linalg.LinAlgError:
-        raise undetermined_joints(robot, linearised) from None
+    rates[..., robot.moving] = moving_rates(robot, linearised, right.swapaxes(0, 1)).swapaxes(0, 1)
     return rates
 
 

@@ -24,7 +24,12 @@ from framework.kinematics.frames import (
     frames_at,
 )
 from framework.kinematics.idle_turns import idle_turns
-from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, linearised_at
+from framework.kinematics.linearised_loops import (
+    ClosedStack,
+    LinearisedLoops,
+    equation_wrenches,
+    linearised_at,
+)
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import scratch_of
 from framework.linalg.ordered_sums import cross
@@ -57,21 +62,25 @@ def _solve_rates(robot: ParallelRobot, linearised: LinearisedLoops, right: Array
     if robot.n_e:
         rates[..., robot.elastic] = elastic
         right = right - linearised.equations.elastic.times(linearised.entries, elastic)
-    try:
-        rates[..., robot.moving] = linearised.factors.solve(right)
-    except np.linalg.LinAlgError:
-        raise undetermined_joints(robot, linearised) from None
+    rates[..., robot.moving] = moving_rates(robot, linearised, right)
     return rates
 
 
-def undetermined_joints(robot: ParallelRobot, linearised: LinearisedLoops) -> NotAssembled:
-    """Return the error of a platform that does not determine the joints (Type 1)."""
-    return NotAssembled(
-        f"{robot.name}: the platform's {', '.join(robot.axis_names)} do not determine the joints: a leg "
-        f"is stretched or folded, or the platform frame does not move along these axes",
-        q=robot.q_near,
-        residual=float(np.abs(linearised.residual).max()),
-    )
+def moving_rates(robot: ParallelRobot, linearised: LinearisedLoops, right: Array) -> Array:
+    """Solve dF/dq along the columns that follow for their rates (..., T, n + m).
+
+    Raises:
+        NotAssembled: the platform does not determine the joints (Type 1).
+    """
+    try:
+        return linearised.factors.solve(right)
+    except np.linalg.LinAlgError:
+        raise NotAssembled(
+            f"{robot.name}: the platform's {', '.join(robot.axis_names)} do not determine the joints: a leg "
+            f"is stretched or folded, or the platform frame does not move along these axes",
+            q=robot.q_near,
+            residual=float(np.abs(linearised.residual).max()),
+        ) from None
 
 
 def motion_at(
@@ -147,14 +156,11 @@ def jacobian_change(
     twists = displaced.copy()
     twists[..., :3] += cross(twists[..., 3:], frames.position)
     n, bodies, platform = robot.n, equations.bodies, robot.platform
-    wrench, rate = np.zeros((2, count, len(bodies), 6))
-    wrench[:, :n] = platform.wrenches(frames)
-    wrench[:, n:] = linearised.loops.take(robot.structure.independent).wrench
+    wrench, rate = equation_wrenches(robot, frames, linearised.loops), np.zeros((count, len(bodies), 6))
     rate[:, :n] = platform.wrench_rates(frames, twists[:, 0, 3:], screw_changes)
     rate[:, n:] = wrench_rates(equations.loops, frames, twists)
     # about the base's origin
     moved = cross(twists[:, bodies, :3], wrench[..., :3])
     rate[..., 3:] += moved + cross(frames.position[:, bodies], rate[..., :3])
-    wrench[..., 3:] += cross(frames.position[:, bodies], wrench[..., :3])
     parts = equations.pattern.entries(rate, frames.screws), equations.pattern.entries(wrench, screw_changes)
     return equations.pattern.dense(parts[0] + parts[1])

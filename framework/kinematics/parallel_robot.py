@@ -92,6 +92,13 @@ class ParallelRobot(Mechanism):
     def n_a(self) -> int:
         return len(self.actuated)
 
+    @cached_property
+    def rotors(self) -> Array:
+        """Inertia of the rotors on each joint rate, (nv,) joint side [kg m^2, kg]."""
+        rotors = np.zeros(self.model.nv)
+        rotors[self.actuated] = self.gear_ratio**2 * self.rotor_inertia
+        return read_only(rotors)
+
     @property
     def loops(self) -> LoopRows:
         """The table of the independent loop equations."""

@@ -22,7 +22,7 @@ class Scratch(NamedTuple):
     """Pinocchio's working memory for a mechanism, and what is read from it, seen as arrays.
 
     The arrays show the memory of `data` itself: they change with every call of pinocchio on it. Where its
-    layout is not the expected one they are copies, which `refresh` brings up to date after a call.
+    layout is not the expected one they are copies, which `update` brings up to date after a call.
     """
 
     data: pin.Data
@@ -36,6 +36,11 @@ class Scratch(NamedTuple):
     bodies: IntArray  # (F,) rows of `velocities` that carry the frames
     carried: Array  # (F, nv)
     refresh: Callable[[], None] | None  # None: the arrays are pinocchio's own memory
+
+    def update(self) -> None:
+        """Bring the arrays up to date after a call of pinocchio."""
+        if self.refresh is not None:
+            self.refresh()
 
     @staticmethod
     def of(model: pin.Model, frames: tuple[int, ...]) -> Scratch:
@@ -55,19 +60,9 @@ class Scratch(NamedTuple):
                 array[...] = current
 
         bodies = np.array([model.frames[frame].parentJoint for frame in frames], dtype=np.intp)
-        return Scratch(
-            data=data,
-            placements=arrays[0],
-            columns=arrays[1],
-            velocities=arrays[2],
-            accelerations=arrays[3],
-            joints=arrays[4],
-            forces=arrays[5],
-            frames=np.array(frames, dtype=np.intp),
-            bodies=bodies,
-            carried=carriers(model, bodies),
-            refresh=None if shown else refresh,
-        )
+        rows = np.array(frames, dtype=np.intp)
+        carried = carriers(model, bodies)
+        return Scratch._make((data, *arrays, rows, bodies, carried, None if shown else refresh))
 
 
 def scratch_of(mechanism: Mechanism) -> Scratch:

@@ -134,7 +134,7 @@ class FramePlatform(PlatformCoordinates):
     axes: IntArray  # (n,) 0..5 into the twist (linear, angular)
     units: Array  # (n, 6) unit forces and couples along them
     turning: IntArray  # places in x of the turns
-    attitude: Attitude | None  # None: it does not turn
+    attitude: Attitude  # of no coordinates where it does not turn
 
     @staticmethod
     def on_axes(names: tuple[str, ...]) -> FramePlatform:
@@ -142,7 +142,7 @@ class FramePlatform(PlatformCoordinates):
         axes = np.array([AXES.index(name) for name in names])
         translations = axes < 3
         sliding, turning = np.flatnonzero(translations), np.flatnonzero(~translations)
-        attitude = attitude_about(axes[turning] - 3) if len(turning) else None
+        attitude = attitude_about(axes[turning] - 3)
         return FramePlatform(translations, sliding, axes[sliding], axes, np.eye(6)[axes], turning, attitude)
 
     def charted(self, rotations: Array) -> FramePlatform:
@@ -153,17 +153,16 @@ class FramePlatform(PlatformCoordinates):
     @property
     def constant(self) -> bool:
         """Whether the wrenches are the same at every pose."""
-        return self.attitude is None or self.attitude.constant
+        return self.attitude.constant
 
     def coordinates(self, frames: FrameStack) -> Array:
         x = np.empty((len(frames.position), self.n))
         x[:, self.sliding] = frames.position[:, 0, self.along]
-        if self.attitude is not None:
-            x[:, self.turning] = self.attitude.coordinates(frames.rotation[:, 0])
+        x[:, self.turning] = self.attitude.coordinates(frames.rotation[:, 0])
         return x
 
     def residual(self, frames: FrameStack, x: Array) -> Array:
-        if self.attitude is None:
+        if self.is_point:
             return frames.position[:, 0, self.along] - x
         off = np.empty((len(x), self.n))
         off[:, self.sliding] = frames.position[:, 0, self.along] - x[:, self.sliding]
@@ -171,14 +170,12 @@ class FramePlatform(PlatformCoordinates):
         return off
 
     def unwrap(self, x: Array, near: Array) -> Array:
-        if self.attitude is None:
-            return x
         x = x.copy()
         x[:, self.turning] = self.attitude.unwrap(x[:, self.turning], near[..., self.turning])
         return x
 
     def wrenches(self, frames: FrameStack) -> Array:
-        if self.attitude is None or self.attitude.constant:
+        if self.constant:
             return self.units
         wrenches = np.repeat(self.units[None], len(frames.position), axis=0)
         wrenches[:, self.turning, 3:] = self.attitude.couples(frames.rotation[:, 0])
@@ -186,8 +183,7 @@ class FramePlatform(PlatformCoordinates):
 
     def wrench_rates(self, frames: FrameStack, w: Array, screw_rates: Array) -> Array:
         rates = np.zeros((len(w), self.n, 6))
-        if self.attitude is not None:
-            rates[:, self.turning, 3:] = self.attitude.couple_rates(frames.rotation[:, 0], w)
+        rates[:, self.turning, 3:] = self.attitude.couple_rates(frames.rotation[:, 0], w)
         return rates
 
     def felt_by(self, carried: Array) -> Array:
@@ -199,7 +195,7 @@ class FramePlatform(PlatformCoordinates):
 
     def drift(self, frames: FrameStack, motions: FrameMotions) -> Array:
         drift = self._yield(frames, motions.drift[:, 0, :, None])[..., 0]
-        if self.attitude is not None and not self.attitude.constant:
+        if not self.constant:
             w = motions.twist[:, 0, 3:]
             drift[:, self.turning] += matvec(self.attitude.couple_rates(frames.rotation[:, 0], w), w)
         return drift
@@ -207,20 +203,19 @@ class FramePlatform(PlatformCoordinates):
     def frame_twist(self, frames: FrameStack, v: Array) -> Array:
         six = np.zeros((len(v), 6))
         six[:, self.along] = v[:, self.sliding]
-        if self.attitude is not None:
-            six[:, 3:] = self.attitude.turning(frames.rotation[:, 0], v[:, self.turning])
+        six[:, 3:] = self.attitude.turning(frames.rotation[:, 0], v[:, self.turning])
         return six
 
     def twist(self, x: Array, dx: Array, ddx: Array | None = None) -> tuple[Array, Array]:
         ddx = np.zeros_like(dx) if ddx is None else ddx
-        if self.attitude is None or self.attitude.by_rates:
+        if self.attitude.by_rates:
             return dx, ddx
         v, dv, turning = dx.copy(), ddx.copy(), self.turning
         v[:, turning], dv[:, turning] = self.attitude.rates(*(part[:, turning] for part in (x, dx, ddx)))
         return v, dv
 
     def twist_changes(self, motion: CoordinateRates, step: CoordinateRates) -> CoordinateRates:
-        if self.attitude is None or self.attitude.by_rates:
+        if self.attitude.by_rates:
             return step
         turning = self.turning
         x, dx, ddx = (part[:, turning] for part in motion)
@@ -234,8 +229,6 @@ class FramePlatform(PlatformCoordinates):
         once, twice = np.empty((2, *variation.twist.shape[:2], self.n))
         once[..., self.sliding] = variation.rates.rate[:, :, 0, 3, self.along]
         twice[..., self.sliding] = variation.rates.second[:, :, 0, 3, self.along]
-        if self.attitude is None:
-            return once, twice
         count, k = once.shape[:2]
         turn, dw, dalpha = (part[:, :, 0, 3:].reshape(-1, 3) for part in variation[:3])
         w, alpha, rotation = (

@@ -17,6 +17,7 @@ from framework.errors import NotAssembled
 from framework.kinematics.assembly import Closing, all_loops_matrix, close_reference
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.frames import frames_at
+from framework.kinematics.loop_structure import numerical_rank, row_pivots
 from framework.kinematics.mechanism import Mechanism
 from framework.tolerances import EXPORT_ROUNDING
 
@@ -54,16 +55,13 @@ def rounded_gap(mechanism: Mechanism, q: Array) -> float:
 
 def _without_rounded_rows(mechanism: Mechanism, q: Array) -> Mechanism | None:
     """Return the mechanism without rows that repeat others but for rounding at q (nq,), None without such."""
-    from scipy.linalg import qr
-
     rows = mechanism.rows
     weights = np.where(rows.rotation, 1.0, 1.0 / mechanism.length)
     gap = np.abs(weights * loop_equations(rows, frames_at(mechanism, q[None])).residual[0]).max()
     matrix = all_loops_matrix(mechanism, q)[:, mechanism.joints]
-    values = np.linalg.svd(matrix, compute_uv=False)
-    rank = int(np.sum(values > ROUNDED_ROW * values.max(initial=0.0)))
+    rank = numerical_rank(matrix, ROUNDED_ROW)
     if gap > EXPORT_ROUNDING or rank == len(rows.names):
         return None
-    order = qr(matrix.T, mode="r", pivoting=True)[1]
+    order = row_pivots(matrix)
     kept, others = np.sort(order[:rank]), np.sort(order[rank:])
     return replace(mechanism, rows=rows.take(kept), rounded=rows.take(others))

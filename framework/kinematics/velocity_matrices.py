@@ -57,12 +57,9 @@ def matrices_and_changes(
     M, dM = (_balanced(robot, jacobian) for jacobian in (linearised.jacobian, changes))
     N, passive = _left_null_space(robot, M), robot.following
     dN = -N @ dM[:, :, passive] @ np.linalg.pinv(M[:, :, passive])
-    columns = (robot.actuated, robot.elastic)
-    matrices = VelocityMatrices(N[:, :, : robot.n], *(N @ M[:, :, part] for part in columns))
-    rates = VelocityMatrices(
-        dN[:, :, : robot.n], *(dN @ M[:, :, part] + N @ dM[:, :, part] for part in columns)
-    )
-    return _with_dimension(robot, matrices), _with_dimension(robot, rates)
+    turned, moved = _combine(robot, dN, M), _combine(robot, N, dM)
+    rates = VelocityMatrices(turned.A, turned.B + moved.B, turned.C + moved.C)
+    return _with_dimension(robot, _combine(robot, N, M)), _with_dimension(robot, rates)
 
 
 def dimensionless_matrices(robot: ParallelRobot, linearised: LinearisedLoops) -> VelocityMatrices:
@@ -72,10 +69,12 @@ def dimensionless_matrices(robot: ParallelRobot, linearised: LinearisedLoops) ->
     d[platform ; closures]/dq: the singular values of A are cosines, in 0 .. 1.
     """
     balanced = _balanced(robot, linearised.jacobian)
-    N = _left_null_space(robot, balanced)
-    return VelocityMatrices(
-        N[:, :, : robot.n], N @ balanced[:, :, robot.actuated], N @ balanced[:, :, robot.elastic]
-    )
+    return _combine(robot, _left_null_space(robot, balanced), balanced)
+
+
+def _combine(robot: ParallelRobot, N: Array, M: Array) -> VelocityMatrices:
+    """Combine the rows of a Jacobian M (T, n + m, nv) of platform and loops by N (T, m, n + m)."""
+    return VelocityMatrices(N[:, :, : robot.n], N @ M[:, :, robot.actuated], N @ M[:, :, robot.elastic])
 
 
 def _balanced(robot: ParallelRobot, jacobian: Array) -> Array:

@@ -85,7 +85,7 @@ def cross(a: Array, b: Array) -> Array:
         return both[..., :3] - both[..., 3:]
     a1, a2, a3 = a[..., 0], a[..., 1], a[..., 2]
     b1, b2, b3 = b[..., 0], b[..., 1], b[..., 2]
-    product = np.empty(np.broadcast(a, b).shape)
+    product = np.empty(np.broadcast(a, b).shape, np.result_type(a, b))
     np.subtract(a2 * b3, a3 * b2, out=product[..., 0])
     np.subtract(a3 * b1, a1 * b3, out=product[..., 1])
     np.subtract(a1 * b2, a2 * b1, out=product[..., 2])

@@ -54,16 +54,6 @@ def rotation_vector(rotation: Array) -> Array:
     return vectors
 
 
-def left_jacobian_series(square: Array, half_rate: Array) -> tuple[Array, Array, Array, Array]:
-    """Compute the left Jacobian's coefficients a, b and time derivatives: a, da, b, db, each (T, 1).
-
-    `square` (T,) is t^2, `half_rate` (T,) half its time derivative; see `left_jacobian_coefficients`.
-    """
-    (a, da, _), (b, db, _) = left_jacobian_coefficients(square)
-    rate = (2 * half_rate)[:, None]
-    return a[:, None], da[:, None] * rate, b[:, None], db[:, None] * rate
-
-
 def left_jacobian_coefficients(square: Array) -> Array:
     """Compute the left Jacobian's coefficients a, b with two derivatives along t^2, (2, 3, T).
 

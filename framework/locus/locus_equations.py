@@ -18,7 +18,7 @@ import numpy as np
 from framework.arrays import Array, IntArray
 from framework.errors import InvalidInput, choose_from
 from framework.kinematics.closures import scaled
-from framework.kinematics.frames import FrameStack, between, integrate_columns
+from framework.kinematics.frames import FrameStack, difference, integrate_columns
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.loop_matrices import passive_matrix
@@ -103,7 +103,7 @@ class LocusEquations:
     def offsets(self, start: Array, q: Array) -> Array:
         """Compute offsets (..., k) of q (..., nq) from start (..., nq), hinges the short way round."""
         columns = self.robot.moving
-        offset = between(self.robot, start, q)[..., columns] / self.robot.column_scale[columns]
+        offset = difference(self.robot, start, q)[..., columns] / self.robot.column_scale[columns]
         turning = ~self.robot.sliding[columns]
         offset[..., turning] = wrap_angles(offset[..., turning])
         return offset

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array, BoolArray, join, select
-from framework.kinematics.frames import between, frames_at
+from framework.kinematics.frames import difference, frames_at
 from framework.kinematics.inverse_kinematics import close_each
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.modes import leg_determinants
@@ -41,7 +41,7 @@ class Region(NamedTuple):
         off = (x - self.x)[:, robot.translations]
         if self.equations.in_motors:
             moving = self.equations.robot.actuated[list(self.equations.free)]
-            off = between(robot, self.q, q)[:, moving[robot.sliding[moving]]]
+            off = difference(robot, self.q, q)[:, moving[robot.sliding[moving]]]
         inside &= np.abs(off).max(axis=1, initial=0.0) < self.reach
         if self.mode is None:
             return inside

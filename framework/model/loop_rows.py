@@ -33,7 +33,7 @@ class LoopRows(ReadOnlyArrays):
     first_axis: IntArray  # (m,)
     second_axis: IntArray  # (m,)
     sign: Array  # (m,)
-    length: Array  # (m,) [m], of distance rows
+    length: Array  # (m,) [m] of distance rows, 1 in others
     coupled: NDArray[np.bool_]  # (m,)
     columns: IntArray  # (m, 2) of coupling rows a and b, as indices into the velocity vector
     places: IntArray  # (m, 2) the same in the configuration vector
@@ -48,6 +48,18 @@ class LoopRows(ReadOnlyArrays):
     @cached_property
     def has_couplings(self) -> bool:
         return bool(self.coupled.any())
+
+    @cached_property
+    def weight(self) -> Array:
+        """Factors (m,) of the products of `row_factors` in the equations; zero of couplings."""
+        return read_only(np.where(self.distance, 0.5 / self.length, 1.0 - self.coupled))
+
+    @cached_property
+    def vectors(self) -> IntArray:
+        """Indices (4, m) of both axes, then both origins of each row, among four vectors a frame."""
+        ends = np.array([self.first, self.second])
+        axes = np.array([self.first_axis, self.second_axis])
+        return read_only(np.concatenate([4 * ends + axes, 4 * ends + 3]))
 
     def coupling_residual(self, q: Array) -> Array:
         """Compute the values (T, c) of the c coupling rows at configurations q (T, nq)."""
@@ -94,10 +106,10 @@ def loop_rows(
             distance, rotation = axis == "distance", axis.startswith("r")
             k = 0 if distance else "xyz".index(axis[-1])
             pair = _perpendicular_pair(k, locked) if rotation else (k, 0, 1.0)
-            table.append((first, second, distance, rotation, *pair, closure.length or 0.0))
+            table.append((first, second, distance, rotation, *pair, closure.length or 1.0))
             names.append(f"{closure.name}.{axis}")
     for coupling in couplings:  # two axes of one frame stay perpendicular, its origin where it is
-        table.append((0, 0, False, coupling.turns, 0, 1, 1.0, 0.0))
+        table.append((0, 0, False, coupling.turns, 0, 1, 1.0, 1.0))
         names.append(f"{coupling.name}.q")
     columns = np.array(table).T
     first_frame, second_frame, first_axis, second_axis = columns[[0, 1, 4, 5]].astype(np.intp)

@@ -29,7 +29,7 @@ from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.errors import InvalidInput, finite_numbers
 from framework.kinematics.closures import turned_over
 from framework.kinematics.continuation.forward_kinematics import motors_are_free
-from framework.kinematics.frames import between, frames_at, integrate_columns
+from framework.kinematics.frames import difference, frames_at, integrate_columns
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.proofs.leg_conditions import LegConditions, leg_conditions
 from framework.proofs.leg_paving import leg_solutions_complete
@@ -164,6 +164,6 @@ def _are_all(robot: ParallelRobot, q: Array, poses: list[Array]) -> bool:
     """Whether the loops are proved to close in no other poses than the k (nq,), motors as in q (nq,)."""
     fixed, joints = np.ones(robot.model.nv, dtype=bool), robot.following
     fixed[joints] = False
-    offsets = np.array([between(robot, q, pose)[joints] for pose in poses]).reshape(-1, len(joints))
+    offsets = np.array([difference(robot, q, pose)[joints] for pose in poses]).reshape(-1, len(joints))
     distinct = np.array(distinct_joints(offsets / robot.column_scale[joints])).reshape(-1, len(joints))
     return leg_solutions_complete(robot, joints, fixed, q, distinct, None)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array, BoolArray, IntArray
-from framework.kinematics.frames import between
+from framework.kinematics.frames import difference
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import scratch_of
 from framework.kinematics.placements import planar_normal
@@ -37,7 +37,7 @@ def stretched_length(robot: ParallelRobot, q: Array) -> float:
     """Bound the distance of any two frames [robot lengths], links stretched out, slides as in q (nq,)."""
     placements = [*robot.model.jointPlacements, *(robot.model.frames[k].placement for k in robot.frames)]
     links = sum(float(np.linalg.norm(placement.translation)) for placement in placements)
-    slid = np.abs(between(robot, robot.neutral, q)[robot.sliding]).sum()
+    slid = np.abs(difference(robot, robot.neutral, q)[robot.sliding]).sum()
     return (links + float(slid)) / robot.length
 
 

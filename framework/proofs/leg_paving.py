@@ -17,7 +17,7 @@ import numpy as np
 
 from framework.arrays import Array, BoolArray, IntArray
 from framework.kinematics.closures import loop_equations
-from framework.kinematics.frames import FrameStack, between, frames_at, integrate_columns
+from framework.kinematics.frames import FrameStack, difference, frames_at, integrate_columns
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import scratch_of
 from framework.kinematics.placements import planar_normal
@@ -204,7 +204,7 @@ class LegEquations:
 
     def _slides(self, q: Array) -> Array:
         """Compute how far the slides are out in q (..., nq), (..., nv) [m]; 0 for hinges."""
-        return np.where(self.robot.sliding, between(self.robot, self.robot.neutral, q), 0.0)
+        return np.where(self.robot.sliding, difference(self.robot, self.robot.neutral, q), 0.0)
 
     def extended_slides(self) -> Array:
         """Compute how far the slides are out in the configuration about which the leg is paved, (nv,) [m]."""
@@ -222,7 +222,8 @@ class LegEquations:
         position = ~robot.rows.rotation[self.loops]
         others = np.abs(self.extended_slides())
         others[self.own[slide]] = 0.0
-        ends = robot.rows.length[self.loops].sum() + (0.0 if self.x is None else np.abs(self.x).sum())
+        ends = (robot.rows.length * robot.rows.distance)[self.loops].sum()
+        ends += 0.0 if self.x is None else np.abs(self.x).sum()
         bounds = []
         for k, chain in enumerate(self.chains):
             rows = np.flatnonzero(position & (self.chain_of == k))

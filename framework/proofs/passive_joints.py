@@ -12,7 +12,7 @@ import numpy as np
 
 from framework.arrays import Array, BoolArray, IntArray
 from framework.kinematics.closures import loop_equations, scaled
-from framework.kinematics.frames import FrameStack, between, frames_at, integrate, integrate_columns
+from framework.kinematics.frames import FrameStack, difference, frames_at, integrate, integrate_columns
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.loop_matrices import passive_matrix, type1_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -103,7 +103,7 @@ def random_starts(robot: ParallelRobot, q: Array, count: int, columns: IntArray 
 
 def nearest_turn(robot: ParallelRobot, q: Array) -> Array:
     """Return the same configuration (nq,), passive hinges less than half a turn from the reference."""
-    offset = between(robot, robot.reference.q, q)
+    offset = difference(robot, robot.reference.q, q)
     hinges = robot.passive[~robot.sliding[robot.passive]]
     offset[hinges] = wrap_angles(offset[hinges])
     return integrate(robot, robot.reference.q, offset)
@@ -111,7 +111,7 @@ def nearest_turn(robot: ParallelRobot, q: Array) -> Array:
 
 def distance_from_reference(robot: ParallelRobot, q: Array) -> float:
     """Compute the distance of a configuration (nq,) from the reference [rad, lengths]."""
-    return float(np.linalg.norm(between(robot, robot.reference.q, q) / robot.column_scale))
+    return float(np.linalg.norm(difference(robot, robot.reference.q, q) / robot.column_scale))
 
 
 def is_proved(robot: ParallelRobot, q: Array, *, locked: str = "motors") -> bool:

@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array, BoolArray, IntArray, join, select
-from framework.kinematics.attitude import TwistAngle, TwoAngles
-from framework.kinematics.frames import between, integrate_columns
+from framework.kinematics.attitude import RotationVector, TwistAngle, TwoAngles
+from framework.kinematics.frames import difference, integrate_columns
 from framework.kinematics.inverse_kinematics import close_each
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import planar_normal
@@ -68,7 +68,7 @@ def regular_ball(
         return RegularBall(0.0, 0)
     test = CellTest(DerivativeBounds.of(robot), x, robot.platform_scale)
     single = _single_cell(test, q, min(within, MAX_TURN))
-    if robot.n > 3 or not (turning is None or planar):
+    if robot.n > 3 or isinstance(turning, RotationVector):
         return RegularBall(single, MAX_HALVINGS + STEPS_PER_OCTAVE)
     many = _many_cells(test, q, within, min(max_cells, int(MAX_WORK / len(robot.moving) ** 4)))
     return RegularBall(max(single, many.radius), many.cells)
@@ -178,10 +178,10 @@ def _agree(test: CellTest, grid: _Grid, cubes: _Cubes, q: Array) -> BoolArray:
     point = test(nearest, joints, np.zeros(len(nearest)))
     agree = point.proved & (neighbour >= 0)
     for index in (np.arange(len(nearest)), neighbour):
-        offset = between(robot, cells.q[index], joints)[:, robot.moving] / scale
+        offset = difference(robot, cells.q[index], joints)[:, robot.moving] / scale
         agree &= (ROUND_UP * (np.abs(offset) + point.radii) <= cells.radii[index]).all(axis=1)
     home = (nearest == 0).all(axis=1)
-    offset = between(robot, cells.q[home], np.repeat(q[None], np.count_nonzero(home), axis=0))
+    offset = difference(robot, cells.q[home], np.repeat(q[None], np.count_nonzero(home), axis=0))
     offset = np.abs(offset[:, robot.moving] / scale) + LOOP_GAP
     agree[home] &= (offset <= cells.radii[home]).all(axis=1)
     return agree

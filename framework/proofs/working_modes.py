@@ -16,7 +16,7 @@ import numpy as np
 
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.errors import finite_numbers
-from framework.kinematics.frames import FrameStack, between, integrate_columns
+from framework.kinematics.frames import FrameStack, difference, integrate_columns
 from framework.kinematics.inverse_kinematics import require_square, without_spin
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.modes import Leg, leg_signs, legs
@@ -173,7 +173,7 @@ def _closed_modes(robot: ParallelRobot, q: Array, x: Array) -> list[WorkingMode]
 
 def _from_reference(robot: ParallelRobot, q: Array) -> Array:
     """Compute the way from the reference to q (nq,), all hinges the short way round (nv,)."""
-    offset = between(robot, robot.reference.q, q)
+    offset = difference(robot, robot.reference.q, q)
     hinges = ~robot.sliding
     offset[hinges] = wrap_angles(offset[hinges])
     return offset

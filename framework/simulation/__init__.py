@@ -3,7 +3,7 @@
 The witness of every plan: it shares frames and loop equations with the planner, and no solver. Open
 `simulate` first, which checks what is given and calls one of `methods`.
 
-* `equations`: the equations of motion and their derivatives; `frame_geometry`: a part of them;
+* `equations`: the equations of motion and their derivatives;
   `terms`: the same without derivatives, for stacks of robots;
 * `consistent`: the state at the start; `drive`: the torques;
 * `collocation`, `newton_matrix`, `step_size_control`: methods reference and stiff;

@@ -24,11 +24,10 @@ from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 from numpy.polynomial import legendre
 
 from framework.arrays import LEAST_DIVISOR, Array, ReadOnlyArrays
-from framework.kinematics.frames import integrate
+from framework.kinematics.frames import difference_rates, integrate
 from framework.kinematics.loop_curvature import loop_curvature
 from framework.simulation.drive import Drive
 from framework.simulation.equations import EquationsOfMotion, Tangent
@@ -180,8 +179,7 @@ class _StepEquations:
     @cached_property
     def torque(self) -> Array | None:
         """Torques (s, n_a) of time alone; None with feedback."""
-        nothing = np.empty((self.table.stages, 0))
-        return None if self.drive.feedback else self.drive(self.times, nothing, nothing)
+        return self.drive.of_time(self.times)
 
     def nodes(self, a: Array, slope: Array) -> tuple[Array, Array, Array]:
         """Compute q (s, nq), v (s, nv) and the slope (s, nv) for accelerations a (s, nv)."""
@@ -198,8 +196,7 @@ class _StepEquations:
         slope = guess if guess.any() else v
         for _ in range(MAX_SLOPE_ITERATIONS):
             q = integrate(self.equations.robot, self.q0, self.length * self.table.once @ slope)
-            inward = [pin.dDifference(model, self.q0, end, pin.ARG1) for end in q]
-            new = np.einsum("sij,sj->si", np.array(inward), v)
+            new = difference_rates(self.equations.robot, self.q0, q, v)
             if np.abs(new - slope).max() <= COORDINATE_ROUNDING * max(np.abs(v).max(), LEAST_DIVISOR):
                 return new
             slope = new
@@ -214,18 +211,14 @@ class _StepEquations:
         force = equations.motor_forces(torque)
         if world.acts:
             force += world(equations.robot, self.times, q)
-            tangent = tangent.with_world(
-                world.slope(equations.robot, self.times, q, equations.geometry.before)
-            )
+            tangent = tangent._replace(by_q=tangent.by_q - world.slope(equations.robot, self.times, q))
         force = tangent.force - force - np.einsum("smi,sm->si", tangent.jacobian, multipliers)
         return _Balance(slope, torque, tangent, force)
 
     def newton_matrix(self, tangent: Tangent, multipliers: Array) -> NewtonMatrix | None:
         """Return Newton's matrix; None where the equations are singular."""
-        robot, geometry = self.equations.robot, self.equations.geometry
-        by_q = tangent.by_q - loop_curvature(
-            self.equations.rows, tangent.frames, geometry.before, multipliers
-        )
+        robot, rows = self.equations.robot, self.equations.rows
+        by_q = tangent.by_q - loop_curvature(robot, rows, tangent.frames, multipliers)
         by_v = tangent.by_v.copy()
         gains = self.drive.gains(self.time, self.q0, self.v0)
         if gains is not None:

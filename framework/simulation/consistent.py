@@ -83,11 +83,10 @@ def consistent_state(
         NotConverged: the springs of massless parts find no balance.
     """
     robot, scale = equations.robot, equations.robot.column_scale
-    rest = np.zeros((1, robot.model.nv))
     driven = equations.motor_forces(torque[None])[0]
     size = np.inf
     for _ in range(MAX_PASSES):
-        tangent = equations.tangent(q[None], rest, rest)
+        tangent = equations.tangent_at_rest(q)
         massive, light = free_motions(equations, tangent)
         loops = tangent.jacobian[0] * scale
         step = -np.linalg.lstsq(loops, tangent.residual[0], rcond=CLOSING_CUTOFF)[0] * scale
@@ -101,7 +100,7 @@ def consistent_state(
         q = integrate(robot, q[None], step[None])[0]
         if size < ROUNDING_STEP:
             break
-    tangent = equations.tangent(q[None], rest, rest)
+    tangent = equations.tangent_at_rest(q)
     gaps = np.abs(loop_wrenches(robot.rows, tangent.frames).residual[0])
     gap = float(gaps.max(initial=0.0))
     if not np.all(gaps <= LOOP_GAP * robot.row_lengths):
@@ -124,7 +123,7 @@ def balancing_step(
 ) -> Array:
     """Compute the step along the massless motions towards the balance of their springs."""
     multipliers = np.linalg.lstsq(tangent.jacobian[0].T, unbalanced, rcond=None)[0]
-    curved = loop_curvature(equations.rows, tangent.frames, equations.geometry.before, multipliers[None])[0]
+    curved = loop_curvature(equations.robot, equations.rows, tangent.frames, multipliers[None])[0]
     springs = light.T @ np.diag(equations.stiffness) @ light
     strength = np.linalg.eigvalsh(springs + light.T @ np.diag(equations.damping) @ light)
     stiffest = max(

@@ -111,8 +111,7 @@ def _check(equations: EquationsOfMotion) -> None:
         raise InvalidInput(
             f"{robot.name}: pinocchio's contact dynamics is for joints of one degree of freedom"
         )
-    rest = np.zeros((1, robot.model.nv))
-    mass = equations.tangent(robot.reference.q[None], rest, rest).mass[0]
+    mass = equations.tangent_at_rest(robot.reference.q).mass[0]
     values, vectors = np.linalg.eigh(mass)
     if values[0] <= RANK_ROUNDING * values[-1]:
         joint = robot.coordinates.name_of(int(np.argmax(np.abs(vectors[:, 0]))))

@@ -75,6 +75,11 @@ class Drive:
             raise InvalidInput(f"torque: not finite at t = {when:.9g} s")
         return torque
 
+    def of_time(self, t: Array) -> Array | None:
+        """Return the torques (T, n_a) of times alone; None with feedback."""
+        nothing = np.empty((len(t), 0))
+        return None if self.feedback else self(t, nothing, nothing)
+
     def shift_breaks(self, t: Array) -> Array:
         """Move times (T,) on a break back by rounding, to the end of the step that began earlier."""
         for instant in self.breaks:

@@ -21,11 +21,10 @@ import pinocchio as pin
 from framework.arrays import Array, ArrayLike
 from framework.errors import InvalidInput
 from framework.kinematics.closures import loop_equations
-from framework.kinematics.frames import FrameStack, along_joints, difference
+from framework.kinematics.frames import FrameStack, along_joints, difference, stacked_frames
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import Scratch
 from framework.model.loop_rows import LoopRows
-from framework.simulation.frame_geometry import FrameGeometry
 from framework.tolerances import EIGENVALUE_ROUNDING
 
 
@@ -47,10 +46,6 @@ class Tangent(NamedTuple):
         terms = (force[entry], by_q[entry], by_v[entry], mass[entry])
         return Tangent(*terms, frames.at(entry), residual[entry], jacobian[entry])
 
-    def with_world(self, slope: Array) -> Tangent:
-        """Return the terms with forces of the world whose derivative by q is `slope` (T, nv, nv)."""
-        return self._replace(by_q=self.by_q - slope)
-
 
 @dataclass(frozen=True, eq=False)
 class EquationsOfMotion:
@@ -64,7 +59,6 @@ class EquationsOfMotion:
     rows: LoopRows
     rotors: Array  # (nv,) [kg m^2], joint side; 1 on massless joints that move nothing and are held
     stiffness: Array  # (nv,)
-    geometry: FrameGeometry
     scratch: Scratch  # working memory of pinocchio: one object does not serve two threads at once
 
     @staticmethod
@@ -91,16 +85,12 @@ class EquationsOfMotion:
                 f"{robot.name}, {robot.flexibility}: {', '.join(alone)} can only be closed by springs, and "
                 f"would be left out of the loop equations; lock fewer axes there"
             )
-        rotors, stiffness = np.zeros(nv), robot.joint_stiffness.copy()
-        rotors[robot.actuated] = robot.gear_ratio**2 * robot.rotor_inertia
-        stiffness[robot.elastic] += robot.stiffness
         plain = EquationsOfMotion(
             robot=robot,
             damping=damping + robot.joint_damping,
             rows=robot.loops,
-            rotors=rotors,
-            stiffness=stiffness,
-            geometry=FrameGeometry.of(robot),
+            rotors=robot.rotors,
+            stiffness=robot.all_stiffness,
             scratch=Scratch.of(robot.model, robot.frames),
         )
         return plain._load_idle_joints()
@@ -110,7 +100,7 @@ class EquationsOfMotion:
         idle = self.robot.structure.idle
         if not len(idle):
             return self
-        mass = self.tangent(self.robot.q_near[None], *np.zeros((2, 1, self.robot.model.nv))).mass[0]
+        mass = self.tangent_at_rest(self.robot.q_near).mass[0]
         massless = idle[np.diag(mass)[idle] <= EIGENVALUE_ROUNDING * np.diag(mass).max()]
         rotors = self.rotors.copy()
         rotors[massless] = 1.0
@@ -133,28 +123,27 @@ class EquationsOfMotion:
     def tangent(self, q: Array, v: Array, a: Array) -> Tangent:
         """Compute all terms and derivatives at q (T, nq), v and a (T, nv)."""
         model, nv, scratch = self.robot.model, self.robot.model.nv, self.scratch
-        data, tree = scratch.data, np.empty((len(q), 6, nv))
+        data, screws = scratch.data, np.empty((len(q), nv, 6))
         force, by_q, by_v, mass = (np.empty((len(q), nv, *rest)) for rest in ((), (nv,), (nv,), (nv,)))
-        placed = np.empty((len(q), *scratch.joints.shape))
+        placements = np.empty((len(q), *scratch.placements.shape))
         for k in range(len(q)):
             pin.computeRNEADerivatives(model, data, q[k], v[k], a[k])
-            force[k], by_q[k], by_v[k], mass[k], tree[k] = (
-                data.tau,
-                data.dtau_dq,
-                data.dtau_dv,
-                data.M,
-                data.J,
-            )
-            if scratch.refresh is not None:
-                scratch.refresh()
-            placed[k] = scratch.joints
+            pin.updateFramePlacements(model, data)
+            force[k], by_q[k], by_v[k], mass[k] = data.tau, data.dtau_dq, data.dtau_dv, data.M
+            scratch.update()
+            placements[k], screws[k] = scratch.placements, scratch.columns
         mass[:, range(nv), range(nv)] += self.rotors
         by_q[:, range(nv), range(nv)] += self.stiffness
         by_v[:, range(nv), range(nv)] += self.damping
         force += self.rotors * a + self.damping * v + self.spring_force(q)
-        frames = self.geometry.frames(q, placed, tree)
+        frames = stacked_frames(scratch, placements, screws, q)
         loops = loop_equations(self.rows, frames)
         return Tangent(force, by_q, by_v, mass, frames, loops.residual, loops.jacobian)
+
+    def tangent_at_rest(self, q: Array) -> Tangent:
+        """Compute all terms and derivatives at one configuration (nq,) at rest, T = 1."""
+        rest = np.zeros((1, self.robot.model.nv))
+        return self.tangent(q[None], rest, rest)
 
     def energy(self, q: Array, v: Array) -> Array:
         """Compute the sum of kinetic, gravitational and elastic energy (T,) [J], heights from the base."""
@@ -164,7 +153,5 @@ class EquationsOfMotion:
             for a, b in zip(q, v, strict=True)
         ]
         turned = difference(self.robot, self.robot.neutral, q) - self.robot.joint_rest
-        rotors = np.zeros(model.nv)
-        rotors[self.robot.actuated] = self.rotors[self.robot.actuated]
-        stored = 0.5 * (v**2 @ rotors) + 0.5 * (turned**2 @ self.stiffness)
+        stored = 0.5 * (v**2 @ self.robot.rotors) + 0.5 * (turned**2 @ self.stiffness)
         return np.asarray(np.array(tree) + stored, dtype=float)

@@ -88,20 +88,17 @@ def _forces(equations: EquationsOfMotion, drive: Drive, edges: Array) -> Forces:
 
     Forces of motors and world; the power less that of damping, and 0 at stages without weight.
     """
-    robot, weights, count = equations.robot, _table().weights, len(edges) - 1
+    robot, weights = equations.robot, _table().weights
     times = edges[:-1, None] + np.diff(edges)[:, None] * _table().nodes
-    if not drive.feedback:
-        instants = np.minimum(drive.shift_breaks(times).ravel(), edges[-1])
-        torques = drive(instants, *(np.empty((len(instants), 0)),) * 2)
-        motors = equations.motor_forces(torques).reshape(count, STAGES, -1)
-        torques = torques.reshape(count, STAGES, robot.n_a)
+    torques = drive.of_time(np.minimum(drive.shift_breaks(times).ravel(), edges[-1]))
+    motors = None if torques is None else equations.motor_forces(torques)
 
     def forces(k: int, i: int, q: Array, v: Array) -> tuple[Array, float]:
-        if drive.feedback:
-            answer = drive(times[k, i : i + 1], q[None], v[None])
-            force, torque = equations.motor_forces(answer)[0], answer[0]
+        if torques is None or motors is None:
+            torque = drive(times[k, i : i + 1], q[None], v[None])[0]
+            force = equations.motor_forces(torque[None])[0]
         else:
-            force, torque = motors[k, i], torques[k, i]
+            force, torque = motors[k * STAGES + i], torques[k * STAGES + i]
         power = 0.0
         if weights[i]:
             power = float((robot.gear_ratio * torque) @ v[robot.actuated] - equations.damping @ v**2)

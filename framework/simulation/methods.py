@@ -138,7 +138,7 @@ def _fixed_steps(task: IntegrationTask, edges: Array) -> Iterator[FixedStep]:
     drive, robot, damping = task.drive, task.equations.robot, task.equations.damping
     stepper, h = Stepper.of(robot, damping=damping), task.duration / (len(edges) - 1)
     middles, state = edges[:-1] + 0.5 * h, task.start
-    torques = None if drive.feedback else drive(middles, *(np.empty((len(middles), 0)),) * 2)
+    torques = drive.of_time(middles)
     for k, middle in enumerate(middles):
         q, v = state
         torque = torques[k] if torques is not None else drive(edges[k : k + 1], q[None], v[None])[0]

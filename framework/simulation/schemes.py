@@ -22,7 +22,6 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from framework.arrays import Array
 from framework.kinematics.frames import difference, integrate
@@ -55,7 +54,7 @@ def _springs(stack: RobotStack, q: Array) -> Array:
     if not stack.stiffness.any():
         return np.zeros_like(stack.rest)
     robot = stack.robots[0]
-    return np.asarray(stack.stiffness * (difference(robot, pin.neutral(robot.model), q) - stack.rest))
+    return np.asarray(stack.stiffness * (difference(robot, robot.neutral, q) - stack.rest))
 
 
 def _implicit(mass: Array, stack: RobotStack, by_spring: float, by_damping: float) -> Array:
@@ -105,7 +104,7 @@ def extrapolate(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) 
     halves, _ = euler(half.q, half.v, 0.5 * h, closing)
     if robot.model.nq == robot.model.nv:
         return State(2 * halves.q - full.q, 2 * halves.v - full.v)
-    back = np.array([difference(robot, a, b[None])[0] for a, b in zip(full.q, halves.q, strict=True)])
+    back = difference(robot, full.q, halves.q)
     return State(integrate(robot, halves.q, back), 2 * halves.v - full.v)
 
 

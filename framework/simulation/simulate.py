@@ -93,7 +93,9 @@ def simulate(
     """
     began = clock.perf_counter()
     robot, drive = _robot_and_drive(robot, drive)
-    integrator = _method(method)
+    if method not in METHODS:
+        raise InvalidInput(choose_from("method", method, METHODS))
+    integrator = METHODS[method]
     settings = _settings(integrator, method, tolerance, step, stages)
     samples = whole_number("samples", samples, *SAMPLE_RANGE)
     equations = EquationsOfMotion.of(robot, None if damping is None else damping)
@@ -113,13 +115,6 @@ def _robot_and_drive(robot: Any, drive: Any) -> tuple[ParallelRobot, Any]:
         robot, drive = getattr(robot, "robot", None), robot
     expect_robot(robot)
     return robot, drive
-
-
-def _method(name: str) -> Method:
-    """Return the method of a name."""
-    if name not in METHODS:
-        raise InvalidInput(choose_from("method", name, METHODS))
-    return METHODS[name]
 
 
 def _settings(

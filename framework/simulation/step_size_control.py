@@ -112,7 +112,8 @@ def collocate(
                 previous, reason = None, step.reason
                 control.reject(length, FAILED_STEP_RATIO, end - time)
             else:
-                admissible = tolerance + MOVE_ROUNDING * _largest_move(equations, step)
+                moves = length * np.abs(step.slope / equations.robot.column_scale)
+                admissible = tolerance + MOVE_ROUNDING * float(moves.max(initial=0.0))
                 factor = (admissible / max(step.unresolved, LEAST_DIVISOR)) ** (1 / (stages + 1))
                 factor = float(np.clip(STEP_SAFETY * factor, MIN_STEP_GROWTH, MAX_STEP_GROWTH))
                 if step.unresolved <= control.leniency * admissible:
@@ -132,11 +133,6 @@ def collocate(
                 raise _refusal(equations, time, control.length, f"and even they fail: {reason}")
 
 
-def _largest_move(equations: EquationsOfMotion, step: CollocationStep) -> float:
-    """Compute the largest move of a joint during a step [rad, robot lengths]."""
-    return step.length * float(np.abs(step.slope / equations.robot.column_scale).max(initial=0.0))
-
-
 def _refusal(equations: EquationsOfMotion, time: float, length: float, why: str) -> NotConverged:
     """Return the error of a simulation that needs steps of a length [s] at a time [s]."""
     return NotConverged(
@@ -149,8 +145,7 @@ def _refusal(equations: EquationsOfMotion, time: float, length: float, why: str)
 
 def end_state(equations: EquationsOfMotion, step: CollocationStep) -> tuple[Array, Array]:
     """Return the state at the end of a step, with a velocity that the loops allow."""
-    rest = np.zeros((1, equations.robot.model.nv))
-    tangent = equations.tangent(step.q[-1:], rest, rest)
+    tangent = equations.tangent_at_rest(step.q[-1])
     return step.q[-1], allowed_velocity(equations, tangent, step.v[-1])
 
 

@@ -119,7 +119,5 @@ class Stepper:
 
 def _has_massless_motions(equations: EquationsOfMotion) -> bool:
     """Whether the loops allow a motion without mass at the reference."""
-    robot = equations.robot
-    rest = np.zeros((1, robot.model.nv))
-    tangent = equations.tangent(robot.reference.q[None], rest, rest)
+    tangent = equations.tangent_at_rest(equations.robot.reference.q)
     return bool(free_motions(equations, tangent)[1].shape[1])

@@ -17,14 +17,13 @@ import pinocchio as pin
 from framework.arrays import Array, IntArray
 from framework.errors import InvalidInput
 from framework.kinematics.closures import closure_drift, loop_equations
-from framework.kinematics.frames import FrameMotions, FrameStack
+from framework.kinematics.frames import FrameMotions, FrameStack, stacked_frames
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import scratch_of
 from framework.linalg.ordered_sums import matmul
 from framework.model.loop_rows import LoopRows
 from framework.simulation.contacts import ContactDynamics
 from framework.simulation.equations import EquationsOfMotion
-from framework.simulation.frame_geometry import FrameGeometry
 
 
 class Terms(NamedTuple):
@@ -45,7 +44,6 @@ class RobotStack:
     robots: tuple[ParallelRobot, ...]
     first: EquationsOfMotion  # of the robot on which the structure is found
     rows: LoopRows
-    geometry: FrameGeometry  # rotation (R, F, 3, 3) and translation (R, F, 3)
     actuated: IntArray
     gear_ratio: Array  # (R, n_a)
     rotors: Array  # (R, nv)
@@ -72,13 +70,7 @@ class RobotStack:
         first = EquationsOfMotion.of(like)
         for robot in robots:
             _check_same_structure(like, robot)
-        geometries = [FrameGeometry.of(robot) for robot in robots]
-        idle_rotors = first.rotors * ~np.isin(np.arange(robots[0].model.nv), robots[0].actuated)
-        rotors = np.repeat(idle_rotors[None], len(robots), axis=0)
-        stiffness = np.array([robot.joint_stiffness for robot in robots])
-        gear = np.array([robot.gear_ratio for robot in robots])
-        rotors[:, robots[0].actuated] = gear**2 * np.array([robot.rotor_inertia for robot in robots])
-        stiffness[:, robots[0].elastic] += np.array([robot.stiffness for robot in robots])
+        idle = first.rotors - like.rotors  # of joints that nothing drives
         shape = (len(robots), robots[0].model.nv)
         dampings = np.zeros(shape) if damping is None else np.asarray(damping, dtype=float)
         if dampings.shape not in ((), shape[1:], shape) or not np.all(
@@ -89,14 +81,10 @@ class RobotStack:
             robots=robots,
             first=first,
             rows=first.rows,
-            geometry=first.geometry._replace(
-                rotation=np.array([g.rotation for g in geometries]),
-                translation=np.array([g.translation for g in geometries]),
-            ),
             actuated=robots[0].actuated,
-            gear_ratio=gear,
-            rotors=rotors,
-            stiffness=stiffness,
+            gear_ratio=np.array([robot.gear_ratio for robot in robots]),
+            rotors=np.array([robot.rotors for robot in robots]) + idle,
+            stiffness=np.array([robot.all_stiffness for robot in robots]),
             rest=np.array([robot.joint_rest for robot in robots]),
             damping=dampings + np.array([robot.joint_damping for robot in robots]),
         )
@@ -104,14 +92,12 @@ class RobotStack:
     def equations(self, run: int) -> EquationsOfMotion:
         """Return the equations of one run, with all that the robots share."""
         k = run if len(self.robots) > 1 else 0
-        geometry = self.geometry
         return replace(
             self.first,
             robot=self.robots[k],
             damping=self.damping[k],
             rotors=self.rotors[k],
             stiffness=self.stiffness[k],
-            geometry=geometry._replace(rotation=geometry.rotation[k], translation=geometry.translation[k]),
         )
 
     def _models(self, runs: int) -> list[pin.Model]:
@@ -122,22 +108,22 @@ class RobotStack:
     def terms(self, q: Array, v: Array) -> Terms:
         """Compute all terms at q (R, nq) and v (R, nv)."""
         runs, nv = v.shape
-        J, dJ = np.empty((2, runs, 6, nv))
+        screws, dJ = np.empty((runs, nv, 6)), np.empty((runs, 6, nv))
         mass, bias = np.empty((runs, nv, nv)), np.empty((runs, nv))
         scratch = scratch_of(self.robots[0])
-        data, poses = scratch.data, np.empty((runs, *scratch.joints.shape))
+        data, placements = scratch.data, np.empty((runs, *scratch.placements.shape))
         for k, model in enumerate(self._models(runs)):
             bias[k] = pin.nonLinearEffects(model, data, q[k], v[k])
             mass[k] = pin.crba(model, data, q[k])
             pin.computeJointJacobiansTimeVariation(model, data, q[k], v[k])
-            J[k], dJ[k] = data.J, data.dJ
-            if scratch.refresh is not None:
-                scratch.refresh()
-            poses[k] = scratch.joints
+            pin.updateFramePlacements(model, data)
+            dJ[k] = data.dJ
+            scratch.update()
+            placements[k], screws[k] = scratch.placements, scratch.columns
         rows, columns = _lower_half(nv)
         mass[:, rows, columns] = mass[:, columns, rows]  # pinocchio fills the upper half
         mass[:, range(nv), range(nv)] += self.rotors
-        frames = self.geometry.frames(q, poses, J)
+        frames = stacked_frames(scratch, placements, screws, q)
         loops = loop_equations(self.rows, frames)
         return Terms(mass, bias, frames, loops.residual, loops.jacobian, dJ)
 

@@ -65,7 +65,7 @@ class Cubics(ReadOnlyArrays):
         h = np.diff(self.edges)[which][:, None]
         share = (t - self.edges[which])[:, None] / h
         start, end = self.q[which], self.q[which + 1]
-        offset = np.array([difference(self.robot, a, b[None])[0] for a, b in zip(start, end, strict=True)])
+        offset = difference(self.robot, start, end)
         v0, v1 = h * self.v[which], h * self.v[which + 1]
         # d(0) = 0, d(1) = offset, d'(0) = v0, d'(1) = v1
         c2, c3 = 3 * offset - 2 * v0 - v1, v0 + v1 - 2 * offset

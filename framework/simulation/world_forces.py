@@ -18,11 +18,11 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from framework.arrays import Array
 from framework.errors import InvalidInput
 from framework.kinematics.external_wrenches import ExternalWrenches
+from framework.kinematics.frame_variations import tree_columns
 from framework.kinematics.mechanism import frame_of
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import scratch_of
@@ -82,9 +82,9 @@ class WorldForces:
             force += np.einsum("tvi,ti->tv", columns, wrench)
         return force
 
-    def slope(self, robot: ParallelRobot, t: Array, q: Array, before: NDArray[np.bool_]) -> Array:
-        """Compute their derivative (T, nv, nv) along the tangent of q; `before` as in `FrameGeometry`."""
-        nv = robot.model.nv
+    def slope(self, robot: ParallelRobot, t: Array, q: Array) -> Array:
+        """Compute their derivative (T, nv, nv) along the tangent of q."""
+        nv, before = robot.model.nv, tree_columns(robot).before
         slope = np.zeros((len(q), nv, nv))
         for columns, wrench, turns in self._frame_wrenches(robot, t, q):
             linear, angular = columns[..., :3], columns[..., 3:]

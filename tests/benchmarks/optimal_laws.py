@@ -6,7 +6,7 @@ Robots, paths and durations D are those of `tests.crossing.optimal.random_crossi
 peak and energy at D and within 1, 20 and 1000 D, and the least time at 1.25 times the least peak within D,
 with the same bounds, and at 1.002 times without. Gaps are those to the estimates of `best_law_bounds` beside
 them, on other unknowns and with torques of their own; contradictions those of `law_contradictions`. A line
-has a law's value, duration and turns of s', or a refusal's reason, and processor seconds with the certificate.
+has a law's value, duration and turns of s', or a refusal's reason, and processor seconds.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework.kinematics.frames import between
+from framework.kinematics.frames import difference
 from framework.kinematics.modes import legs
 from framework.proofs import leg_paving
 from framework.proofs.leg_paving import leg_solutions_complete
@@ -50,7 +50,7 @@ def test_a_solution_that_is_not_known_leaves_the_leg_open(name):
         if len(leg.before):
             continue
         own, given = posed(robot, leg)
-        near = np.array([between(robot, q, mode.q)[own] for mode in modes.modes]) / robot.column_scale[own]
+        near = np.array([difference(robot, q, mode.q)[own] for mode in modes.modes]) / robot.column_scale[own]
         near = np.array(distinct_joints(near))
         assert leg_solutions_complete(robot, own, given, q, near, robot.reference.x)
         for k in range(len(near)):

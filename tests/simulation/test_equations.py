@@ -75,7 +75,7 @@ def test_loop_curvature_is_the_derivative_of_the_loop_forces(equations):
         multipliers @ loop_equations(equations.rows, frames_at(equations.robot, x)).jacobian
         for x in around(equations, q, h)
     )
-    curvature = loop_curvature(equations.rows, at.frames, equations.geometry.before, multipliers[None])[0]
+    curvature = loop_curvature(equations.robot, equations.rows, at.frames, multipliers[None])[0]
     np.testing.assert_allclose(curvature, (ahead - back).T / (2 * h), atol=1e-8)
     np.testing.assert_allclose(curvature, curvature.T, atol=1e-12)  # all joints turn or slide about one axis
 

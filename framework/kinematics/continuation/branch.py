@@ -49,8 +49,13 @@ class Continuation(ReadOnlyArrays):
 
     def offset(self, s: Array) -> Array:
         """Compute the offset (T, nv) from the branch's origin."""
-        local = (2 * s - self.start - self.end) / (self.end - self.start)
-        return np.asarray(chebyshev.chebval(local, self.series), dtype=float).T
+        return _chebyshev_values(self.series, self.start, self.end, s)
+
+
+def _chebyshev_values(series: Array, start: float, end: float, s: Array) -> Array:
+    """Compute a series (degree + 1, nv) on [start, end] at s (T,), inside or beyond, (T, nv)."""
+    local = (2 * s - start - end) / (end - start)
+    return np.asarray(chebyshev.chebval(local, series), dtype=float).T
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,8 +125,7 @@ class Branch(ReadOnlyArrays):
         for panel, beyond in ((0, s < 0.0), (-1, s > 1.0)):
             if beyond.any():
                 start, end = series.edges[:-1][panel], series.edges[1:][panel]
-                local = (2 * s[beyond] - start - end) / (end - start)
-                u[beyond] = chebyshev.chebval(local, series.coefficients[panel]).T
+                u[beyond] = _chebyshev_values(series.coefficients[panel], start, end, s[beyond])
         return u
 
     def _between_knots(self, s: Array) -> Array:
@@ -213,11 +217,6 @@ def _span(branch: Branch, s: float, start: float, end: float) -> tuple[Continuat
 def _core(parameters: Array, sound: IntArray, s: float) -> tuple[float, float]:
     """Return the interval from the last sound node before s and all unsound ones to the first after them."""
     unsound = np.append(np.delete(parameters, sound), s)
-    before, after = (
-        parameters[sound][parameters[sound] < unsound.min()],
-        parameters[sound][parameters[sound] > unsound.max()],
-    )
-    return (
-        float(before[-1]) if len(before) else float(parameters[0]),
-        float(after[0]) if len(after) else float(parameters[-1]),
-    )
+    ends = parameters[sound]
+    before, after = ends[ends < unsound.min()], ends[ends > unsound.max()]
+    return float(np.append(parameters[0], before)[-1]), float(np.append(after, parameters[-1])[0])

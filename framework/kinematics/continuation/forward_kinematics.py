@@ -32,7 +32,7 @@ from framework.kinematics.linearised_loops import (
 )
 from framework.kinematics.loop_matrices import clearance, equation_sizes, independent_loops_matrix
 from framework.kinematics.modes import keeps_assembly_mode
-from framework.kinematics.newton import Linear, Which, newton
+from framework.kinematics.newton import MAX_ITERATIONS, Linear, NewtonResult, Which, newton
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.tolerances import BRANCHES_CROSS, BRANCHES_MEET, RANK_LOST
 
@@ -127,11 +127,13 @@ def motors_are_free(robot: ParallelRobot) -> bool:
     return robot.n_a == robot.n and len(robot.following) == len(robot.loops.names)
 
 
-def _follow_motors(robot: ParallelRobot, start: Places, q_a: Array) -> Way:
-    """Turn the motors to q_a (n_a,) from a place, as far as that goes."""
-    columns = robot.following
-    turn = np.zeros((1, robot.model.nv))
-    turn[0, robot.actuated] = q_a - robot.actuated_coordinates(start.q)[0]
+def close_at_motors(
+    robot: ParallelRobot, start: Array, turn: Array, guess: Array, *, iterations: int = MAX_ITERATIONS
+) -> NewtonResult[LinearisedLoops]:
+    """Close the loops near guesses (T, nq) where the motors have turned (T, nv) from start (nq,)."""
+    left = np.zeros_like(turn)  # what the rounding of many steps has left of the motors' angles
+    left[:, robot.actuated] = (turn - difference(robot, start, guess))[:, robot.actuated]
+    guess = integrate(robot, guess, left)
 
     def evaluate(q: Array, which: Which) -> LinearisedLoops:
         return linearised_at(robot, q, None)
@@ -139,24 +141,35 @@ def _follow_motors(robot: ParallelRobot, start: Places, q_a: Array) -> Way:
     def linear(linearised: LinearisedLoops) -> Linear:
         return Linear(linearised.residual[:, robot.n :], linearised.passive_factors)
 
+    if not len(robot.following):
+        return NewtonResult(guess, linearised_at(robot, guess, None), np.ones(len(guess), dtype=bool))
+    return newton(robot, guess, robot.following, evaluate, linear, iterations=iterations)
+
+
+def motor_driven_rates(robot: ParallelRobot, linearised: LinearisedLoops, turn: Array) -> Array | None:
+    """Compute rates (T, nv) of all joints for those of the motors (T, nv); None where P is singular."""
+    rate, columns = turn.copy(), robot.following
+    if len(columns):
+        driven = np.einsum("tmv,tv->tm", linearised.closures, turn)
+        try:
+            rate[:, columns] = -linearised.passive_factors.solve(driven)
+        except np.linalg.LinAlgError:
+            return None
+    return rate
+
+
+def _follow_motors(robot: ParallelRobot, start: Places, q_a: Array) -> Way:
+    """Turn the motors to q_a (n_a,) from a place, as far as that goes."""
+    turn = np.zeros((1, robot.model.nv))
+    turn[0, robot.actuated] = q_a - robot.actuated_coordinates(start.q)[0]
+
     def place(q: Array, linearised: LinearisedLoops, distance: Array) -> Places | None:
-        rate = turn.copy()
-        if len(columns):
-            try:
-                rate[:, columns] = -linearised.passive_factors.solve(linearised.closures @ turn[0])
-            except np.linalg.LinAlgError:
-                return None
-        return Places(q, linearised, rate, distance)
+        rate = motor_driven_rates(robot, linearised, turn)
+        return None if rate is None else Places(q, linearised, rate, distance)
 
     def arrive(share: Array, predicted: Array) -> Places | None:
         """Return the place at one share (1,) of the way."""
-        step = np.zeros_like(turn)  # what the rounding of many steps has left of the motors' angles
-        off = share[:, None] * turn - difference(robot, start.q[0], predicted)
-        step[:, robot.actuated] = off[:, robot.actuated]
-        guess = integrate(robot, predicted, step)
-        if not len(columns):
-            return place(guess, evaluate(guess, slice(None)), np.full(1, np.inf))
-        q, linearised, closed = newton(robot, guess, columns, evaluate, linear)
+        q, linearised, closed = close_at_motors(robot, start.q[0], share[:, None] * turn, predicted)
         return place(q, linearised, clearance(robot, linearised)) if closed.all() else None
 
     def belong(before: Places, after: Places, straight: BoolArray) -> BoolArray:

@@ -21,18 +21,20 @@ from framework.kinematics.closures import loop_wrenches
 from framework.kinematics.continuation.forward_kinematics import (
     ForwardPose,
     check_motors_are_free,
+    close_at_motors,
     forward_kinematics,
+    motor_driven_rates,
     motors_turning_points,
     start_pose,
     type2_singularity,
 )
 from framework.kinematics.continuation.predictor_corrector import FIRST_STEP_RATIO, measure
-from framework.kinematics.frames import between, difference, frames_at, integrate
+from framework.kinematics.frames import difference, frames_at, integrate
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.kinematics.loop_matrices import clearance
-from framework.kinematics.newton import Linear, Which, newton
+from framework.kinematics.modes import keeps_sign, passive_determinants
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.tolerances import BRANCHES_CROSS, BRANCHES_MEET, DETERMINANT_LOST, RANK_LOST
+from framework.tolerances import BRANCHES_CROSS, BRANCHES_MEET, RANK_LOST
 
 STEP_COUNT = round(1 / FIRST_STEP_RATIO)
 MAX_STEP_ITERATIONS = 10  # of Newton's method; a step along the tangent that needs more is no good one
@@ -114,42 +116,31 @@ def _lead(robot: ParallelRobot, q: Array, x: Array, turn: Array) -> tuple[dict[s
 
     A row of which a step is refused stays before it.
     """
-    count, columns, start, last = len(turn), robot.following, q, np.log(DETERMINANT_LOST)
+    count, start = len(turn), q
     q, x = np.repeat(q[None], count, axis=0), np.repeat(x[None], count, axis=0)
     linearised = linearised_at(robot, q, None)
     rate, share, least = _rates(robot, linearised, turn), np.zeros(count), clearance(robot, linearised)
-    sign, size = _determinants(linearised)
+    sign, size = passive_determinants(linearised)
     live = np.flatnonzero(least > RANK_LOST)
-
-    def evaluate(q: Array, which: Which) -> LinearisedLoops:
-        return linearised_at(robot, q, None)
-
-    def linear(linearised: LinearisedLoops) -> Linear:
-        return Linear(linearised.residual[:, robot.n :], linearised.passive_factors)
 
     for k in range(1, STEP_COUNT + 1):
         predicted = integrate(robot, q[live], rate[live] / STEP_COUNT)
-        off = k / STEP_COUNT * turn[live] - difference(robot, start, predicted)
-        exact = np.zeros_like(off)
-        exact[:, robot.actuated] = off[:, robot.actuated]
-        corrected = integrate(robot, predicted, exact)
-        if len(columns):
-            corrected, _, closed = newton(
-                robot, corrected, columns, evaluate, linear, iterations=MAX_STEP_ITERATIONS
-            )
-            live, predicted, corrected = live[closed], predicted[closed], corrected[closed]
-        linearised = linearised_at(robot, corrected, None)
+        corrected, linearised, closed = close_at_motors(
+            robot, start, k / STEP_COUNT * turn[live], predicted, iterations=MAX_STEP_ITERATIONS
+        )
+        live, predicted, corrected = live[closed], predicted[closed], corrected[closed]
+        linearised = linearised.at(np.flatnonzero(closed))
         clear, ahead = clearance(robot, linearised), _rates(robot, linearised, turn[live])
-        sign_there, size_there = _determinants(linearised)
+        determinants = passive_determinants(linearised)
         step = measure(
-            robot, between(robot, predicted, corrected), rate[live] / STEP_COUNT, ahead / STEP_COUNT
+            robot, difference(robot, predicted, corrected), rate[live] / STEP_COUNT, ahead / STEP_COUNT
         )
         kept = step.small & (step.straight | (clear > BRANCHES_CROSS))
         kept &= clear > BRANCHES_MEET
-        kept &= (sign_there == sign[live]) & (size_there - size[live] > last)
+        kept &= keeps_sign((sign[live], size[live]), determinants)
         live = live[kept]
         q[live], rate[live], share[live] = corrected[kept], ahead[kept], k / STEP_COUNT
-        sign[live], size[live] = sign_there[kept], size_there[kept]
+        sign[live], size[live] = (part[kept] for part in determinants)
         least[live] = np.minimum(least[live], clear[kept])
         x[live] = robot.platform.unwrap(robot.platform.coordinates(linearised.frames)[kept], x[live])
     residual = np.abs(loop_wrenches(robot.rows, frames_at(robot, q)).residual).max(axis=1, initial=0.0)
@@ -158,21 +149,8 @@ def _lead(robot: ParallelRobot, q: Array, x: Array, turn: Array) -> tuple[dict[s
 
 def _rates(robot: ParallelRobot, linearised: LinearisedLoops, turn: Array) -> Array:
     """Compute rates (T, nv) of all joints while the motors turn; of the motors alone where P is singular."""
-    rate, columns = turn.copy(), robot.following
-    if len(columns):
-        driven = np.einsum("tmv,tv->tm", linearised.closures, turn)
-        try:
-            rate[:, columns] = -linearised.passive_factors.solve(driven)
-        except np.linalg.LinAlgError:
-            return turn
-    return rate
-
-
-def _determinants(linearised: LinearisedLoops) -> tuple[Array, Array]:
-    """Compute the signs and logarithms (T,) of det P; of no columns 1 and 0."""
-    if linearised.equations.passive_band is None:
-        return np.ones(len(linearised.residual)), np.zeros(len(linearised.residual))
-    return linearised.passive_factors.slogdet
+    rate = motor_driven_rates(robot, linearised, turn)
+    return turn if rate is None else rate
 
 
 def follow_motors(

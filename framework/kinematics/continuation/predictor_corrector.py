@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array, BoolArray
-from framework.kinematics.frames import between, integrate
+from framework.kinematics.frames import difference, integrate
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.mechanism import Mechanism
 from framework.tolerances import BRANCH_CORRECTION, BRANCH_STEP_SHARE, BRANCH_TURN
@@ -176,7 +176,7 @@ def _kept(
     steps = np.diff(lengths[: len(arrived.q)], axis=0, prepend=0.0)
     q, rate = np.concatenate([start.q, arrived.q[:-1]]), np.concatenate([start.rate, arrived.rate[:-1]])
     along = steps * rate
-    moved = between(robot, integrate(robot, q, along), arrived.q)
+    moved = difference(robot, integrate(robot, q, along), arrived.q)
     correction, small, straight = measure(robot, moved, along, steps * arrived.rate)
     count = _leading(small)
     if count:

@@ -125,8 +125,8 @@ def follow_path(
 
     def belong(before: Places, after: Places, straight: BoolArray) -> BoolArray:
         keep = keeps_working_mode(robot, before.linearised, after.linearised)
-        for k in map(int, np.flatnonzero(keep & ~straight)):
-            keep[k] = not lost_equations(robot, after.linearised.at(k), BRANCHES_CROSS)
+        bent = np.flatnonzero(keep & ~straight)
+        keep[bent] = lost_equations(robot, after.linearised.at(bent), BRANCHES_CROSS) == 0
         return keep
 
     def end(s: float, before: Places) -> tuple[float, Places] | None:
@@ -175,7 +175,7 @@ def _end_of_reach(
     robot: ParallelRobot, path: Path, s: float, q: Array, linearised: LinearisedLoops, what: str
 ) -> OutOfReach | Type1Singularity | UncontrolledMotions:
     """Return the error for the end of the way: a stretched or folded leg, or loops that lose their rank."""
-    count = lost_equations(robot, linearised, TYPE_1_END_RATIO)
+    count = int(lost_equations(robot, linearised, TYPE_1_END_RATIO)[0])
     if count:
         return escaping(robot, s, path(s), count, f"{what} runs into {LOOP_SINGULARITY}")
     joint = weakest_leg(robot, linearised)

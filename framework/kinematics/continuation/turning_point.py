@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array, BoolArray, IntArray
-from framework.kinematics.frames import between, integrate
+from framework.kinematics.frames import difference, integrate
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.ordered_sums import solve
@@ -107,7 +107,7 @@ def turning_points(
             step = -step * along[:, -1] / (along[:, -1] - before)
         gain = 0.5 * t * first[:, -1]
         travelled = t[:, None] * moved(first)
-        bent = between(robot, q, at) - 0.5 * (travelled + t[:, None] * moved(along))
+        bent = difference(robot, q, at) - 0.5 * (travelled + t[:, None] * moved(along))
         bent, length = (np.abs(motion / scale).max(axis=1) for motion in (bent, travelled))
         found = closed & (t > 0) & (reached < 1.0) & (bent <= MAX_BEND * length)
         found &= np.abs(reached - share - gain) <= MAX_SKEW * gain

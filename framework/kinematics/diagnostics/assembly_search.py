@@ -13,6 +13,7 @@ another way to assemble the robot may be meant.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -101,41 +102,44 @@ class _Group:
 
     def closed_from(self, start: Array) -> tuple[Array, float]:
         """Find offsets (k,) near a start at which the loops are least open, and the largest gap there."""
-        from scipy.optimize import least_squares
-
-        answer = least_squares(
-            self.gap,
-            start,
-            self.slope,
-            bounds=(self.lower, self.upper),
-            tr_solver="lsmr",  # steps of least norm: there are more joints than independent equations
-            max_nfev=MAX_EVALUATIONS[1],
-            xtol=FINE_TOLERANCE,
-            ftol=FINE_TOLERANCE,
-            gtol=FINE_TOLERANCE,
-        )
-        return np.asarray(answer.x), float(np.abs(answer.fun).max())
+        # steps of least norm: there are more joints than independent equations
+        u, gap = self._least_squares(self.gap, self.slope, start, MAX_EVALUATIONS[1], FINE_TOLERANCE, "lsmr")
+        return u, float(np.abs(gap).max())
 
     def nearly_closed_from(self, start: Array) -> Array:
         """Find the smallest offsets (k,) that nearly close the loops."""
+        return self._least_squares(
+            lambda u: np.concatenate([self.gap(u) / GAP_PER_RADIAN, u]),
+            lambda u: np.concatenate([self.slope(u) / GAP_PER_RADIAN, np.eye(len(u))]),
+            start,
+            MAX_EVALUATIONS[0],
+            ROUGH_TOLERANCE,
+        )[0]
+
+    def _least_squares(
+        self,
+        residual: Callable[[Array], Array],
+        slope: Callable[[Array], Array],
+        start: Array,
+        most: int,
+        tolerance: float,
+        solver: str | None = None,
+    ) -> tuple[Array, Array]:
+        """Find offsets (k,) within bounds whose residual is least, and that residual."""
         from scipy.optimize import least_squares
 
-        answer = least_squares(
-            lambda u: np.concatenate([self.gap(u) / GAP_PER_RADIAN, u]),
-            start,
-            lambda u: np.concatenate([self.slope(u) / GAP_PER_RADIAN, np.eye(len(u))]),
-            bounds=(self.lower, self.upper),
-            max_nfev=MAX_EVALUATIONS[0],
-            xtol=ROUGH_TOLERANCE,
-            ftol=ROUGH_TOLERANCE,
-            gtol=ROUGH_TOLERANCE,
-        )
-        return np.asarray(answer.x)
+        within, ends = (self.lower, self.upper), dict.fromkeys(("xtol", "ftol", "gtol"), tolerance)
+        answer = least_squares(residual, start, slope, bounds=within, tr_solver=solver, max_nfev=most, **ends)
+        return np.asarray(answer.x), np.asarray(answer.fun)
 
-    def _frames(self, u: Array) -> FrameStack:
+    def configuration(self, u: Array) -> Array:
+        """Return the configuration (nq,) at offsets u (k,)."""
         step = np.zeros(self.mechanism.model.nv)
         step[self.columns] = u * self.mechanism.column_scale[self.columns]
-        return frames_at(self.mechanism, integrate(self.mechanism, self.origin, step)[None])
+        return integrate(self.mechanism, self.origin, step)
+
+    def _frames(self, u: Array) -> FrameStack:
+        return frames_at(self.mechanism, self.configuration(u)[None])
 
 
 def _groups(mechanism: Mechanism, origin: Array, lower: Array, upper: Array) -> list[_Group]:
@@ -204,9 +208,7 @@ def _nearest(group: _Group) -> Array:
 def _still_open(group: _Group, u: Array) -> NotAssembled:
     """Return the error for a group that no start has closed; `u` (k,) came nearest."""
     gap, mechanism = np.abs(group.equations(u)), group.mechanism
-    row, step = int(np.argmax(gap)), np.zeros(mechanism.model.nv)
-    step[group.columns] = u * mechanism.column_scale[group.columns]
-    q = integrate(mechanism, group.origin, step)
+    row, q = int(np.argmax(gap)), group.configuration(u)
     turning = bool(group.rows.rotation[row])
     left = float(gap[row]) * (1.0 if turning else mechanism.length)
     best = f"{group.rows.names[row]} stays {left:.3g} {'rad' if turning else 'm'} apart"

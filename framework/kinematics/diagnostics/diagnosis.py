@@ -18,7 +18,7 @@ from framework.kinematics.diagnostics.mobility import (
     platform_axes_of,
 )
 from framework.kinematics.linearised_loops import linearised_at_reference
-from framework.kinematics.loop_matrices import passive_matrix
+from framework.kinematics.loop_matrices import clearance
 from framework.kinematics.loop_structure import independent_rows
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.mistaken_units import more_than_a_turn
@@ -165,8 +165,8 @@ class _Modes(NamedTuple):
 def _modes(robot: ParallelRobot) -> _Modes:
     linearised = linearised_at_reference(robot)
     working, assembly = (int(sign[0]) for sign in mode_signs(robot, linearised))
-    values = np.linalg.svd(passive_matrix(robot, linearised)[0], compute_uv=False)
-    return _Modes(working, assembly, float(values[-1]) if len(values) else None)
+    least = float(clearance(robot, linearised)[0])
+    return _Modes(working, assembly, least if least < np.inf else None)
 
 
 def _with_reference(mechanism: Mechanism, q: Array) -> Mechanism:
