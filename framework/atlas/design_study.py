@@ -33,6 +33,7 @@ from framework.errors import FrameworkError, InvalidInput, choose_from
 from framework.input import read_text
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.parameters import declared_parameters
+from framework.output import json_text
 from framework.parallel.kept import ArrayField, KeptChunks, complete_chunks
 from framework.statics.loading import LoadReason
 
@@ -224,7 +225,7 @@ def write_study(study: DesignStudy, folder: Path) -> list[Path]:
     """Write study.json, study.npz and study.csv into a folder; the same study gives the same bytes."""
     files = [folder / DOCUMENT, folder / "study.npz", folder / "study.csv"]
     document = {**study_setup(study.task, study.designs), "units": dict(study.units)}
-    files[0].write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    files[0].write_text(json_text(document), encoding="utf-8")
     parameters = dict(zip(study.designs.names, study.designs.values.T, strict=True))
     arrays = {f"parameter_{name}": values for name, values in parameters.items()} | dict(study.columns)
     np.savez_compressed(

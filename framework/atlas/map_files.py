@@ -19,6 +19,7 @@ from framework.atlas.quantities import Quantity, unit_of
 from framework.atlas.window import Window
 from framework.atlas.workspace_map import WorkspaceMap
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.output import json_text
 from framework.statics.loading import LOAD_WORDS, LoadReason
 
 DOCUMENT = "map.json"
@@ -101,8 +102,7 @@ def map_document(workspace: WorkspaceMap) -> dict[str, Any]:
 def write_map(workspace: WorkspaceMap, folder: Path) -> list[Path]:
     """Write map.json, map.npz and map.csv into a folder."""
     files = [folder / DOCUMENT, folder / "map.npz", folder / "map.csv"]
-    text = json.dumps(map_document(workspace), indent=2, allow_nan=False)
-    files[0].write_text(text + "\n", encoding="utf-8")
+    files[0].write_text(json_text(map_document(workspace)), encoding="utf-8")
     first, second = workspace.window.spans
     np.savez_compressed(
         files[1],

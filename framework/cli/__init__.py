@@ -6,6 +6,7 @@ What commands share
     commands            the list of commands, and the parser that shows it
     running             one command run, and what is said where it fails
     parser              the options of several commands
+    writing             files in the folder of --out
     arguments           from options to the robot, the path and the request
     console, layout     reports on stdout, errors in one line on stderr; how they fit a terminal
     advice              the command line to try after a refusal

@@ -51,8 +51,8 @@ def take_level(options: argparse.Namespace) -> ChosenLevel | None:
     options.flexibility = FLEXIBILITIES[0]
     robot = load(options)
     asked, description = request(options, robot), robot.description
-    typed = {key: value for key, value in typed_options(options).items() if key != "keep_limits"}
-    typed |= wrenches(options, robot)
+    typed = motion_options(options, robot)
+    typed.pop("keep_limits", None)
     chosen = None if typed or options.scene is None else kept_level(description, options.scene)
     if chosen is None:
         chosen = predicted_level(description, options.scene or asked.path, **typed)
@@ -100,15 +100,11 @@ def named_numbers(option: str, words: Sequence[str], form: str) -> dict[str, flo
 
 def _missing_fields(options: argparse.Namespace) -> dict[str, Any]:
     """Return what the options add to a foreign file, as keyword arguments of `parse_any`."""
-    return {
-        "platform": getattr(options, "platform", None),
-        "axes": getattr(options, "axes", None),
-        "motors": getattr(options, "motors", None),
-        "reference": dict(_joint_values("--reference", getattr(options, "reference", None) or [])),
-        "base": getattr(options, "base", None),
-        "locked": dict(_locked(getattr(options, "lock", None) or [])),
-        "platform_joints": getattr(options, "platform_joints", None),
-    }
+    values = vars(options)
+    fields = {key: values.get(key) for key in ("platform", "axes", "motors", "base", "platform_joints")}
+    fields["reference"] = dict(_joint_values("--reference", values.get("reference") or []))
+    fields["locked"] = dict(_locked(values.get("lock") or []))
+    return fields
 
 
 def _locked(items: Sequence[str]) -> Iterator[tuple[str, float | None]]:
@@ -156,8 +152,7 @@ def path(options: argparse.Namespace, robot: ParallelRobot) -> Path:
 
 def request(options: argparse.Namespace, robot: ParallelRobot) -> Request:
     """Return the request of the options; an option that is typed overrides the scene's."""
-    typed = typed_options(options) | wrenches(options, robot)
-    along = path(options, robot)
+    typed, along = motion_options(options, robot), path(options, robot)
     if options.scene is not None:
         return scene_request(robot, options.scene, **typed)
     if "duration" not in typed and not (typed.get("optimize") == "time" or "longest" in typed):
@@ -167,16 +162,21 @@ def request(options: argparse.Namespace, robot: ParallelRobot) -> Request:
 
 def path_and_motion(options: argparse.Namespace, robot: ParallelRobot) -> tuple[Path | str, dict[str, Any]]:
     """Return the name of the scene or the path, and the options of the motion that were typed."""
-    along, typed = path(options, robot), typed_options(options) | wrenches(options, robot)
-    return along if options.scene is None else options.scene, typed
+    along, typed = path(options, robot), motion_options(options, robot)
+    return options.scene or along, typed
 
 
 def request_of_any_duration(options: argparse.Namespace, robot: ParallelRobot, along: Path) -> Request:
     """Return the request of the options along a path; the duration is 1 s where none is typed."""
-    typed = typed_options(options) | wrenches(options, robot)
+    typed = motion_options(options, robot)
     if options.scene is not None and "wrenches" not in typed:
         typed["wrenches"] = scene(robot, options.scene).wrenches
     return Request.of(robot, along, **{"duration": 1.0, **typed})
+
+
+def motion_options(options: argparse.Namespace, robot: ParallelRobot) -> dict[str, Any]:
+    """Return the options of the motion that were typed, wrenches included."""
+    return typed_options(options) | wrenches(options, robot)
 
 
 def typed_options(options: argparse.Namespace) -> dict[str, Any]:
@@ -230,6 +230,11 @@ def peaks(robot: ParallelRobot, torques: Mapping[str, float], digits: int = 6) -
     return ", ".join(f"{joint} {torque:.{digits}g} {unit}" for (joint, torque), unit in units)
 
 
+def excesses(exceeded: Mapping[str, str]) -> list[str]:
+    """Return lines on joints that exceed their limits."""
+    return [f"  warning           {joint} exceeds its limits: {excess}" for joint, excess in exceeded.items()]
+
+
 def share(name: str, text: str) -> float:
     """Parse a share, as 10% or 0.1."""
     try:
@@ -268,11 +273,17 @@ def saved_plan(options: argparse.Namespace) -> CrossingPlan | None:
     for key in _OF_A_PLAN:
         value = getattr(options, key, None)
         if value is not None and (key, value) != ("flexibility", "rigid"):  # rigid may be its default
-            name = {"start": "from", "end": "to", "scenes": "scene"}.get(key, key).replace("_", "-")
+            flag = flag_of(key)
             raise InvalidInput(
-                f"--{name}: the plan in {options.robot} has its own; leave it out, or plan again"
-            ).advising({name: None})
+                f"{flag}: the plan in {options.robot} has its own; leave it out, or plan again"
+            ).advising({flag[2:]: None})
     return load_plan(options.robot, robot_file=options.robot_file)
+
+
+def flag_of(key: str) -> str:
+    """Return the option that has this key."""
+    name = {"start": "from", "end": "to", "scenes": "scene"}.get(key, key)
+    return f"--{name.removeprefix('spread_').replace('_', '-')}"
 
 
 _OF_A_PLAN = ("scene", "scenes", "start", "end", "flexibility", *TYPED, *WRENCH_FLAGS)

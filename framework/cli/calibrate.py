@@ -6,7 +6,7 @@ import argparse
 from typing import Any
 
 from framework.cli import arguments
-from framework.cli.parser import Report, add_out, add_robot, command
+from framework.cli.parser import Report, add_number, add_out, add_robot, command
 from framework.identification.calibrate import ANGLE_ERROR, LENGTH_ERROR, NOISE, Calibration, calibrate
 
 NO_CHANGE = 1e-3  # of its standard deviation: a parameter that the report leaves out
@@ -42,7 +42,7 @@ def add(commands: Any) -> None:
     )
     for flag, default, unit in (("--length-error", LENGTH_ERROR, "m"), ("--angle-error", ANGLE_ERROR, "rad")):
         text = f"standard deviation of the file's own [{unit}] (default: {default:.3g})"
-        group.add_argument(flag, type=float, default=default, metavar="E", help=text)
+        add_number(group, flag, "E", text, default=default)
     add_out(parser, "write the robot file and its URDF there")
 
 
@@ -58,11 +58,10 @@ def run(options: argparse.Namespace) -> Report:
         angle_error=options.angle_error,
         progress=options.progress.start("calibrating", unit="steps"),
     )
-    document, text = found.to_dict(), calibration_text(found)
+    document = found.to_dict()
     if options.out is not None:
-        document["robot_file"] = str(found.write(options.out))
-        text += f"\n  written to        {document['robot_file']}"
-    return document, text
+        options.written = document["robot_file"] = str(found.write(options.out))
+    return document, calibration_text(found)
 
 
 def _noise_text(found: Calibration) -> str:

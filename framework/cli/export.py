@@ -115,9 +115,8 @@ def run(options: argparse.Namespace) -> Report:
         "format": options.program,
         "file": str(file),
     }
-    return document, "\n".join(
-        [f"{robot.name}, {robot.flexibility}: {description}, written to {file}", *lines]
-    )
+    head = f"{robot.name}, {robot.flexibility}: {description}, written to {file}"
+    return document, "\n".join([head, *lines])
 
 
 def _lesson(options: argparse.Namespace) -> tuple[ParallelRobot, str]:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
-from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
@@ -12,11 +10,12 @@ import numpy as np
 from framework.arrays import Array
 from framework.cli import arguments
 from framework.cli.parser import Report, add_motion, add_out, add_path, add_robot, command
+from framework.cli.writing import written_out
 from framework.crossing.options import LIMITS
 from framework.fidelity.fidelity_study import ERROR_ROUNDING, FidelityStudy, fidelity_study
 from framework.fidelity.model_comparison import Comparison
 from framework.model.fidelity_levels import LEVELS
-from framework.output import written_together
+from framework.output import json_text
 
 STUDY_FILE = "fidelity.json"
 SAME_LAW_DIFFERENCE = 1e-12  # in s
@@ -49,15 +48,13 @@ def run(options: argparse.Namespace) -> Report:
     if options.out is None:
         study, document, text = _studied(options)
     else:
-        out = FilePath(options.out)
-        with written_together(out, document=STUDY_FILE) as folder:
+        with written_out(options, STUDY_FILE) as folder:
             from framework.show.fidelity import plot_fidelity
             from framework.show.plots import save
 
             study, document, text = _studied(options)
-            text += f"\n  written to        {out}"
             options.progress.start("drawing the figure")
-            (folder / STUDY_FILE).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
+            (folder / STUDY_FILE).write_text(json_text(document))
             save(lambda: plot_fidelity(study), folder / "fidelity")
     options.refusal = study.refusal
     return document, text

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from framework.cli import arguments
-from framework.cli.parser import Report, add_out, add_robot, command
+from framework.cli.parser import Report, add_number, add_out, add_robot, command
 from framework.identification.identify import DEFAULT_PRIOR, Identification, identify
 from framework.tolerances import MIN_RANK_GAP
 
@@ -27,11 +27,8 @@ def add(commands: Any) -> None:
         "data", metavar="DATA", help="CSV with time, motor_angle_JOINT, torque_JOINT as in motion.csv"
     )
     group = parser.topic("data and file")
-    group.add_argument(
-        "--cutoff",
-        type=float,
-        metavar="F",
-        help="of the low-pass filter [Hz] (default: where the angles' noise begins)",
+    add_number(
+        group, "--cutoff", "F", "of the low-pass filter [Hz] (default: where the angles' noise begins)"
     )
     group.add_argument(
         "--poses",
@@ -63,16 +60,15 @@ def run(options: argparse.Namespace) -> Report:
         massless=options.massless,
         progress=options.progress.start("identifying", unit="poses"),
     )
-    document, text = found.to_dict(), identification_text(found)
+    document = found.to_dict()
     if not found.base.certain:
         options.warnings.append(
             f"the rank {found.base.rank} of the base parameters is uncertain: the gap of singular values is "
             f"{found.base.gap:.1e}, below {MIN_RANK_GAP:g}"
         )
     if options.out is not None:
-        document["robot_file"] = str(found.write(options.out))
-        text += f"\n  written to        {document['robot_file']}"
-    return document, text
+        options.written = document["robot_file"] = str(found.write(options.out))
+    return document, identification_text(found)
 
 
 def identification_text(found: Identification) -> str:

@@ -26,6 +26,18 @@ from framework.singularity.points_on_path import SearchedPath, SingularPoint, se
 from framework.singularity.spring_shift import spring_shift
 from framework.singularity.type2 import moves_point
 
+# of a singular point, with --json
+TOLD = (
+    "s",
+    "kind",
+    "contact",
+    "corank",
+    "twist",
+    "platform",
+    "slope",
+    "resolution",
+)  # of a point, with --json
+
 
 def add(commands: Any) -> None:
     """Add the command to the parser."""
@@ -53,24 +65,22 @@ def run(options: argparse.Namespace) -> Report:
     feasible = feasibility_on_path(searched)
     polynomial = polynomial_durations(searched, any_duration.smoothness)
     optimal = optimal_durations(searched, any_duration)
+    facts = list(zip(points, shifts, feasible, strict=True))
     document = {
         "robot": robot.name,
         "flexibility": robot.flexibility,
-        "singularities": [
-            _singularity(singular, shift, condition)
-            for singular, shift, condition in zip(points, shifts, feasible, strict=True)
-        ],
+        "singularities": [_singularity(*fact) for fact in facts],
         "durations": {
             "polynomial": None if polynomial is None else polynomial.to_list(),
             "optimal": None if optimal is None else optimal.to_list(),
         },
         "near_misses": [
-            {"s": miss.s, "platform": path(miss.s).tolist(), "g": miss.g} for miss in searched.near_misses
+            {"s": miss.s, "platform": path(miss.s), "g": miss.g} for miss in searched.near_misses
         ],
     }
     lines = [] if points else [f"{robot.name}: no singularity on the path"]
-    for singular, shift, condition in zip(points, shifts, feasible, strict=True):
-        lines += _lines(robot, singular, shift, condition)
+    for fact in facts:
+        lines += _lines(robot, *fact)
     if points:
         lines += [] if polynomial is None else [f"  {polynomial.sentence}{polynomial.advice}"]
         lines += [] if optimal is None else [f"  {optimal.sentence}"]
@@ -85,18 +95,8 @@ def run(options: argparse.Namespace) -> Report:
 def _singularity(
     singular: SingularPoint, shift: dict[str, float] | None, condition: Feasibility | None
 ) -> dict[str, Any]:
-    return {
-        "s": singular.s,
-        "kind": singular.kind,
-        "contact": singular.contact,
-        "corank": singular.corank,
-        "twist": singular.twist.tolist(),
-        "platform": singular.platform.tolist(),
-        "slope": singular.slope,
-        "resolution": singular.resolution,
-        "shift": shift,
-        "condition": None if condition is None else condition.to_dict(),
-    }
+    entry = {key: getattr(singular, key) for key in TOLD}
+    return entry | {"shift": shift, "condition": None if condition is None else condition.to_dict()}
 
 
 def _lines(
@@ -130,6 +130,5 @@ def twist_text(robot: ParallelRobot, twist: Array) -> str:
 def _shift(searched: SearchedPath, singular: SingularPoint) -> dict[str, float] | None:
     """Compute ds for each m or rad of deflection by spring; None where deflections do not move the point."""
     rates = spring_shift(searched.branch, singular)
-    if np.any(np.isnan(rates)):
-        return None
-    return dict(zip(searched.branch.robot.elastic_names, map(float, rates), strict=True))
+    names = searched.branch.robot.elastic_names
+    return None if np.isnan(rates).any() else dict(zip(names, rates, strict=True))

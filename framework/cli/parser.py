@@ -46,6 +46,11 @@ def add_robot(parser: OneLineParser, text: str = "catalogue name, or path of a r
     parser.add_argument("robot", metavar="ROBOT", help=text)
 
 
+def add_number(group: Any, flag: str, metavar: str, text: str, **settings: Any) -> None:
+    """Add an option that takes a number, or several by `nargs`."""
+    group.add_argument(flag, type=float, metavar=metavar, help=text, **settings)
+
+
 def not_empty(text: str) -> str:
     """Read the name of a file or folder, for argparse."""
     if not text:
@@ -112,13 +117,8 @@ def add_path(parser: OneLineParser, *, several: bool = False) -> None:
     else:
         group.add_argument("--scene", metavar="S", help="a scene of the robot file: its path and motion")
     for flag, end, name in (("--from", "start", "first"), ("--to", "end", "last")):
-        group.add_argument(
-            flag,
-            dest=end,
-            type=float,
-            nargs="+",
-            metavar="X",
-            help=f"{name} point of the platform, on its axes [m, rad]",
+        add_number(
+            group, flag, "X", f"{name} point of the platform, on its axes [m, rad]", dest=end, nargs="+"
         )
 
 
@@ -149,12 +149,12 @@ def add_motion(parser: OneLineParser, *, without: str = "") -> None:
 def add_wrenches(parser: OneLineParser) -> None:
     """Add --wrench and --wrench-on."""
     group = parser.topic(MODEL)
-    group.add_argument(
+    add_number(
+        group,
         "--wrench",
-        type=float,
+        "W",
+        "constant, of the world on the platform, along its axes [N, N m]; in place of a scene's",
         nargs="+",
-        metavar="W",
-        help="constant, of the world on the platform, along its axes [N, N m]; in place of a scene's",
     )
     group.add_argument(
         "--wrench-on",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import os
 from contextlib import suppress
 from pathlib import Path as FilePath
@@ -37,9 +36,9 @@ from framework.crossing.saved import FILE, plan_document
 from framework.errors import InvalidInput, point
 from framework.kinematics.idle_turns import driven_turns
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.motion.law import Law, PlannedLaw
+from framework.motion.law import Law
 from framework.motion.optimal_law import OptimalLaw
-from framework.output import written_together
+from framework.output import json_text, written_together
 
 if TYPE_CHECKING:
     from framework.fidelity.chosen_level import ChosenLevel
@@ -111,14 +110,15 @@ def run(options: argparse.Namespace) -> Report:
         plan, entries, lines = _planned(robot, request, level, options.bend)
         options.progress.start("drawing the figures")
         document = plan_document(plan, out) | entries
-        (folder / FILE).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
+        (folder / FILE).write_text(json_text(document))
         motion = plan.samples(options.samples)
         (folder / MOTION_FILE).write_text(motion.as_csv(), encoding="utf-8")
         (folder / f"{MOTION_FILE}-metadata.json").write_text(motion.metadata(MOTION_FILE), encoding="utf-8")
         save_figures(plan, folder)
     gone = [name for name in there if not os.path.exists(out / name)]
     replaced += f"; {', '.join(gone)} of that is removed" * bool(gone)
-    return document, f"{plan_text(plan)}{lines}\n  written to        {out}{replaced}"
+    options.written = f"{out}{replaced}"
+    return document, plan_text(plan) + lines
 
 
 def _replaced(folder: FilePath) -> str:
@@ -141,7 +141,7 @@ def _planned(
         return plan_request(robot, request), {}, ""
     share = None if bend == LEAST_BEND else arguments.share("--bend", bend)
     modified = plan_request_with_modified_path(robot, request, bend=share)
-    far = f"{1e3 * modified.moved:.3g} mm" + (f" and {modified.turned:.3g} rad" if modified.turned else "")
+    far = f"{1e3 * modified.moved:.3g} mm" + f" and {modified.turned:.3g} rad" * bool(modified.turned)
     sentence = f"by at most {far}, {100 * modified.share:.2g} % of its length, its ends kept; a spline now"
     line = f"\n  path bent         {sentence if modified.share else 'not at all: it needs none'}"
     for choice in modified.choices:
@@ -152,14 +152,9 @@ def _planned(
     return modified.plan, {"bend": {**entry, "choices": choices}}, line
 
 
-def law_name(law: PlannedLaw) -> str:
-    """Return the kind and degree of a law, in words."""
-    return f"law of degree {law.degree}" if law.kind == Law.kind else f"{law.kind} law"
-
-
 def _describe_bound(plan: CrossingPlan) -> list[str]:
     """Return a line on the bound of all laws, and how far the plan is above."""
-    bound = bound_plan(plan)
+    bound = None if plan.optimality is None else bound_plan(plan)
     if bound is None or plan.optimality is None:
         return []
     peak = np.array(list(plan.peak_torque.values())) / plan.optimality.reference
@@ -186,17 +181,12 @@ def _describe_smoothness(plan: CrossingPlan) -> list[str]:
 def plan_text(plan: CrossingPlan) -> str:
     """Return the report on a plan, in words."""
     robot = plan.robot
-    lines = [
-        f"{robot.name}, {robot.flexibility}, {plan.geometry} geometry: {law_name(plan.law)} over "
-        f"{plan.duration:g} s"
-    ]
+    law = f"law of degree {plan.law.degree}" if plan.law.kind == Law.kind else f"{plan.law.kind} law"
+    lines = [f"{robot.name}, {robot.flexibility}, {plan.geometry} geometry: {law} over {plan.duration:g} s"]
     chosen = plan.request.kind == "auto" and plan.reason != ADVANCES
     if plan.law.kind != Law.kind or chosen or NEARLY_STOPS in plan.reason:
         lines.append(f"  law               {plan.reason}")
-    if plan.law.kind != Law.kind:
-        lines += [*_describe_smoothness(plan), *_describe_bound(plan)]
-    lines += _wrenches(plan)
-    lines += _crossings(plan)
+    lines += [*_describe_smoothness(plan), *_describe_bound(plan), *_wrenches(plan), *_crossings(plan)]
     lines.append(f"  peak torque       {arguments.peaks(robot, plan.peak_torque)}")
     return "\n".join([*lines, *_certificate(plan), *_warnings(plan)])
 
@@ -260,15 +250,13 @@ def _certificate(plan: CrossingPlan) -> list[str]:
 
 def _warnings(plan: CrossingPlan) -> list[str]:
     """Return lines on effects left out, limits exceeded and a law that overshoots."""
-    lines = []
-    lines += [f"  left out          {_neglected(plan, effect)}" for effect in plan.neglected]
+    lines = [f"  left out          {_neglected(plan, effect)}" for effect in plan.neglected]
     if any((effect.share or 0.0) > 1.0 for effect in plan.neglected):
         lines.append(
             "  warning           what is left out is worth more than the plan's own torques: plan with it, "
             "--flexibility, or more gently, a higher --smoothness or a longer duration"
         )
-    for joint, excess in plan.exceeded.items():
-        lines.append(f"  warning           {joint} exceeds its limits: {excess}")
+    lines += arguments.excesses(plan.exceeded)
     if plan.certificate.end_speed > NOTABLE_END_SPEED:
         lines.append(
             f"  warning           the motors start and stop with {plan.certificate.end_speed:.1e} of their "

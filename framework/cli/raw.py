@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -15,6 +14,7 @@ from framework.crossing.request import Request
 from framework.dynamics.finite_differences import finite_difference_torques
 from framework.errors import InvalidInput
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.output import json_text
 from framework.singularity.points_on_path import search_path
 
 
@@ -47,14 +47,14 @@ def report_raw(
         geometry=request.geometry,
         branch=searched.branch,
     )
-    largest = dict(zip(robot.actuator_names, map(float, np.abs(raw.torque).max(axis=0)), strict=True))
+    largest = dict(zip(robot.actuator_names, np.abs(raw.torque).max(axis=0), strict=True))
     document = {
         "robot": robot.name,
         "raw": True,
         "proved": False,
         "samples": options.samples,
         # a sample at the singular instant itself can be infinite, for which JSON has no number
-        "largest_sample": {joint: value if np.isfinite(value) else None for joint, value in largest.items()},
+        "largest_sample": largest,
         "crossings": [
             {"s": crossing.s, "time": crossing.time, "wrench": crossing.wrench} for crossing in crossings
         ],
@@ -84,5 +84,5 @@ def _write_raw(
     names += [f"deflection_{spring}" for spring in robot.elastic_names]
     rows = np.column_stack([raw.time, raw.motor_angle, raw.torque, raw.deflection])
     np.savetxt(folder / "raw.csv", rows, fmt="%.17g", delimiter=",", header=",".join(names), comments="")
-    (folder / "raw.json").write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
+    (folder / "raw.json").write_text(json_text(document))
     save(lambda: plot_raw_torques(raw, robot, poles), folder / "raw_torques")

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from framework.cli.arguments import flag_of
 from framework.cli.parser import Report
 from framework.control.run_monitor import Run
 from framework.control.study_setup import FILE, load_study, versions
@@ -41,9 +42,7 @@ def replayed(options: argparse.Namespace) -> Report:
     plain = vars(options.parser.parse_args([options.robot]))
     for key, value in vars(options).items():
         if key not in OF_A_REPLAY and value != plain[key]:
-            flag = key.removeprefix("spread_").replace("_", "-")
-            name = {"start": "from", "end": "to"}.get(key, flag)
-            raise InvalidInput(f"--{name}: the study in {options.robot} has its own; leave it out")
+            raise InvalidInput(f"{flag_of(key)}: the study in {options.robot} has its own; leave it out")
     setup, saved = load_study(options.robot, robot_file=options.robot_file)
     with naming(Path(options.robot) / FILE, InvalidInput):
         stated = read_table("", saved, _RUNS, others=None)
@@ -64,12 +63,12 @@ def replayed(options: argparse.Namespace) -> Report:
         "robot": setup.plan.robot.name,
         "controller": name,
         "run": number,
-        "passed": bool(run.passed[0]),
+        "passed": run.passed[0],
         "why": run.why[0],
-        "tracking_error": float(run.tracking_error[0]),
-        "end_error": float(run.end_error[0]),
-        "peak_torque": float(run.peak_torque.max()),
-        "payload": float(run.payload[0]),
+        "tracking_error": run.tracking_error[0],
+        "end_error": run.end_error[0],
+        "peak_torque": run.peak_torque.max(),
+        "payload": run.payload[0],
         "as_written": written == _failures(run, seed),
         "versions": {"then": then, "now": versions()},
     }
@@ -80,7 +79,7 @@ def _failures(run: Run, seed: list[int]) -> list[dict[str, Any]]:
     """Return the entry of a run among the study's failures, as robustness.json has it."""
     if run.passed[0]:
         return []
-    return [{"seed": seed, "why": run.why[0], "tracking_error": float(run.tracking_error[0])}]
+    return [{"seed": seed, "why": run.why[0], "tracking_error": run.tracking_error[0]}]
 
 
 def _text(document: dict[str, Any]) -> str:

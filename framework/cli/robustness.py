@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 import csv
-import json
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -15,6 +15,7 @@ from framework.cli import arguments
 from framework.cli.parser import (
     Report,
     add_executor,
+    add_number,
     add_out,
     add_path_and_motion,
     add_robot_or_plan,
@@ -22,14 +23,14 @@ from framework.cli.parser import (
     integer_between,
 )
 from framework.cli.replay import replayed
+from framework.cli.writing import written_stepwise
 from framework.control.controllers import CONTROLLERS
 from framework.control.run_monitor import SENSORS, ControlLoop
 from framework.control.study import KeptRuns, Study, run_study
 from framework.control.study_setup import FILE, StudySetup
 from framework.control.variation import Spread
 from framework.errors import FrameworkError
-from framework.output import written_together
-from framework.parallel.kept import forget
+from framework.output import json_text
 from framework.parallel.tasks import executor_of
 
 DEFAULT_CONTROLLER, FEEDBACK = "feedforward", "lqr"
@@ -90,37 +91,34 @@ def add(commands: Any) -> None:
 
 def _add_spread(spread: argparse._ArgumentGroup) -> None:
     for name, default, text in DIFFERENCES:
-        spread.add_argument(
+        add_number(
+            spread,
             f"--{name}",
+            "X",
+            f"{text} (default: {default:g})",
             dest=f"spread_{name.replace('-', '_')}",
-            type=float,
             default=default,
-            metavar="X",
-            help=f"{text} (default: {default:g})",
         )
 
 
 def _add_loop(loop: argparse._ArgumentGroup) -> None:
-    loop.add_argument(
-        "--period", type=float, default=1e-3, metavar="T", help="sampling period [s] (default: 1e-3)"
-    )
+    add_number(loop, "--period", "T", "sampling period [s] (default: 1e-3)", default=1e-3)
     loop.add_argument(
         "--sensors", choices=SENSORS, default="motors", help="joints with encoders (default: motors)"
     )
-    loop.add_argument(
+    add_number(
+        loop,
         "--limit",
-        type=float,
+        "TAU",
+        "largest motor torques [N m] (default: of the robot file, or ten times the peaks of the plan)",
         nargs="+",
-        metavar="TAU",
-        help="largest motor torques [N m] (default: of the robot file, or ten times the peaks of the plan)",
     )
-    loop.add_argument(
+    add_number(
+        loop,
         "--tolerance",
-        type=float,
+        "E",
+        f"runs that stay this near the plan pass [robot lengths, rad] (default: {ControlLoop.tolerance:g})",
         default=ControlLoop.tolerance,
-        metavar="E",
-        help="runs that stay this near the plan pass [robot lengths, rad] (default: "
-        f"{ControlLoop.tolerance:g})",
     )
 
 
@@ -128,12 +126,8 @@ def run(options: argparse.Namespace) -> Report:
     """Do one study for each controller on the same robots, or repeat one run of a study."""
     if options.replay is not None:
         return replayed(options)
-    spread = Spread(
-        **{
-            name: getattr(options, f"spread_{name}")
-            for name in ("payload", "stiffness", "places", "friction", "delay", "noise", "speed_noise")
-        }
-    )
+    names = [name.replace("-", "_") for name, *_ in DIFFERENCES]
+    spread = Spread(**{name: getattr(options, f"spread_{name}") for name in names})
     limit = None if options.limit is None else tuple(options.limit)
     loop = ControlLoop(
         tolerance=options.tolerance, end=options.tolerance, limit=limit, sensors=options.sensors
@@ -145,16 +139,14 @@ def run(options: argparse.Namespace) -> Report:
         return _report(options, setup, _studies(options, setup, {}), None)
     out = FilePath(options.out)
     kept = {name: KeptRuns.of(out, setup.to_dict(), name) for name in _names(options)}
-    with written_together(out, document=FILE) as folder:  # hours of work want a place to go to
-        try:
-            studies = _studies(options, setup, kept)
-        except KeyboardInterrupt as stop:
-            raise type(stop)(*_what_is_kept(options, kept)) from None
+    with written_stepwise(
+        options, FILE, lambda: _count_runs(kept), f"of {options.runs * len(kept)} runs"
+    ) as folder:
+        studies = _studies(options, setup, kept)
         document, text = _report(options, setup, studies, out)
         options.progress.start("drawing the figure")
         _write(setup, studies, document, folder)
-    forget(out)
-    return document, f"{text}\n  written to        {options.out}"
+    return document, text
 
 
 def _names(options: argparse.Namespace) -> list[str]:
@@ -195,15 +187,9 @@ def _report(
     return document, text
 
 
-def _what_is_kept(options: argparse.Namespace, kept: dict[str, KeptRuns]) -> list[str]:
-    """Return the message on a study that is interrupted: the runs that are kept."""
-    count = sum(len(chunk) for place in kept.values() for chunk, _ in place.read())
-    if not count:
-        return []
-    return [
-        f"{count} of {options.runs * len(kept)} runs are kept in {options.out}, and the same command goes on "
-        f"from them"
-    ]
+def _count_runs(kept: dict[str, KeptRuns]) -> int:
+    """Return the number of runs that are kept."""
+    return sum(len(chunk) for runs in kept.values() for chunk, _ in runs.read())
 
 
 def _studies(options: argparse.Namespace, setup: StudySetup, kept: dict[str, KeptRuns]) -> list[Study]:
@@ -225,30 +211,26 @@ def _studies(options: argparse.Namespace, setup: StudySetup, kept: dict[str, Kep
                     executor=executor,
                     chunk=chunk,
                     keeper=kept.get(name),
-                    progress=_after(progress, len(studies) * options.runs),
+                    progress=partial(_advance, progress, len(studies) * options.runs),
                 )
             )
     return studies
 
 
-def _after(progress: Callable[[float], None], before: int) -> Callable[[int], None]:
-    return lambda done: progress(before + done)
+def _advance(progress: Callable[[float], None], finished: int, done: int) -> None:
+    progress(finished + done)
 
 
 def _document(study: Study) -> dict[str, Any]:
     return {
         "controller": study.controller,
         "probability": study.probability,
-        "interval": list(study.interval),
+        "interval": study.interval,
         "tracking_error": _quantiles(study.tracking_error),
         "end_error": _quantiles(study.end_error),
-        "peak_torque": float(study.peak_torque.max()),
+        "peak_torque": study.peak_torque.max(),
         "failures": [
-            {
-                "seed": list(seed),
-                "why": study.why[seed[1]],
-                "tracking_error": float(study.tracking_error[seed[1]]),
-            }
+            {"seed": seed, "why": study.why[seed[1]], "tracking_error": study.tracking_error[seed[1]]}
             for seed in study.failures
         ],
         "seconds": study.seconds,
@@ -256,8 +238,7 @@ def _document(study: Study) -> dict[str, Any]:
 
 
 def _quantiles(values: np.ndarray) -> dict[str, float]:
-    median, nearly_all, largest = np.quantile(values, [0.5, 0.95, 1.0])
-    return {"median": float(median), "95 %": float(nearly_all), "largest": float(largest)}
+    return dict(zip(("median", "95 %", "largest"), np.quantile(values, [0.5, 0.95, 1.0]), strict=True))
 
 
 def _text(robot: str, studies: list[Study]) -> str:
@@ -288,7 +269,7 @@ def _write(setup: StudySetup, studies: list[Study], document: dict[str, Any], fo
     from framework.show.plots import save
     from framework.show.robustness import plot_robustness
 
-    (folder / FILE).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
+    (folder / FILE).write_text(json_text(document))
     with open(folder / "runs.csv", "w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)

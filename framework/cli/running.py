@@ -18,6 +18,7 @@ from framework.cli.console import MAX_MESSAGE_LENGTH, TRY, complain, one_line, r
 from framework.cli.progress import Progress
 from framework.errors import FrameworkError, NoAnswer
 from framework.interruption import Heard
+from framework.output import plain
 
 UNEXPECTED_EXIT_CODE = 70  # exit code; sysexits.h calls it EX_SOFTWARE
 DEBUG_VARIABLE = "CROSSING_DEBUG"  # environment variable: set, an unexpected error shows its traceback
@@ -30,9 +31,11 @@ def run(options: argparse.Namespace, heard: Heard, arguments: Sequence[str]) -> 
         FrameworkError: the command refuses.
     """
     options.warnings = []
-    options.refusal = None
+    options.refusal = options.written = None
     with np.errstate(all="ignore"), Progress("at work") as options.progress:  # errors tell what is not finite
         document, text = options.run(options)
+    if options.written is not None:
+        text += f"\n  written to        {options.written}"
     if options.warnings:
         document = {**document, "warnings": options.warnings}
         text = "\n".join([text, *(f"  warning           {warning}" for warning in options.warnings)])
@@ -41,7 +44,7 @@ def run(options: argparse.Namespace, heard: Heard, arguments: Sequence[str]) -> 
         told, entry = error_told(options.refusal, str(options.refusal), arguments)
         document = {**document, "error": entry}
     if options.json:
-        tell(json.dumps(document, allow_nan=False))
+        tell(json.dumps(plain(document), allow_nan=False))
     else:
         report(text)
     if options.refusal is None:
@@ -99,9 +102,7 @@ def error_told(error: BaseException, message: str, arguments: Sequence[str]) -> 
     if instead is not None:
         document["try"] = instead
     for key in ("time", "s", "wrench", "joint", "residual", "platform"):
-        value = getattr(error, key, None)
-        if (isinstance(value, float) and np.isfinite(value)) or isinstance(value, str):
+        value = plain(getattr(error, key, None))
+        if isinstance(value, float | str | list):
             document[key] = value
-        elif isinstance(value, np.ndarray):
-            document[key] = value.tolist()
     return line, document

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
 
 from framework.cli import arguments
-from framework.cli.parser import Report, add_out, add_path_and_motion, add_robot_or_plan, command
+from framework.cli.parser import Report, add_number, add_out, add_path_and_motion, add_robot_or_plan, command
+from framework.cli.writing import written_out
 from framework.crossing.result import CrossingPlan
 from framework.errors import InvalidInput, NoAnswer
 from framework.identification.sensors import Sensors, record_sensors, sensors_of
-from framework.output import written_together
+from framework.output import json_text
 from framework.simulation import Simulation, simulate
 from framework.simulation.methods import METHODS
 from framework.tolerances import MOTION_OFF_PATH
@@ -32,18 +32,9 @@ def add(commands: Any) -> None:
         default="reference",
         help="reference: steps to 1e-12; stiff: to 1e-7; fast, explicit: fixed ones (default: reference)",
     )
-    group.add_argument(
-        "--tolerance",
-        type=float,
-        metavar="E",
-        help="largest error of reference and stiff [rad, robot lengths]",
-    )
-    group.add_argument(
-        "--step", type=float, metavar="H", help="time step of fast and explicit, longest one of others [s]"
-    )
-    group.add_argument(
-        "--damping", type=float, metavar="D", help="viscous, on every joint [N m s/rad, N s/m]"
-    )
+    add_number(group, "--tolerance", "E", "largest error of reference and stiff [rad, robot lengths]")
+    add_number(group, "--step", "H", "time step of fast and explicit, longest one of others [s]")
+    add_number(group, "--damping", "D", "viscous, on every joint [N m s/rad, N s/m]")
     parser.add_argument(
         "--sensors",
         nargs="*",
@@ -67,16 +58,15 @@ def run(options: argparse.Namespace) -> Report:
         damping=options.damping,
         progress=options.progress.start("simulating", 1.0, "the motion"),
     )
-    document, text = result.to_dict(), simulation_text(result)
+    document = result.to_dict()
     if options.out is not None:
-        with written_together(FilePath(options.out), document="simulation.json") as folder:
-            (folder / "simulation.json").write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
+        with written_out(options, "simulation.json") as folder:
+            (folder / "simulation.json").write_text(json_text(document))
             _write_csv(result, plan, folder / "simulation.csv")
             if sensors is not None:
                 (folder / "sensors.csv").write_text(record_sensors(result, plan.torque, sensors).as_csv())
-        text += f"\n  written to        {options.out}"
     _check_on_path(result)
-    return document, text
+    return document, simulation_text(result)
 
 
 def _sensors(options: argparse.Namespace) -> Sensors | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from dataclasses import asdict, fields
 from pathlib import Path as FilePath
@@ -17,7 +16,7 @@ from framework.errors import InvalidInput, choose_from
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.law import Law, PlannedLaw
 from framework.motion.path import PointPath
-from framework.output import write_file
+from framework.output import json_text, write_file
 
 FILE = "plan.json"
 
@@ -30,8 +29,7 @@ def save_plan(plan: CrossingPlan, folder: str | FilePath) -> FilePath:
         OutputError: it cannot be written.
     """
     file = FilePath(folder) / FILE
-    text = json.dumps(plan_document(plan, file.parent), indent=2, allow_nan=False) + "\n"
-    write_file(file, text, option="save_plan")
+    write_file(file, json_text(plan_document(plan, file.parent)), option="save_plan")
     return file
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Self
@@ -122,6 +123,11 @@ class ParallelRobot(Mechanism):
         return tuple(actuator.joint for actuator in self.description.actuators)
 
     @property
+    def axis_units(self) -> list[str]:
+        """Unit of each platform coordinate: m or rad."""
+        return length_units(self.translations)
+
+    @property
     def speed_units(self) -> tuple[str, ...]:
         """Unit of each motor's speed."""
         return tuple({"N": "m/s", "N m": "rad/s"}[unit] for unit in self.torque_units)
@@ -160,6 +166,11 @@ class ParallelRobot(Mechanism):
             f"ParallelRobot({self.name!r}, {self.flexibility}: platform {', '.join(self.axis_names)}; "
             f"motors {', '.join(self.actuator_names)}; springs {', '.join(self.spring_names) or 'none'})"
         )
+
+
+def length_units(slides: Iterable[bool]) -> list[str]:
+    """Return the unit of each coordinate: m where it slides, rad where it turns."""
+    return ["m" if slide else "rad" for slide in slides]
 
 
 def expect_robot(given: object) -> None:

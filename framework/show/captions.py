@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from framework.arrays import Array
-from framework.catalogue import catalogue
+from framework.catalogue import CatalogueEntry, catalogue
 from framework.crossing.result import CrossingPlan
 from framework.crossing.scenes import scene_path
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -85,15 +85,19 @@ def film_summary(film: Film) -> str:
 
 def why(robot: ParallelRobot) -> str:
     """Return the catalogue's reason for a robot's singularities; empty for other robots."""
-    entry = catalogue().get(robot.name)
-    return entry.why if entry is not None and entry.file == robot.description.file else ""
+    entry = _entry(robot)
+    return "" if entry is None else entry.why
 
 
 def catalogue_entry(robot: ParallelRobot) -> str:
     """Return the catalogue's summary of a robot and its source; empty for other robots."""
+    entry = _entry(robot)
+    return "" if entry is None else f"{entry.summary}. Source: {entry.source}."
+
+
+def _entry(robot: ParallelRobot) -> CatalogueEntry | None:
     entry = catalogue().get(robot.name)
-    of_catalogue = entry is not None and entry.file == robot.description.file
-    return f"{entry.summary}. Source: {entry.source}." if entry is not None and of_catalogue else ""
+    return entry if entry is not None and entry.file == robot.description.file else None
 
 
 def how(film: Film, instant: FilmInstant) -> str:
@@ -149,4 +153,4 @@ def _peak(film: Film) -> str:
 def _share(film: Film, instant: FilmInstant) -> float:
     """|W_p| at an instant over its largest value of the film."""
     size = np.linalg.norm(film.W_p, axis=1)
-    return float(size[int(np.argmin(np.abs(film.time - instant.time)))] / (size.max() or 1.0))
+    return float(size[film.frame_at(instant.time)] / (size.max() or 1.0))

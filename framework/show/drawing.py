@@ -11,10 +11,10 @@ from matplotlib.collections import PolyCollection
 from framework.arrays import LEAST_DIVISOR, Array
 from framework.kinematics.assembly import configuration
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.placements import joint_poses, planar_normal, rotated
+from framework.kinematics.placements import carried_points, joint_poses, planar_normal
 from framework.model.visuals import Shape
 from framework.show.sight import Projection, Sight, robot_sight
-from framework.show.style import figure
+from framework.show.style import axes_or_new
 
 ROUND_OUTLINE_CORNERS = 32  # corners of a round outline
 LIGHT_DIRECTION = np.array([0.3, -0.5, 0.8])  # from where meshes are lit
@@ -29,7 +29,7 @@ def draw_robot(
     have no axes, and are seen from where most of them is to be seen at the reference, or as `sight` says;
     `sight.onto` tells where a point lies.
     """
-    ax = figure(height=3.0)[1][0] if ax is None else ax
+    ax = axes_or_new(ax, 3.0)
     q = configuration(robot, robot.reference if q is None else q)
     sight = robot_sight(robot) if sight is None else sight
     drawn = outlines(robot, q, sight)
@@ -43,9 +43,7 @@ def draw_robot(
     if planar_normal(robot) is None:
         ax.set_axis_off()
     else:
-        onto = sight.onto
-        ax.set_xlabel(f"{_named(onto.right)}  [m]")
-        ax.set_ylabel(f"{_named(onto.up)}  [m]")
+        ax.set(xlabel=f"{_named(sight.onto.right)}  [m]", ylabel=f"{_named(sight.onto.up)}  [m]")
     return ax
 
 
@@ -71,8 +69,7 @@ def _pieces(shape: Shape, joint: Array, onto: Projection) -> list[tuple[float, A
     """Return depth, outline (m, 2) and colour (4,) of a shape's visible faces, its joint at a pose (7,)."""
 
     def placed(local: Array) -> Array:
-        points = local @ shape.placement[:3, :3].T + shape.placement[:3, 3]
-        return np.asarray(joint[:3] + rotated(np.repeat(joint[None, 3:], len(points), axis=0), points))
+        return carried_points(joint, shape.in_node(local))
 
     color = np.array(shape.color, dtype=float)
     if shape.vertices is not None and shape.faces is not None:
@@ -95,7 +92,7 @@ def _pieces(shape: Shape, joint: Array, onto: Projection) -> list[tuple[float, A
         ends = [shape.size[0] * circle + [0.0, 0.0, side * shape.size[1] / 2] for side in (-1, 1)]
         outline = hull(onto(placed(np.concatenate(ends))))
     else:
-        outline = hull(onto(joint[:3] + rotated(np.repeat(joint[None, 3:], 8, axis=0), shape.corners())))
+        outline = hull(onto(carried_points(joint, shape.corners())))
     return [(float(center @ onto.ahead), outline, color)]
 
 

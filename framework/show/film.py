@@ -96,9 +96,11 @@ class Film:
     @property
     def telling_frame(self) -> int:
         """The frame of the first singular instant, or else the one in the middle."""
-        if not self.instants:
-            return len(self.time) // 2
-        return int(np.argmin(np.abs(self.time - self.instants[0].time)))
+        return self.frame_at(self.instants[0].time) if self.instants else len(self.time) // 2
+
+    def frame_at(self, time: float) -> int:
+        """The frame nearest to a time [s]."""
+        return int(np.argmin(np.abs(self.time - time)))
 
 
 def film_motion(robot: ParallelRobot, request: Request, *, name: str = "") -> Film:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from framework.arrays import Array, BoolArray
 from framework.dynamics.action_lines import action_lines
 from framework.dynamics.platform_wrench import hold_at
 from framework.errors import InvalidInput, NotAssembled
 from framework.kinematics.continuation.forward_kinematics import motors_are_free
-from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot, length_units
 from framework.kinematics.placements import joint_poses, platform_positions, platform_twists
 from framework.locus.drawn_locus import locus_curves
 from framework.show.captions import asked as kind_of_hold
@@ -64,14 +66,13 @@ def move_by_hand(robot: ParallelRobot, movement: dict[str, Any]) -> dict[str, An
     try:
         q, part = np.array(movement["q"], dtype=float), movement["part"]
         if part == "drag":
-            return _document(robot, drag_platform(robot, q, np.array(movement["place"], dtype=float)))
-        index, value = int(movement["index"]), float(movement["value"])
-    except (KeyError, TypeError, OverflowError):
+            place = np.array(movement["place"], dtype=float)
+        else:
+            index, value = int(movement["index"]), float(movement["value"])
+    except (KeyError, TypeError, OverflowError, ValueError):
         raise InvalidInput("a movement needs q, part, and index and value or place") from None
-    except ValueError as error:
-        if isinstance(error, InvalidInput):
-            raise
-        raise InvalidInput("a movement needs q, part, and index and value or place") from None
+    if part == "drag":
+        return _document(robot, drag_platform(robot, q, place))
     if part not in ("platform", "motor"):
         raise InvalidInput(f"part: needs platform, motor or drag, got {part!r}")
     pose = (move_platform if part == "platform" else move_motor)(robot, q, index, value)
@@ -187,19 +188,16 @@ def _document(robot: ParallelRobot, pose: JoggedPose) -> dict[str, Any]:
 def _sliders(robot: ParallelRobot, start: JoggedPose) -> dict[str, list[dict[str, Any]]]:
     """Return names, units and ranges of the sliders: about a robot's length, or a turn's range."""
 
-    def slider(name: str, unit: str, value: float, reach: float) -> dict[str, Any]:
-        return {"name": name, "unit": unit, "low": value - reach, "high": value + reach}
+    def sliders(names: Sequence[str], slides: BoolArray, values: Array, turn: float) -> list[dict[str, Any]]:
+        reach = np.where(slides, 0.8 * robot.length, turn)
+        rows = zip(
+            names, length_units(slides), (values - reach).tolist(), (values + reach).tolist(), strict=True
+        )
+        return [dict(zip(("name", "unit", "low", "high"), row, strict=True)) for row in rows]
 
     turns_freely = np.sum(~robot.translations) > 1  # a rotation vector ends at half a turn
-    turns: list[float] = [1.5 if turns_freely else np.pi] * robot.n
-    platform = [
-        slider(name, "m" if moves else "rad", value, 0.8 * robot.length if moves else turn)
-        for name, moves, value, turn in zip(robot.axis_names, robot.translations, start.x, turns, strict=True)
-    ]
-    motor = [
-        slider(name, "m" if slides else "rad", value, 0.8 * robot.length if slides else np.pi)
-        for name, slides, value in zip(
-            robot.actuator_names, robot.sliding[robot.actuated], start.motors, strict=True
-        )
-    ]
-    return {"platform": platform, "motor": motor}
+    motor_slides = robot.sliding[robot.actuated]
+    return {
+        "platform": sliders(robot.axis_names, robot.translations, start.x, 1.5 if turns_freely else np.pi),
+        "motor": sliders(robot.actuator_names, motor_slides, start.motors, np.pi),
+    }

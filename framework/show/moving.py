@@ -16,10 +16,10 @@ from PIL import Image
 
 from framework.arrays import Array
 from framework.errors import InvalidInput, choose_from
-from framework.show.captions import said, subtitle
+from framework.show.captions import subtitle
 from framework.show.film import Film
 from framework.show.force_polygon import MISSES, THREADS, eye_twist, plot_eyes
-from framework.show.plots import torque_axes
+from framework.show.plots import draw_torques
 from framework.show.scene import stated_limit
 from framework.show.sight import film_sight
 from framework.show.still import locus_of, plot_still
@@ -156,8 +156,9 @@ def _robot(film: Film, ax: Axes, limit: Array | None) -> _Mark:
     def draw(t: float) -> None:
         for artist in [*ax.collections, *ax.lines, *ax.patches, *ax.texts]:
             artist.remove()
-        frame = int(np.argmin(np.abs(film.time - min(t, end))))
-        plot_still(film, ax, frame=frame, limit=limit, locus=locus, sight=sight, alone=True)
+        plot_still(
+            film, ax, frame=film.frame_at(min(t, end)), limit=limit, locus=locus, sight=sight, alone=True
+        )
         if limit is None:  # several films: their titles instead of a legend each
             if ax.legend_ is not None:
                 ax.legend_.remove()
@@ -193,9 +194,7 @@ def _axes(films: Sequence[Film]) -> tuple[Figure, Axes, list[_Mark]]:
     if film.instants:
         plot_eyes(films, stated_limit(film, films), right)
         return drawing, left, [_dot(other_film, eye_twist(films), right) for other_film in films]
-    for k, (name, torque) in enumerate(zip(film.robot.actuator_names, film.torque.T, strict=True)):
-        right.plot(film.time, torque, label=said(name), **line_style(k))
-    torque_axes(right, film.robot)
+    draw_torques(right, film.robot, film.time, film.torque)
     return drawing, left, [_moved_line(film, right)]
 
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import html
 import re
 from collections.abc import Iterable, Sequence
 from datetime import date
+from html import escape
 from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
@@ -62,20 +62,19 @@ def _what(plan: CrossingPlan) -> str:
 
 
 def _section(title: str, content: str) -> str:
-    return f"<section><h2>{html.escape(title)}</h2>\n{content}</section>"
+    return f"<section><h2>{escape(title)}</h2>\n{content}</section>"
 
 
 def _marked(text: str) -> str:
     """Return a plain text as HTML, with the indices of t_s and W_p."""
-    return re.sub(r"\b(t|W)_([sp])\b", r"\1<sub>\2</sub>", html.escape(text))
+    return re.sub(r"\b(t|W)_([sp])\b", r"\1<sub>\2</sub>", escape(text))
 
 
 def _table(rows: Iterable[Sequence[str]], head: Sequence[str] = ()) -> str:
     """Return a table of plain texts as HTML."""
-    lines = []
-    if head:
-        lines.append("<tr>" + "".join(f"<th>{_marked(cell)}</th>" for cell in head) + "</tr>")
-    lines += ["<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows]
+    cells = [[f"<th>{_marked(cell)}</th>" for cell in head]] if head else []
+    cells += [[f"<td>{escape(cell)}</td>" for cell in row] for row in rows]
+    lines = [f"<tr>{''.join(row)}</tr>" for row in cells]
     return '<div class="wide" tabindex="0"><table>' + "\n".join(lines) + "</table></div>"
 
 
@@ -90,19 +89,16 @@ def _crossings(plan: CrossingPlan, film: Film) -> str:
         for (joint, value), unit in zip(plan.peak_torque.items(), robot.torque_units, strict=True)
     )
     motion = (
-        f"<p>The motion takes {plan.duration:g} s. Largest motor torques, with {html.escape(parts(film))}: "
-        f"{html.escape(peaks)}.</p>"
+        f"<p>The motion takes {plan.duration:g} s. Largest motor torques, with {escape(parts(film))}: "
+        f"{escape(peaks)}.</p>"
     )
-    motion += "".join(
-        f"<p><b>At t = {instant.time:.4g} s:</b> {_marked(f'{why(robot)} {how(film, instant)}')}</p>"
-        for instant in film.instants
-    )
-    over = "".join(
-        f"<p><b>Warning:</b> {html.escape(said(joint))} exceeds its limits: {html.escape(excess)}.</p>"
-        for joint, excess in plan.exceeded.items()
-    )
+    for instant in film.instants:
+        sentence = _marked(f"{why(robot)} {how(film, instant)}")
+        motion += f"<p><b>At t = {instant.time:.4g} s:</b> {sentence}</p>"
+    for joint, excess in plan.exceeded.items():
+        motion += f"<p><b>Warning:</b> {escape(said(joint))} exceeds its limits: {escape(excess)}.</p>"
     if not plan.crossings:
-        return f"{motion}{over}<p>The path meets no singularity.</p>"
+        return f"{motion}<p>The path meets no singularity.</p>"
     loaded = any(point is not None for point in plan.loaded_points)
     head = (
         "t [s]",
@@ -127,17 +123,15 @@ def _crossings(plan: CrossingPlan, film: Film) -> str:
         )
         for crossing, under in zip(plan.crossings, plan.loaded_points, strict=True)
     ]
-    return f"{motion}{over}{_table(rows, head)}"
+    return motion + _table(rows, head)
 
 
 def _with_units(robot: ParallelRobot) -> str:
     """Return the platform's coordinates with their units: x, y [m], rz [rad]."""
-    groups = {"m": robot.platform.translations, "rad": ~robot.platform.translations}
-    named = {
-        unit: ", ".join(name for name, has_unit in zip(robot.axis_names, chosen, strict=True) if has_unit)
-        for unit, chosen in groups.items()
-    }
-    return ", ".join(f"{names} [{unit}]" for unit, names in named.items() if names)
+    named: dict[str, list[str]] = {"m": [], "rad": []}
+    for name, unit in zip(robot.axis_names, robot.axis_units, strict=True):
+        named[unit].append(name)
+    return ", ".join(f"{', '.join(names)} [{unit}]" for unit, names in named.items() if names)
 
 
 def _law(plan: CrossingPlan) -> str:
@@ -188,13 +182,11 @@ def _certificate(plan: CrossingPlan, film: Film) -> str:
         if certificate.monotone
         else "The law overshoots the ends of the path a little: s′ changes sign."
     )
-    if film.g.size and not np.isnan(film.g).any():
-        nearest = float(np.abs(film.g).min())
-        if not plan.crossings:
-            said_of.append(
-                f"The measure of singularity |g| is {nearest:.3g} or more at {len(film.g)} instants of the "
-                f"motion."
-            )
+    if not plan.crossings and not np.isnan(film.g).any():
+        said_of.append(
+            f"The measure of singularity |g| is {np.abs(film.g).min():.3g} or more at {len(film.g)} instants "
+            f"of the motion."
+        )
     items = "".join(f"<li>{_marked(text)}</li>" for text in said_of)
     return (
         f"<ul>{items}</ul><p>All of it was computed from the law when this page was "
@@ -217,16 +209,10 @@ def _both_certificates(plan: CrossingPlan, planned: Certificate | None) -> str:
     """Return the certificate's numbers in plan.json beside those computed again from its law."""
     if planned is None:
         return ""
-    rows = [
-        (
-            text,
-            *(
-                f"{getattr(certificate, key):{'g' if key == 'nodes' else '.1e'}}"
-                for certificate in (planned, plan.certificate)
-            ),
-        )
-        for key, text in _CERTIFIED
-    ]
+    rows = []
+    for key, text in _CERTIFIED:
+        form = "g" if key == "nodes" else ".1e"
+        rows.append((text, *(f"{getattr(each, key):{form}}" for each in (planned, plan.certificate))))
     return _table(rows, ("", "plan.json", "computed anew"))
 
 
@@ -271,22 +257,16 @@ def _neglected(plan: CrossingPlan) -> str:
 
 def _parameters(plan: CrossingPlan) -> str:
     robot, description = plan.robot, plan.robot.description
+    given, wrenches = given_options(plan), plan.dynamics.wrenches.entries
+    given.pop("wrenches", None)
     rows = [
         ("robot", f"{robot.name} ({description.file.name})"),
         ("flexibility", f"{robot.flexibility}, {plan.geometry} geometry"),
         ("platform", f"{description.platform.frame}: {', '.join(robot.axis_names)}"),
         ("path", repr(plan.path)),
         ("duration", f"{plan.duration:g} s"),
-        (
-            "asked for",
-            ", ".join(
-                f"{key} {_plain(value)}" for key, value in given_options(plan).items() if key != "wrenches"
-            ),
-        ),
-        *(
-            (f"wrench of the world on {wrench.frame}", _wrench(wrench))
-            for wrench in plan.dynamics.wrenches.entries
-        ),
+        ("asked for", ", ".join(f"{key} {_plain(value)}" for key, value in given.items())),
+        *((f"wrench of the world on {wrench.frame}", _wrench(wrench)) for wrench in wrenches),
         ("law", f"{plan.law.kind}: {plan.reason}"),
         ("gravity", f"{point(description.gravity)} m/s²"),
         ("mass", f"{robot.mass:.6g} kg in moving parts"),
@@ -334,8 +314,7 @@ def _reproduction(plan: CrossingPlan) -> str:
     line = command_line(plan, "again")
     again = python_call(plan) if line is None else f"{line}\ncrossing report again"
     return (
-        f"<pre>{html.escape(again)}</pre>"
-        f"<p>{html.escape(robot.name)} is {html.escape(str(robot.description.file.name))}; written on "
-        f"{date.today().isoformat()} with "
-        f"{html.escape(', '.join(installed))}.</p>"
+        f"<pre>{escape(again)}</pre>"
+        f"<p>{escape(robot.name)} is {escape(robot.description.file.name)}; written on "
+        f"{date.today()} with {escape(', '.join(installed))}.</p>"
     )

@@ -6,7 +6,6 @@ metre. The page (framework/show/page) draws what it finds here and computes noth
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -17,11 +16,11 @@ from framework.dynamics.action_lines import action_lines
 from framework.errors import point
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import (
+    carried_points,
     frame_positions,
     joint_axis,
     joint_poses,
     platform_positions,
-    rotated,
 )
 from framework.locus.drawn_locus import LocusCurves, locus_curves, locus_patch
 from framework.model.description import RobotDescription
@@ -30,8 +29,10 @@ from framework.show.captions import asked, film_summary, how, proof, said, state
 from framework.show.film import Film
 from framework.show.force_polygon import peak_torque, shown_limit
 from framework.show.forces import drawn_sides, figure_vectors, why_no_figure
-from framework.show.motors import motor_shapes, placed
+from framework.show.motors import motor_shapes
+from framework.show.shapes import placed
 from framework.show.sight import Sight, film_sight, tilted
+from framework.show.standalone import packed
 
 UNPROVED_TORQUE_RATIO = 2.5  # an unproved torque is drawn up to so many times what it is away from its pole
 COIL_LENGTH = 0.18  # length of a spring's coil, over the `length` of the document
@@ -44,7 +45,7 @@ CurvesAbout = Callable[[Film, int, Array], LocusCurves | None]
 
 def floats(values: ArrayLike) -> str:
     """Encode an array for the page."""
-    return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode("ascii")
+    return packed(np.asarray(values, dtype="<f4"))
 
 
 def film_documents(films: Sequence[Film]) -> list[dict[str, Any]]:
@@ -64,13 +65,13 @@ def film_documents(films: Sequence[Film]) -> list[dict[str, Any]]:
     for film in sorted(films, key=lambda film: not film.instants):
         if all(description != film.robot.description for description, _ in seen):
             seen.append((film.robot.description, film_sight(film)))
-    sights = [
-        next(sight for description, sight in seen if description == film.robot.description) for film in films
-    ]
-    return [
-        _film_document(film, sight, curves_about, stated_limit(film, films), peak_torque(_alike(film, films)))
-        for film, sight in zip(films, sights, strict=True)
-    ]
+
+    def document(film: Film) -> dict[str, Any]:
+        sight = next(sight for description, sight in seen if description == film.robot.description)
+        limit, peak = stated_limit(film, films), peak_torque(_alike(film, films))
+        return _film_document(film, sight, curves_about, limit, peak)
+
+    return list(map(document, films))
 
 
 def stated_limit(film: Film, films: Sequence[Film]) -> Array:
@@ -138,7 +139,7 @@ def _instants(film: Film, platform: Array, power: Array) -> list[dict[str, Any]]
             "time": instant.time,
             "wrench": float(np.copysign(instant.wrench, np.interp(instant.time, film.time, power))),
             "how": how(film, instant),
-            "place": _nearest(platform, film.time, instant.time),
+            "place": platform[film.frame_at(instant.time)].tolist(),
             "where": f"{', '.join(film.robot.axis_names)} = {point(instant.platform)}",
         }
         for instant in film.instants
@@ -162,29 +163,22 @@ def drawn_robot(robot: ParallelRobot, poses: Array, sight: Sight) -> dict[str, A
     }
 
 
-def _integers(values: Any) -> str:
-    return base64.b64encode(np.ascontiguousarray(values, dtype="<u4").tobytes()).decode("ascii")
-
-
 def _columns(placement: Array) -> list[float]:
     """Return a placement (4, 4), column after column."""
     return [float(value) for value in placement.T.ravel().round(9)]
 
 
 def _solid(shape: Shape) -> dict[str, Any]:
-    mesh = (
-        {"vertices": floats(shape.vertices), "faces": _integers(shape.faces)}
-        if shape.vertices is not None
-        else {}
-    )
-    return {
+    solid = {
         "node": shape.node,
         "kind": shape.kind,
         "size": list(shape.size),
         "placement": _columns(shape.placement),
         "color": list(shape.color),
-        **mesh,
     }
+    if shape.vertices is not None and shape.faces is not None:
+        solid |= {"vertices": floats(shape.vertices), "faces": packed(shape.faces.astype("<u4"))}
+    return solid
 
 
 def _motors(robot: ParallelRobot, shapes: list[Shape], size: float) -> list[dict[str, Any]]:
@@ -197,25 +191,22 @@ def _springs(film: Film, size: float) -> dict[str, Any] | None:
     robot = film.robot
     if not robot.n_e:
         return None
-    coils, factors = [], {}
-    for k, column in enumerate(robot.elastic):
-        node, place, axis = joint_axis(robot, int(column))
+    slides, coils, factors = robot.sliding[robot.elastic], [], {}
+    for k, name in enumerate(robot.elastic_names):
+        node, place, axis = joint_axis(robot, int(robot.elastic[k]))
         coils.append(
             {
-                "name": robot.elastic_names[k],
+                "name": name,
                 "node": node,
                 "placement": _columns(placed(place, axis)),
-                "slides": bool(robot.sliding[column]),
+                "slides": bool(slides[k]),
                 "column": k,
             }
         )
-    slides_all = np.array([coil["slides"] for coil in coils])
-    for slides, largest_shown in (
-        (True, MAX_DRAWN_DEFLECTION * COIL_LENGTH * size),
-        (False, MAX_DRAWN_DEFLECTION),
-    ):
-        largest = np.abs(film.deflection[:, slides_all == slides]).max(initial=0.0)
-        factors["slide" if slides else "turn"] = _round_down(largest_shown / largest) if largest > 0 else 1.0
+    for kind, columns, unit_length in (("slide", slides, COIL_LENGTH * size), ("turn", ~slides, 1.0)):
+        largest = np.abs(film.deflection[:, columns]).max(initial=0.0)
+        shown = MAX_DRAWN_DEFLECTION * unit_length
+        factors[kind] = _round_down(shown / largest) if largest > 0 else 1.0
     return {
         "coils": coils,
         "factors": factors,
@@ -233,11 +224,7 @@ def _round_down(value: float) -> float:
 def _wrenches(film: Film) -> list[dict[str, Any]]:
     """Return W_p and the wrenches of the world that are not zero, all with the same largest sizes."""
     applied = [wrench for wrench in film.wrenches if wrench.wrench.any()]
-    sixes = [
-        film.demands,
-        *(wrench.at_origin for wrench in applied),
-    ]
-    arrows = [_arrows(six) for six in sixes]
+    arrows = [_arrows(six) for six in (film.demands, *(wrench.at_origin for wrench in applied))]
     largest = np.max([document["largest"] for document in arrows], axis=0).tolist()
     for document, wrench in zip(arrows[1:], applied, strict=True):
         document |= {"frame": said(wrench.frame), "origin": floats(wrench.origin)}
@@ -246,8 +233,9 @@ def _wrenches(film: Film) -> list[dict[str, Any]]:
 
 def _arrows(six: Array) -> dict[str, Any]:
     """Return linear and angular parts (F, 3) of twists or wrenches (F, 6), with their largest sizes."""
-    largest = [float(np.linalg.norm(part, axis=1).max()) for part in (six[:, :3], six[:, 3:])]
-    return {"linear": floats(six[:, :3]), "angular": floats(six[:, 3:]), "largest": largest}
+    parts = (six[:, :3], six[:, 3:])
+    largest = [float(np.linalg.norm(part, axis=1).max()) for part in parts]
+    return dict(zip(("linear", "angular"), map(floats, parts), strict=True)) | {"largest": largest}
 
 
 def _polytope(film: Film, limit: Array) -> dict[str, Any] | None:
@@ -281,20 +269,14 @@ def _torque_limit(film: Film) -> float:
     return UNPROVED_TORQUE_RATIO * usual if np.isfinite(usual) and usual > 0 else 1.0
 
 
-def _nearest(places: Array, times: Array, instant: float) -> list[float]:
-    return [float(value) for value in places[int(np.argmin(np.abs(times - instant)))]]
-
-
 def _locus(film: Film, platform: Array, curves_about: CurvesAbout) -> dict[str, Any] | None:
     """Return the drawing of the locus where the film comes nearest to it."""
     if np.isnan(film.g).any():
         return None
-    nearest = int(np.argmin(np.abs(film.g)))
-    if film.instants:
-        nearest = int(np.argmin(np.abs(film.time - film.instants[0].time)))
-        patch = locus_patch(film.robot, film.q[nearest], film.x[nearest])
-        if patch is not None:
-            return {"kind": "patch", "count": len(patch), "points": floats(patch)}
+    nearest = film.telling_frame if film.instants else int(np.argmin(np.abs(film.g)))
+    patch = locus_patch(film.robot, film.q[nearest], film.x[nearest]) if film.instants else None
+    if patch is not None:
+        return {"kind": "patch", "count": len(patch), "points": floats(patch)}
     held = not film.robot.platform.is_point  # other coordinates take part: the locus is that of one instant
     frame = nearest if held else 0
     curves = curves_about(film, frame, film.x[frame : frame + 1] if held else film.x)
@@ -333,11 +315,8 @@ def drawn_locus(
 def _points_in_sight(robot: ParallelRobot, shapes: list[Shape], poses: Array) -> Array:
     """Return all places (m, 3) that a picture has to hold: of joints at all times, of bodies at some."""
     points = [frame_positions(robot, poses)]
-    for pose in poses[[0, len(poses) // 2, -1]]:
-        for shape in shapes:
-            joint = pose[shape.node]
-            turn = np.repeat(joint[None, 3:], 8, axis=0)
-            points.append(joint[:3] + rotated(turn, shape.corners()))
+    some = poses[[0, len(poses) // 2, -1]]
+    points += [carried_points(pose[shape.node], shape.corners()) for pose in some for shape in shapes]
     return np.concatenate(points)
 
 

@@ -47,9 +47,7 @@ def surface_points(shape: Shape, spacing: float) -> Array:
         local = np.concatenate([shape.vertices, shape.vertices[shape.faces].mean(axis=1)])
         local = local[:: 1 + len(local) // MAX_SURFACE_POINTS]
     else:
-        radius = shape.size[0]
-        sides = {"box": shape.size, "cylinder": (2 * radius, 2 * radius, shape.size[-1])}
-        half = 0.5 * np.array(sides.get(shape.kind, (2 * radius,) * 3))
+        half = shape.half_edges
         cells = np.sort(2 * half / spacing)
         count = int(min(MAX_SURFACE_POINTS, 12 * (cells[2] + 1) * (cells[1] + 1)))
         # a spiral about the sphere, pushed outward onto the solid of unit size
@@ -59,7 +57,7 @@ def surface_points(shape: Shape, spacing: float) -> Array:
         round_ = np.stack([level * np.cos(angle), level * np.sin(angle), height], axis=1)
         far = {"box": np.abs(round_).max(axis=1), "cylinder": np.maximum(level, np.abs(height))}
         local = half * round_ / far.get(shape.kind, np.ones(count))[:, None]
-    return np.asarray(local @ shape.placement[:3, :3].T + shape.placement[:3, 3])
+    return shape.in_node(local)
 
 
 def _sticks(robot: ParallelRobot, dressed: set[int]) -> list[Shape]:
@@ -79,18 +77,18 @@ def _sticks(robot: ParallelRobot, dressed: set[int]) -> list[Shape]:
         for end in ends:
             length = float(np.linalg.norm(end))
             if node and length > MIN_STICK_LENGTH * robot.length:
-                placement = np.eye(4)
-                placement[:3, :3], placement[:3, 3] = turned_onto(np.asarray(end)), 0.5 * np.asarray(end)
-                shapes.append(Shape(node, "cylinder", (radius, length), placement, STICK_COLOR))
+                shapes.append(Shape(node, "cylinder", (radius, length), placed(0.5 * end, end), STICK_COLOR))
         if node and ends:
             shapes.append(Shape(node, "sphere", (1.3 * radius,), np.eye(4), JOINT_COLOR))
     return shapes
 
 
-def turned_onto(axis: Array) -> Array:
-    """Return a rotation matrix (3, 3) whose third column points along `axis` (3,)."""
+def placed(place: Array, axis: Array) -> Array:
+    """Return a placement (4, 4) at `place` (3,) with z along `axis` (3,)."""
     third = axis / np.linalg.norm(axis)
     aside = np.eye(3)[int(np.argmin(np.abs(third)))]
     first = np.cross(aside, third)
     first /= np.linalg.norm(first)
-    return np.stack([first, np.cross(third, first), third], axis=1)
+    placement = np.eye(4)
+    placement[:3] = np.stack([first, np.cross(third, first), third, place], axis=1)
+    return placement

@@ -56,8 +56,13 @@ def plot_still(
         label="path" if np.ptp(path_line, axis=0).max() > 0 else None,
     )
     for instant in film.instants:
-        mark = path_line[int(np.argmin(np.abs(film.time - instant.time)))]
-        ax.plot(*mark, "o", color=LOCUS if film.proved else ALARM, markersize=4, zorder=6)
+        ax.plot(
+            *path_line[film.frame_at(instant.time)],
+            "o",
+            color=LOCUS if film.proved else ALARM,
+            markersize=4,
+            zorder=6,
+        )
     if limit is not None and robot.n == 2 and robot.platform.is_point:
         _polygons(film, ax, path_line, limit, [k] if alone else None)
     if film.instants and k == film.telling_frame and len(robot.platform.sliding):
@@ -110,12 +115,9 @@ def _arrow(ax: Axes, foot: Array, arrow: Array, color: str, both: bool, label: s
             "shrinkA": 0,
             "shrinkB": 0,
         }
-        ax.annotate(
-            "", tuple(foot + arrow), tuple(foot - arrow if both else foot), arrowprops=style, zorder=7
-        )
-        ax.plot(
-            *np.stack([foot + arrow, foot - arrow if both else foot], axis=1), alpha=0
-        )  # so that it is in sight
+        tip, tail = foot + arrow, foot - arrow if both else foot
+        ax.annotate("", tuple(tip), tuple(tail), arrowprops=style, zorder=7)
+        ax.plot(*np.stack([tip, tail], axis=1), alpha=0)  # so that it is in sight
         ax.plot([], [], color=color, linewidth=1.2, label=label)
 
 

@@ -87,6 +87,21 @@ def figure(rows: int = 1, *, height: float = 2.2, shared: bool = True) -> tuple[
     return drawing, list(axes)
 
 
+def axes_or_new(ax: Axes | None, height: float = 2.2) -> Axes:
+    """Return the axes given, or new ones of a height [in] when None."""
+    return figure(height=height)[1][0] if ax is None else ax
+
+
+def draw_dashed(ax: Axes, place: float, color: str = CROSSING, linewidth: float = 0.6) -> None:
+    """Draw a dashed line upright at a place on the abscissa, of a crossing by default."""
+    ax.axvline(place, color=color, linewidth=linewidth, linestyle=(0, (4, 3)))
+
+
+def draw_dot(ax: Axes, x: float, y: float, size: float = 4) -> None:
+    """Draw the dot of a crossing."""
+    ax.plot([x], [y], "o", color=CROSSING, markersize=size, zorder=3)
+
+
 def legend_above(ax: Axes, columns: int = 1, **options: Any) -> None:
     """Put the legend over the axes, where it hides no curve; none where nothing has a label."""
     if ax.get_legend_handles_labels()[0]:
