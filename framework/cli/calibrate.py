@@ -12,6 +12,12 @@ from framework.identification.calibrate import ANGLE_ERROR, LENGTH_ERROR, NOISE,
 NO_CHANGE = 1e-3  # of its standard deviation: a parameter that the report leaves out
 LISTED_UNSEEN = 12  # directions that the report has; the document has all
 
+HEAD = """\
+{0.robot.name}: {0.combinations.rank} combinations of {1} parameters are determined (gap of singular values \
+{0.combinations.gap:.1e}), {0.instants} poses, {0.steps} steps
+  residual          {2}{3}
+  held out, by motor angles\tbefore\tafter"""
+
 
 def add(commands: Any) -> None:
     """Add the command to the parser."""
@@ -75,19 +81,13 @@ def _noise_text(found: Calibration) -> str:
 
 def calibration_text(found: Calibration) -> str:
     """Return the report on a calibration, in words."""
-    geometry, rank = found.geometry, found.combinations.rank
-    lines = [
-        f"{found.robot.name}: {rank} combinations of {len(geometry.names)} parameters are determined "
-        f"(gap of singular values {found.combinations.gap:.1e}), {found.instants} poses, {found.steps} steps",
-        f"  residual          {_noise_text(found)}"
-        + (f"; outliers: rows {', '.join(map(str, found.outliers))}" if found.outliers else ""),
-        "  held out, by motor angles\tbefore\tafter",
-    ]
+    geometry = found.geometry
+    outliers = f"; outliers: rows {', '.join(map(str, found.outliers))}" if found.outliers else ""
+    lines = [HEAD.format(found, len(geometry.names), _noise_text(found), outliers)]
     driven = found.measured.driven
     errors = zip(found.measured.names, found.error_before, found.error_after, strict=True)
     lines += [f"  {name}\t{before:.2e}\t{after:.2e}" for name, before, after in list(errors)[driven:]]
-    lines.append("  parameters [m, rad]")
-    lines.append("  name\toff by\tdeviation")
+    lines += ["  parameters [m, rad]", "  name\toff by\tdeviation"]
     rows = zip(geometry.names, found.values, found.deviations, strict=True)
     changed = [row for row in rows if abs(row[1]) > NO_CHANGE * row[2]]
     lines += [f"  {name}\t{value:.2e}\t{off:.1e}" for name, value, off in changed]

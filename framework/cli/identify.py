@@ -12,6 +12,13 @@ from framework.cli.parser import Report, add_number, add_out, add_robot, command
 from framework.identification.identify import DEFAULT_PRIOR, Identification, identify
 from framework.tolerances import MIN_RANK_GAP
 
+HEAD = """\
+{0.robot.name}: {0.base.rank} base parameters of {parameters} (gap of singular values {0.base.gap:.1e}{doubt})
+  data              {0.instants} instants, low-pass at {0.cutoff:.3g} Hz, poses by the {0.poses}
+  torques held out  error with the file's parameters {before}, with the identified {after}
+  no effect         {unseen} parameters{massless}
+  base parameter\tvalue\tdeviation\tfile"""
+
 
 def add(commands: Any) -> None:
     """Add the command to the parser."""
@@ -76,17 +83,15 @@ def identification_text(found: Identification) -> str:
     base, joints = found.base, found.robot.actuator_names
     rows = zip(base.names, found.values, found.deviations, base.values, strict=True)
     doubt = "" if base.certain else f", below {MIN_RANK_GAP:g}: the rank is uncertain"
-    lines = [
-        f"{found.robot.name}: {base.rank} base parameters of {len(base.parameters)} "
-        f"(gap of singular values {base.gap:.1e}{doubt})",
-        f"  data              {found.instants} instants, low-pass at {found.cutoff:.3g} Hz, poses by the "
-        f"{found.poses}",
-        f"  torques held out  error with the file's parameters {_errors(joints, found.error_before)}, "
-        f"with the identified {_errors(joints, found.error_after)}",
-        f"  no effect         {len(base.without_effect)} parameters"
-        + (f"; massless, left out: {', '.join(base.left_out)}" if base.left_out else ""),
-        "  base parameter\tvalue\tdeviation\tfile",
-    ]
+    words = {
+        "parameters": len(base.parameters),
+        "doubt": doubt,
+        "before": _errors(joints, found.error_before),
+        "after": _errors(joints, found.error_after),
+        "unseen": len(base.without_effect),
+        "massless": f"; massless, left out: {', '.join(base.left_out)}" if base.left_out else "",
+    }
+    lines = [HEAD.format(found, **words)]
     lines += [f"  {name}\t{value:.6g}\t{off:.2g}\t{own:.6g}" for name, value, off, own in rows]
     if found.changed:
         lines.append(f"  off the file      {'; '.join(found.changed)}")

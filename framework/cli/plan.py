@@ -51,6 +51,15 @@ FIGURES = ("robot", "law", "torques", "singularity", "wrench", "eye", "phase_pla
 # about a plan that another one replaces: its report, figures that not every plan has, and PDFs now in one
 OF_A_PLAN = ("report.html", *(f"{name}.{kind}" for name in FIGURES for kind in ("png", "pdf")))
 
+CROSSING = """\
+  crossing          t = {0.time:.6g} s at s = {0.s:.15f}, {axes} = {place}
+                    t_s = {twist}, s' = {0.speed:.6g} 1/s, s" = {acceleration:.6g} 1/s2, |t_s . W_p| \
+{0.residual:.1e} of its peak"""
+CERTIFICATE = (
+    "  certificate       tail {0.tail:.1e} on {0.nodes} nodes, {0.passes} {passes}{settled}, loops closed to "
+    "{0.max_closure_error:.1e}, joints in balance to {0.max_residual_torque:.1e} N m or N"
+)
+
 
 def add(commands: Any) -> None:
     """Add the command to the parser."""
@@ -208,15 +217,13 @@ def _wrenches(plan: CrossingPlan) -> list[str]:
 def _crossings(plan: CrossingPlan) -> list[str]:
     robot, lines = plan.robot, []
     for crossing, loaded in zip(plan.crossings, plan.loaded_points, strict=True):
-        lines.append(
-            f"  crossing          t = {crossing.time:.6g} s at s = {crossing.s:.15f}, "
-            f"{', '.join(robot.axis_names)} = {point(crossing.platform)}"
-        )
-        lines.append(
-            f"                    t_s = {twist_text(robot, crossing.twist)}, s' = {crossing.speed:.6g} 1/s, "
-            f's" = {round(crossing.acceleration, 9) + 0.0:.6g} 1/s2, |t_s . W_p| {crossing.residual:.1e} of '
-            f"its peak"
-        )
+        words = {
+            "axes": ", ".join(robot.axis_names),
+            "place": point(crossing.platform),
+            "twist": twist_text(robot, crossing.twist),
+            "acceleration": round(crossing.acceleration, 9) + 0.0,
+        }
+        lines.append(CROSSING.format(crossing, **words))
         if loaded is not None:
             unit = "m" if robot.translations.any() else "rad"
             lines.append(
@@ -231,12 +238,8 @@ def _certificate(plan: CrossingPlan) -> list[str]:
     settled = ""
     if robot.n_e and plan.geometry == "deformed":
         settled = f", deflections settled to {certificate.change:.1e}"
-    lines = [
-        f"  certificate       tail {certificate.tail:.1e} on {certificate.nodes} nodes, "
-        f"{certificate.passes} pass{'es' * (certificate.passes != 1)}{settled}, loops closed to "
-        f"{certificate.max_closure_error:.1e}, joints in balance to {certificate.max_residual_torque:.1e} "
-        f"N m or N",
-    ]
+    passes = "pass" if certificate.passes == 1 else "passes"
+    lines = [CERTIFICATE.format(certificate, passes=passes, settled=settled)]
     if certificate.max_held_torque:
         lines.append(
             f"  idle turns        {_idle_turns(robot)}; what nothing holds there: "

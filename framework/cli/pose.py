@@ -31,6 +31,13 @@ from framework.proofs.assembly_modes import assembly_modes
 from framework.proofs.working_modes import working_modes
 from framework.singularity.pose_classes import Classification, classify
 
+HEAD = """\
+{robot}, {flexibility}
+  platform          {platform}
+  motors            {motor_joints}
+  motor angles      {motor_angles} (motor side)
+  joints            {joints}
+  mode              working {working_mode:+d}, assembly {assembly_mode:+d}"""
 LOADS = ("torque", "loop_forces", "reactions", "indeterminate")  # of an instant, with --json
 
 
@@ -99,13 +106,10 @@ def run(options: argparse.Namespace) -> Report:
     pose, classification = describe_pose(robot, closed.q), classify(robot, closed.q)
     limits = _limits(robot, closed.q, options)
     instant = _loads(robot, closed.q, options)
+    facts = asdict(pose)
+    coordinates = ("platform", "motor_joints", "motor_angles", "joints")
     lines = [
-        f"{pose.robot}, {pose.flexibility}",
-        f"  platform          {_listed(pose.platform)}",
-        f"  motors            {_listed(pose.motor_joints)}",
-        f"  motor angles      {_listed(pose.motor_angles)} (motor side)",
-        f"  joints            {_listed(pose.joints)}",
-        f"  mode              working {pose.working_mode:+d}, assembly {pose.assembly_mode:+d}",
+        HEAD.format_map(facts | {key: _listed(facts[key]) for key in coordinates}),
         f"  singularity       {classification.sentence}",
         *(
             f"  t_s               {_listed(dict(zip(robot.axis_names, twist, strict=True)), 6)}"
@@ -119,7 +123,7 @@ def run(options: argparse.Namespace) -> Report:
         f"  closures          closed to {pose.closure_error:.1e} m or rad",
         *arguments.excesses(pose.exceeded),
     ]
-    document = asdict(pose) | {"singularity": _classified(classification), "limits": _limits_document(limits)}
+    document = facts | {"singularity": _classified(classification), "limits": _limits_document(limits)}
     if instant is not None:
         torque = dict(zip(robot.actuator_names, instant.torque, strict=True))
         document["dynamics"] = {key: getattr(instant, key) for key in LOADS} | {"torque": torque}

@@ -33,6 +33,13 @@ OF_A_REPLAY = (
 )
 
 
+REPORT = """\
+{robot}: run {run}, {controller}: {verdict}; {agreement}
+  tracking error    {tracking_error:.3g} robot lengths or rad, at the end {end_error:.3g}
+  peak torque       {peak_torque:.6g} N m
+  payload           {payload:.6g} of the model's"""
+
+
 def replayed(options: argparse.Namespace) -> Report:
     """Run number --replay of the study in the folder ROBOT.
 
@@ -89,16 +96,7 @@ def _text(document: dict[str, Any]) -> str:
         for library in now
         if then.get(library) != now[library]
     ]
-    held = "as in the study"
+    agreement = "as in the study"
     if not document["as_written"]:
-        held = f"otherwise than in the study, with {', '.join(others) or 'the same versions'}"
-    return "\n".join(
-        [
-            f"{document['robot']}: run {document['run']}, {document['controller']}: "
-            f"{document['why'] or 'passed'}; {held}",
-            f"  tracking error    {document['tracking_error']:.3g} robot lengths or rad, at the end "
-            f"{document['end_error']:.3g}",
-            f"  peak torque       {document['peak_torque']:.6g} N m",
-            f"  payload           {document['payload']:.6g} of the model's",
-        ]
-    )
+        agreement = f"otherwise than in the study, with {', '.join(others) or 'the same versions'}"
+    return REPORT.format_map(document | {"verdict": document["why"] or "passed", "agreement": agreement})

@@ -19,6 +19,14 @@ from framework.simulation import Simulation, simulate
 from framework.simulation.methods import METHODS
 from framework.tolerances import MOTION_OFF_PATH
 
+HEAD = (
+    "{0.robot.name}, {0.robot.flexibility}: {0.duration:g} s of forward dynamics, {0.method} method, "
+    "{0.steps} steps{1}, {0.seconds:.2g} s"
+)
+DRIFT = """\
+  drift             loops closed to {0.closure_error:.1e} m or rad
+  energy            balances to {0.energy_error:.1e} of what is exchanged"""
+
 
 def add(commands: Any) -> None:
     """Add the command to the parser."""
@@ -100,19 +108,12 @@ def simulation_text(result: Simulation) -> str:
     """Return the report on a simulation, in words."""
     unit, _ = _unit(result)
     iterations = "" if METHODS[result.method].settings.stages == 0 else f", {result.iterations} iterations"
-    lines = [
-        f"{result.robot.name}, {result.robot.flexibility}: {result.duration:g} s of forward dynamics, "
-        f"{result.method} method, {result.steps} steps{iterations}, {result.seconds:.2g} s"
-    ]
+    lines = [HEAD.format(result, iterations)]
     if result.tracking_error is not None:
         lines.append(f"  tracking error    {result.tracking_error:.2e} {unit} from the planned path")
     if result.turning_error is not None:
         lines.append(f"                    {result.turning_error:.2e} rad from the planned orientation")
-    lines += [
-        f"  drift             loops closed to {result.closure_error:.1e} m or rad",
-        f"  energy            balances to {result.energy_error:.1e} of what is exchanged",
-    ]
-    return "\n".join(lines)
+    return "\n".join([*lines, DRIFT.format(result)])
 
 
 def _write_csv(result: Simulation, plan: CrossingPlan, file: FilePath) -> None:
