@@ -8,7 +8,7 @@ import math
 import os
 import shutil
 import tempfile
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -137,6 +137,12 @@ def plain(value: Any) -> Any:
 def json_text(document: Mapping[str, Any]) -> str:
     """Return a `plain` document as the text of a file."""
     return json.dumps(plain(document), indent=2, allow_nan=False) + "\n"
+
+
+def write_csv(file: Path, groups: Mapping[str, Iterable[str]], rows: np.ndarray) -> None:
+    """Write rows over time with their head: `time`, and GROUP_NAME of each name in a group."""
+    names = ["time", *(f"{group}_{name}" for group, members in groups.items() for name in members)]
+    np.savetxt(file, rows, fmt="%.17g", delimiter=",", header=",".join(names), comments="")
 
 
 def write_file(file: Path, content: str | bytes, *, option: str = "--html") -> None:

@@ -16,9 +16,9 @@ Commands
     robots, check, convert   the catalogue; what a file describes; files of other dialects
     locate, pose             singular points on a path; all joints of a pose
     workspace_map, design_study  `map`, and `map --study`
-    plan, raw                `plan`, and `plan --raw`
+    plan                     `plan`, and `plan --raw`
     fidelity, simulate       how good the model and the plan are
-    robustness, replay       `robustness`, and `robustness STUDY --replay K`
+    robustness               `robustness`, and `robustness STUDY --replay K`
     calibrate, identify      the geometry, and parameters of torques, from recorded data
     show, report, export     pages, reports, files for other programs
 

@@ -21,6 +21,11 @@ STUDY_FILE = "fidelity.json"
 SAME_LAW_DIFFERENCE = 1e-12  # in s
 REPORTED_GROWTH = 2.0  # times as far as by itself: worth a line
 
+HEAD = """\
+{0.robot.name}: {1} levels judged to {2} of the path, {0.length:.4g} m in {0.highest.duration:g} s, and of the \
+peak torque; {0.seconds:.2g} s
+  level\tplan\ttorque\tplatform\tlaw\tdeflection\tpredicted\tby"""
+
 
 def add(commands: Any) -> None:
     """Add the command to the parser."""
@@ -77,9 +82,7 @@ def fidelity_text(study: FidelityStudy) -> str:
     """Return the report on a study, in words."""
     plan, enough = study.highest, study.enough
     lines = [
-        f"{study.robot.name}: {len(study.levels)} levels judged to {_percent(study.tolerance)} of the path, "
-        f"{study.length:.4g} m in {plan.duration:g} s, and of the peak torque; {study.seconds:.2g} s",
-        "  level\tplan\ttorque\tplatform\tlaw\tdeflection\tpredicted\tby",
+        HEAD.format(study, len(study.levels), _percent(study.tolerance)),
         *(_row(study, comparison) for comparison in study.levels),
         *(note for comparison in study.levels for note in _notes(comparison)),
     ]

@@ -26,6 +26,7 @@ from framework.singularity.points_on_path import SearchedPath, SingularPoint, se
 from framework.singularity.spring_shift import spring_shift
 from framework.singularity.type2 import moves_point
 
+POINT = "s = {0.s:.15f}  {0.kind} ({0.contact})  {1} = {2}  t_s = {3}  dg/ds = {0.slope:.6g}"
 # of a singular point, with --json
 TOLD = (
     "s",
@@ -105,11 +106,8 @@ def _lines(
     shift: dict[str, float] | None,
     condition: Feasibility | None,
 ) -> list[str]:
-    lines = [
-        f"s = {singular.s:.15f}  {singular.kind} ({singular.contact})  {', '.join(robot.axis_names)} = "
-        f"{point(singular.platform)}  t_s = {twist_text(robot, singular.twist)}  "
-        f"dg/ds = {singular.slope:.6g}"
-    ]
+    words = (", ".join(robot.axis_names), point(singular.platform), twist_text(robot, singular.twist))
+    lines = [POINT.format(singular, *words)]
     if singular.resolution is not None:
         lines.append(
             f"  two crossings nearer together than {singular.resolution:.2g} in s would look the same"

@@ -23,22 +23,23 @@ from framework.cli.parser import (
     command,
     integer_between,
 )
-from framework.cli.raw import report_raw
 from framework.crossing.neglected_effects import NeglectedEffect
 from framework.crossing.optimal.peak_bound import bound_plan
 from framework.crossing.options import MOTION
 from framework.crossing.path_modification import plan_request_with_modified_path
-from framework.crossing.plan import ADVANCES, NEARLY_STOPS, plan_request
+from framework.crossing.plan import ADVANCES, NEARLY_STOPS, law_before_proof, plan_request
 from framework.crossing.request import Request
 from framework.crossing.restored import read_document
 from framework.crossing.result import CrossingPlan
 from framework.crossing.saved import FILE, plan_document
+from framework.dynamics.finite_differences import finite_difference_torques
 from framework.errors import InvalidInput, point
 from framework.kinematics.idle_turns import driven_turns
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.law import Law
 from framework.motion.optimal_law import OptimalLaw
-from framework.output import json_text, written_together
+from framework.output import json_text, write_csv, written_together
+from framework.singularity.points_on_path import search_path
 
 if TYPE_CHECKING:
     from framework.fidelity.chosen_level import ChosenLevel
@@ -55,6 +56,7 @@ CROSSING = """\
   crossing          t = {0.time:.6g} s at s = {0.s:.15f}, {axes} = {place}
                     t_s = {twist}, s' = {0.speed:.6g} 1/s, s" = {acceleration:.6g} 1/s2, |t_s . W_p| \
 {0.residual:.1e} of its peak"""
+SINGULAR = "  singular          t = {0.time:.9g} s, s = {0.s:.12g}, t_s . W_p = {0.wrench:.6g}"
 CERTIFICATE = (
     "  certificate       tail {0.tail:.1e} on {0.nodes} nodes, {0.passes} {passes}{settled}, loops closed to "
     "{0.max_closure_error:.1e}, joints in balance to {0.max_residual_torque:.1e} N m or N"
@@ -297,3 +299,64 @@ def _idle_turns(robot: ParallelRobot) -> str:
     }
     names = {how: ", ".join(map(robot.coordinates.name_of, columns)) for how, columns in kinds.items()}
     return "; ".join(f"{which} {how}" for how, which in names.items() if which)
+
+
+def report_raw(
+    options: argparse.Namespace,
+    robot: ParallelRobot,
+    request: Request,
+    folder: FilePath | None,
+) -> Report:
+    """Report the law without its proof: raw samples of its torques.
+
+    Raises:
+        InvalidInput: the optimal law is asked for, which is nothing without its proof.
+    """
+    if request.kind == "optimal":
+        raise InvalidInput(
+            "--raw samples the polynomial law only, which needs no proof to be chosen"
+        ).advising({"raw": None})
+    if request.keep_limits:
+        raise InvalidInput(
+            "--keep-limits: is for a plan, and --raw proves none; leave one of them out"
+        ).advising({"raw": None})
+    searched = search_path(robot, request.path).under(request.external_wrenches)
+    law, crossings = law_before_proof(searched, request)
+    raw = finite_difference_torques(
+        robot,
+        request.path,
+        law,
+        samples=options.samples,
+        geometry=request.geometry,
+        branch=searched.branch,
+    )
+    largest = dict(zip(robot.actuator_names, np.abs(raw.torque).max(axis=0), strict=True))
+    document = {
+        "robot": robot.name,
+        "raw": True,
+        "proved": False,
+        "samples": options.samples,
+        # a sample at the singular instant itself can be infinite, for which JSON has no number
+        "largest_sample": largest,
+        "crossings": [{key: getattr(each, key) for key in ("s", "time", "wrench")} for each in crossings],
+    }
+    if folder is not None:
+        _write_raw(raw, robot, [crossing.time for crossing in crossings], document, folder)
+    lines = [
+        f"{robot.name}: raw sampling, proves nothing: {options.samples} samples, largest "
+        + ", ".join(f"{joint} {value:.6g} N m" for joint, value in largest.items())
+    ]
+    lines += [SINGULAR.format(crossing) for crossing in crossings]
+    return document, "\n".join(lines)
+
+
+def _write_raw(
+    raw: Any, robot: ParallelRobot, poles: list[float], document: dict[str, Any], folder: FilePath
+) -> None:
+    from framework.show.plots import plot_raw_torques, save
+
+    rows = np.column_stack([raw.time, raw.motor_angle, raw.torque, raw.deflection])
+    motors, springs = robot.actuator_names, robot.elastic_names
+    write_csv(folder / "raw.csv", {"motor_angle": motors, "torque": motors, "deflection": springs}, rows)
+    (folder / "raw.json").write_text(json_text(document))
+    save(lambda: plot_raw_torques(raw, robot, poles), folder / "raw_torques")

@@ -215,7 +215,7 @@ def _assembly(robot: ParallelRobot, options: argparse.Namespace) -> Report:
     degrees = "" if assembly.modes else _degrees(robot, options.motor_joints)
     if degrees:
         options.warnings.append(degrees.removeprefix("; "))
-    lines, modes = [f"{robot.name}, {robot.flexibility}", f"  assembly modes    {assembly.sentence}"], []
+    lines, modes = [f"  assembly modes    {assembly.sentence}"], []
     for mode in assembly.modes:
         pose, kind = describe_pose(robot, mode.q), classify(robot, mode.q)
         lines.append(f"  platform          {_listed(pose.platform)}; g {kind.g:.3g}, {kind.sentence}")
@@ -228,7 +228,7 @@ def _assembly(robot: ParallelRobot, options: argparse.Namespace) -> Report:
         "method": assembly.method,
         "modes": modes,
     }
-    return {"robot": robot.name, "flexibility": robot.flexibility, "assembly_modes": about}, "\n".join(lines)
+    return _report(robot, {"assembly_modes": about}, lines)
 
 
 def _working(robot: ParallelRobot, options: argparse.Namespace) -> Report:
@@ -237,7 +237,7 @@ def _working(robot: ParallelRobot, options: argparse.Namespace) -> Report:
     if not working.modes:
         far = _far(robot, options.point)
         options.refusal = NoAnswer(f"{robot.name}: out of reach: no pose was found with this platform{far}")
-    lines, modes = [f"{robot.name}, {robot.flexibility}", f"  working modes     {working.sentence}"], []
+    lines, modes = [f"  working modes     {working.sentence}"], []
     for mode in working.modes:
         pose = describe_pose(robot, mode.q)
         signs = "".join("+" if sign > 0 else "-" for sign in mode.signs)
@@ -246,17 +246,16 @@ def _working(robot: ParallelRobot, options: argparse.Namespace) -> Report:
         modes.append(asdict(pose) | {"signs": mode.signs, "proved": mode.proved})
     about = {
         "complete": working.status == "proved",
-        "status": working.status,
-        "solutions": working.solutions,
-        "legs": working.legs,
-        "proved_legs": working.proved_legs,
+        **{key: getattr(working, key) for key in ("status", "solutions", "legs", "proved_legs")},
+        "modes": modes,
     }
-    document = {
-        "robot": robot.name,
-        "flexibility": robot.flexibility,
-        "working_modes": about | {"modes": modes},
-    }
-    return document, "\n".join(lines)
+    return _report(robot, {"working_modes": about}, lines)
+
+
+def _report(robot: ParallelRobot, facts: dict[str, Any], lines: list[str]) -> Report:
+    """Return a report on all modes of a robot."""
+    head = {"robot": robot.name, "flexibility": robot.flexibility}
+    return head | facts, "\n".join([", ".join(head.values()), *lines])
 
 
 def _angles(robot: ParallelRobot, classification: Classification) -> str:

@@ -51,7 +51,7 @@ def run(options: argparse.Namespace) -> Report:
         remarks.append(f"  {name:18s}  {entry.summary}; singularities: {kinds}; {entry.source}")
     lines += remarks
     if options.picture is not None:
-        from framework.show.gallery import gallery_picture  # matplotlib takes time to import
+        from framework.show.drawing import gallery_picture  # matplotlib takes time to import
 
         options.progress.start("drawing the picture")
         picture = gallery_picture(drawn, FilePath(options.picture).suffix[1:])

@@ -6,12 +6,14 @@ import argparse
 import csv
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
 
 from framework.cli import arguments
+from framework.cli.arguments import flag_of
 from framework.cli.parser import (
     Report,
     add_executor,
@@ -22,14 +24,15 @@ from framework.cli.parser import (
     command,
     integer_between,
 )
-from framework.cli.replay import replayed
 from framework.cli.writing import written_stepwise
 from framework.control.controllers import CONTROLLERS
-from framework.control.run_monitor import SENSORS, ControlLoop
+from framework.control.run_monitor import SENSORS, ControlLoop, Run
 from framework.control.study import KeptRuns, Study, run_study
-from framework.control.study_setup import FILE, StudySetup
+from framework.control.study_setup import FILE, StudySetup, load_study, versions
 from framework.control.variation import Spread
-from framework.errors import FrameworkError
+from framework.errors import FrameworkError, InvalidInput
+from framework.fields import Table, list_of, mapping, named, read_table, required, text, whole
+from framework.model.documents import naming
 from framework.output import json_text
 from framework.parallel.tasks import executor_of
 
@@ -90,12 +93,12 @@ def add(commands: Any) -> None:
 
 
 def _add_spread(spread: argparse._ArgumentGroup) -> None:
-    for name, default, text in DIFFERENCES:
+    for name, default, meaning in DIFFERENCES:
         add_number(
             spread,
             f"--{name}",
             "X",
-            f"{text} (default: {default:g})",
+            f"{meaning} (default: {default:g})",
             dest=f"spread_{name.replace('-', '_')}",
             default=default,
         )
@@ -177,7 +180,7 @@ def _report(
         "studies": [_document(study) for study in studies],
         **_with_feedback(options, setup, studies[0]),
     }
-    text = _text(robot, studies)
+    text = _text(document)
     if "with_feedback" in document:
         tried = document["with_feedback"]
         text += (
@@ -241,27 +244,23 @@ def _quantiles(values: np.ndarray) -> dict[str, float]:
     return dict(zip(("median", "95 %", "largest"), np.quantile(values, [0.5, 0.95, 1.0]), strict=True))
 
 
-def _text(robot: str, studies: list[Study]) -> str:
-    lines = [
-        f"{robot}: {len(studies[0].passed)} runs a controller, seed {studies[0].seed}; errors in robot "
-        "lengths or rad, torques in N m",
-        "  controller\tpassed\tof 95 %\tmedian\t95 %\tlargest\tpeak torque",
-    ]
-    for study in studies:
-        low, high = study.interval
-        error = _quantiles(study.tracking_error)
-        lines.append(
-            f"  {study.controller}\t{study.probability:.1%}\t{low:.1%} .. {high:.1%}\t"
-            f"{error['median']:.2e}\t{error['95 %']:.2e}\t{error['largest']:.2e}\t"
-            f"{study.peak_torque.max():.3g}"
-        )
-    for study in studies:
-        for seed in study.failures[:3]:
-            lines.append(f"  failed            {study.controller}, seed {seed}: {study.why[seed[1]]}")
-        if len(study.failures) > 3:
-            lines.append(
-                f"                    and {len(study.failures) - 3} more; --out or --json keeps all seeds"
-            )
+HEAD = """\
+{robot}: {runs} runs a controller, seed {seed}; errors in robot lengths or rad, torques in N m
+  controller\tpassed\tof 95 %\tmedian\t95 %\tlargest\tpeak torque"""
+ROW = (
+    "  {controller}\t{probability:.1%}\t{interval[0]:.1%} .. {interval[1]:.1%}\t{tracking_error[median]:.2e}\t"
+    "{tracking_error[95 %]:.2e}\t{tracking_error[largest]:.2e}\t{peak_torque:.3g}"
+)
+
+
+def _text(document: dict[str, Any]) -> str:
+    lines = [HEAD.format_map(document), *map(ROW.format_map, document["studies"])]
+    for study in document["studies"]:
+        failures = study["failures"]
+        for failure in failures[:3]:
+            lines.append("  failed            {controller}, seed {seed}: {why}".format_map(study | failure))
+        if len(failures) > 3:
+            lines.append(f"                    and {len(failures) - 3} more; --out or --json keeps all seeds")
     return "\n".join(lines)
 
 
@@ -281,3 +280,90 @@ def _write(setup: StudySetup, studies: list[Study], document: dict[str, Any], fo
                 for k, passed in enumerate(study.passed)
             )
     save(lambda: plot_robustness(studies, loop=setup.loop), folder / "robustness")
+
+
+_STUDY: Table = {"controller": required(text), "failures": required(list_of(mapping))}
+_RUNS: Table = {
+    "runs": required(whole),
+    "versions": required(named(text)),
+    "studies": required(list_of(lambda where, study: read_table(where, study, _STUDY, others=None))),
+}
+OF_A_REPLAY = (
+    "robot",
+    "robot_file",
+    "replay",
+    "controller",
+    "json",
+    "warnings",
+    "refusal",
+    "progress",
+    "parser",
+    "written",
+)
+
+
+REPORT = """\
+{robot}: run {run}, {controller}: {verdict}; {agreement}
+  tracking error    {tracking_error:.3g} robot lengths or rad, at the end {end_error:.3g}
+  peak torque       {peak_torque:.6g} N m
+  payload           {payload:.6g} of the model's"""
+
+
+def replayed(options: argparse.Namespace) -> Report:
+    """Run number --replay of the study in the folder ROBOT.
+
+    Raises:
+        InvalidInput: options beside it that the study has already; no such study, controller or run.
+    """
+    plain = vars(options.parser.parse_args([options.robot]))
+    for key, value in vars(options).items():
+        if key not in OF_A_REPLAY and value != plain[key]:
+            raise InvalidInput(f"{flag_of(key)}: the study in {options.robot} has its own; leave it out")
+    setup, saved = load_study(options.robot, robot_file=options.robot_file)
+    with naming(Path(options.robot) / FILE, InvalidInput):
+        stated = read_table("", saved, _RUNS, others=None)
+    failures = {study["controller"]: list(study["failures"]) for study in stated["studies"]}
+    runs, then = stated["runs"], stated["versions"]
+    names = options.controller or list(failures)
+    if len(names) != 1 or names[0] not in failures:
+        raise InvalidInput(
+            f"--controller: give one of this study: {', '.join(map(str, failures))}; got "
+            f"{' '.join(options.controller or ()) or 'none'}"
+        )
+    name, number = names[0], options.replay
+    if number >= runs:
+        raise InvalidInput(f"--replay: the study has the runs 0 to {runs - 1}, got {number}")
+    run, seed = setup.run(name, number), [setup.seed, number]
+    written = [failure for failure in failures[name] if failure.get("seed") == seed]
+    document = {
+        "robot": setup.plan.robot.name,
+        "controller": name,
+        "run": number,
+        **{key: getattr(run, key)[0] for key in ("passed", "why", "tracking_error", "end_error")},
+        "peak_torque": run.peak_torque.max(),
+        "payload": run.payload[0],
+        "as_written": written == _failures(run, seed),
+        "versions": {"then": then, "now": versions()},
+    }
+    return document, _describe_replay(document)
+
+
+def _failures(run: Run, seed: list[int]) -> list[dict[str, Any]]:
+    """Return the entry of a run among the study's failures, as robustness.json has it."""
+    if run.passed[0]:
+        return []
+    return [{"seed": seed, "why": run.why[0], "tracking_error": run.tracking_error[0]}]
+
+
+def _describe_replay(document: dict[str, Any]) -> str:
+    """Return the report on a run done again, and where it differs from the study."""
+    then, now = document["versions"]["then"], document["versions"]["now"]
+    others = [
+        f"{library} {then.get(library)} then, {present} now"
+        for library, present in now.items()
+        if then.get(library) != present
+    ]
+    agreement = "as in the study"
+    if not document["as_written"]:
+        agreement = f"otherwise than in the study, with {', '.join(others) or 'the same versions'}"
+    return REPORT.format_map(document | {"verdict": document["why"] or "passed", "agreement": agreement})

@@ -14,7 +14,7 @@ from framework.cli.writing import written_out
 from framework.crossing.result import CrossingPlan
 from framework.errors import InvalidInput, NoAnswer
 from framework.identification.sensors import Sensors, record_sensors, sensors_of
-from framework.output import json_text
+from framework.output import json_text, write_csv
 from framework.simulation import Simulation, simulate
 from framework.simulation.methods import METHODS
 from framework.tolerances import MOTION_OFF_PATH
@@ -119,9 +119,7 @@ def simulation_text(result: Simulation) -> str:
 def _write_csv(result: Simulation, plan: CrossingPlan, file: FilePath) -> None:
     """Write time, platform, planned platform, motor angles, deflections; one row a sample, SI units."""
     robot, axes = result.robot, result.robot.axis_names
-    names = ["time", *(f"platform_{axis}" for axis in axes), *(f"planned_{axis}" for axis in axes)]
-    names += [f"motor_angle_{joint}" for joint in robot.actuator_names]
-    names += [f"deflection_{spring}" for spring in robot.elastic_names]
+    names = {"platform": axes, "planned": axes, "motor_angle": robot.actuator_names}
     times = result.times
     rows = np.column_stack(
         [
@@ -132,4 +130,4 @@ def _write_csv(result: Simulation, plan: CrossingPlan, file: FilePath) -> None:
             robot.coordinates.positions(result.q)[:, robot.elastic],
         ]
     )
-    np.savetxt(file, rows, fmt="%.17g", delimiter=",", header=",".join(names), comments="")
+    write_csv(file, {**names, "deflection": robot.elastic_names}, rows)

@@ -150,10 +150,7 @@ def _quantities(options: argparse.Namespace, robot: ParallelRobot) -> list[str] 
     names = None if options.quantity is None else list(options.quantity)
     if not options.keep_limits or not has_torque_limits(robot):
         return names
-    return [
-        *([quantity.key for quantity in choose_quantities(robot, None)] if names is None else names),
-        "holding",
-    ]
+    return [*(names or [quantity.key for quantity in choose_quantities(robot, None)]), "holding"]
 
 
 def _window(options: argparse.Namespace, robot: ParallelRobot, path: Path | None) -> Window:
@@ -226,17 +223,9 @@ def _report(workspace: WorkspaceMap, margin: NearestSingularPose | None) -> Repo
     if margin is not None:
         lines.append(f"  nearest singular pose: {margin.status}")
         if margin.x is not None and margin.twist is not None:
-            place = ", ".join(
-                f"{name} = {value + 0.0:.6g}" for name, value in zip(robot.axis_names, margin.x, strict=True)
-            )
+            coordinates = zip(robot.axis_names, margin.x, strict=True)
+            place = ", ".join(f"{name} = {value + 0.0:.6g}" for name, value in coordinates)
             lines.append(f"    at {place}; t_s {point(margin.twist)}")
-        document["nearest_singular_pose"] = {
-            "status": margin.status,
-            "distance": margin.distance,
-            "at_least": margin.at_least,
-            "unit": margin.unit,
-            "within": margin.within,
-            "platform": margin.x,
-            "twist": margin.twist,
-        }
+        entry = {key: getattr(margin, key) for key in ("status", "distance", "at_least", "unit", "within")}
+        document["nearest_singular_pose"] = entry | {"platform": margin.x, "twist": margin.twist}
     return document, "\n".join(lines)

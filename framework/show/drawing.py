@@ -1,20 +1,24 @@
-"""A robot as a picture in matplotlib: `draw_robot(robot, q, ax)`."""
+"""A robot as a picture in matplotlib, `draw_robot(robot, q, ax)`, and several side by side."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
 
 from framework.arrays import LEAST_DIVISOR, Array
+from framework.errors import InvalidInput, choose_from
 from framework.kinematics.assembly import configuration
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import carried_points, joint_poses, planar_normal
 from framework.model.visuals import Shape
+from framework.show.captions import said
 from framework.show.sight import Projection, Sight, robot_sight
-from framework.show.style import axes_or_new
+from framework.show.style import axes_or_new, figure_file, styled
 
 ROUND_OUTLINE_CORNERS = 32  # corners of a round outline
 LIGHT_DIRECTION = np.array([0.3, -0.5, 0.8])  # from where meshes are lit
@@ -112,3 +116,30 @@ def hull(points: Array) -> Array:
 
 def _turns_left(a: list[float], b: list[float], c: list[float]) -> bool:
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) > 0
+
+
+COLUMNS = 5
+CELL = 1.7  # [in] of one robot
+DOTS_PER_INCH = 110
+GALLERY_KINDS = ("png", "svg", "pdf")
+
+
+def gallery_picture(robots: Sequence[ParallelRobot], kind: str) -> bytes:
+    """Draw robots side by side, with their names.
+
+    Raises:
+        InvalidInput: `kind` is not one of GALLERY_KINDS.
+    """
+    if kind not in GALLERY_KINDS:
+        raise InvalidInput(choose_from("kind of picture", kind, GALLERY_KINDS))
+    rows = -(-len(robots) // COLUMNS)
+    with styled():
+        drawing = Figure(figsize=(CELL * COLUMNS, CELL * rows), layout="constrained")
+        cells = drawing.subplots(rows, COLUMNS, squeeze=False).ravel()
+        for cell in cells:
+            cell.set_axis_off()
+        for robot, cell in zip(robots, cells, strict=False):
+            draw_robot(robot, ax=cell)
+            cell.set_axis_off()
+            cell.set_title(said(robot.name))
+        return figure_file(drawing, kind, dpi=DOTS_PER_INCH)

@@ -6,7 +6,6 @@ claim finite torques, and `proved` says which it is.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -36,16 +35,6 @@ FILM_FRAMES = 481
 
 
 @dataclass(frozen=True, eq=False)
-class FilmInstant:
-    """A singular instant of a film: `wrench` is t_s . W_p there [N, or N m for a pure turn]."""
-
-    time: float
-    s: float
-    platform: Array  # (n,)
-    wrench: float
-
-
-@dataclass(frozen=True, eq=False)
 class Film:
     """F frames of a motion with its loops closed in each of them.
 
@@ -71,7 +60,7 @@ class Film:
     W_p: Array  # (F, n)
     motors: PlatformWrench  # what the motors can give, (F, ...)
     wrenches: tuple[AppliedWrench, ...]  # of the world, F of each
-    instants: tuple[FilmInstant, ...]
+    instants: tuple[SingularityCrossing, ...]
     drawn_rigid: bool = False  # asked for with springs, which an unproved law would tear
 
     @property
@@ -127,7 +116,7 @@ def film_motion(robot: ParallelRobot, request: Request, *, name: str = "") -> Fi
         time=raw.time,
         torque=raw.torque,
         deflection=raw.deflection,
-        instants=_instants(motion.crossings),
+        instants=motion.crossings,
         drawn_rigid=robot.n_e > 0,
     )
 
@@ -147,7 +136,7 @@ def film_plan(plan: CrossingPlan, *, name: str = "") -> Film:
         time=times,
         torque=plan.torque(times),
         deflection=plan.deflection(times),
-        instants=_instants(plan.dynamics.crossings),
+        instants=plan.dynamics.crossings,
     )
 
 
@@ -164,12 +153,6 @@ def _film(robot: ParallelRobot, motion: Motion, **facts: Any) -> Film:
         motors=platform_wrench(robot, motion),
         wrenches=motion.wrenches,
         **facts,
-    )
-
-
-def _instants(crossings: Sequence[SingularityCrossing]) -> tuple[FilmInstant, ...]:
-    return tuple(
-        FilmInstant(crossing.time, crossing.s, crossing.platform, crossing.wrench) for crossing in crossings
     )
 
 

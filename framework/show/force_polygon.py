@@ -63,8 +63,7 @@ def plot_eye(
     demand, reach = wrench.along(crossed.twist), wrench.reach(crossed.twist, limit)
     ax = axes_or_new(ax)
     top = 1.6 * max(float(np.abs(demand).max()), LEAST_DIVISOR)
-    supply = f"what {stated(plan.robot, limit, float(np.abs(torque).max()))} can give"
-    ax.fill_between(time, -reach, reach, **BAND, label=supply)
+    _draw_band(ax, time, reach, stated(plan.robot, limit, float(np.abs(torque).max())))
     ax.plot(time, demand, color=COLORS[1], label="what the motion asks for")
     draw_dashed(ax, 0.0)
     draw_dot(ax, 0.0, float(np.interp(0.0, time, demand)))
@@ -74,6 +73,11 @@ def plot_eye(
     ax.set(xlabel="time from the singular instant  [s]", ylabel=ordinate)
     legend_above(ax)
     return ax
+
+
+def _draw_band(ax: Axes, places: Array, reach: Array, motors: str) -> None:
+    """Draw the forces that the motors reach at places on the abscissa."""
+    ax.fill_between(places, -reach, reach, **BAND, label=f"what {motors} can give")
 
 
 def _ordinate(robot: ParallelRobot, twist: Array) -> str:
@@ -97,13 +101,7 @@ def plot_eyes(films: Sequence[Film], limit: Array, ax: Axes | None = None) -> Ax
     twist = eye_twist(films)
     s = first.law(first.time)
     reach = first.motors.reach(twist, limit)
-    ax.fill_between(
-        s,
-        -reach,
-        reach,
-        **BAND,
-        label=f"what {stated(first.robot, limit, peak_torque(films))} can give",
-    )
+    _draw_band(ax, s, reach, stated(first.robot, limit, peak_torque(films)))
     low = max(0.0, first.instants[0].s - SHOWN_PATH_SHARE)
     high = min(1.0, first.instants[0].s + SHOWN_PATH_SHARE)
     top = 0.0

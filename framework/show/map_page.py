@@ -69,14 +69,14 @@ def _document(workspace: WorkspaceMap, path: Path | None) -> dict[str, Any]:
         ("not reached within all limits" if workspace.keeps_limits else "not reached", UNREACHED, True)
     )
     return {
-        "shape": list(window.shape),
+        "shape": window.shape,
         "axes": [f"{robot.axis_names[k]} [{robot.axis_units[k]}]" for k in window.axes],
         "spans": [span.tolist() for span in window.spans],
         "edges": [cell_edges(span)[[0, -1]].tolist() for span in window.spans],
         "to_scale": is_to_scale(workspace),
         "quantities": [_quantity(workspace, quantity) for quantity in workspace.quantities],
         "reason": packed(workspace.reason.astype(np.uint8)),
-        "reasons": list(workspace.reason_words),
+        "reasons": workspace.reason_words,
         "assembly": packed(workspace.assembly.astype(np.int8).view(np.uint8)),
         "has_sides": robot.n_a == robot.n and len(robot.passive) > 0,
         "load": None if workspace.load is None else packed(workspace.load),

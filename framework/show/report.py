@@ -3,25 +3,37 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from base64 import b64encode
+from collections.abc import Callable, Iterable, Sequence
 from datetime import date
 from html import escape
 from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from framework.crossing.result import Crossing, CrossingPlan
 from framework.dynamics.certificate import Certificate
 from framework.errors import point
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.frame_wrench import FrameWrench
-from framework.show.captions import how, parts, said, why
+from framework.show.captions import asked, how, parts, said, why
 from framework.show.film import Film, film_plan
 from framework.show.page import FILM_LEAD, scene_part, whole_page
-from framework.show.report_figures import figures_with_captions
+from framework.show.plots import plan_drawings
 from framework.show.reproduction import command_line, given_options, python_call
 from framework.show.scene import film_documents
+from framework.show.style import figure_file, styled
 
+PROVEN_TORQUE = (
+    "The torques are functions of time known on {0.nodes} nodes; what their series leaves out is "
+    "{0.tail:.1e} of their size. An unbounded torque would leave 1e-3 of it or more."
+)
+PROVEN_LOOPS = "The loops stay closed to {0.max_closure_error:.1e} (m or rad), between the nodes too."
+PROVEN_WRENCH = (
+    "At each crossing t_s · W_p, with the inertia of all bodies, is zero to {:.1e} of its largest value "
+    "along the motion, as a finite torque needs: condition (8) in the paper of Briot and Arakelian, 2010."
+)
 PACKAGES = ("parallel-singularity-crossing", "pin", "numpy", "scipy", "meshcat")
 
 
@@ -155,18 +167,9 @@ def _law(plan: CrossingPlan) -> str:
 
 def _certificate(plan: CrossingPlan, film: Film) -> str:
     certificate = plan.certificate
-    said_of = [
-        f"The torques are functions of time known on {certificate.nodes} nodes; what their series leaves out "
-        f"is {certificate.tail:.1e} of their size. An unbounded torque would leave 1e-3 of it or more.",
-        f"The loops stay closed to {certificate.max_closure_error:.1e} (m or rad), between the nodes too.",
-    ]
+    said_of = [PROVEN_TORQUE.format(certificate), PROVEN_LOOPS.format(certificate)]
     if plan.crossings:
-        worst = max(crossing.residual for crossing in plan.crossings)
-        said_of.append(
-            f"At each crossing t_s · W_p, with the inertia of all bodies, is zero to {worst:.1e} of its "
-            f"largest value along the motion, as a finite torque needs: condition (8) in the paper of Briot "
-            f"and Arakelian, 2010."
-        )
+        said_of.append(PROVEN_WRENCH.format(max(crossing.residual for crossing in plan.crossings)))
         said_of += [_condition(crossing) for crossing in plan.crossings]
     if plan.robot.n_e:
         crossed = "; the crossings are those of the deformed robot" if plan.crossings else ""
@@ -318,3 +321,52 @@ def _reproduction(plan: CrossingPlan) -> str:
         f"<p>{escape(robot.name)} is {escape(robot.description.file.name)}; written on "
         f"{date.today()} with {escape(', '.join(installed))}.</p>"
     )
+
+
+def figures_with_captions(plan: CrossingPlan, film: Film, marked: Callable[[str], str]) -> str:
+    """Return the figures as HTML; `marked` makes HTML of a plain text."""
+    figures, drawings = [], plan_drawings(plan, film)
+    for number, (name, caption) in enumerate(_captions(plan, film).items(), 1):
+        with styled():
+            drawing = drawings[name]().figure
+            assert isinstance(drawing, Figure)
+            data = b64encode(figure_file(drawing, "svg")).decode("ascii")
+        figures.append(
+            f'<figure><img alt="{escape(caption)}" src="data:image/svg+xml;base64,{data}">'
+            f"<figcaption><b>Figure {number}.</b> {marked(caption)}</figcaption></figure>"
+        )
+    return f'<div class="figures">{"".join(figures)}</div>'
+
+
+def _own(plan: CrossingPlan) -> str:
+    """Explain why the curve of the eye differs from that of t_s . W_p, where it does."""
+    if not np.any(plan.robot.rotor_inertia):
+        return ""
+    return (
+        " It is drawn with the rotors of the motors, along the t_s of that instant; the figure of t_s · W_p "
+        "has the bodies alone, and the t_s of each instant."
+    )
+
+
+def _captions(plan: CrossingPlan, film: Film) -> dict[str, str]:
+    """Return the captions of the figures, in their order."""
+    where = "at the singular instant" if film.instants else "halfway"
+    locus = ", singular locus (purple)" if plan.robot.platform.translations.all() else ""
+    dashed = " Dashed: the singular instants." if plan.crossings else ""
+    captions = {"robot": f"The robot {where}: path (green), t_s (black), W_p (magenta){locus}."}
+    if plan.crossings:
+        captions["eye"] = (
+            "The eye of the needle: at the singular instant the motors give nothing along t_s. The motion "
+            f"asks for nothing there.{_own(plan)}"
+        )
+    captions["torques"] = f"Motor torques, with {parts(film)}.{dashed}"
+    captions["law"] = f"The law s(t) and its derivatives.{dashed}"
+    if len(plan.robot.passive):
+        vanishes = ": 0 at the singular instants, condition (8)" if plan.crossings else ""
+        captions["singularity"] = "Measure of singularity along the path, 0 where singular."
+        captions["wrench"] = f"The {asked(plan.robot)} t_s that the motion asks for{vanishes}."
+    if plan.optimality is not None:
+        captions["phase_plane"] = (
+            "The phase plane: speed and acceleration along the path, and what the motors' limits allow."
+        )
+    return captions

@@ -153,7 +153,7 @@ def drawn_robot(robot: ParallelRobot, poses: Array, sight: Sight) -> dict[str, A
     return {
         "robot": robot.name,
         "flexibility": robot.flexibility,
-        "axes": list(robot.axis_names),
+        "axes": robot.axis_names,
         "turning": (~robot.platform.translations).tolist(),
         "joints": robot.model.njoints,
         "length": 1.2 * view["radius"],
@@ -172,9 +172,9 @@ def _solid(shape: Shape) -> dict[str, Any]:
     solid = {
         "node": shape.node,
         "kind": shape.kind,
-        "size": list(shape.size),
+        "size": shape.size,
         "placement": _columns(shape.placement),
-        "color": list(shape.color),
+        "color": shape.color,
     }
     if shape.vertices is not None and shape.faces is not None:
         solid |= {"vertices": floats(shape.vertices), "faces": packed(shape.faces.astype("<u4"))}

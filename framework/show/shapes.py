@@ -31,14 +31,13 @@ def thinned(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
     """Return a mesh in which the vertices of each cell of a grid are merged into their mean."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     cell = max(float(np.linalg.norm(high - low)) / MESH_CELLS, 1e-12)
-    keys, inverse = np.unique(np.floor((vertices - low) / cell).astype(np.int64), axis=0, return_inverse=True)
+    cells = np.floor((vertices - low) / cell).astype(np.int64)
+    _, inverse, count = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
     inverse = inverse.ravel()
-    count = np.bincount(inverse, minlength=len(keys))
-    mean = np.stack([np.bincount(inverse, vertices[:, k], len(keys)) / count for k in range(3)], axis=1)
+    mean = np.stack([np.bincount(inverse, coordinate) / count for coordinate in vertices.T], axis=1)
     corners = inverse[faces]
-    a, b, c = corners.T
-    kept = corners[(a != b) & (b != c) & (c != a)]
-    return mean, np.unique(kept, axis=0)
+    differ = np.diff(np.sort(corners, axis=1), axis=1).all(axis=1)
+    return mean, np.unique(corners[differ], axis=0)
 
 
 def surface_points(shape: Shape, spacing: float) -> Array:
