@@ -19,6 +19,7 @@ from framework.errors import InvalidInput, OutputError
 from framework.input import read_text
 from framework.interruption import uninterrupted
 
+Document = dict[str, Any]  # a JSON object, or what becomes one
 UNFINISHED = ".crossing-unfinished-"  # a name that nobody else takes: what has it may be removed
 
 

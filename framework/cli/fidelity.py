@@ -15,15 +15,15 @@ from framework.crossing.options import LIMITS
 from framework.fidelity.fidelity_study import ERROR_ROUNDING, FidelityStudy, fidelity_study
 from framework.fidelity.model_comparison import Comparison
 from framework.model.fidelity_levels import LEVELS
-from framework.output import json_text
+from framework.output import Document, json_text
 
 STUDY_FILE = "fidelity.json"
 SAME_LAW_DIFFERENCE = 1e-12  # in s
 REPORTED_GROWTH = 2.0  # times as far as by itself: worth a line
 
 HEAD = """\
-{0.robot.name}: {1} levels judged to {2} of the path, {0.length:.4g} m in {0.highest.duration:g} s, and of the \
-peak torque; {0.seconds:.2g} s
+{0.robot.name}: {1} levels judged to {2} of the path, {0.length:.4g} m in {0.highest.duration:g} s, and of \
+the peak torque; {0.seconds:.2g} s
   level\tplan\ttorque\tplatform\tlaw\tdeflection\tpredicted\tby"""
 
 
@@ -65,7 +65,7 @@ def run(options: argparse.Namespace) -> Report:
     return document, text
 
 
-def _studied(options: argparse.Namespace) -> tuple[FidelityStudy, dict[str, Any], str]:
+def _studied(options: argparse.Namespace) -> tuple[FidelityStudy, Document, str]:
     """Return the report on a study, and what a scene may keep of it if it is of the scene as it stands."""
     robot, tolerance = arguments.load(options), arguments.share("--tolerance", options.tolerance)
     path, typed = arguments.path_and_motion(options, robot)

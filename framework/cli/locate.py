@@ -22,11 +22,12 @@ from framework.crossing.durations import optimal_durations, polynomial_durations
 from framework.crossing.feasibility import Feasibility, feasibility_on_path
 from framework.errors import point
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.output import Document
 from framework.singularity.points_on_path import SearchedPath, SingularPoint, search_path
 from framework.singularity.spring_shift import spring_shift
 from framework.singularity.type2 import moves_point
 
-POINT = "s = {0.s:.15f}  {0.kind} ({0.contact})  {1} = {2}  t_s = {3}  dg/ds = {0.slope:.6g}"
+POINT = "s = {0.s:.15f}  {0.kind} ({0.contact})  {1}  t_s = {2}  dg/ds = {0.slope:.6g}"
 # of a singular point, with --json
 TOLD = (
     "s",
@@ -86,8 +87,7 @@ def run(options: argparse.Namespace) -> Report:
         lines += [] if polynomial is None else [f"  {polynomial.sentence}{polynomial.advice}"]
         lines += [] if optimal is None else [f"  {optimal.sentence}"]
     lines += [
-        f"near miss at s = {miss.s:.9f}  {', '.join(robot.axis_names)} = {point(path(miss.s))}  "
-        f"|g| = {abs(miss.g):.3g}"
+        f"near miss at s = {miss.s:.9f}  {robot.place(path(miss.s))}  |g| = {abs(miss.g):.3g}"
         for miss in searched.near_misses
     ]
     return document, "\n".join(lines)
@@ -95,7 +95,7 @@ def run(options: argparse.Namespace) -> Report:
 
 def _singularity(
     singular: SingularPoint, shift: dict[str, float] | None, condition: Feasibility | None
-) -> dict[str, Any]:
+) -> Document:
     entry = {key: getattr(singular, key) for key in TOLD}
     return entry | {"shift": shift, "condition": None if condition is None else condition.to_dict()}
 
@@ -106,7 +106,7 @@ def _lines(
     shift: dict[str, float] | None,
     condition: Feasibility | None,
 ) -> list[str]:
-    words = (", ".join(robot.axis_names), point(singular.platform), twist_text(robot, singular.twist))
+    words = (robot.place(singular.platform), twist_text(robot, singular.twist))
     lines = [POINT.format(singular, *words)]
     if singular.resolution is not None:
         lines.append(

@@ -9,9 +9,10 @@ from typing import Any
 from framework.cli.commands import COMMANDS, OneLineParser
 from framework.crossing.options import MODEL, MOTION, TYPED
 from framework.model.description import FLEXIBILITIES
+from framework.output import Document
 from framework.parallel import MAX_WORKERS
 
-Report = tuple[dict[str, Any], str]  # for machines, for people
+Report = tuple[Document, str]  # for machines, for people
 
 
 def integer_between(least: int, most: int) -> Callable[[str], int]:

@@ -38,7 +38,7 @@ from framework.kinematics.idle_turns import driven_turns
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.law import Law
 from framework.motion.optimal_law import OptimalLaw
-from framework.output import json_text, write_csv, written_together
+from framework.output import Document, json_text, write_csv, written_together
 from framework.singularity.points_on_path import search_path
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ FIGURES = ("robot", "law", "torques", "singularity", "wrench", "eye", "phase_pla
 OF_A_PLAN = ("report.html", *(f"{name}.{kind}" for name in FIGURES for kind in ("png", "pdf")))
 
 CROSSING = """\
-  crossing          t = {0.time:.6g} s at s = {0.s:.15f}, {axes} = {place}
+  crossing          t = {0.time:.6g} s at s = {0.s:.15f}, {place}
                     t_s = {twist}, s' = {0.speed:.6g} 1/s, s" = {acceleration:.6g} 1/s2, |t_s . W_p| \
 {0.residual:.1e} of its peak"""
 SINGULAR = "  singular          t = {0.time:.9g} s, s = {0.s:.12g}, t_s . W_p = {0.wrench:.6g}"
@@ -143,7 +143,7 @@ def _replaced(folder: FilePath) -> str:
 
 def _planned(
     robot: ParallelRobot, request: Request, level: ChosenLevel | None, bend: str | None
-) -> tuple[CrossingPlan, dict[str, Any], str]:
+) -> tuple[CrossingPlan, Document, str]:
     """Plan; return also the level of --flexibility auto, or how far --bend has bent the path."""
     if level is not None:
         line = f"\n  fidelity          {level.sentence}"
@@ -220,8 +220,7 @@ def _crossings(plan: CrossingPlan) -> list[str]:
     robot, lines = plan.robot, []
     for crossing, loaded in zip(plan.crossings, plan.loaded_points, strict=True):
         words = {
-            "axes": ", ".join(robot.axis_names),
-            "place": point(crossing.platform),
+            "place": robot.place(crossing.platform),
             "twist": twist_text(robot, crossing.twist),
             "acceleration": round(crossing.acceleration, 9) + 0.0,
         }
@@ -351,7 +350,7 @@ def report_raw(
 
 
 def _write_raw(
-    raw: Any, robot: ParallelRobot, poles: list[float], document: dict[str, Any], folder: FilePath
+    raw: Any, robot: ParallelRobot, poles: list[float], document: Document, folder: FilePath
 ) -> None:
     from framework.show.plots import plot_raw_torques, save
 

@@ -27,6 +27,7 @@ from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.mistaken_units import beyond_reach, more_than_a_turn
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pose import describe_pose
+from framework.output import Document
 from framework.proofs.assembly_modes import assembly_modes
 from framework.proofs.working_modes import working_modes
 from framework.singularity.pose_classes import Classification, classify
@@ -130,7 +131,7 @@ def run(options: argparse.Namespace) -> Report:
     return document, "\n".join(lines)
 
 
-def _classified(classification: Classification) -> dict[str, Any]:
+def _classified(classification: Classification) -> Document:
     """Return a classification for JSON."""
     return {"regular": classification.regular, **vars(classification)}
 
@@ -159,7 +160,7 @@ def _limits_in_words(robot: ParallelRobot, limits: PlatformLimits | None) -> lis
     return lines
 
 
-def _limits_document(limits: PlatformLimits | None) -> dict[str, Any]:
+def _limits_document(limits: PlatformLimits | None) -> Document:
     """Return ranges and polytopes on the platform's coordinates, for JSON."""
     return {
         name: {
@@ -252,7 +253,7 @@ def _working(robot: ParallelRobot, options: argparse.Namespace) -> Report:
     return _report(robot, {"working_modes": about}, lines)
 
 
-def _report(robot: ParallelRobot, facts: dict[str, Any], lines: list[str]) -> Report:
+def _report(robot: ParallelRobot, facts: Document, lines: list[str]) -> Report:
     """Return a report on all modes of a robot."""
     head = {"robot": robot.name, "flexibility": robot.flexibility}
     return head | facts, "\n".join([", ".join(head.values()), *lines])

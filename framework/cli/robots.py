@@ -10,7 +10,7 @@ from framework.catalogue import catalogue
 from framework.cli.parser import Report, command, not_empty
 from framework.errors import MissingPackage
 from framework.kinematics.diagnostics.diagnosis import check_robot
-from framework.output import write_file
+from framework.output import Document, write_file
 
 
 def add(commands: Any) -> None:
@@ -23,8 +23,8 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> Report:
     """List the catalogue, one row for each entry."""
-    rows: list[dict[str, Any]] = []
-    figures: dict[str, Any]
+    rows: list[Document] = []
+    figures: Document
     drawn, remarks = [], []
     lines = ["name\tdof\tloops\tsprings\tscenes"]
     for name, entry in catalogue().items():

@@ -33,7 +33,7 @@ from framework.control.variation import Spread
 from framework.errors import FrameworkError, InvalidInput
 from framework.fields import Table, list_of, mapping, named, read_table, required, text, whole
 from framework.model.documents import naming
-from framework.output import json_text
+from framework.output import Document, json_text
 from framework.parallel.tasks import executor_of
 
 DEFAULT_CONTROLLER, FEEDBACK = "feedforward", "lqr"
@@ -157,7 +157,7 @@ def _names(options: argparse.Namespace) -> list[str]:
     return list(dict.fromkeys(options.controller or [DEFAULT_CONTROLLER]))
 
 
-def _with_feedback(options: argparse.Namespace, setup: StudySetup, study: Study) -> dict[str, Any]:
+def _with_feedback(options: argparse.Namespace, setup: StudySetup, study: Study) -> Document:
     """Return how many of the first runs that fail by default pass with feedback; nothing if it was chosen."""
     lost = [number for _, number in study.failures[:RUNS_WITH_FEEDBACK]]
     if options.controller or not lost:
@@ -224,7 +224,7 @@ def _advance(progress: Callable[[float], None], finished: int, done: int) -> Non
     progress(finished + done)
 
 
-def _document(study: Study) -> dict[str, Any]:
+def _document(study: Study) -> Document:
     return {
         "controller": study.controller,
         "probability": study.probability,
@@ -248,12 +248,12 @@ HEAD = """\
 {robot}: {runs} runs a controller, seed {seed}; errors in robot lengths or rad, torques in N m
   controller\tpassed\tof 95 %\tmedian\t95 %\tlargest\tpeak torque"""
 ROW = (
-    "  {controller}\t{probability:.1%}\t{interval[0]:.1%} .. {interval[1]:.1%}\t{tracking_error[median]:.2e}\t"
-    "{tracking_error[95 %]:.2e}\t{tracking_error[largest]:.2e}\t{peak_torque:.3g}"
+    "  {controller}\t{probability:.1%}\t{interval[0]:.1%} .. {interval[1]:.1%}\t"
+    "{tracking_error[median]:.2e}\t{tracking_error[95 %]:.2e}\t{tracking_error[largest]:.2e}\t{peak_torque:.3g}"
 )
 
 
-def _text(document: dict[str, Any]) -> str:
+def _text(document: Document) -> str:
     lines = [HEAD.format_map(document), *map(ROW.format_map, document["studies"])]
     for study in document["studies"]:
         failures = study["failures"]
@@ -264,7 +264,7 @@ def _text(document: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _write(setup: StudySetup, studies: list[Study], document: dict[str, Any], folder: FilePath) -> None:
+def _write(setup: StudySetup, studies: list[Study], document: Document, folder: FilePath) -> None:
     from framework.show.plots import save
     from framework.show.robustness import plot_robustness
 
@@ -348,14 +348,14 @@ def replayed(options: argparse.Namespace) -> Report:
     return document, _describe_replay(document)
 
 
-def _failures(run: Run, seed: list[int]) -> list[dict[str, Any]]:
+def _failures(run: Run, seed: list[int]) -> list[Document]:
     """Return the entry of a run among the study's failures, as robustness.json has it."""
     if run.passed[0]:
         return []
     return [{"seed": seed, "why": run.why[0], "tracking_error": run.tracking_error[0]}]
 
 
-def _describe_replay(document: dict[str, Any]) -> str:
+def _describe_replay(document: Document) -> str:
     """Return the report on a run done again, and where it differs from the study."""
     then, now = document["versions"]["then"], document["versions"]["now"]
     others = [

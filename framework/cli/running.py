@@ -8,7 +8,6 @@ import os
 import traceback
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from framework.cli.console import MAX_MESSAGE_LENGTH, TRY, complain, one_line, r
 from framework.cli.progress import Progress
 from framework.errors import FrameworkError, NoAnswer
 from framework.interruption import Heard
-from framework.output import plain
+from framework.output import Document, plain
 
 UNEXPECTED_EXIT_CODE = 70  # exit code; sysexits.h calls it EX_SOFTWARE
 DEBUG_VARIABLE = "CROSSING_DEBUG"  # environment variable: set, an unexpected error shows its traceback
@@ -93,12 +92,12 @@ def _unexpected(error: Exception) -> str:
     )
 
 
-def error_told(error: BaseException, message: str, arguments: Sequence[str]) -> tuple[str, dict[str, Any]]:
+def error_told(error: BaseException, message: str, arguments: Sequence[str]) -> tuple[str, Document]:
     """Return the line about an error, with what to try, and the same for JSON with the numbers it carries."""
     instead = advised(error, arguments)
     advice = "" if instead is None else f"; {TRY}{instead}"
     line = one_line(message, most=MAX_MESSAGE_LENGTH - len(advice)) + advice
-    document: dict[str, Any] = {"kind": type(error).__name__.lstrip("_"), "message": line}
+    document: Document = {"kind": type(error).__name__.lstrip("_"), "message": line}
     if instead is not None:
         document["try"] = instead
     for key in ("time", "s", "wrench", "joint", "residual", "platform"):

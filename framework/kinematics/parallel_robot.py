@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from framework.arrays import Array, IntArray, read_only
-from framework.errors import expect
+from framework.errors import expect, point
 from framework.kinematics.assembly import (
     Configuration,
     nearby_configurations,
@@ -126,6 +126,10 @@ class ParallelRobot(Mechanism):
     def axis_units(self) -> list[str]:
         """Unit of each platform coordinate: m or rad."""
         return length_units(self.translations)
+
+    def place(self, x: Array) -> str:
+        """Return platform coordinates x (n,) with their names, in words."""
+        return f"{', '.join(self.axis_names)} = {point(x)}"
 
     @property
     def speed_units(self) -> tuple[str, ...]:

@@ -67,6 +67,11 @@ class Film:
     def proved(self) -> bool:
         return self.plan is not None
 
+    @property
+    def has_measure(self) -> bool:
+        """Whether there is a measure g of singularity."""
+        return not np.isnan(self.g).any()
+
     @cached_property
     def platform(self) -> Array:
         """The origin (F, 3) of the platform's frame [m]."""

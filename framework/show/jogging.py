@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from framework.kinematics.continuation.forward_kinematics import motors_are_free
 from framework.kinematics.parallel_robot import ParallelRobot, length_units
 from framework.kinematics.placements import joint_poses, platform_positions, platform_twists
 from framework.locus.drawn_locus import locus_curves
+from framework.output import Document
 from framework.show.captions import asked as kind_of_hold
 from framework.show.captions import catalogue_entry, unit
 from framework.show.forces import drawn_sides, why_no_figure
@@ -34,7 +34,7 @@ from framework.singularity.jogging import (
 HELD_WRENCH = 10.0  # [N, or N m on a platform that only turns] along t_s, that the motors are to hold
 
 
-def hand_document(robot: ParallelRobot) -> dict[str, Any]:
+def hand_document(robot: ParallelRobot) -> Document:
     """Return the page's document of a robot at its reference, with sliders."""
     reference = robot.reference
     poses = joint_poses(robot, reference.q[None])
@@ -55,7 +55,7 @@ def hand_document(robot: ParallelRobot) -> dict[str, Any]:
     }
 
 
-def move_by_hand(robot: ParallelRobot, movement: dict[str, Any]) -> dict[str, Any]:
+def move_by_hand(robot: ParallelRobot, movement: Document) -> Document:
     """Answer one movement: {q, part, index, value} of a slider, {q, part, place} of the platform dragged.
 
     `part` is platform or motor, or drag, with a `place` [m] of the platform's origin in the base.
@@ -108,7 +108,7 @@ def _has_lines(robot: ParallelRobot) -> bool:
     return action_lines(robot, held.motor_speed[None]) is not None
 
 
-def _hold(robot: ParallelRobot, pose: JoggedPose) -> dict[str, Any]:
+def _hold(robot: ParallelRobot, pose: JoggedPose) -> Document:
     """Return the motors' torques against a push along t_s, their forces together, and the line of each.
 
     A platform that both shifts and turns has no push of one unit: it gets none.
@@ -132,7 +132,7 @@ def _hold(robot: ParallelRobot, pose: JoggedPose) -> dict[str, Any]:
     }
 
 
-def _wobble(robot: ParallelRobot, pose: JoggedPose) -> dict[str, Any] | None:
+def _wobble(robot: ParallelRobot, pose: JoggedPose) -> Document | None:
     """Return the platform's motion along t_s on the locus, its loops closed, and the motors' share of it."""
     if pose.kind != "type_2" or pose.level != "singular":
         return None
@@ -164,7 +164,7 @@ def _loose_sentence(robot: ParallelRobot, loose: LooseMotion) -> str:
     )
 
 
-def _document(robot: ParallelRobot, pose: JoggedPose) -> dict[str, Any]:
+def _document(robot: ParallelRobot, pose: JoggedPose) -> Document:
     poses = joint_poses(robot, pose.q[None])
     twist = platform_twists(robot, pose.q[None], pose.twist[None])[0]
     return _hold(robot, pose) | {
@@ -185,10 +185,10 @@ def _document(robot: ParallelRobot, pose: JoggedPose) -> dict[str, Any]:
     }
 
 
-def _sliders(robot: ParallelRobot, start: JoggedPose) -> dict[str, list[dict[str, Any]]]:
+def _sliders(robot: ParallelRobot, start: JoggedPose) -> dict[str, list[Document]]:
     """Return names, units and ranges of the sliders: about a robot's length, or a turn's range."""
 
-    def sliders(names: Sequence[str], slides: BoolArray, values: Array, turn: float) -> list[dict[str, Any]]:
+    def sliders(names: Sequence[str], slides: BoolArray, values: Array, turn: float) -> list[Document]:
         reach = np.where(slides, 0.8 * robot.length, turn)
         rows = zip(
             names, length_units(slides), (values - reach).tolist(), (values + reach).tolist(), strict=True

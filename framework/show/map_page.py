@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import html
-from typing import Any
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from framework.arrays import Array
 from framework.atlas.quantities import Quantity, unit_of
 from framework.atlas.workspace_map import WorkspaceMap
 from framework.motion.path import Path
+from framework.output import Document
 from framework.show.map import (
     PATH_SAMPLES,
     UNEXPLAINED,
@@ -48,7 +48,7 @@ def map_page(workspace: WorkspaceMap, *, path: Path | None = None) -> str:
     )
 
 
-def _document(workspace: WorkspaceMap, path: Path | None) -> dict[str, Any]:
+def _document(workspace: WorkspaceMap, path: Path | None) -> Document:
     robot, window = workspace.robot, workspace.window
     curves = [_curve(curve.x, LOCUS, 2.0, []) for curve in workspace.locus.curves]
     legend: list[tuple[str, str, bool]] = [("singular locus (Type 2)", LOCUS, False)] if curves else []
@@ -90,7 +90,7 @@ def _document(workspace: WorkspaceMap, path: Path | None) -> dict[str, Any]:
     }
 
 
-def _quantity(workspace: WorkspaceMap, quantity: Quantity) -> dict[str, Any]:
+def _quantity(workspace: WorkspaceMap, quantity: Quantity) -> Document:
     palette, norm = colours(workspace, quantity.key)
     shades = np.round(255 * palette(np.linspace(0.0, 1.0, COLOR_LEVELS))[:, :3]).astype(int)
     return {
@@ -112,7 +112,7 @@ def _reading(quantity: Quantity) -> str:
     return BRIGHT_IS_LARGE if quantity.large_is_good else BRIGHT_IS_SMALL
 
 
-def _curve(points: Array, colour: str, width: float, dash: list[int]) -> dict[str, Any]:
+def _curve(points: Array, colour: str, width: float, dash: list[int]) -> Document:
     return {"points": np.round(points, 9).tolist(), "colour": colour, "width": width, "dash": dash}
 
 

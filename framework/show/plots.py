@@ -50,7 +50,7 @@ MAX_LEGEND_CURVES = 4  # curves, among which a legend finds room
 def plot_law(plan: CrossingPlan, axes: Sequence[Axes] | None = None) -> list[Axes]:
     """Plot s(t) and its first two derivatives, on three axes."""
     axes = figure(3, height=1.25)[1] if axes is None else list(axes)
-    times = np.linspace(0.0, plan.duration, CURVE_SAMPLES)
+    times = _times(plan)
     labels = ("$s$", r"$\dot s$  [1/s]", r"$\ddot s$  [1/s$^2$]")
     for order, (ax, label) in enumerate(zip(axes, labels, strict=True)):
         ax.plot(times, plan.law(times, order), **line_style(0))
@@ -68,7 +68,7 @@ def plot_law(plan: CrossingPlan, axes: Sequence[Axes] | None = None) -> list[Axe
 def plot_torques(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     """Plot the torque of each motor over time."""
     ax = axes_or_new(ax)
-    times = np.linspace(0.0, plan.duration, CURVE_SAMPLES)
+    times = _times(plan)
     draw_torques(ax, plan.robot, times, plan.torque(times))
     _time_axis(plan, ax)
     limits = np.empty(0) if plan.optimality is None else plan.optimality.specification.torque_limit
@@ -88,7 +88,7 @@ def plot_singularity(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     g = measure.of_rest(s)
     ax.plot(s, g, label="springs at rest" if robot.n_e else None, **line_style(0))
     if plan.geometry == "deformed":
-        times = np.linspace(0.0, plan.duration, CURVE_SAMPLES)
+        times = _times(plan)
         deflected = measure.of_motion(times)
         deflected *= np.sign(deflected[0] * g[0])
         ax.plot(plan.law(times), deflected, label="as it deflects", **line_style(1))
@@ -159,7 +159,7 @@ def _magnify(ax: Axes, plan: CrossingPlan, measure: MeasureAlongPath) -> None:
 def plot_wrench(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     """Plot t_s . W_p over time: it has to vanish where g does."""
     ax = axes_or_new(ax)
-    times = np.linspace(0.0, plan.duration, CURVE_SAMPLES)
+    times = _times(plan)
     _, wrench = wrench_along(plan.dynamics, times)
     ax.plot(times, wrench, **line_style(0))
     ax.axhline(0.0, color="black", linewidth=0.5)
@@ -231,6 +231,10 @@ def draw_torques(ax: Axes, robot: ParallelRobot, time: Array, torque: Array) -> 
         ax.legend()
     else:
         legend_above(ax, 3)
+
+
+def _times(plan: CrossingPlan) -> Array:
+    return np.linspace(0.0, plan.duration, CURVE_SAMPLES)
 
 
 def _time_axis(plan: CrossingPlan, ax: Axes) -> None:

@@ -185,7 +185,7 @@ def _certificate(plan: CrossingPlan, film: Film) -> str:
         if certificate.monotone
         else "The law overshoots the ends of the path a little: s′ changes sign."
     )
-    if not plan.crossings and not np.isnan(film.g).any():
+    if not plan.crossings and film.has_measure:
         said_of.append(
             f"The measure of singularity |g| is {np.abs(film.g).min():.3g} or more at {len(film.g)} instants "
             f"of the motion."

@@ -7,13 +7,11 @@ metre. The page (framework/show/page) draws what it finds here and computes noth
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 
 from framework.arrays import Array, ArrayLike
 from framework.dynamics.action_lines import action_lines
-from framework.errors import point
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import (
     carried_points,
@@ -25,6 +23,7 @@ from framework.kinematics.placements import (
 from framework.locus.drawn_locus import LocusCurves, locus_curves, locus_patch
 from framework.model.description import RobotDescription
 from framework.model.visuals import Shape
+from framework.output import Document
 from framework.show.captions import asked, film_summary, how, proof, said, stated, subtitle, unit, why
 from framework.show.film import Film
 from framework.show.force_polygon import peak_torque, shown_limit
@@ -48,7 +47,7 @@ def floats(values: ArrayLike) -> str:
     return packed(np.asarray(values, dtype="<f4"))
 
 
-def film_documents(films: Sequence[Film]) -> list[dict[str, Any]]:
+def film_documents(films: Sequence[Film]) -> list[Document]:
     """Return the page's documents of films side by side; films of one robot share its locus."""
     traced: list[tuple[RobotDescription, LocusCurves]] = []
 
@@ -66,7 +65,7 @@ def film_documents(films: Sequence[Film]) -> list[dict[str, Any]]:
         if all(description != film.robot.description for description, _ in seen):
             seen.append((film.robot.description, film_sight(film)))
 
-    def document(film: Film) -> dict[str, Any]:
+    def document(film: Film) -> Document:
         sight = next(sight for description, sight in seen if description == film.robot.description)
         limit, peak = stated_limit(film, films), peak_torque(_alike(film, films))
         return _film_document(film, sight, curves_about, limit, peak)
@@ -88,7 +87,7 @@ def _alike(film: Film, films: Sequence[Film]) -> list[Film]:
 
 def _film_document(
     film: Film, sight: Sight, curves_about: CurvesAbout, limit: Array, peak: float
-) -> dict[str, Any]:
+) -> Document:
     robot = film.robot
     poses = joint_poses(robot, film.q)
     platform = platform_positions(robot, poses)
@@ -115,7 +114,7 @@ def _film_document(
         "torque": floats(film.torque),
         "torque_limit": _torque_limit(film),
         "law": floats(film.law(film.time)),
-        "g": None if np.isnan(film.g).any() else floats(film.g),
+        "g": floats(film.g) if film.has_measure else None,
         "power": floats(power),
         "stated": stated(robot, limit, peak, reason=", no limit in its file" if unlimited else ""),
         "band": floats(film.motors.band(film.t_s, limit)),
@@ -132,7 +131,7 @@ def _film_document(
     return document
 
 
-def _instants(film: Film, platform: Array, power: Array) -> list[dict[str, Any]]:
+def _instants(film: Film, platform: Array, power: Array) -> list[Document]:
     """Return the singular instants, with the platform's places and t_s . W_p (F,) of all frames."""
     return [
         {
@@ -140,13 +139,13 @@ def _instants(film: Film, platform: Array, power: Array) -> list[dict[str, Any]]
             "wrench": float(np.copysign(instant.wrench, np.interp(instant.time, film.time, power))),
             "how": how(film, instant),
             "place": platform[film.frame_at(instant.time)].tolist(),
-            "where": f"{', '.join(film.robot.axis_names)} = {point(instant.platform)}",
+            "where": film.robot.place(instant.platform),
         }
         for instant in film.instants
     ]
 
 
-def drawn_robot(robot: ParallelRobot, poses: Array, sight: Sight) -> dict[str, Any]:
+def drawn_robot(robot: ParallelRobot, poses: Array, sight: Sight) -> Document:
     """Return the entries that do not depend on the motion, and the view."""
     shapes = sight.shapes[: sight.bodies]
     view = _view(_points_in_sight(robot, shapes, poses), sight)
@@ -168,7 +167,7 @@ def _columns(placement: Array) -> list[float]:
     return [float(value) for value in placement.T.ravel().round(9)]
 
 
-def _solid(shape: Shape) -> dict[str, Any]:
+def _solid(shape: Shape) -> Document:
     solid = {
         "node": shape.node,
         "kind": shape.kind,
@@ -181,12 +180,12 @@ def _solid(shape: Shape) -> dict[str, Any]:
     return solid
 
 
-def _motors(robot: ParallelRobot, shapes: list[Shape], size: float) -> list[dict[str, Any]]:
+def _motors(robot: ParallelRobot, shapes: list[Shape], size: float) -> list[Document]:
     named = zip(motor_shapes(robot, shapes, size), robot.actuator_names, robot.torque_units, strict=True)
     return [_solid(shape) | {"name": name, "unit": unit} for shape, name, unit in named]
 
 
-def _springs(film: Film, size: float) -> dict[str, Any] | None:
+def _springs(film: Film, size: float) -> Document | None:
     """Return the places of the coils, and the factor, 1, 2 or 5 times a power of ten, of deflections."""
     robot = film.robot
     if not robot.n_e:
@@ -221,7 +220,7 @@ def _round_down(value: float) -> float:
     return float(max(part for part in (1.0, 2.0, 5.0) if part * power <= value * (1 + 1e-9)) * power)
 
 
-def _wrenches(film: Film) -> list[dict[str, Any]]:
+def _wrenches(film: Film) -> list[Document]:
     """Return W_p and the wrenches of the world that are not zero, all with the same largest sizes."""
     applied = [wrench for wrench in film.wrenches if wrench.wrench.any()]
     arrows = [_arrows(six) for six in (film.demands, *(wrench.at_origin for wrench in applied))]
@@ -231,14 +230,14 @@ def _wrenches(film: Film) -> list[dict[str, Any]]:
     return [document | {"largest": largest} for document in arrows]
 
 
-def _arrows(six: Array) -> dict[str, Any]:
+def _arrows(six: Array) -> Document:
     """Return linear and angular parts (F, 3) of twists or wrenches (F, 6), with their largest sizes."""
     parts = (six[:, :3], six[:, 3:])
     largest = [float(np.linalg.norm(part, axis=1).max()) for part in parts]
     return dict(zip(("linear", "angular"), map(floats, parts), strict=True)) | {"largest": largest}
 
 
-def _polytope(film: Film, limit: Array) -> dict[str, Any] | None:
+def _polytope(film: Film, limit: Array) -> Document | None:
     """Return the forces that motors within limits (n_a,) can give, or torques if the platform only turns.
 
     Around `center` (F, 3) the sums of plus or minus the `sides` (F, n_a, 3), one of each motor.
@@ -251,7 +250,7 @@ def _polytope(film: Film, limit: Array) -> dict[str, Any] | None:
     return {"center": floats(center), "sides": floats(sides), "count": robot.n_a, "flat": robot.n == 2}
 
 
-def _action_lines(film: Film) -> dict[str, Any] | None:
+def _action_lines(film: Film) -> Document | None:
     """Return the motors' lines of action, of a film that becomes singular."""
     lines = action_lines(film.robot, film.motors.motor_speed) if film.instants else None
     if lines is None:
@@ -269,9 +268,9 @@ def _torque_limit(film: Film) -> float:
     return UNPROVED_TORQUE_RATIO * usual if np.isfinite(usual) and usual > 0 else 1.0
 
 
-def _locus(film: Film, platform: Array, curves_about: CurvesAbout) -> dict[str, Any] | None:
+def _locus(film: Film, platform: Array, curves_about: CurvesAbout) -> Document | None:
     """Return the drawing of the locus where the film comes nearest to it."""
-    if np.isnan(film.g).any():
+    if not film.has_measure:
         return None
     nearest = film.telling_frame if film.instants else int(np.argmin(np.abs(film.g)))
     patch = locus_patch(film.robot, film.q[nearest], film.x[nearest]) if film.instants else None
@@ -305,7 +304,7 @@ def locus_lines(
 
 def drawn_locus(
     robot: ParallelRobot, curves: LocusCurves | None, platform: Array, *, beside: float = LOCUS_MARGIN
-) -> dict[str, Any] | None:
+) -> Document | None:
     """Encode these curves for the page."""
     pieces = [floats(line) for line in locus_lines(robot, curves, platform, beside=beside)]
     whole = robot.platform.is_point
@@ -320,7 +319,7 @@ def _points_in_sight(robot: ParallelRobot, shapes: list[Shape], poses: Array) ->
     return np.concatenate(points)
 
 
-def _view(points: Array, sight: Sight) -> dict[str, Any]:
+def _view(points: Array, sight: Sight) -> Document:
     """Return centre and radius of the picture, and the direction of sight."""
     low, high = points.min(axis=0), points.max(axis=0)
     center = 0.5 * (low + high)

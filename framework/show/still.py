@@ -77,7 +77,7 @@ def plot_still(
         # a platform that only turns has the axes of its turn and of its torque
         part = six[:, :3] if len(robot.platform.sliding) else six[:, 3:]
         largest = np.linalg.norm(part, axis=1).max()
-        if largest > 0 and not np.isnan(film.g).any():
+        if largest > 0 and film.has_measure:
             tip = part[k] * size * reach / (np.linalg.norm(part[k]) or 1.0 if both else largest)
             _arrow(ax, onto(place), onto(tip), color, both, label)
     ax.autoscale_view()
@@ -101,7 +101,7 @@ def _action_lines(film: Film, ax: Axes, k: int, origin: Array, onto: Projection)
 def locus_of(film: Film) -> list[Array]:
     """Return the curves (m, 3) of the locus, of a platform that moves in a plane."""
     robot = film.robot
-    if np.isnan(film.g).any() or not robot.platform.is_point:
+    if not film.has_measure or not robot.platform.is_point:
         return []
     return locus_lines(robot, locus_curves(robot, film.q[0], film.x[0]), film.platform)
 
