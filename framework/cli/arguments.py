@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import Namespace
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -29,10 +29,11 @@ if TYPE_CHECKING:
     from framework.fidelity.chosen_level import ChosenLevel
 
 AUTO = "auto"
+MotionOptions = dict[str, Any]  # of `plan_crossing`, by their names
 WRENCH_FLAGS = {"wrench": "--wrench", "wrench_on": "--wrench-on"}
 
 
-def take_level(options: argparse.Namespace) -> ChosenLevel | None:
+def take_level(options: Namespace) -> ChosenLevel | None:
     """Put the level of fidelity for the motion where --flexibility is auto; None where it is not.
 
     What the scene keeps of a study, where the motion is the scene's as it stands; else what is predicted.
@@ -62,12 +63,12 @@ def take_level(options: argparse.Namespace) -> ChosenLevel | None:
     return chosen
 
 
-def load(options: argparse.Namespace) -> ParallelRobot:
+def load(options: Namespace) -> ParallelRobot:
     """Load the robot, assembled; options as for `load_mechanism`."""
     return ParallelRobot.of(load_mechanism(options))
 
 
-def load_mechanism(options: argparse.Namespace) -> Mechanism:
+def load_mechanism(options: Namespace) -> Mechanism:
     """Load the mechanism with the springs of --flexibility where the command has it; warn without any."""
     flexibility = getattr(options, "flexibility", "rigid")
     others = ", or a folder of `crossing plan --out`" if hasattr(options, "robot_file") else ""
@@ -81,7 +82,7 @@ def load_mechanism(options: argparse.Namespace) -> Mechanism:
     return mechanism
 
 
-def parsed(options: argparse.Namespace, *, propose: Propose | None = None) -> ParsedRobot:
+def parsed(options: Namespace, *, propose: Propose | None = None) -> ParsedRobot:
     """Read a robot file, or a file of a foreign dialect completed by the options."""
     return parse_any(robot_file(options.robot), propose=propose, **_missing_fields(options))
 
@@ -98,7 +99,7 @@ def named_numbers(option: str, words: Sequence[str], form: str) -> dict[str, flo
     return values
 
 
-def _missing_fields(options: argparse.Namespace) -> dict[str, Any]:
+def _missing_fields(options: Namespace) -> MotionOptions:
     """Return what the options add to a foreign file, as keyword arguments of `parse_any`."""
     values = vars(options)
     fields = {key: values.get(key) for key in ("platform", "axes", "motors", "base", "platform_joints")}
@@ -126,7 +127,7 @@ def _joint_values(option: str, items: Sequence[str]) -> Iterator[tuple[str, floa
         yield name, number
 
 
-def path(options: argparse.Namespace, robot: ParallelRobot) -> Path:
+def path(options: Namespace, robot: ParallelRobot) -> Path:
     """Return the path of --scene, or the line of --from and --to."""
     ends = (options.start, options.end)
     if options.scene is not None:
@@ -150,7 +151,7 @@ def path(options: argparse.Namespace, robot: ParallelRobot) -> Path:
     return Line(*ends)
 
 
-def request(options: argparse.Namespace, robot: ParallelRobot) -> Request:
+def request(options: Namespace, robot: ParallelRobot) -> Request:
     """Return the request of the options; an option that is typed overrides the scene's."""
     typed, along = motion_options(options, robot), path(options, robot)
     if options.scene is not None:
@@ -160,13 +161,13 @@ def request(options: argparse.Namespace, robot: ParallelRobot) -> Request:
     return Request.of(robot, along, **typed)
 
 
-def path_and_motion(options: argparse.Namespace, robot: ParallelRobot) -> tuple[Path | str, dict[str, Any]]:
+def path_and_motion(options: Namespace, robot: ParallelRobot) -> tuple[Path | str, MotionOptions]:
     """Return the name of the scene or the path, and the options of the motion that were typed."""
     along, typed = path(options, robot), motion_options(options, robot)
     return options.scene or along, typed
 
 
-def request_of_any_duration(options: argparse.Namespace, robot: ParallelRobot, along: Path) -> Request:
+def request_of_any_duration(options: Namespace, robot: ParallelRobot, along: Path) -> Request:
     """Return the request of the options along a path; the duration is 1 s where none is typed."""
     typed = motion_options(options, robot)
     if options.scene is not None and "wrenches" not in typed:
@@ -174,12 +175,12 @@ def request_of_any_duration(options: argparse.Namespace, robot: ParallelRobot, a
     return Request.of(robot, along, **{"duration": 1.0, **typed})
 
 
-def motion_options(options: argparse.Namespace, robot: ParallelRobot) -> dict[str, Any]:
+def motion_options(options: Namespace, robot: ParallelRobot) -> MotionOptions:
     """Return the options of the motion that were typed, wrenches included."""
     return typed_options(options) | wrenches(options, robot)
 
 
-def typed_options(options: argparse.Namespace) -> dict[str, Any]:
+def typed_options(options: Namespace) -> MotionOptions:
     """Return the options of the motion that were typed."""
     values = vars(options)
     typed = {key: values[key] for key in TYPED if values.get(key) is not None}
@@ -190,7 +191,7 @@ def typed_options(options: argparse.Namespace) -> dict[str, Any]:
     return typed
 
 
-def wrenches(options: argparse.Namespace, robot: ParallelRobot) -> dict[str, Any]:
+def wrenches(options: Namespace, robot: ParallelRobot) -> MotionOptions:
     """Return the wrenches of --wrench and --wrench-on, as an option of `plan_crossing`; empty for none.
 
     Raises:
@@ -243,7 +244,7 @@ def share(name: str, text: str) -> float:
         raise InvalidInput(f"{name}: needs a share such as 10% or 0.1, got {text!r}") from None
 
 
-def planned(options: argparse.Namespace) -> CrossingPlan:
+def planned(options: Namespace) -> CrossingPlan:
     """Return the plan in the folder that ROBOT is, or the one that the options ask for.
 
     Raises:
@@ -257,7 +258,7 @@ def planned(options: argparse.Namespace) -> CrossingPlan:
     return plan_request(robot, request(options, robot))
 
 
-def saved_plan(options: argparse.Namespace) -> CrossingPlan | None:
+def saved_plan(options: Namespace) -> CrossingPlan | None:
     """Return the plan in the folder that ROBOT is; None if it is no such folder.
 
     Raises:

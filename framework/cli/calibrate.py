@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import Namespace
 from typing import Any
 
 from framework.cli import arguments
@@ -52,7 +52,7 @@ def add(commands: Any) -> None:
     add_out(parser, "write the robot file and its URDF there")
 
 
-def run(options: argparse.Namespace) -> Report:
+def run(options: Namespace) -> Report:
     """Calibrate, and say how well poses that were held out are predicted."""
     robot = arguments.load(options)
     found = calibrate(

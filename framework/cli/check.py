@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import Namespace
 from dataclasses import asdict
 from typing import Any
 
@@ -37,7 +37,7 @@ def add(commands: Any) -> None:
     add_flexibility(parser)
 
 
-def run(options: argparse.Namespace) -> Report:
+def run(options: Namespace) -> Report:
     """Examine a robot and report its mobility, its masses, its pose and advice."""
     mechanism = arguments.load_mechanism(options)
     diagnosis = check_robot(mechanism)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import Namespace
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +31,7 @@ MAX_PRINTED_DESIGNS = 20
 NOT_FOR_STUDIES = ("scene", "at", "nearest", "wrench", "platform", "axes", "motors", "reference", "base")
 
 
-def report_design_study(options: argparse.Namespace) -> Report:
+def report_design_study(options: Namespace) -> Report:
     """Map each design of a study, report the results and write them."""
     for key in NOT_FOR_STUDIES:
         if getattr(options, key) is not None:
@@ -68,7 +68,7 @@ def report_design_study(options: argparse.Namespace) -> Report:
     return _report(study, robot.name)
 
 
-def finite_window(options: argparse.Namespace) -> tuple[float, ...]:
+def finite_window(options: Namespace) -> tuple[float, ...]:
     """Return the numbers of --window."""
     if not np.all(np.isfinite(options.window)):
         raise InvalidInput(f"--window: needs four finite numbers, got {options.window}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import Namespace
 from typing import Any
 
 import numpy as np
@@ -48,7 +48,7 @@ def add(commands: Any) -> None:
     add_out(parser, "write fidelity.json and a figure of the errors there")
 
 
-def run(options: argparse.Namespace) -> Report:
+def run(options: Namespace) -> Report:
     """Compare all levels; with --out write the numbers and the figure."""
     if options.out is None:
         study, document, text = _studied(options)
@@ -65,7 +65,7 @@ def run(options: argparse.Namespace) -> Report:
     return document, text
 
 
-def _studied(options: argparse.Namespace) -> tuple[FidelityStudy, Document, str]:
+def _studied(options: Namespace) -> tuple[FidelityStudy, Document, str]:
     """Return the report on a study, and what a scene may keep of it if it is of the scene as it stands."""
     robot, tolerance = arguments.load(options), arguments.share("--tolerance", options.tolerance)
     path, typed = arguments.path_and_motion(options, robot)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import Namespace
 from typing import Any
 
 import numpy as np
@@ -55,7 +55,7 @@ def add(commands: Any) -> None:
     add_out(parser, "write the robot file and its URDF there")
 
 
-def run(options: argparse.Namespace) -> Report:
+def run(options: Namespace) -> Report:
     """Identify, and say what was found and how well it predicts torques that were held out."""
     robot = arguments.load(options)
     found = identify(

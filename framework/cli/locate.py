@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import Namespace
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,7 @@ from framework.singularity.points_on_path import SearchedPath, SingularPoint, se
 from framework.singularity.spring_shift import spring_shift
 from framework.singularity.type2 import moves_point
 
+MISS = "near miss at s = {0.s:.9f}  {1}  |g| = {2:.3g}"
 POINT = "s = {0.s:.15f}  {0.kind} ({0.contact})  {1}  t_s = {2}  dg/ds = {0.slope:.6g}"
 # of a singular point, with --json
 TOLD = (
@@ -56,7 +57,7 @@ def add(commands: Any) -> None:
     add_wrenches(parser)
 
 
-def run(options: argparse.Namespace) -> Report:
+def run(options: Namespace) -> Report:
     """Report the singular points in the order of the path."""
     robot = arguments.load(options)
     path = arguments.path(options, robot)
@@ -86,10 +87,7 @@ def run(options: argparse.Namespace) -> Report:
     if points:
         lines += [] if polynomial is None else [f"  {polynomial.sentence}{polynomial.advice}"]
         lines += [] if optimal is None else [f"  {optimal.sentence}"]
-    lines += [
-        f"near miss at s = {miss.s:.9f}  {robot.place(path(miss.s))}  |g| = {abs(miss.g):.3g}"
-        for miss in searched.near_misses
-    ]
+    lines += [MISS.format(miss, robot.place(path(miss.s)), abs(miss.g)) for miss in searched.near_misses]
     return document, "\n".join(lines)
 
 

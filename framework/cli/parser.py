@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from argparse import Namespace
 from collections.abc import Callable
 from typing import Any
 
@@ -32,7 +33,7 @@ def integer_between(least: int, most: int) -> Callable[[str], int]:
     return read
 
 
-def command(commands: Any, name: str, run: Callable[[argparse.Namespace], Report], more: str = "") -> Any:
+def command(commands: Any, name: str, run: Callable[[Namespace], Report], more: str = "") -> Any:
     """Add a command with --json; `run` gives its report. Its own help has `more` to say than the list."""
     text, examples = COMMANDS[name].text, COMMANDS[name].examples
     described = f"{text}. {more}" if more else text

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
 import os
+from argparse import Namespace
 from contextlib import suppress
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
@@ -56,6 +56,7 @@ CROSSING = """\
   crossing          t = {0.time:.6g} s at s = {0.s:.15f}, {place}
                     t_s = {twist}, s' = {0.speed:.6g} 1/s, s" = {acceleration:.6g} 1/s2, |t_s . W_p| \
 {0.residual:.1e} of its peak"""
+LOADED = " " * 20 + "singular under its loads at s = {0.s:.9f}, {0.distance:.2g} {1} from there"
 SINGULAR = "  singular          t = {0.time:.9g} s, s = {0.s:.12g}, t_s . W_p = {0.wrench:.6g}"
 CERTIFICATE = (
     "  certificate       tail {0.tail:.1e} on {0.nodes} nodes, {0.passes} {passes}{settled}, loops closed to "
@@ -94,7 +95,7 @@ def add(commands: Any) -> None:
     )
 
 
-def run(options: argparse.Namespace) -> Report:
+def run(options: Namespace) -> Report:
     """Plan, and with --out write plan.json, motion.csv and figures, all or nothing."""
     level = arguments.take_level(options)
     robot = arguments.load(options)
@@ -227,10 +228,7 @@ def _crossings(plan: CrossingPlan) -> list[str]:
         lines.append(CROSSING.format(crossing, **words))
         if loaded is not None:
             unit = "m" if robot.translations.any() else "rad"
-            lines.append(
-                f"                    singular under its loads at s = {loaded.s:.9f}, {loaded.distance:.2g} "
-                f"{unit} from there"
-            )
+            lines.append(LOADED.format(loaded, unit))
     return lines or ["  crossing          none"]
 
 
@@ -301,7 +299,7 @@ def _idle_turns(robot: ParallelRobot) -> str:
 
 
 def report_raw(
-    options: argparse.Namespace,
+    options: Namespace,
     robot: ParallelRobot,
     request: Request,
     folder: FilePath | None,

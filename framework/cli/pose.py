@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import Namespace
 from dataclasses import asdict
 from typing import Any
 
@@ -39,6 +39,11 @@ HEAD = """\
   motor angles      {motor_angles} (motor side)
   joints            {joints}
   mode              working {working_mode:+d}, assembly {assembly_mode:+d}"""
+DISTANCES = "  distances         g {0.g:.3g}, sigma_A {0.sigma_A:.3g} (length {0.length:.3g} m){1}"
+WORST = (
+    "  worst torque      {0.motor_torque_largest:.3g} {1} of one motor, norm {0.motor_torque_norm:.3g} "
+    "(motor side), to hold a unit force in any direction"
+)
 LOADS = ("torque", "loop_forces", "reactions", "indeterminate")  # of an instant, with --json
 
 
@@ -77,7 +82,7 @@ def add(commands: Any) -> None:
     add_options(parser, "torque_limit", "speed_limit")
 
 
-def run(options: argparse.Namespace) -> Report:
+def run(options: Namespace) -> Report:
     """Report the pose of given motor angles or of a platform point, springs at rest."""
     robot = arguments.load(options)
     if (options.motor_joints is None) == (options.point is None):
@@ -116,8 +121,7 @@ def run(options: argparse.Namespace) -> Report:
             f"  t_s               {_listed(dict(zip(robot.axis_names, twist, strict=True)), 6)}"
             for twist in classification.twists
         ),
-        f"  distances         g {classification.g:.3g}, sigma_A {classification.sigma_A:.3g} "
-        f"(length {classification.length:.3g} m)" + _angles(robot, classification),
+        DISTANCES.format(classification, _angles(robot, classification)),
         *_worst_torques(robot, classification),
         *_limits_in_words(robot, limits),
         *([] if instant is None else _loads_in_words(robot, instant)),
@@ -136,7 +140,7 @@ def _classified(classification: Classification) -> Document:
     return {"regular": classification.regular, **vars(classification)}
 
 
-def _limits(robot: ParallelRobot, q: Array, options: argparse.Namespace) -> PlatformLimits | None:
+def _limits(robot: ParallelRobot, q: Array, options: Namespace) -> PlatformLimits | None:
     """Compute the platform's limits; None where the platform does not determine the motors."""
     try:
         return platform_limits(robot, q, **arguments.typed_options(options))
@@ -174,7 +178,7 @@ def _limits_document(limits: PlatformLimits | None) -> Document:
     }
 
 
-def _loads(robot: ParallelRobot, q: Array, options: argparse.Namespace) -> Instant | None:
+def _loads(robot: ParallelRobot, q: Array, options: Namespace) -> Instant | None:
     """Compute motor torques, and what loops and joints carry; None where the options describe no motion."""
     wrenches = arguments.wrenches(options, robot)
     if options.velocity is None and options.acceleration is None and not wrenches:
@@ -210,7 +214,7 @@ def _far(robot: ParallelRobot, point: list[float]) -> str:
     return beyond_reach(robot, np.array(point)[robot.platform.sliding])
 
 
-def _assembly(robot: ParallelRobot, options: argparse.Namespace) -> Report:
+def _assembly(robot: ParallelRobot, options: Namespace) -> Report:
     """Report all poses for the motor angles asked for."""
     assembly = assembly_modes(robot, options.motor_joints)
     degrees = "" if assembly.modes else _degrees(robot, options.motor_joints)
@@ -232,7 +236,7 @@ def _assembly(robot: ParallelRobot, options: argparse.Namespace) -> Report:
     return _report(robot, {"assembly_modes": about}, lines)
 
 
-def _working(robot: ParallelRobot, options: argparse.Namespace) -> Report:
+def _working(robot: ParallelRobot, options: Namespace) -> Report:
     """Report all ways to the platform that is asked for; refuse where there is none."""
     working = working_modes(robot, options.point)
     if not working.modes:
@@ -272,10 +276,7 @@ def _worst_torques(robot: ParallelRobot, classification: Classification) -> list
     if np.isnan(classification.torque_norm):
         return []
     units = " or ".join(sorted({f"{unit}/N" for unit in robot.torque_units}))
-    return [
-        f"  worst torque      {classification.motor_torque_largest:.3g} {units} of one motor, norm "
-        f"{classification.motor_torque_norm:.3g} (motor side), to hold a unit force in any direction"
-    ]
+    return [WORST.format(classification, units)]
 
 
 def _listed(values: dict[str, float], digits: int = 9) -> str:

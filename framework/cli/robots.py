@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import Namespace
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -21,7 +21,7 @@ def add(commands: Any) -> None:
     )
 
 
-def run(options: argparse.Namespace) -> Report:
+def run(options: Namespace) -> Report:
     """List the catalogue, one row for each entry."""
     rows: list[Document] = []
     figures: Document

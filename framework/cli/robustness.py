@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+from argparse import Namespace
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -50,6 +51,9 @@ DIFFERENCES = (  # of the robots from their model: option, default, meaning
     ("delay", 0.0, "[s] from measurement to torque, uniform from 0"),
     ("noise", 0.0, "[rad, robot lengths] standard deviation of the encoders, joint side"),
     ("speed-noise", 0.0, "[rad/s, robot lengths/s] the same of measured speeds"),
+)
+FEEDBACK_TRIED = (
+    "\n  with feedback     {passed} of the first {runs} runs that failed pass with --controller {controller}"
 )
 MAX_RUNS = 1_000_000
 
@@ -125,7 +129,7 @@ def _add_loop(loop: argparse._ArgumentGroup) -> None:
     )
 
 
-def run(options: argparse.Namespace) -> Report:
+def run(options: Namespace) -> Report:
     """Do one study for each controller on the same robots, or repeat one run of a study."""
     if options.replay is not None:
         return replayed(options)
@@ -152,12 +156,12 @@ def run(options: argparse.Namespace) -> Report:
     return document, text
 
 
-def _names(options: argparse.Namespace) -> list[str]:
+def _names(options: Namespace) -> list[str]:
     """Return the names of the controllers, each once."""
     return list(dict.fromkeys(options.controller or [DEFAULT_CONTROLLER]))
 
 
-def _with_feedback(options: argparse.Namespace, setup: StudySetup, study: Study) -> Document:
+def _with_feedback(options: Namespace, setup: StudySetup, study: Study) -> Document:
     """Return how many of the first runs that fail by default pass with feedback; nothing if it was chosen."""
     lost = [number for _, number in study.failures[:RUNS_WITH_FEEDBACK]]
     if options.controller or not lost:
@@ -169,9 +173,7 @@ def _with_feedback(options: argparse.Namespace, setup: StudySetup, study: Study)
     return {"with_feedback": {"controller": FEEDBACK, "runs": len(lost), "passed": passed}}
 
 
-def _report(
-    options: argparse.Namespace, setup: StudySetup, studies: list[Study], folder: FilePath | None
-) -> Report:
+def _report(options: Namespace, setup: StudySetup, studies: list[Study], folder: FilePath | None) -> Report:
     robot = setup.plan.robot.name
     document = {
         "robot": robot,
@@ -182,11 +184,7 @@ def _report(
     }
     text = _text(document)
     if "with_feedback" in document:
-        tried = document["with_feedback"]
-        text += (
-            f"\n  with feedback     {tried['passed']} of the first {tried['runs']} runs that failed pass "
-            f"with --controller {tried['controller']}"
-        )
+        text += FEEDBACK_TRIED.format_map(document["with_feedback"])
     return document, text
 
 
@@ -195,7 +193,7 @@ def _count_runs(kept: dict[str, KeptRuns]) -> int:
     return sum(len(chunk) for runs in kept.values() for chunk, _ in runs.read())
 
 
-def _studies(options: argparse.Namespace, setup: StudySetup, kept: dict[str, KeptRuns]) -> list[Study]:
+def _studies(options: Namespace, setup: StudySetup, kept: dict[str, KeptRuns]) -> list[Study]:
     names = _names(options)
     controllers = {name: setup.controller(name) for name in names}
     studies: list[Study] = []
@@ -249,7 +247,8 @@ HEAD = """\
   controller\tpassed\tof 95 %\tmedian\t95 %\tlargest\tpeak torque"""
 ROW = (
     "  {controller}\t{probability:.1%}\t{interval[0]:.1%} .. {interval[1]:.1%}\t"
-    "{tracking_error[median]:.2e}\t{tracking_error[95 %]:.2e}\t{tracking_error[largest]:.2e}\t{peak_torque:.3g}"
+    "{tracking_error[median]:.2e}\t{tracking_error[95 %]:.2e}\t{tracking_error[largest]:.2e}\t"
+    "{peak_torque:.3g}"
 )
 
 
@@ -309,7 +308,7 @@ REPORT = """\
   payload           {payload:.6g} of the model's"""
 
 
-def replayed(options: argparse.Namespace) -> Report:
+def replayed(options: Namespace) -> Report:
     """Run number --replay of the study in the folder ROBOT.
 
     Raises:

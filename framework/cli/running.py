@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import traceback
+from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -23,7 +23,7 @@ UNEXPECTED_EXIT_CODE = 70  # exit code; sysexits.h calls it EX_SOFTWARE
 DEBUG_VARIABLE = "CROSSING_DEBUG"  # environment variable: set, an unexpected error shows its traceback
 
 
-def run(options: argparse.Namespace, heard: Heard, arguments: Sequence[str]) -> int:
+def run(options: Namespace, heard: Heard, arguments: Sequence[str]) -> int:
     """Run the parsed command and tell its report; returns the exit code, 0 where it refuses nothing.
 
     Raises:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import argparse
 import threading
 import webbrowser
+from argparse import Namespace
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
@@ -40,7 +40,7 @@ def add(commands: Any) -> None:
     parser.add_argument("--no-open", action="store_true", help="do not open the browser")
 
 
-def run(options: argparse.Namespace) -> Report:
+def run(options: Namespace) -> Report:
     """Write the page to a file, or serve it until Ctrl-C."""
     from framework.show.page import film_page, hand_page
 
@@ -80,7 +80,7 @@ def _report_file(file: str, page: str | bytes, films: list[Film], *, chosen: boo
     return {"file": str(path), "bytes": size, "films": entries}, text
 
 
-def _films(options: argparse.Namespace) -> list[Film]:
+def _films(options: Namespace) -> list[Film]:
     """Film the motions asked for; none when the robot is to be moved by hand."""
     from framework.show.captions import plan_name
     from framework.show.film import film_plan
@@ -99,15 +99,15 @@ def _films(options: argparse.Namespace) -> list[Film]:
     return [_film(options, robot, name) for name in options.scenes or [None]]
 
 
-def _film(options: argparse.Namespace, robot: ParallelRobot, scene: str | None) -> Film:
+def _film(options: Namespace, robot: ParallelRobot, scene: str | None) -> Film:
     from framework.show.film import film_motion
 
-    scene_options = argparse.Namespace(**{**vars(options), "scene": scene})
+    scene_options = Namespace(**{**vars(options), "scene": scene})
     name = "" if scene is None else f"Scene {scene}"
     return film_motion(robot, arguments.request(scene_options, robot), name=name)
 
 
-def _telling_film(options: argparse.Namespace) -> Film:
+def _telling_film(options: Namespace) -> Film:
     """Film the first scene that crosses, or else the first that moves: for a file without sliders."""
     robot = arguments.load(options)
     films: list[Film] = []
@@ -126,7 +126,7 @@ def _telling_film(options: argparse.Namespace) -> Film:
     raise next(iter(refusals), none)
 
 
-def _served(options: argparse.Namespace, page: str, robot: ParallelRobot | None) -> Report:
+def _served(options: Namespace, page: str, robot: ParallelRobot | None) -> Report:
     from framework.show.jogging import move_by_hand
     from framework.show.server import PageServer
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import Namespace
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -22,6 +22,10 @@ from framework.tolerances import MOTION_OFF_PATH
 HEAD = (
     "{0.robot.name}, {0.robot.flexibility}: {0.duration:g} s of forward dynamics, {0.method} method, "
     "{0.steps} steps{1}, {0.seconds:.2g} s"
+)
+OFF_PATH = (
+    "{0.robot.name}: the planned torques do not bring the robot along its path: it comes off by {1}; energy "
+    "balances to {0.energy_error:.1e}, loops are closed to {0.closure_error:.1e}"
 )
 DRIFT = """\
   drift             loops closed to {0.closure_error:.1e} m or rad
@@ -53,7 +57,7 @@ def add(commands: Any) -> None:
     add_out(parser, "write simulation.json and simulation.csv there")
 
 
-def run(options: argparse.Namespace) -> Report:
+def run(options: Namespace) -> Report:
     """Plan, or read the plan; simulate it; say how far it comes off."""
     sensors = _sensors(options)
     plan = arguments.planned(options)
@@ -77,7 +81,7 @@ def run(options: argparse.Namespace) -> Report:
     return document, simulation_text(result)
 
 
-def _sensors(options: argparse.Namespace) -> Sensors | None:
+def _sensors(options: Namespace) -> Sensors | None:
     """Return the sensors that are asked for."""
     if options.sensors is None:
         return None
@@ -98,10 +102,7 @@ def _check_on_path(result: Simulation) -> None:
     if tracking <= allowed and turning <= MOTION_OFF_PATH:
         return
     how = f"{tracking:.3g} {unit}" + (f" and {turning:.3g} rad" if result.turning_error is not None else "")
-    raise NoAnswer(
-        f"{result.robot.name}: the planned torques do not bring the robot along its path: it comes off by "
-        f"{how}; energy balances to {result.energy_error:.1e}, loops are closed to {result.closure_error:.1e}"
-    )
+    raise NoAnswer(OFF_PATH.format(result, how))
 
 
 def simulation_text(result: Simulation) -> str:

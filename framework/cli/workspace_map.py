@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from argparse import Namespace
 from pathlib import Path as FilePath
 
 import numpy as np
@@ -118,7 +119,7 @@ def _add_window(group: argparse._ArgumentGroup) -> None:
     )
 
 
-def run(options: argparse.Namespace) -> Report:
+def run(options: Namespace) -> Report:
     """Compute a map, report it and write it."""
     if options.study:
         return report_design_study(options)
@@ -145,7 +146,7 @@ def run(options: argparse.Namespace) -> Report:
     return _report(workspace, margin)
 
 
-def _quantities(options: argparse.Namespace, robot: ParallelRobot) -> list[str] | None:
+def _quantities(options: Namespace, robot: ParallelRobot) -> list[str] | None:
     """Return the names of the quantities; by default those that apply, with --keep-limits also `holding`."""
     names = None if options.quantity is None else list(options.quantity)
     if not options.keep_limits or not has_torque_limits(robot):
@@ -153,7 +154,7 @@ def _quantities(options: argparse.Namespace, robot: ParallelRobot) -> list[str] 
     return [*(names or [quantity.key for quantity in choose_quantities(robot, None)]), "holding"]
 
 
-def _window(options: argparse.Namespace, robot: ParallelRobot, path: Path | None) -> Window:
+def _window(options: Namespace, robot: ParallelRobot, path: Path | None) -> Window:
     axes = None if options.over is None else tuple(options.over)
     centre = path(np.zeros(1))[0] if options.at is None and path is not None else options.at
     size = options.size or EDGE_POSES
@@ -166,7 +167,7 @@ def _window(options: argparse.Namespace, robot: ParallelRobot, path: Path | None
 
 
 def _mapped(
-    options: argparse.Namespace,
+    options: Namespace,
     robot: ParallelRobot,
     window: Window,
     quantities: tuple[Quantity, ...],
@@ -195,7 +196,7 @@ def _write(workspace: WorkspaceMap, path: Path | None, folder: FilePath) -> None
     (folder / "map.html").write_text(map_page(workspace, path=path), encoding="utf-8")
 
 
-def _margin(options: argparse.Namespace, robot: ParallelRobot) -> NearestSingularPose | None:
+def _margin(options: Namespace, robot: ParallelRobot) -> NearestSingularPose | None:
     if options.nearest is None:
         return None
     return nearest_singular_pose(robot, assemble(robot, options.nearest).q)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import Namespace
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,7 +12,7 @@ from framework.parallel.kept import forget
 
 
 @contextmanager
-def written_out(options: argparse.Namespace, document: str) -> Iterator[Path]:
+def written_out(options: Namespace, document: str) -> Iterator[Path]:
     """Yield a folder whose files move into --out."""
     with written_together(Path(options.out), document=document) as folder:
         yield folder
@@ -21,7 +21,7 @@ def written_out(options: argparse.Namespace, document: str) -> Iterator[Path]:
 
 @contextmanager
 def written_stepwise(
-    options: argparse.Namespace, document: str, count: Callable[[], int], unit: str
+    options: Namespace, document: str, count: Callable[[], int], unit: str
 ) -> Iterator[Path]:
     """Yield a folder whose files move into --out, for long work: hours of it want a place to go to.
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path as FilePath
 from textwrap import wrap
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib import colormaps
@@ -22,7 +22,7 @@ from framework.atlas.workspace_map import WorkspaceMap
 from framework.motion.path import Path
 from framework.show.captions import said
 from framework.show.plots import save
-from framework.show.style import AXIS, BEYOND, COLUMN_WIDTH, LOCUS, NOT_CARRIED, PATH, SOFT, UNREACHED
+from framework.show.style import AXIS, BEYOND, COLUMN_WIDTH, LOCUS, NOT_CARRIED, PATH, SOFT, UNREACHED, Style
 from framework.statics.loading import LoadReason
 from framework.tolerances import SAME_PLACE
 
@@ -202,7 +202,7 @@ def _frame(workspace: WorkspaceMap, header: _Header, ax: Axes) -> None:
     low = LINE * header.rows + 0.3 * ABOVE
     high = low + LINE * len(header.title)
     for lines, above, colour in ((header.name, high, "black"), (header.title, low, SOFT)):
-        annotation: dict[str, Any] = {"xycoords": aside, "textcoords": "offset points", "va": "bottom"}
+        annotation: Style = {"xycoords": aside, "textcoords": "offset points", "va": "bottom"}
         ax.annotate("\n".join(lines), (0.0, 1.0), (0, 72 * above), color=colour, **annotation)
 
 

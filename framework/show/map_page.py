@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import html
+from html import escape
 
 import numpy as np
 
@@ -38,9 +38,9 @@ def map_page(workspace: WorkspaceMap, *, path: Path | None = None) -> str:
         heading,
         page_part(
             "map.html",
-            title=html.escape(heading),
-            lead=html.escape(f"{LEAD} {ON_LOCUS}" if workspace.locus.curves else LEAD),
-            found=html.escape(f"Singular locus: {workspace.locus.sentence}."),
+            title=escape(heading),
+            lead=escape(f"{LEAD} {ON_LOCUS}" if workspace.locus.curves else LEAD),
+            found=escape(f"Singular locus: {workspace.locus.sentence}."),
         ),
         _document(workspace, path),
         styles=["map.css"],

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Callable, Sequence
 from textwrap import fill
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -23,7 +23,7 @@ from framework.show.plots import draw_torques
 from framework.show.scene import stated_limit
 from framework.show.sight import film_sight
 from framework.show.still import locus_of, plot_still
-from framework.show.style import ALARM, LOCUS, figure_file, line_style, styled
+from framework.show.style import ALARM, LOCUS, Style, figure_file, line_style, styled
 
 GIF_FRAMES = 60
 FRAME_TIME, SINGULAR_FRAME_TIME = 100, 2000  # [ms] of a frame, and of one at a singular instant
@@ -95,7 +95,7 @@ def _moving(films: Sequence[Film], kind: str) -> bytes:
     small = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     written = io.BytesIO()
     lasting = [SINGULAR_FRAME_TIME if t in instants or t == end else FRAME_TIME for t in times]
-    animated: dict[str, Any] = {"save_all": True, "duration": lasting, "loop": 0}
+    animated: Style = {"save_all": True, "duration": lasting, "loop": 0}
     if kind == "gif":
         small[0].save(written, "GIF", append_images=small[1:], **animated)
     else:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -23,6 +22,7 @@ from framework.show.scene import UNPROVED_TORQUE_RATIO
 from framework.show.still import plot_still
 from framework.show.style import (
     ALARM,
+    Style,
     axes_or_new,
     draw_dashed,
     draw_dot,
@@ -36,7 +36,7 @@ from framework.tolerances import SAME_PLACE
 CURVE_SAMPLES = 601
 VISIBLE_SHIFT = 5e-3  # of the path: half a marker
 MAX_INSET_SHIFT = 5.0  # of the loads over that of the geometry, to be in one corner
-LOADED: dict[str, Any] = {
+LOADED: Style = {
     "marker": "D",
     "linestyle": "none",
     "color": ALARM,

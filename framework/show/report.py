@@ -34,6 +34,7 @@ PROVEN_WRENCH = (
     "At each crossing t_s · W_p, with the inertia of all bodies, is zero to {:.1e} of its largest value "
     "along the motion, as a finite torque needs: condition (8) in the paper of Briot and Arakelian, 2010."
 )
+MOTOR = "gear ratio {0.gear_ratio:g}, rotor inertia {0.rotor_inertia:g} kg m²"
 PACKAGES = ("parallel-singularity-crossing", "pin", "numpy", "scipy", "meshcat")
 
 
@@ -277,9 +278,9 @@ def _parameters(plan: CrossingPlan) -> str:
     rows += [
         (
             f"motor {actuator.joint}",
-            f"gear ratio {actuator.gear_ratio:g}, rotor inertia {actuator.rotor_inertia:g} kg m²"
-            + (f", torque limit {actuator.torque_limit:g}" if actuator.torque_limit is not None else "")
-            + (f", speed limit {actuator.speed_limit:g} rad/s" if actuator.speed_limit is not None else ""),
+            MOTOR.format(actuator)
+            + ("" if actuator.torque_limit is None else f", torque limit {actuator.torque_limit:g}")
+            + ("" if actuator.speed_limit is None else f", speed limit {actuator.speed_limit:g} rad/s"),
         )
         for actuator in description.actuators
     ]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,7 +11,7 @@ from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullF
 from framework.control.run_monitor import ControlLoop
 from framework.control.study import Study
 from framework.show.captions import said
-from framework.show.style import ALARM, GOOD, draw_dashed, figure, line_style
+from framework.show.style import ALARM, GOOD, Style, draw_dashed, figure, line_style
 
 LINEAR_AXIS_RATIO = 3.0  # torques that differ by less than that factor need no logarithms
 DRAWN_LIMIT_RATIO = 2.0  # limits beyond so many times the largest torque are told, not drawn
@@ -58,7 +57,7 @@ def _draw_bounds(axes: Sequence[Axes], loop: ControlLoop) -> None:
     errors.axvspan(low, loop.tolerance, color=GOOD, alpha=0.1, linewidth=0)
     errors.axvline(loop.tolerance, color=GOOD, linewidth=0.8)
     errors.set_xlim(low, high)
-    note: dict[str, Any] = {"fontsize": 7, "rotation": 90, "ha": "right", "va": "center"}
+    note: Style = {"fontsize": 7, "rotation": 90, "ha": "right", "va": "center"}
     errors.text(
         loop.tolerance, 0.5, "within: passes", color=GOOD, transform=errors.get_xaxis_transform(), **note
     )
