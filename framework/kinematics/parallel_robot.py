@@ -127,6 +127,11 @@ class ParallelRobot(Mechanism):
         """Unit of each platform coordinate: m or rad."""
         return length_units(self.translations)
 
+    @property
+    def motor_joint_units(self) -> list[str]:
+        """Unit of each motor's joint: m or rad."""
+        return length_units(self.sliding[self.actuated])
+
     def place(self, x: Array) -> str:
         """Return platform coordinates x (n,) with their names, in words."""
         return f"{', '.join(self.axis_names)} = {point(x)}"

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from framework.arrays import Array, BoolArray
+from framework.arrays import Array
 from framework.dynamics.action_lines import action_lines
 from framework.dynamics.platform_wrench import hold_at
 from framework.errors import InvalidInput, NotAssembled
 from framework.kinematics.continuation.forward_kinematics import motors_are_free
-from framework.kinematics.parallel_robot import ParallelRobot, length_units
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import joint_poses, platform_positions, platform_twists
 from framework.locus.drawn_locus import locus_curves
 from framework.output import Document
@@ -188,16 +188,13 @@ def _document(robot: ParallelRobot, pose: JoggedPose) -> Document:
 def _sliders(robot: ParallelRobot, start: JoggedPose) -> dict[str, list[Document]]:
     """Return names, units and ranges of the sliders: about a robot's length, or a turn's range."""
 
-    def sliders(names: Sequence[str], slides: BoolArray, values: Array, turn: float) -> list[Document]:
-        reach = np.where(slides, 0.8 * robot.length, turn)
-        rows = zip(
-            names, length_units(slides), (values - reach).tolist(), (values + reach).tolist(), strict=True
-        )
+    def sliders(names: Sequence[str], units: list[str], values: Array, turn: float) -> list[Document]:
+        reach = np.where(np.array(units) == "m", 0.8 * robot.length, turn)
+        rows = zip(names, units, (values - reach).tolist(), (values + reach).tolist(), strict=True)
         return [dict(zip(("name", "unit", "low", "high"), row, strict=True)) for row in rows]
 
     turns_freely = np.sum(~robot.translations) > 1  # a rotation vector ends at half a turn
-    motor_slides = robot.sliding[robot.actuated]
     return {
-        "platform": sliders(robot.axis_names, robot.translations, start.x, 1.5 if turns_freely else np.pi),
-        "motor": sliders(robot.actuator_names, motor_slides, start.motors, np.pi),
+        "platform": sliders(robot.axis_names, robot.axis_units, start.x, 1.5 if turns_freely else np.pi),
+        "motor": sliders(robot.actuator_names, robot.motor_joint_units, start.motors, np.pi),
     }

@@ -11,7 +11,7 @@ from framework.arrays import Array
 from framework.crossing.result import CrossingPlan
 from framework.errors import InvalidInput
 from framework.kinematics.continuation.tracking import assemble
-from framework.kinematics.parallel_robot import ParallelRobot, length_units
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.locus.drawn_locus import locus_curves
 from framework.locus.nonsingular_mode_change import AssemblyModeChange
 from framework.locus.traced_locus import TracedLocus
@@ -71,8 +71,7 @@ def plot_motor_locus(
         line = change.motors[:, free]
         _draw_from_dot(ax, line, "to another mode")
         ax.set(xlim=_about(line[:, 0]), ylim=_about(line[:, 1]))
-    units = length_units(robot.sliding[robot.actuated[free]])
-    return _label(ax, [f"{name}  [{unit}]" for name, unit in zip(locus.free, units, strict=True)])
+    return _label(ax, [f"{robot.actuator_names[k]}  [{robot.motor_joint_units[k]}]" for k in free])
 
 
 def _draw_from_dot(ax: Axes, line: Array, label: str) -> None:
