@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import fcntl
 import json
+import math
 import os
 import shutil
 import tempfile
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from framework.errors import InvalidInput, OutputError
 from framework.input import read_text
 from framework.interruption import uninterrupted
 
+Document = dict[str, Any]  # a JSON object, or what becomes one
 UNFINISHED = ".crossing-unfinished-"  # a name that nobody else takes: what has it may be removed
 
 
@@ -117,6 +122,28 @@ def _remove_abandoned(folder: Path) -> None:
                 shutil.rmtree(place, ignore_errors=True)
             finally:
                 os.close(lock)
+
+
+def plain(value: Any) -> Any:
+    """Return a value as JSON has it: arrays as lists, null for a number that is not finite."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {key: plain(part) for key, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(part) for part in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def json_text(document: Mapping[str, Any]) -> str:
+    """Return a `plain` document as the text of a file."""
+    return json.dumps(plain(document), indent=2, allow_nan=False) + "\n"
+
+
+def write_csv(file: Path, groups: Mapping[str, Iterable[str]], rows: np.ndarray) -> None:
+    """Write rows over time with their head: `time`, and GROUP_NAME of each name in a group."""
+    names = ["time", *(f"{group}_{name}" for group, members in groups.items() for name in members)]
+    np.savetxt(file, rows, fmt="%.17g", delimiter=",", header=",".join(names), comments="")
 
 
 def write_file(file: Path, content: str | bytes, *, option: str = "--html") -> None:

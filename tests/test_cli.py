@@ -407,7 +407,7 @@ def test_a_raw_sample_without_bound_is_no_number_for_machines(document, crossing
         raw.torque[25] = [np.inf, np.nan]  # a sample on the pole itself, as rounding has it
         return raw
 
-    monkeypatch.setattr("framework.cli.raw.finite_difference_torques", without_bound)
+    monkeypatch.setattr("framework.cli.plan.finite_difference_torques", without_bound)
     assert document(*command)["largest_sample"] == {"left_motor": None, "right_motor": None}
     code, out, err = crossing(*command, "--out", tmp_path)
     assert (code, err) == (0, "")

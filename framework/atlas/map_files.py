@@ -19,6 +19,7 @@ from framework.atlas.quantities import Quantity, unit_of
 from framework.atlas.window import Window
 from framework.atlas.workspace_map import WorkspaceMap
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.output import json_text
 from framework.statics.loading import LOAD_WORDS, LoadReason
 
 DOCUMENT = "map.json"
@@ -129,7 +130,7 @@ def write_files(
 ) -> list[Path]:
     """Write a document, and beside its file arrays with their setup and a table of named columns."""
     files = [file, file.with_suffix(".npz"), file.with_suffix(".csv")]
-    file.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    file.write_text(json_text(document), encoding="utf-8")
     words = np.array(json.dumps(setup, sort_keys=True))
     np.savez_compressed(files[1], allow_pickle=False, setup=words, **arrays)
     with open(files[2], "w", encoding="utf-8", newline="") as stream:

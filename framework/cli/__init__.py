@@ -6,6 +6,7 @@ What commands share
     commands            the list of commands, and the parser that shows it
     running             one command run, and what is said where it fails
     parser              the options of several commands
+    writing             files in the folder of --out
     arguments           from options to the robot, the path and the request
     console, layout     reports on stdout, errors in one line on stderr; how they fit a terminal
     advice              the command line to try after a refusal
@@ -15,9 +16,9 @@ Commands
     robots, check, convert   the catalogue; what a file describes; files of other dialects
     locate, pose             singular points on a path; all joints of a pose
     workspace_map, design_study  `map`, and `map --study`
-    plan, raw                `plan`, and `plan --raw`
+    plan                     `plan`, and `plan --raw`
     fidelity, simulate       how good the model and the plan are
-    robustness, replay       `robustness`, and `robustness STUDY --replay K`
+    robustness               `robustness`, and `robustness STUDY --replay K`
     calibrate, identify      the geometry, and parameters of torques, from recorded data
     show, report, export     pages, reports, files for other programs
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import Namespace
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -29,10 +29,11 @@ if TYPE_CHECKING:
     from framework.fidelity.chosen_level import ChosenLevel
 
 AUTO = "auto"
+MotionOptions = dict[str, Any]  # of `plan_crossing`, by their names
 WRENCH_FLAGS = {"wrench": "--wrench", "wrench_on": "--wrench-on"}
 
 
-def take_level(options: argparse.Namespace) -> ChosenLevel | None:
+def take_level(options: Namespace) -> ChosenLevel | None:
     """Put the level of fidelity for the motion where --flexibility is auto; None where it is not.
 
     What the scene keeps of a study, where the motion is the scene's as it stands; else what is predicted.
@@ -51,8 +52,8 @@ def take_level(options: argparse.Namespace) -> ChosenLevel | None:
     options.flexibility = FLEXIBILITIES[0]
     robot = load(options)
     asked, description = request(options, robot), robot.description
-    typed = {key: value for key, value in typed_options(options).items() if key != "keep_limits"}
-    typed |= wrenches(options, robot)
+    typed = motion_options(options, robot)
+    typed.pop("keep_limits", None)
     chosen = None if typed or options.scene is None else kept_level(description, options.scene)
     if chosen is None:
         chosen = predicted_level(description, options.scene or asked.path, **typed)
@@ -62,12 +63,12 @@ def take_level(options: argparse.Namespace) -> ChosenLevel | None:
     return chosen
 
 
-def load(options: argparse.Namespace) -> ParallelRobot:
+def load(options: Namespace) -> ParallelRobot:
     """Load the robot, assembled; options as for `load_mechanism`."""
     return ParallelRobot.of(load_mechanism(options))
 
 
-def load_mechanism(options: argparse.Namespace) -> Mechanism:
+def load_mechanism(options: Namespace) -> Mechanism:
     """Load the mechanism with the springs of --flexibility where the command has it; warn without any."""
     flexibility = getattr(options, "flexibility", "rigid")
     others = ", or a folder of `crossing plan --out`" if hasattr(options, "robot_file") else ""
@@ -81,7 +82,7 @@ def load_mechanism(options: argparse.Namespace) -> Mechanism:
     return mechanism
 
 
-def parsed(options: argparse.Namespace, *, propose: Propose | None = None) -> ParsedRobot:
+def parsed(options: Namespace, *, propose: Propose | None = None) -> ParsedRobot:
     """Read a robot file, or a file of a foreign dialect completed by the options."""
     return parse_any(robot_file(options.robot), propose=propose, **_missing_fields(options))
 
@@ -98,17 +99,13 @@ def named_numbers(option: str, words: Sequence[str], form: str) -> dict[str, flo
     return values
 
 
-def _missing_fields(options: argparse.Namespace) -> dict[str, Any]:
+def _missing_fields(options: Namespace) -> MotionOptions:
     """Return what the options add to a foreign file, as keyword arguments of `parse_any`."""
-    return {
-        "platform": getattr(options, "platform", None),
-        "axes": getattr(options, "axes", None),
-        "motors": getattr(options, "motors", None),
-        "reference": dict(_joint_values("--reference", getattr(options, "reference", None) or [])),
-        "base": getattr(options, "base", None),
-        "locked": dict(_locked(getattr(options, "lock", None) or [])),
-        "platform_joints": getattr(options, "platform_joints", None),
-    }
+    values = vars(options)
+    fields = {key: values.get(key) for key in ("platform", "axes", "motors", "base", "platform_joints")}
+    fields["reference"] = dict(_joint_values("--reference", values.get("reference") or []))
+    fields["locked"] = dict(_locked(values.get("lock") or []))
+    return fields
 
 
 def _locked(items: Sequence[str]) -> Iterator[tuple[str, float | None]]:
@@ -130,7 +127,7 @@ def _joint_values(option: str, items: Sequence[str]) -> Iterator[tuple[str, floa
         yield name, number
 
 
-def path(options: argparse.Namespace, robot: ParallelRobot) -> Path:
+def path(options: Namespace, robot: ParallelRobot) -> Path:
     """Return the path of --scene, or the line of --from and --to."""
     ends = (options.start, options.end)
     if options.scene is not None:
@@ -154,10 +151,9 @@ def path(options: argparse.Namespace, robot: ParallelRobot) -> Path:
     return Line(*ends)
 
 
-def request(options: argparse.Namespace, robot: ParallelRobot) -> Request:
+def request(options: Namespace, robot: ParallelRobot) -> Request:
     """Return the request of the options; an option that is typed overrides the scene's."""
-    typed = typed_options(options) | wrenches(options, robot)
-    along = path(options, robot)
+    typed, along = motion_options(options, robot), path(options, robot)
     if options.scene is not None:
         return scene_request(robot, options.scene, **typed)
     if "duration" not in typed and not (typed.get("optimize") == "time" or "longest" in typed):
@@ -165,21 +161,26 @@ def request(options: argparse.Namespace, robot: ParallelRobot) -> Request:
     return Request.of(robot, along, **typed)
 
 
-def path_and_motion(options: argparse.Namespace, robot: ParallelRobot) -> tuple[Path | str, dict[str, Any]]:
+def path_and_motion(options: Namespace, robot: ParallelRobot) -> tuple[Path | str, MotionOptions]:
     """Return the name of the scene or the path, and the options of the motion that were typed."""
-    along, typed = path(options, robot), typed_options(options) | wrenches(options, robot)
-    return along if options.scene is None else options.scene, typed
+    along, typed = path(options, robot), motion_options(options, robot)
+    return options.scene or along, typed
 
 
-def request_of_any_duration(options: argparse.Namespace, robot: ParallelRobot, along: Path) -> Request:
+def request_of_any_duration(options: Namespace, robot: ParallelRobot, along: Path) -> Request:
     """Return the request of the options along a path; the duration is 1 s where none is typed."""
-    typed = typed_options(options) | wrenches(options, robot)
+    typed = motion_options(options, robot)
     if options.scene is not None and "wrenches" not in typed:
         typed["wrenches"] = scene(robot, options.scene).wrenches
     return Request.of(robot, along, **{"duration": 1.0, **typed})
 
 
-def typed_options(options: argparse.Namespace) -> dict[str, Any]:
+def motion_options(options: Namespace, robot: ParallelRobot) -> MotionOptions:
+    """Return the options of the motion that were typed, wrenches included."""
+    return typed_options(options) | wrenches(options, robot)
+
+
+def typed_options(options: Namespace) -> MotionOptions:
     """Return the options of the motion that were typed."""
     values = vars(options)
     typed = {key: values[key] for key in TYPED if values.get(key) is not None}
@@ -190,7 +191,7 @@ def typed_options(options: argparse.Namespace) -> dict[str, Any]:
     return typed
 
 
-def wrenches(options: argparse.Namespace, robot: ParallelRobot) -> dict[str, Any]:
+def wrenches(options: Namespace, robot: ParallelRobot) -> MotionOptions:
     """Return the wrenches of --wrench and --wrench-on, as an option of `plan_crossing`; empty for none.
 
     Raises:
@@ -230,6 +231,11 @@ def peaks(robot: ParallelRobot, torques: Mapping[str, float], digits: int = 6) -
     return ", ".join(f"{joint} {torque:.{digits}g} {unit}" for (joint, torque), unit in units)
 
 
+def excesses(exceeded: Mapping[str, str]) -> list[str]:
+    """Return lines on joints that exceed their limits."""
+    return [f"  warning           {joint} exceeds its limits: {excess}" for joint, excess in exceeded.items()]
+
+
 def share(name: str, text: str) -> float:
     """Parse a share, as 10% or 0.1."""
     try:
@@ -238,7 +244,7 @@ def share(name: str, text: str) -> float:
         raise InvalidInput(f"{name}: needs a share such as 10% or 0.1, got {text!r}") from None
 
 
-def planned(options: argparse.Namespace) -> CrossingPlan:
+def planned(options: Namespace) -> CrossingPlan:
     """Return the plan in the folder that ROBOT is, or the one that the options ask for.
 
     Raises:
@@ -252,7 +258,7 @@ def planned(options: argparse.Namespace) -> CrossingPlan:
     return plan_request(robot, request(options, robot))
 
 
-def saved_plan(options: argparse.Namespace) -> CrossingPlan | None:
+def saved_plan(options: Namespace) -> CrossingPlan | None:
     """Return the plan in the folder that ROBOT is; None if it is no such folder.
 
     Raises:
@@ -268,11 +274,17 @@ def saved_plan(options: argparse.Namespace) -> CrossingPlan | None:
     for key in _OF_A_PLAN:
         value = getattr(options, key, None)
         if value is not None and (key, value) != ("flexibility", "rigid"):  # rigid may be its default
-            name = {"start": "from", "end": "to", "scenes": "scene"}.get(key, key).replace("_", "-")
+            flag = flag_of(key)
             raise InvalidInput(
-                f"--{name}: the plan in {options.robot} has its own; leave it out, or plan again"
-            ).advising({name: None})
+                f"{flag}: the plan in {options.robot} has its own; leave it out, or plan again"
+            ).advising({flag[2:]: None})
     return load_plan(options.robot, robot_file=options.robot_file)
+
+
+def flag_of(key: str) -> str:
+    """Return the option that has this key."""
+    name = {"start": "from", "end": "to", "scenes": "scene"}.get(key, key)
+    return f"--{name.removeprefix('spread_').replace('_', '-')}"
 
 
 _OF_A_PLAN = ("scene", "scenes", "start", "end", "flexibility", *TYPED, *WRENCH_FLAGS)

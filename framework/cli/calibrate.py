@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import Namespace
 from typing import Any
 
 from framework.cli import arguments
-from framework.cli.parser import Report, add_out, add_robot, command
+from framework.cli.parser import Report, add_number, add_out, add_robot, command
 from framework.identification.calibrate import ANGLE_ERROR, LENGTH_ERROR, NOISE, Calibration, calibrate
 
 NO_CHANGE = 1e-3  # of its standard deviation: a parameter that the report leaves out
 LISTED_UNSEEN = 12  # directions that the report has; the document has all
+
+HEAD = """\
+{0.robot.name}: {0.combinations.rank} combinations of {1} parameters are determined (gap of singular values \
+{0.combinations.gap:.1e}), {0.instants} poses, {0.steps} steps
+  residual          {2}{3}
+  held out, by motor angles\tbefore\tafter"""
 
 
 def add(commands: Any) -> None:
@@ -42,11 +48,11 @@ def add(commands: Any) -> None:
     )
     for flag, default, unit in (("--length-error", LENGTH_ERROR, "m"), ("--angle-error", ANGLE_ERROR, "rad")):
         text = f"standard deviation of the file's own [{unit}] (default: {default:.3g})"
-        group.add_argument(flag, type=float, default=default, metavar="E", help=text)
+        add_number(group, flag, "E", text, default=default)
     add_out(parser, "write the robot file and its URDF there")
 
 
-def run(options: argparse.Namespace) -> Report:
+def run(options: Namespace) -> Report:
     """Calibrate, and say how well poses that were held out are predicted."""
     robot = arguments.load(options)
     found = calibrate(
@@ -58,11 +64,10 @@ def run(options: argparse.Namespace) -> Report:
         angle_error=options.angle_error,
         progress=options.progress.start("calibrating", unit="steps"),
     )
-    document, text = found.to_dict(), calibration_text(found)
+    document = found.to_dict()
     if options.out is not None:
-        document["robot_file"] = str(found.write(options.out))
-        text += f"\n  written to        {document['robot_file']}"
-    return document, text
+        options.written = document["robot_file"] = str(found.write(options.out))
+    return document, calibration_text(found)
 
 
 def _noise_text(found: Calibration) -> str:
@@ -76,19 +81,13 @@ def _noise_text(found: Calibration) -> str:
 
 def calibration_text(found: Calibration) -> str:
     """Return the report on a calibration, in words."""
-    geometry, rank = found.geometry, found.combinations.rank
-    lines = [
-        f"{found.robot.name}: {rank} combinations of {len(geometry.names)} parameters are determined "
-        f"(gap of singular values {found.combinations.gap:.1e}), {found.instants} poses, {found.steps} steps",
-        f"  residual          {_noise_text(found)}"
-        + (f"; outliers: rows {', '.join(map(str, found.outliers))}" if found.outliers else ""),
-        "  held out, by motor angles\tbefore\tafter",
-    ]
+    geometry = found.geometry
+    outliers = f"; outliers: rows {', '.join(map(str, found.outliers))}" if found.outliers else ""
+    lines = [HEAD.format(found, len(geometry.names), _noise_text(found), outliers)]
     driven = found.measured.driven
     errors = zip(found.measured.names, found.error_before, found.error_after, strict=True)
     lines += [f"  {name}\t{before:.2e}\t{after:.2e}" for name, before, after in list(errors)[driven:]]
-    lines.append("  parameters [m, rad]")
-    lines.append("  name\toff by\tdeviation")
+    lines += ["  parameters [m, rad]", "  name\toff by\tdeviation"]
     rows = zip(geometry.names, found.values, found.deviations, strict=True)
     changed = [row for row in rows if abs(row[1]) > NO_CHANGE * row[2]]
     lines += [f"  {name}\t{value:.2e}\t{off:.1e}" for name, value, off in changed]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import Namespace
 from dataclasses import asdict
 from typing import Any
 
@@ -13,6 +13,21 @@ from framework.cli.parser import Report, add_flexibility, add_missing_fields, ad
 from framework.errors import InvalidInput, NotAssembled, point
 from framework.kinematics.diagnostics.diagnosis import check_robot, reference_in_words
 
+REPORT = """\
+{robot}, {flexibility}
+  platform          {platform_axes} at {place}
+  actuated joints   {actuators}
+  passive joints    {passive_joints}
+  idle joints       {idle_joints}
+  springs           {springs}
+  mobility          {mobility}{idle}; A is {shape}
+  closures          {rank} of {loop_equations} loop equations independent{redundant}; closed to \
+{closure_error:.1e}
+  mass              {mass:g} kg; without mass of their own: {massless_joints}
+  reference         {{{angles}}}
+  mode              working {working_mode:+d} (changes at Type 1), assembly {assembly_mode:+d} (changes at \
+Type 2); smallest singular value of the passive joints' loop equations {smallest}"""
+
 
 def add(commands: Any) -> None:
     """Add the command to the parser."""
@@ -22,7 +37,7 @@ def add(commands: Any) -> None:
     add_flexibility(parser)
 
 
-def run(options: argparse.Namespace) -> Report:
+def run(options: Namespace) -> Report:
     """Examine a robot and report its mobility, its masses, its pose and advice."""
     mechanism = arguments.load_mechanism(options)
     diagnosis = check_robot(mechanism)
@@ -39,28 +54,17 @@ def run(options: argparse.Namespace) -> Report:
             f"{len(diagnosis.actuators)} actuators for {diagnosis.mobility - len(diagnosis.idle_joints)} "
             f"degrees of freedom; the notes say what other commands need"
         )
-    rank = f"{diagnosis.rank} of {diagnosis.loop_equations} loop equations independent"
-    if diagnosis.redundant_rows:
-        rank += f"; redundant: {', '.join(diagnosis.redundant_rows)}"
-    idle = f", {len(diagnosis.idle_joints)} of them idle" if diagnosis.idle_joints else ""
-    square, smallest = "square" if diagnosis.square else "NOT square", diagnosis.smallest_singular_value
-    lines = [
-        f"{diagnosis.robot}, {diagnosis.flexibility}",
-        f"  platform          {', '.join(diagnosis.platform_axes)} at {point(diagnosis.platform)}",
-        f"  actuated joints   {', '.join(diagnosis.actuators)}",
-        f"  passive joints    {', '.join(diagnosis.passive_joints)}",
-        f"  idle joints       {', '.join(diagnosis.idle_joints) or 'none'}",
-        f"  springs           {', '.join(diagnosis.springs) or 'none'}",
-        f"  mobility          {diagnosis.mobility}{idle}; A is {square}",
-        f"  closures          {rank}; closed to {diagnosis.closure_error:.1e}",
-        f"  mass              {diagnosis.mass:g} kg; without mass of their own: "
-        f"{', '.join(diagnosis.massless_joints) or 'none'}",
-        "  reference         {"
-        + ", ".join(f"{joint}: {value:.6g}" for joint, value in diagnosis.reference.items())
-        + "}",
-        f"  mode              working {diagnosis.working_mode:+d} (changes at Type 1), assembly "
-        f"{diagnosis.assembly_mode:+d} (changes at Type 2); smallest singular value of the passive "
-        f"joints' loop equations {'unknown' if smallest is None else f'{smallest:.3g}'}",
-        *(f"  note              {advice}" for advice in diagnosis.advice),
-    ]
-    return asdict(diagnosis), "\n".join(lines)
+    facts, smallest = asdict(diagnosis), diagnosis.smallest_singular_value
+    idle, redundant = diagnosis.idle_joints, diagnosis.redundant_rows
+    words = {key: ", ".join(facts[key]) for key in ("platform_axes", "actuators", "passive_joints")}
+    words |= {key: ", ".join(facts[key]) or "none" for key in ("idle_joints", "springs", "massless_joints")}
+    words |= {
+        "place": point(diagnosis.platform),
+        "idle": f", {len(idle)} of them idle" if idle else "",
+        "shape": "square" if diagnosis.square else "NOT square",
+        "redundant": f"; redundant: {', '.join(redundant)}" if redundant else "",
+        "angles": ", ".join(f"{joint}: {value:.6g}" for joint, value in diagnosis.reference.items()),
+        "smallest": "unknown" if smallest is None else f"{smallest:.3g}",
+    }
+    notes = [f"  note              {advice}" for advice in diagnosis.advice]
+    return facts, "\n".join([REPORT.format_map(facts | words), *notes])

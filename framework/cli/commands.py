@@ -12,33 +12,27 @@ from typing import Any, NamedTuple, NoReturn
 
 
 class Command(NamedTuple):
-    """The module of `framework.cli` that has a command, what the list of commands says of it, and examples.
+    """What the list of commands says of one, and examples.
 
     The examples run in the order of `COMMANDS` in one folder, each with what those before it have written.
     """
 
-    module: str
     text: str
     examples: tuple[str, ...]
 
 
 COMMANDS = {
-    "robots": Command(
-        "robots", "list the catalogue", ("crossing robots", "crossing robots --picture catalogue.png")
-    ),
+    "robots": Command("list the catalogue", ("crossing robots", "crossing robots --picture catalogue.png")),
     "check": Command(
-        "check",
         "mobility, rank, redundant rows, masses, closure error, mode",
         ("crossing check five_bar", "crossing check delta --flexibility flexible_joints"),
     ),
     "convert": Command(
-        "convert",
         "write our robot file from another dialect: Gepetto's robot.yaml beside robot.urdf, URDF+ <loop>, "
         "ROS <constraint>, <loop_joint>, MJCF <equality>; --base LINK: of one part of it, such as a leg",
         ("crossing convert five_bar --out copy", "crossing convert humanoid_ankle --out ankle"),
     ),
     "locate": Command(
-        "locate",
         "find the singular points on a path",
         (
             "crossing locate five_bar --scene C",
@@ -46,7 +40,6 @@ COMMANDS = {
         ),
     ),
     "map": Command(
-        "workspace_map",
         "quantities over the workspace on one working mode, with the singular locus on top",
         (
             "crossing map five_bar --size 50",
@@ -54,12 +47,10 @@ COMMANDS = {
         ),
     ),
     "pose": Command(
-        "pose",
         "all joints of a pose, from its motors or from its platform, in the modes of the reference",
         ("crossing pose five_bar --motors 1.2 1.9", "crossing pose five_bar --platform 0.1 0.3 --all"),
     ),
     "plan": Command(
-        "plan",
         "plan a motion through the singular points, with torques and proof",
         (
             "crossing plan five_bar --scene C --out move",
@@ -67,7 +58,6 @@ COMMANDS = {
         ),
     ),
     "capacity": Command(
-        "capacity",
         "the largest multiple of a wrench that is crossed within the limits",
         (
             "crossing capacity five_bar --scene C --torque-limit 0.2 --wrench 0 -1",
@@ -75,7 +65,6 @@ COMMANDS = {
         ),
     ),
     "fidelity": Command(
-        "fidelity",
         "the least model that is enough for a motion, with its evidence",
         (
             "crossing fidelity five_bar --scene C --tolerance 1%",
@@ -83,12 +72,10 @@ COMMANDS = {
         ),
     ),
     "simulate": Command(
-        "simulate",
         "drive the robot with the planned torques: tracking error, drift, energy",
         ("crossing simulate move", "crossing simulate five_bar --scene A --sensors --out run"),
     ),
     "robustness": Command(
-        "robustness",
         "drive a planned crossing with a controller on many robots that differ from their model",
         (
             "crossing robustness five_bar --scene C --smoothness 4 --runs 20 --out study",
@@ -96,17 +83,14 @@ COMMANDS = {
         ),
     ),
     "show": Command(
-        "show",
         "play motions in the browser, side by side; without a motion, move the robot by hand. Ctrl-C ends it",
         ("crossing show five_bar --scene A B C", "crossing show move --html crossing.html"),
     ),
     "report": Command(
-        "report",
         "write one HTML page about a plan: scene, figures, law, certificate, parameters, reproduction",
         ("crossing report move", "crossing report move --html report.html"),
     ),
     "export": Command(
-        "export",
         "a robot as MuJoCo's MJCF, a plan as a trajectory for ros2_control, a scene as a lesson",
         (
             "crossing export five_bar --to mjcf --out five_bar.xml",
@@ -114,7 +98,6 @@ COMMANDS = {
         ),
     ),
     "calibrate": Command(
-        "calibrate",
         "where joints are, from motor angles and measured poses or parts of poses, with standard deviations",
         (
             "crossing calibrate five_bar run/sensors.csv",
@@ -122,7 +105,6 @@ COMMANDS = {
         ),
     ),
     "identify": Command(
-        "identify",
         "masses, inertias, rotor inertias and friction from recorded motor angles and torques, with standard "
         "deviations",
         (
@@ -131,6 +113,7 @@ COMMANDS = {
         ),
     ),
 }
+MODULES = {"map": "workspace_map"}  # of commands whose module has another name
 NEEDS_NO_FILE = re.compile(r"crossing \w+( five_bar( --.*)?)?")  # an example that runs in any folder
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 FIRST_EXAMPLES = ("crossing plan five_bar --scene C", "crossing show five_bar --scene C --html crossing.html")
@@ -305,7 +288,7 @@ def parser_of(arguments: Sequence[str]) -> OneLineParser:
     )
     first = arguments[0] if arguments else ""
     if first in COMMANDS:
-        import_module(f"framework.cli.{COMMANDS[first].module}").add(commands)
+        import_module(f"framework.cli.{MODULES.get(first, first)}").add(commands)
         return parser
     _check_first(arguments)
     for name, command in COMMANDS.items():

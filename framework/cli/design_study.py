@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import Namespace
 from pathlib import Path
 
 import numpy as np
@@ -20,10 +20,10 @@ from framework.atlas.quantities import choose_quantities
 from framework.atlas.window import map_axes
 from framework.catalogue import robot_file
 from framework.cli.parser import Report
+from framework.cli.writing import written_stepwise
 from framework.errors import InvalidInput
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.output import written_together
-from framework.parallel.kept import KeptChunks, forget
+from framework.parallel.kept import KeptChunks
 from framework.parallel.tasks import executor_of
 
 STUDY_EDGE_POSES = 41  # by default
@@ -31,7 +31,7 @@ MAX_PRINTED_DESIGNS = 20
 NOT_FOR_STUDIES = ("scene", "at", "nearest", "wrench", "platform", "axes", "motors", "reference", "base")
 
 
-def report_design_study(options: argparse.Namespace) -> Report:
+def report_design_study(options: Namespace) -> Report:
     """Map each design of a study, report the results and write them."""
     for key in NOT_FOR_STUDIES:
         if getattr(options, key) is not None:
@@ -57,30 +57,18 @@ def report_design_study(options: argparse.Namespace) -> Report:
 
     if options.out is None:
         return _report(computed(None), robot.name)
-    out = Path(options.out)
-    kept = KeptChunks.of(out, study_setup(task, designs))
-    with written_together(out, document=DOCUMENT) as folder:
-        try:
-            study = computed(kept)
-        except KeyboardInterrupt as stop:
-            count = len(kept.read())
-            words = [f"{count} chunks are kept in {out}, and the same command goes on from them"]
-            raise type(stop)(*words[: bool(count)]) from None
+    kept = KeptChunks.of(Path(options.out), study_setup(task, designs))
+    with written_stepwise(options, DOCUMENT, lambda: len(kept.read()), "chunks") as folder:
+        from framework.show.design_study import save_study_figure
+
+        study = computed(kept)
         write_study(study, folder)
         options.progress.start("drawing the figure")
-        _draw(study, folder)
-    forget(out)
-    document, text = _report(study, robot.name)
-    return document, f"{text}\n  written to        {options.out}"
+        save_study_figure(study, folder)
+    return _report(study, robot.name)
 
 
-def _draw(study: DesignStudy, folder: Path) -> None:
-    from framework.show.design_study import save_study_figure
-
-    save_study_figure(study, folder)
-
-
-def finite_window(options: argparse.Namespace) -> tuple[float, ...]:
+def finite_window(options: Namespace) -> tuple[float, ...]:
     """Return the numbers of --window."""
     if not np.all(np.isfinite(options.window)):
         raise InvalidInput(f"--window: needs four finite numbers, got {options.window}")
@@ -90,11 +78,13 @@ def finite_window(options: argparse.Namespace) -> tuple[float, ...]:
 def _report(study: DesignStudy, robot: str) -> Report:
     count = len(study.why)
     refused = sum(bool(why) for why in study.why)
-    shown = {key: study.columns[key] for key in ("area", "free_area", *_medians(study))}
+    medians = [key for key in study.columns if key.endswith("_median")]
+    shown = {key: study.columns[key] for key in ("area", "free_area", *medians)}
     heads = [*study.designs.names, *(f"{key} [{study.units[key]}]" for key in shown)]
     heads += ["why no robot"] if refused else []
     lines = [
-        f"{robot}: {count} designs, {task_size(study)} poses each, {refused} make no robot",
+        f"{robot}: {count} designs, {study.task.size} x {study.task.size} poses each, {refused} make no "
+        f"robot",
         "  " + "\t".join(heads),
     ]
     for k in range(min(count, MAX_PRINTED_DESIGNS)):
@@ -107,25 +97,12 @@ def _report(study: DesignStudy, robot: str) -> Report:
         "robot": robot,
         "designs": [
             {
-                "parameters": dict(zip(study.designs.names, values.tolist(), strict=True)),
-                **{key: _number(column[k]) for key, column in study.columns.items()},
+                "parameters": dict(zip(study.designs.names, values, strict=True)),
+                **{key: column[k] for key, column in study.columns.items()},
                 "why": study.why[k],
             }
             for k, values in enumerate(study.designs.values)
         ],
-        "units": dict(study.units),
+        "units": study.units,
     }
     return document, "\n".join(lines)
-
-
-def task_size(study: DesignStudy) -> str:
-    """Return the number of poses of one map, in words."""
-    return f"{study.task.size} x {study.task.size}"
-
-
-def _medians(study: DesignStudy) -> list[str]:
-    return [key for key in study.columns if key.endswith("_median")]
-
-
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None

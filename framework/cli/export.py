@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
 import json
+from argparse import Namespace
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -70,7 +70,7 @@ def add(commands: Any) -> None:
     add_motion(parser)
 
 
-def run(options: argparse.Namespace) -> Report:
+def run(options: Namespace) -> Report:
     """Write the file, whole or not at all."""
     file = FilePath(options.out)
     if not file.name:
@@ -115,12 +115,11 @@ def run(options: argparse.Namespace) -> Report:
         "format": options.program,
         "file": str(file),
     }
-    return document, "\n".join(
-        [f"{robot.name}, {robot.flexibility}: {description}, written to {file}", *lines]
-    )
+    head = f"{robot.name}, {robot.flexibility}: {description}, written to {file}"
+    return document, "\n".join([head, *lines])
 
 
-def _lesson(options: argparse.Namespace) -> tuple[ParallelRobot, str]:
+def _lesson(options: Namespace) -> tuple[ParallelRobot, str]:
     """Return the robot and the page about one of its scenes."""
     if options.scene is None or options.samples is not None or options.side is not None:
         raise InvalidInput("a lesson is about a scene of a robot: give --scene, without --samples and --side")

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
-import json
-from pathlib import Path as FilePath
+from argparse import Namespace
 from typing import Any
 
 import numpy as np
@@ -12,15 +10,21 @@ import numpy as np
 from framework.arrays import Array
 from framework.cli import arguments
 from framework.cli.parser import Report, add_motion, add_out, add_path, add_robot, command
+from framework.cli.writing import written_out
 from framework.crossing.options import LIMITS
 from framework.fidelity.fidelity_study import ERROR_ROUNDING, FidelityStudy, fidelity_study
 from framework.fidelity.model_comparison import Comparison
 from framework.model.fidelity_levels import LEVELS
-from framework.output import written_together
+from framework.output import Document, json_text
 
 STUDY_FILE = "fidelity.json"
 SAME_LAW_DIFFERENCE = 1e-12  # in s
 REPORTED_GROWTH = 2.0  # times as far as by itself: worth a line
+
+HEAD = """\
+{0.robot.name}: {1} levels judged to {2} of the path, {0.length:.4g} m in {0.highest.duration:g} s, and of \
+the peak torque; {0.seconds:.2g} s
+  level\tplan\ttorque\tplatform\tlaw\tdeflection\tpredicted\tby"""
 
 
 def add(commands: Any) -> None:
@@ -44,26 +48,24 @@ def add(commands: Any) -> None:
     add_out(parser, "write fidelity.json and a figure of the errors there")
 
 
-def run(options: argparse.Namespace) -> Report:
+def run(options: Namespace) -> Report:
     """Compare all levels; with --out write the numbers and the figure."""
     if options.out is None:
         study, document, text = _studied(options)
     else:
-        out = FilePath(options.out)
-        with written_together(out, document=STUDY_FILE) as folder:
+        with written_out(options, STUDY_FILE) as folder:
             from framework.show.fidelity import plot_fidelity
             from framework.show.plots import save
 
             study, document, text = _studied(options)
-            text += f"\n  written to        {out}"
             options.progress.start("drawing the figure")
-            (folder / STUDY_FILE).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
+            (folder / STUDY_FILE).write_text(json_text(document))
             save(lambda: plot_fidelity(study), folder / "fidelity")
     options.refusal = study.refusal
     return document, text
 
 
-def _studied(options: argparse.Namespace) -> tuple[FidelityStudy, dict[str, Any], str]:
+def _studied(options: Namespace) -> tuple[FidelityStudy, Document, str]:
     """Return the report on a study, and what a scene may keep of it if it is of the scene as it stands."""
     robot, tolerance = arguments.load(options), arguments.share("--tolerance", options.tolerance)
     path, typed = arguments.path_and_motion(options, robot)
@@ -80,9 +82,7 @@ def fidelity_text(study: FidelityStudy) -> str:
     """Return the report on a study, in words."""
     plan, enough = study.highest, study.enough
     lines = [
-        f"{study.robot.name}: {len(study.levels)} levels judged to {_percent(study.tolerance)} of the path, "
-        f"{study.length:.4g} m in {plan.duration:g} s, and of the peak torque; {study.seconds:.2g} s",
-        "  level\tplan\ttorque\tplatform\tlaw\tdeflection\tpredicted\tby",
+        HEAD.format(study, len(study.levels), _percent(study.tolerance)),
         *(_row(study, comparison) for comparison in study.levels),
         *(note for comparison in study.levels for note in _notes(comparison)),
     ]

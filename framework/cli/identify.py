@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import Namespace
 from typing import Any
 
 import numpy as np
 
 from framework.cli import arguments
-from framework.cli.parser import Report, add_out, add_robot, command
+from framework.cli.parser import Report, add_number, add_out, add_robot, command
 from framework.identification.identify import DEFAULT_PRIOR, Identification, identify
 from framework.tolerances import MIN_RANK_GAP
+
+HEAD = """\
+{0.robot.name}: {0.base.rank} base parameters of {parameters} (gap of singular values {0.base.gap:.1e}{doubt})
+  data              {0.instants} instants, low-pass at {0.cutoff:.3g} Hz, poses by the {0.poses}
+  torques held out  error with the file's parameters {before}, with the identified {after}
+  no effect         {unseen} parameters{massless}
+  base parameter\tvalue\tdeviation\tfile"""
 
 
 def add(commands: Any) -> None:
@@ -27,11 +34,8 @@ def add(commands: Any) -> None:
         "data", metavar="DATA", help="CSV with time, motor_angle_JOINT, torque_JOINT as in motion.csv"
     )
     group = parser.topic("data and file")
-    group.add_argument(
-        "--cutoff",
-        type=float,
-        metavar="F",
-        help="of the low-pass filter [Hz] (default: where the angles' noise begins)",
+    add_number(
+        group, "--cutoff", "F", "of the low-pass filter [Hz] (default: where the angles' noise begins)"
     )
     group.add_argument(
         "--poses",
@@ -51,7 +55,7 @@ def add(commands: Any) -> None:
     add_out(parser, "write the robot file and its URDF there")
 
 
-def run(options: argparse.Namespace) -> Report:
+def run(options: Namespace) -> Report:
     """Identify, and say what was found and how well it predicts torques that were held out."""
     robot = arguments.load(options)
     found = identify(
@@ -63,16 +67,15 @@ def run(options: argparse.Namespace) -> Report:
         massless=options.massless,
         progress=options.progress.start("identifying", unit="poses"),
     )
-    document, text = found.to_dict(), identification_text(found)
+    document = found.to_dict()
     if not found.base.certain:
         options.warnings.append(
             f"the rank {found.base.rank} of the base parameters is uncertain: the gap of singular values is "
             f"{found.base.gap:.1e}, below {MIN_RANK_GAP:g}"
         )
     if options.out is not None:
-        document["robot_file"] = str(found.write(options.out))
-        text += f"\n  written to        {document['robot_file']}"
-    return document, text
+        options.written = document["robot_file"] = str(found.write(options.out))
+    return document, identification_text(found)
 
 
 def identification_text(found: Identification) -> str:
@@ -80,17 +83,15 @@ def identification_text(found: Identification) -> str:
     base, joints = found.base, found.robot.actuator_names
     rows = zip(base.names, found.values, found.deviations, base.values, strict=True)
     doubt = "" if base.certain else f", below {MIN_RANK_GAP:g}: the rank is uncertain"
-    lines = [
-        f"{found.robot.name}: {base.rank} base parameters of {len(base.parameters)} "
-        f"(gap of singular values {base.gap:.1e}{doubt})",
-        f"  data              {found.instants} instants, low-pass at {found.cutoff:.3g} Hz, poses by the "
-        f"{found.poses}",
-        f"  torques held out  error with the file's parameters {_errors(joints, found.error_before)}, "
-        f"with the identified {_errors(joints, found.error_after)}",
-        f"  no effect         {len(base.without_effect)} parameters"
-        + (f"; massless, left out: {', '.join(base.left_out)}" if base.left_out else ""),
-        "  base parameter\tvalue\tdeviation\tfile",
-    ]
+    words = {
+        "parameters": len(base.parameters),
+        "doubt": doubt,
+        "before": _errors(joints, found.error_before),
+        "after": _errors(joints, found.error_after),
+        "unseen": len(base.without_effect),
+        "massless": f"; massless, left out: {', '.join(base.left_out)}" if base.left_out else "",
+    }
+    lines = [HEAD.format(found, **words)]
     lines += [f"  {name}\t{value:.6g}\t{off:.2g}\t{own:.6g}" for name, value, off, own in rows]
     if found.changed:
         lines.append(f"  off the file      {'; '.join(found.changed)}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import Namespace
 from typing import Any
 
 import numpy as np
@@ -22,9 +22,24 @@ from framework.crossing.durations import optimal_durations, polynomial_durations
 from framework.crossing.feasibility import Feasibility, feasibility_on_path
 from framework.errors import point
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.output import Document
 from framework.singularity.points_on_path import SearchedPath, SingularPoint, search_path
 from framework.singularity.spring_shift import spring_shift
 from framework.singularity.type2 import moves_point
+
+MISS = "near miss at s = {0.s:.9f}  {1}  |g| = {2:.3g}"
+POINT = "s = {0.s:.15f}  {0.kind} ({0.contact})  {1}  t_s = {2}  dg/ds = {0.slope:.6g}"
+# of a singular point, with --json
+TOLD = (
+    "s",
+    "kind",
+    "contact",
+    "corank",
+    "twist",
+    "platform",
+    "slope",
+    "resolution",
+)  # of a point, with --json
 
 
 def add(commands: Any) -> None:
@@ -42,7 +57,7 @@ def add(commands: Any) -> None:
     add_wrenches(parser)
 
 
-def run(options: argparse.Namespace) -> Report:
+def run(options: Namespace) -> Report:
     """Report the singular points in the order of the path."""
     robot = arguments.load(options)
     path = arguments.path(options, robot)
@@ -53,50 +68,34 @@ def run(options: argparse.Namespace) -> Report:
     feasible = feasibility_on_path(searched)
     polynomial = polynomial_durations(searched, any_duration.smoothness)
     optimal = optimal_durations(searched, any_duration)
+    facts = list(zip(points, shifts, feasible, strict=True))
     document = {
         "robot": robot.name,
         "flexibility": robot.flexibility,
-        "singularities": [
-            _singularity(singular, shift, condition)
-            for singular, shift, condition in zip(points, shifts, feasible, strict=True)
-        ],
+        "singularities": [_singularity(*fact) for fact in facts],
         "durations": {
             "polynomial": None if polynomial is None else polynomial.to_list(),
             "optimal": None if optimal is None else optimal.to_list(),
         },
         "near_misses": [
-            {"s": miss.s, "platform": path(miss.s).tolist(), "g": miss.g} for miss in searched.near_misses
+            {"s": miss.s, "platform": path(miss.s), "g": miss.g} for miss in searched.near_misses
         ],
     }
     lines = [] if points else [f"{robot.name}: no singularity on the path"]
-    for singular, shift, condition in zip(points, shifts, feasible, strict=True):
-        lines += _lines(robot, singular, shift, condition)
+    for fact in facts:
+        lines += _lines(robot, *fact)
     if points:
         lines += [] if polynomial is None else [f"  {polynomial.sentence}{polynomial.advice}"]
         lines += [] if optimal is None else [f"  {optimal.sentence}"]
-    lines += [
-        f"near miss at s = {miss.s:.9f}  {', '.join(robot.axis_names)} = {point(path(miss.s))}  "
-        f"|g| = {abs(miss.g):.3g}"
-        for miss in searched.near_misses
-    ]
+    lines += [MISS.format(miss, robot.place(path(miss.s)), abs(miss.g)) for miss in searched.near_misses]
     return document, "\n".join(lines)
 
 
 def _singularity(
     singular: SingularPoint, shift: dict[str, float] | None, condition: Feasibility | None
-) -> dict[str, Any]:
-    return {
-        "s": singular.s,
-        "kind": singular.kind,
-        "contact": singular.contact,
-        "corank": singular.corank,
-        "twist": singular.twist.tolist(),
-        "platform": singular.platform.tolist(),
-        "slope": singular.slope,
-        "resolution": singular.resolution,
-        "shift": shift,
-        "condition": None if condition is None else condition.to_dict(),
-    }
+) -> Document:
+    entry = {key: getattr(singular, key) for key in TOLD}
+    return entry | {"shift": shift, "condition": None if condition is None else condition.to_dict()}
 
 
 def _lines(
@@ -105,11 +104,8 @@ def _lines(
     shift: dict[str, float] | None,
     condition: Feasibility | None,
 ) -> list[str]:
-    lines = [
-        f"s = {singular.s:.15f}  {singular.kind} ({singular.contact})  {', '.join(robot.axis_names)} = "
-        f"{point(singular.platform)}  t_s = {twist_text(robot, singular.twist)}  "
-        f"dg/ds = {singular.slope:.6g}"
-    ]
+    words = (robot.place(singular.platform), twist_text(robot, singular.twist))
+    lines = [POINT.format(singular, *words)]
     if singular.resolution is not None:
         lines.append(
             f"  two crossings nearer together than {singular.resolution:.2g} in s would look the same"
@@ -130,6 +126,5 @@ def twist_text(robot: ParallelRobot, twist: Array) -> str:
 def _shift(searched: SearchedPath, singular: SingularPoint) -> dict[str, float] | None:
     """Compute ds for each m or rad of deflection by spring; None where deflections do not move the point."""
     rates = spring_shift(searched.branch, singular)
-    if np.any(np.isnan(rates)):
-        return None
-    return dict(zip(searched.branch.robot.elastic_names, map(float, rates), strict=True))
+    names = searched.branch.robot.elastic_names
+    return None if np.isnan(rates).any() else dict(zip(names, rates, strict=True))

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import argparse
+from argparse import Namespace
 from collections.abc import Callable
 from typing import Any
 
 from framework.cli.commands import COMMANDS, OneLineParser
 from framework.crossing.options import MODEL, MOTION, TYPED
 from framework.model.description import FLEXIBILITIES
+from framework.output import Document
 from framework.parallel import MAX_WORKERS
 
-Report = tuple[dict[str, Any], str]  # for machines, for people
+Report = tuple[Document, str]  # for machines, for people
 
 
 def integer_between(least: int, most: int) -> Callable[[str], int]:
@@ -31,7 +33,7 @@ def integer_between(least: int, most: int) -> Callable[[str], int]:
     return read
 
 
-def command(commands: Any, name: str, run: Callable[[argparse.Namespace], Report], more: str = "") -> Any:
+def command(commands: Any, name: str, run: Callable[[Namespace], Report], more: str = "") -> Any:
     """Add a command with --json; `run` gives its report. Its own help has `more` to say than the list."""
     text, examples = COMMANDS[name].text, COMMANDS[name].examples
     described = f"{text}. {more}" if more else text
@@ -44,6 +46,11 @@ def command(commands: Any, name: str, run: Callable[[argparse.Namespace], Report
 def add_robot(parser: OneLineParser, text: str = "catalogue name, or path of a robot file") -> None:
     """Add ROBOT."""
     parser.add_argument("robot", metavar="ROBOT", help=text)
+
+
+def add_number(group: Any, flag: str, metavar: str, text: str, **settings: Any) -> None:
+    """Add an option that takes a number, or several by `nargs`."""
+    group.add_argument(flag, type=float, metavar=metavar, help=text, **settings)
 
 
 def not_empty(text: str) -> str:
@@ -112,13 +119,8 @@ def add_path(parser: OneLineParser, *, several: bool = False) -> None:
     else:
         group.add_argument("--scene", metavar="S", help="a scene of the robot file: its path and motion")
     for flag, end, name in (("--from", "start", "first"), ("--to", "end", "last")):
-        group.add_argument(
-            flag,
-            dest=end,
-            type=float,
-            nargs="+",
-            metavar="X",
-            help=f"{name} point of the platform, on its axes [m, rad]",
+        add_number(
+            group, flag, "X", f"{name} point of the platform, on its axes [m, rad]", dest=end, nargs="+"
         )
 
 
@@ -149,12 +151,12 @@ def add_motion(parser: OneLineParser, *, without: str = "") -> None:
 def add_wrenches(parser: OneLineParser) -> None:
     """Add --wrench and --wrench-on."""
     group = parser.topic(MODEL)
-    group.add_argument(
+    add_number(
+        group,
         "--wrench",
-        type=float,
+        "W",
+        "constant, of the world on the platform, along its axes [N, N m]; in place of a scene's",
         nargs="+",
-        metavar="W",
-        help="constant, of the world on the platform, along its axes [N, N m]; in place of a scene's",
     )
     group.add_argument(
         "--wrench-on",

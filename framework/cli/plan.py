@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
+from argparse import Namespace
 from contextlib import suppress
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
@@ -24,21 +23,22 @@ from framework.cli.parser import (
     command,
     integer_between,
 )
-from framework.cli.raw import report_raw
 from framework.crossing.neglected_effects import NeglectedEffect
 from framework.crossing.optimal.peak_bound import bound_plan
 from framework.crossing.options import MOTION
 from framework.crossing.path_modification import plan_request_with_modified_path
-from framework.crossing.plan import ADVANCES, NEARLY_STOPS, plan_request
+from framework.crossing.plan import ADVANCES, NEARLY_STOPS, law_before_proof, plan_request
 from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan
 from framework.crossing.saved import FILE, plan_document, read_document
+from framework.dynamics.finite_differences import finite_difference_torques
 from framework.errors import InvalidInput, point
 from framework.kinematics.idle_turns import driven_turns
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.motion.law import Law, PlannedLaw
+from framework.motion.law import Law
 from framework.motion.optimal_law import OptimalLaw
-from framework.output import written_together
+from framework.output import Document, json_text, write_csv, written_together
+from framework.singularity.points_on_path import search_path
 
 if TYPE_CHECKING:
     from framework.fidelity.chosen_level import ChosenLevel
@@ -50,6 +50,17 @@ MAX_SAMPLES = 1_000_000
 FIGURES = ("robot", "law", "torques", "singularity", "wrench", "eye", "phase_plane")
 # about a plan that another one replaces: its report, figures that not every plan has, and PDFs now in one
 OF_A_PLAN = ("report.html", *(f"{name}.{kind}" for name in FIGURES for kind in ("png", "pdf")))
+
+CROSSING = """\
+  crossing          t = {0.time:.6g} s at s = {0.s:.15f}, {place}
+                    t_s = {twist}, s' = {0.speed:.6g} 1/s, s" = {acceleration:.6g} 1/s2, |t_s . W_p| \
+{0.residual:.1e} of its peak"""
+LOADED = " " * 20 + "singular under its loads at s = {0.s:.9f}, {0.distance:.2g} {1} from there"
+SINGULAR = "  singular          t = {0.time:.9g} s, s = {0.s:.12g}, t_s . W_p = {0.wrench:.6g}"
+CERTIFICATE = (
+    "  certificate       tail {0.tail:.1e} on {0.nodes} nodes, {0.passes} {passes}{settled}, loops closed to "
+    "{0.max_closure_error:.1e}, joints in balance to {0.max_residual_torque:.1e} N m or N"
+)
 
 
 def add(commands: Any) -> None:
@@ -83,7 +94,7 @@ def add(commands: Any) -> None:
     )
 
 
-def run(options: argparse.Namespace) -> Report:
+def run(options: Namespace) -> Report:
     """Plan, and with --out write plan.json, motion.csv and figures, all or nothing."""
     level = arguments.take_level(options)
     robot = arguments.load(options)
@@ -110,14 +121,15 @@ def run(options: argparse.Namespace) -> Report:
         plan, entries, lines = _planned(robot, request, level, options.bend)
         options.progress.start("drawing the figures")
         document = plan_document(plan, out) | entries
-        (folder / FILE).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
+        (folder / FILE).write_text(json_text(document))
         motion = plan.samples(options.samples)
         (folder / MOTION_FILE).write_text(motion.as_csv(), encoding="utf-8")
         (folder / f"{MOTION_FILE}-metadata.json").write_text(motion.metadata(MOTION_FILE), encoding="utf-8")
         save_figures(plan, folder)
     gone = [name for name in there if not os.path.exists(out / name)]
     replaced += f"; {', '.join(gone)} of that is removed" * bool(gone)
-    return document, f"{plan_text(plan)}{lines}\n  written to        {out}{replaced}"
+    options.written = f"{out}{replaced}"
+    return document, plan_text(plan) + lines
 
 
 def _replaced(folder: FilePath) -> str:
@@ -131,7 +143,7 @@ def _replaced(folder: FilePath) -> str:
 
 def _planned(
     robot: ParallelRobot, request: Request, level: ChosenLevel | None, bend: str | None
-) -> tuple[CrossingPlan, dict[str, Any], str]:
+) -> tuple[CrossingPlan, Document, str]:
     """Plan; return also the level of --flexibility auto, or how far --bend has bent the path."""
     if level is not None:
         line = f"\n  fidelity          {level.sentence}"
@@ -140,7 +152,7 @@ def _planned(
         return plan_request(robot, request), {}, ""
     share = None if bend == LEAST_BEND else arguments.share("--bend", bend)
     modified = plan_request_with_modified_path(robot, request, bend=share)
-    far = f"{1e3 * modified.moved:.3g} mm" + (f" and {modified.turned:.3g} rad" if modified.turned else "")
+    far = f"{1e3 * modified.moved:.3g} mm" + f" and {modified.turned:.3g} rad" * bool(modified.turned)
     sentence = f"by at most {far}, {100 * modified.share:.2g} % of its length, its ends kept; a spline now"
     line = f"\n  path bent         {sentence if modified.share else 'not at all: it needs none'}"
     for choice in modified.choices:
@@ -151,14 +163,9 @@ def _planned(
     return modified.plan, {"bend": {**entry, "choices": choices}}, line
 
 
-def law_name(law: PlannedLaw) -> str:
-    """Return the kind and degree of a law, in words."""
-    return f"law of degree {law.degree}" if law.kind == Law.kind else f"{law.kind} law"
-
-
 def _describe_bound(plan: CrossingPlan) -> list[str]:
     """Return a line on the bound of all laws, and how far the plan is above."""
-    bound = bound_plan(plan)
+    bound = None if plan.optimality is None else bound_plan(plan)
     if bound is None or plan.optimality is None:
         return []
     peak = np.array(list(plan.peak_torque.values())) / plan.optimality.reference
@@ -185,17 +192,12 @@ def _describe_smoothness(plan: CrossingPlan) -> list[str]:
 def plan_text(plan: CrossingPlan) -> str:
     """Return the report on a plan, in words."""
     robot = plan.robot
-    lines = [
-        f"{robot.name}, {robot.flexibility}, {plan.geometry} geometry: {law_name(plan.law)} over "
-        f"{plan.duration:g} s"
-    ]
+    law = f"law of degree {plan.law.degree}" if plan.law.kind == Law.kind else f"{plan.law.kind} law"
+    lines = [f"{robot.name}, {robot.flexibility}, {plan.geometry} geometry: {law} over {plan.duration:g} s"]
     chosen = plan.request.kind == "auto" and plan.reason != ADVANCES
     if plan.law.kind != Law.kind or chosen or NEARLY_STOPS in plan.reason:
         lines.append(f"  law               {plan.reason}")
-    if plan.law.kind != Law.kind:
-        lines += [*_describe_smoothness(plan), *_describe_bound(plan)]
-    lines += _wrenches(plan)
-    lines += _crossings(plan)
+    lines += [*_describe_smoothness(plan), *_describe_bound(plan), *_wrenches(plan), *_crossings(plan)]
     lines.append(f"  peak torque       {arguments.peaks(robot, plan.peak_torque)}")
     return "\n".join([*lines, *_certificate(plan), *_warnings(plan)])
 
@@ -217,21 +219,15 @@ def _wrenches(plan: CrossingPlan) -> list[str]:
 def _crossings(plan: CrossingPlan) -> list[str]:
     robot, lines = plan.robot, []
     for crossing, loaded in zip(plan.crossings, plan.loaded_points, strict=True):
-        lines.append(
-            f"  crossing          t = {crossing.time:.6g} s at s = {crossing.s:.15f}, "
-            f"{', '.join(robot.axis_names)} = {point(crossing.platform)}"
-        )
-        lines.append(
-            f"                    t_s = {twist_text(robot, crossing.twist)}, s' = {crossing.speed:.6g} 1/s, "
-            f's" = {round(crossing.acceleration, 9) + 0.0:.6g} 1/s2, |t_s . W_p| {crossing.residual:.1e} of '
-            f"its peak"
-        )
+        words = {
+            "place": robot.place(crossing.platform),
+            "twist": twist_text(robot, crossing.twist),
+            "acceleration": round(crossing.acceleration, 9) + 0.0,
+        }
+        lines.append(CROSSING.format(crossing, **words))
         if loaded is not None:
             unit = "m" if robot.translations.any() else "rad"
-            lines.append(
-                f"                    singular under its loads at s = {loaded.s:.9f}, {loaded.distance:.2g} "
-                f"{unit} from there"
-            )
+            lines.append(LOADED.format(loaded, unit))
     return lines or ["  crossing          none"]
 
 
@@ -240,12 +236,8 @@ def _certificate(plan: CrossingPlan) -> list[str]:
     settled = ""
     if robot.n_e and plan.geometry == "deformed":
         settled = f", deflections settled to {certificate.change:.1e}"
-    lines = [
-        f"  certificate       tail {certificate.tail:.1e} on {certificate.nodes} nodes, "
-        f"{certificate.passes} pass{'es' * (certificate.passes != 1)}{settled}, loops closed to "
-        f"{certificate.max_closure_error:.1e}, joints in balance to {certificate.max_residual_torque:.1e} "
-        f"N m or N",
-    ]
+    passes = "pass" if certificate.passes == 1 else "passes"
+    lines = [CERTIFICATE.format(certificate, passes=passes, settled=settled)]
     if certificate.max_held_torque:
         lines.append(
             f"  idle turns        {_idle_turns(robot)}; what nothing holds there: "
@@ -259,15 +251,13 @@ def _certificate(plan: CrossingPlan) -> list[str]:
 
 def _warnings(plan: CrossingPlan) -> list[str]:
     """Return lines on effects left out, limits exceeded and a law that overshoots."""
-    lines = []
-    lines += [f"  left out          {_neglected(plan, effect)}" for effect in plan.neglected]
+    lines = [f"  left out          {_neglected(plan, effect)}" for effect in plan.neglected]
     if any((effect.share or 0.0) > 1.0 for effect in plan.neglected):
         lines.append(
             "  warning           what is left out is worth more than the plan's own torques: plan with it, "
             "--flexibility, or more gently, a higher --smoothness or a longer duration"
         )
-    for joint, excess in plan.exceeded.items():
-        lines.append(f"  warning           {joint} exceeds its limits: {excess}")
+    lines += arguments.excesses(plan.exceeded)
     if plan.certificate.end_speed > NOTABLE_END_SPEED:
         lines.append(
             f"  warning           the motors start and stop with {plan.certificate.end_speed:.1e} of their "
@@ -305,3 +295,64 @@ def _idle_turns(robot: ParallelRobot) -> str:
     }
     names = {how: ", ".join(map(robot.coordinates.name_of, columns)) for how, columns in kinds.items()}
     return "; ".join(f"{which} {how}" for how, which in names.items() if which)
+
+
+def report_raw(
+    options: Namespace,
+    robot: ParallelRobot,
+    request: Request,
+    folder: FilePath | None,
+) -> Report:
+    """Report the law without its proof: raw samples of its torques.
+
+    Raises:
+        InvalidInput: the optimal law is asked for, which is nothing without its proof.
+    """
+    if request.kind == "optimal":
+        raise InvalidInput(
+            "--raw samples the polynomial law only, which needs no proof to be chosen"
+        ).advising({"raw": None})
+    if request.keep_limits:
+        raise InvalidInput(
+            "--keep-limits: is for a plan, and --raw proves none; leave one of them out"
+        ).advising({"raw": None})
+    searched = search_path(robot, request.path).under(request.external_wrenches)
+    law, crossings = law_before_proof(searched, request)
+    raw = finite_difference_torques(
+        robot,
+        request.path,
+        law,
+        samples=options.samples,
+        geometry=request.geometry,
+        branch=searched.branch,
+    )
+    largest = dict(zip(robot.actuator_names, np.abs(raw.torque).max(axis=0), strict=True))
+    document = {
+        "robot": robot.name,
+        "raw": True,
+        "proved": False,
+        "samples": options.samples,
+        # a sample at the singular instant itself can be infinite, for which JSON has no number
+        "largest_sample": largest,
+        "crossings": [{key: getattr(each, key) for key in ("s", "time", "wrench")} for each in crossings],
+    }
+    if folder is not None:
+        _write_raw(raw, robot, [crossing.time for crossing in crossings], document, folder)
+    lines = [
+        f"{robot.name}: raw sampling, proves nothing: {options.samples} samples, largest "
+        + ", ".join(f"{joint} {value:.6g} N m" for joint, value in largest.items())
+    ]
+    lines += [SINGULAR.format(crossing) for crossing in crossings]
+    return document, "\n".join(lines)
+
+
+def _write_raw(
+    raw: Any, robot: ParallelRobot, poles: list[float], document: Document, folder: FilePath
+) -> None:
+    from framework.show.plots import plot_raw_torques, save
+
+    rows = np.column_stack([raw.time, raw.motor_angle, raw.torque, raw.deflection])
+    motors, springs = robot.actuator_names, robot.elastic_names
+    write_csv(folder / "raw.csv", {"motor_angle": motors, "torque": motors, "deflection": springs}, rows)
+    (folder / "raw.json").write_text(json_text(document))
+    save(lambda: plot_raw_torques(raw, robot, poles), folder / "raw_torques")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import Namespace
 from dataclasses import asdict
 from typing import Any
 
@@ -10,18 +10,41 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.cli import arguments
-from framework.cli.instant import loads_document, loads_in_words, loads_of_instant
-from framework.cli.parser import Report, add_flexibility, add_options, add_robot, add_wrenches, command
+from framework.cli.parser import (
+    Report,
+    add_flexibility,
+    add_number,
+    add_options,
+    add_robot,
+    add_wrenches,
+    command,
+)
 from framework.dynamics.platform_limits import PlatformLimits, platform_limits
+from framework.dynamics.pointwise_dynamics import Instant, dynamics_at
 from framework.errors import InvalidInput, NoAnswer, NotAssembled
 from framework.kinematics.continuation.forward_kinematics import forward_kinematics
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.mistaken_units import beyond_reach, more_than_a_turn
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pose import describe_pose
+from framework.output import Document
 from framework.proofs.assembly_modes import assembly_modes
 from framework.proofs.working_modes import working_modes
 from framework.singularity.pose_classes import Classification, classify
+
+HEAD = """\
+{robot}, {flexibility}
+  platform          {platform}
+  motors            {motor_joints}
+  motor angles      {motor_angles} (motor side)
+  joints            {joints}
+  mode              working {working_mode:+d}, assembly {assembly_mode:+d}"""
+DISTANCES = "  distances         g {0.g:.3g}, sigma_A {0.sigma_A:.3g} (length {0.length:.3g} m){1}"
+WORST = (
+    "  worst torque      {0.motor_torque_largest:.3g} {1} of one motor, norm {0.motor_torque_norm:.3g} "
+    "(motor side), to hold a unit force in any direction"
+)
+LOADS = ("torque", "loop_forces", "reactions", "indeterminate")  # of an instant, with --json
 
 
 def add(commands: Any) -> None:
@@ -29,17 +52,15 @@ def add(commands: Any) -> None:
     parser = command(commands, "pose", run)
     add_robot(parser)
     group = parser.topic("which pose")
-    group.add_argument(
+    add_number(
+        group,
         "--motors",
+        "Q",
+        "joints with motors, joint side of the gears [rad, m], in the order of the robot file",
         dest="motor_joints",
-        type=float,
         nargs="+",
-        metavar="Q",
-        help="joints with motors, joint side of the gears [rad, m], in the order of the robot file",
     )
-    group.add_argument(
-        "--platform", dest="point", type=float, nargs="+", metavar="X", help="its coordinates [m, rad]"
-    )
+    add_number(group, "--platform", "X", "its coordinates [m, rad]", dest="point", nargs="+")
     group.add_argument(
         "--all",
         dest="every",
@@ -47,23 +68,21 @@ def add(commands: Any) -> None:
         help="every pose for these motors (assembly modes), or every way to this platform (working modes)",
     )
     group = parser.topic("its motion")
-    group.add_argument(
+    add_number(
+        group,
         "--velocity",
-        type=float,
-        nargs="+",
-        metavar="V",
-        help="rates of the platform's coordinates [m/s, rad/s]: with them, --acceleration or a wrench, the "
+        "V",
+        "rates of the platform's coordinates [m/s, rad/s]: with them, --acceleration or a wrench, the "
         "motor torques and the forces in loops and joints at that instant, springs rigid (default: 0)",
+        nargs="+",
     )
-    group.add_argument(
-        "--acceleration", type=float, nargs="+", metavar="A", help="their rates [m/s2, rad/s2] (default: 0)"
-    )
+    add_number(group, "--acceleration", "A", "their rates [m/s2, rad/s2] (default: 0)", nargs="+")
     add_flexibility(parser)
     add_wrenches(parser)
     add_options(parser, "torque_limit", "speed_limit")
 
 
-def run(options: argparse.Namespace) -> Report:
+def run(options: Namespace) -> Report:
     """Report the pose of given motor angles or of a platform point, springs at rest."""
     robot = arguments.load(options)
     if (options.motor_joints is None) == (options.point is None):
@@ -73,14 +92,12 @@ def run(options: argparse.Namespace) -> Report:
     single = ("torque_limit", "speed_limit", "velocity", "acceleration", "wrench", "wrench_on")
     stated = [name for name in single if getattr(options, name) is not None]
     if options.every and stated:
-        flag = "--" + stated[0].replace("_", "-")
+        flag = arguments.flag_of(stated[0])
         raise InvalidInput(f"--all: lists poses alone; {flag} is for a single pose").advising(
             dict.fromkeys(stated)
         )
     if options.every:
-        if motor_joints is None:
-            return _working(robot, options)
-        return _assembly(robot, options)
+        return (_working if motor_joints is None else _assembly)(robot, options)
     try:
         closed = (
             assemble(robot, options.point)
@@ -94,37 +111,36 @@ def run(options: argparse.Namespace) -> Report:
         raise failure.advising(None if stated or degrees or far else {"all": True}) from None
     pose, classification = describe_pose(robot, closed.q), classify(robot, closed.q)
     limits = _limits(robot, closed.q, options)
-    instant = loads_of_instant(robot, closed.q, options)
+    instant = _loads(robot, closed.q, options)
+    facts = asdict(pose)
+    coordinates = ("platform", "motor_joints", "motor_angles", "joints")
     lines = [
-        f"{pose.robot}, {pose.flexibility}",
-        f"  platform          {_listed(pose.platform)}",
-        f"  motors            {_listed(pose.motor_joints)}",
-        f"  motor angles      {_listed(pose.motor_angles)} (motor side)",
-        f"  joints            {_listed(pose.joints)}",
-        f"  mode              working {pose.working_mode:+d}, assembly {pose.assembly_mode:+d}",
+        HEAD.format_map(facts | {key: _listed(facts[key]) for key in coordinates}),
         f"  singularity       {classification.sentence}",
         *(
             f"  t_s               {_listed(dict(zip(robot.axis_names, twist, strict=True)), 6)}"
             for twist in classification.twists
         ),
-        f"  distances         g {classification.g:.3g}, sigma_A {classification.sigma_A:.3g} "
-        f"(length {classification.length:.3g} m)" + _angles(robot, classification),
+        DISTANCES.format(classification, _angles(robot, classification)),
         *_worst_torques(robot, classification),
         *_limits_in_words(robot, limits),
-        *loads_in_words(robot, instant),
+        *([] if instant is None else _loads_in_words(robot, instant)),
         f"  closures          closed to {pose.closure_error:.1e} m or rad",
-        *(
-            f"  warning           {joint} exceeds its limits: {excess}"
-            for joint, excess in pose.exceeded.items()
-        ),
+        *arguments.excesses(pose.exceeded),
     ]
-    document = asdict(pose) | {"singularity": _document(classification), "limits": _limits_document(limits)}
+    document = facts | {"singularity": _classified(classification), "limits": _limits_document(limits)}
     if instant is not None:
-        document["dynamics"] = loads_document(robot, instant)
+        torque = dict(zip(robot.actuator_names, instant.torque, strict=True))
+        document["dynamics"] = {key: getattr(instant, key) for key in LOADS} | {"torque": torque}
     return document, "\n".join(lines)
 
 
-def _limits(robot: ParallelRobot, q: Array, options: argparse.Namespace) -> PlatformLimits | None:
+def _classified(classification: Classification) -> Document:
+    """Return a classification for JSON."""
+    return {"regular": classification.regular, **vars(classification)}
+
+
+def _limits(robot: ParallelRobot, q: Array, options: Namespace) -> PlatformLimits | None:
     """Compute the platform's limits; None where the platform does not determine the motors."""
     try:
         return platform_limits(robot, q, **arguments.typed_options(options))
@@ -148,18 +164,44 @@ def _limits_in_words(robot: ParallelRobot, limits: PlatformLimits | None) -> lis
     return lines
 
 
-def _limits_document(limits: PlatformLimits | None) -> dict[str, Any]:
+def _limits_document(limits: PlatformLimits | None) -> Document:
     """Return ranges and polytopes on the platform's coordinates, for JSON."""
     return {
         name: {
-            "alone": _finite(polytope.axis_ranges()),
-            "bounds": _finite(polytope.bounds()),
-            "vertices": polytope.vertices.tolist(),
-            "normals": polytope.normals.tolist(),
-            "offsets": polytope.offsets.tolist(),
+            "alone": polytope.axis_ranges(),
+            "bounds": polytope.bounds(),
+            "vertices": polytope.vertices,
+            "normals": polytope.normals,
+            "offsets": polytope.offsets,
         }
         for name, polytope in (limits.polytopes.items() if limits else ())
     }
+
+
+def _loads(robot: ParallelRobot, q: Array, options: Namespace) -> Instant | None:
+    """Compute motor torques, and what loops and joints carry; None where the options describe no motion."""
+    wrenches = arguments.wrenches(options, robot)
+    if options.velocity is None and options.acceleration is None and not wrenches:
+        return None
+    return dynamics_at(robot, q, dx=options.velocity, ddx=options.acceleration, **wrenches)
+
+
+def _loads_in_words(robot: ParallelRobot, instant: Instant) -> list[str]:
+    """Return lines on the torques of motors, and on the forces of loops and joints."""
+    torques = zip(robot.actuator_names, instant.torque, robot.torque_units, strict=True)
+    said = ", ".join(f"{joint} {round(torque, 12) + 0.0:.9g} {unit}" for joint, torque, unit in torques)
+    lines = [f"  motor torque      {said} (motor side)"]
+    for what, wrenches in (("loop", instant.loop_forces), ("joint", instant.reactions)):
+        lines += [f"  {what:<17} {name}: {_wrench_in_words(wrench)}" for name, wrench in wrenches.items()]
+    if instant.indeterminate:
+        lines.append(f"  indeterminate     {', '.join(instant.indeterminate)}")
+    return lines
+
+
+def _wrench_in_words(wrench: Array) -> str:
+    """Return a force and a moment on base axes; `-` for what is indeterminate."""
+    numbers = ["-" if np.isnan(value) else f"{round(value, 12) + 0.0:.6g}" for value in wrench]
+    return f"force ({', '.join(numbers[:3])}) N, moment ({', '.join(numbers[3:])}) N m"
 
 
 def _degrees(robot: ParallelRobot, motor_joints: list[float]) -> str:
@@ -172,17 +214,17 @@ def _far(robot: ParallelRobot, point: list[float]) -> str:
     return beyond_reach(robot, np.array(point)[robot.platform.sliding])
 
 
-def _assembly(robot: ParallelRobot, options: argparse.Namespace) -> Report:
+def _assembly(robot: ParallelRobot, options: Namespace) -> Report:
     """Report all poses for the motor angles asked for."""
     assembly = assembly_modes(robot, options.motor_joints)
     degrees = "" if assembly.modes else _degrees(robot, options.motor_joints)
     if degrees:
         options.warnings.append(degrees.removeprefix("; "))
-    lines, modes = [f"{robot.name}, {robot.flexibility}", f"  assembly modes    {assembly.sentence}"], []
+    lines, modes = [f"  assembly modes    {assembly.sentence}"], []
     for mode in assembly.modes:
         pose, kind = describe_pose(robot, mode.q), classify(robot, mode.q)
         lines.append(f"  platform          {_listed(pose.platform)}; g {kind.g:.3g}, {kind.sentence}")
-        modes.append(asdict(pose) | {"proved": mode.proved, "singularity": _document(kind)})
+        modes.append(asdict(pose) | {"proved": mode.proved, "singularity": _classified(kind)})
     about = {
         "complete": assembly.complete,
         "status": assembly.status,
@@ -191,52 +233,34 @@ def _assembly(robot: ParallelRobot, options: argparse.Namespace) -> Report:
         "method": assembly.method,
         "modes": modes,
     }
-    return {"robot": robot.name, "flexibility": robot.flexibility, "assembly_modes": about}, "\n".join(lines)
+    return _report(robot, {"assembly_modes": about}, lines)
 
 
-def _working(robot: ParallelRobot, options: argparse.Namespace) -> Report:
+def _working(robot: ParallelRobot, options: Namespace) -> Report:
     """Report all ways to the platform that is asked for; refuse where there is none."""
     working = working_modes(robot, options.point)
     if not working.modes:
         far = _far(robot, options.point)
         options.refusal = NoAnswer(f"{robot.name}: out of reach: no pose was found with this platform{far}")
-    lines, modes = [f"{robot.name}, {robot.flexibility}", f"  working modes     {working.sentence}"], []
+    lines, modes = [f"  working modes     {working.sentence}"], []
     for mode in working.modes:
         pose = describe_pose(robot, mode.q)
         signs = "".join("+" if sign > 0 else "-" for sign in mode.signs)
         beyond = "" if mode.within_limits else "; beyond the joints' limits"
         lines.append(f"  {signs:17s} {_listed(pose.motor_joints)}{beyond}")
-        modes.append(asdict(pose) | {"signs": mode.signs.tolist(), "proved": mode.proved})
+        modes.append(asdict(pose) | {"signs": mode.signs, "proved": mode.proved})
     about = {
         "complete": working.status == "proved",
-        "status": working.status,
-        "solutions": list(working.solutions),
-        "legs": [list(leg) for leg in working.legs],
-        "proved_legs": list(working.proved_legs),
+        **{key: getattr(working, key) for key in ("status", "solutions", "legs", "proved_legs")},
+        "modes": modes,
     }
-    document = {
-        "robot": robot.name,
-        "flexibility": robot.flexibility,
-        "working_modes": about | {"modes": modes},
-    }
-    return document, "\n".join(lines)
+    return _report(robot, {"working_modes": about}, lines)
 
 
-def _document(classification: Classification) -> dict[str, Any]:
-    """Return a classification for JSON: null for what is undefined, or unbounded at a Type 2 singularity."""
-    document = {
-        name: value.tolist() if isinstance(value, np.ndarray) else value
-        for name, value in vars(classification).items()
-    }
-    return {"regular": classification.regular} | {name: _finite(value) for name, value in document.items()}
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, np.ndarray):
-        return _finite(value.tolist())
-    if isinstance(value, list):
-        return [_finite(part) for part in value]
-    return None if isinstance(value, float) and not np.isfinite(value) else value
+def _report(robot: ParallelRobot, facts: Document, lines: list[str]) -> Report:
+    """Return a report on all modes of a robot."""
+    head = {"robot": robot.name, "flexibility": robot.flexibility}
+    return head | facts, "\n".join([", ".join(head.values()), *lines])
 
 
 def _angles(robot: ParallelRobot, classification: Classification) -> str:
@@ -252,10 +276,7 @@ def _worst_torques(robot: ParallelRobot, classification: Classification) -> list
     if np.isnan(classification.torque_norm):
         return []
     units = " or ".join(sorted({f"{unit}/N" for unit in robot.torque_units}))
-    return [
-        f"  worst torque      {classification.motor_torque_largest:.3g} {units} of one motor, norm "
-        f"{classification.motor_torque_norm:.3g} (motor side), to hold a unit force in any direction"
-    ]
+    return [WORST.format(classification, units)]
 
 
 def _listed(values: dict[str, float], digits: int = 9) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ def add(commands: Any) -> None:
     )
 
 
-def run(options: argparse.Namespace) -> Report:
+def run(options: Namespace) -> Report:
     """Read the plan back, prove it anew, and write the page."""
     from framework.show.captions import plan_name
     from framework.show.report import report_page

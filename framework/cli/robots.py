@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import Namespace
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -10,7 +10,7 @@ from framework.catalogue import catalogue
 from framework.cli.parser import Report, command, not_empty
 from framework.errors import MissingPackage
 from framework.kinematics.diagnostics.diagnosis import check_robot
-from framework.output import write_file
+from framework.output import Document, write_file
 
 
 def add(commands: Any) -> None:
@@ -21,17 +21,19 @@ def add(commands: Any) -> None:
     )
 
 
-def run(options: argparse.Namespace) -> Report:
+def run(options: Namespace) -> Report:
     """List the catalogue, one row for each entry."""
-    rows: list[dict[str, Any]] = []
-    figures: dict[str, Any]
-    drawn = []
+    rows: list[Document] = []
+    figures: Document
+    drawn, remarks = [], []
+    lines = ["name\tdof\tloops\tsprings\tscenes"]
     for name, entry in catalogue().items():
         try:
             robot = entry.load()
             drawn.append(robot)
         except MissingPackage as missing:  # its URDF is somebody else's, and not here
             figures = {"needs": missing.package}
+            cells = ["-", "-", "-", f"not installed: pip install {missing.package}"]
         else:
             description, diagnosis = robot.description, check_robot(robot)
             figures = {
@@ -40,29 +42,16 @@ def run(options: argparse.Namespace) -> Report:
                 "springs": len(description.springs),
                 "scenes": list(description.scenes),
             }
-        rows.append(
-            {
-                "name": name,
-                **figures,
-                "summary": entry.summary,
-                "singularities": list(entry.singularities),
-                "source": entry.source,
-                "file": str(entry.file),
-            }
-        )
-    lines = ["name\tdof\tloops\tsprings\tscenes"]
-    for row in rows:
-        if "needs" in row:
-            lines.append(f"{row['name']}\t-\t-\t-\tnot installed: pip install {row['needs']}")
-        else:
-            numbers = "\t".join(str(row[key]) for key in ("degrees_of_freedom", "loops", "springs"))
-            lines.append(f"{row['name']}\t{numbers}\t{', '.join(row['scenes'])}")
-    for row in rows:
-        kinds = ", ".join(row["singularities"]) or "none on its scenes"
-        about = f"{row['summary']}; singularities: {kinds}; {row['source']}"
-        lines.append(f"  {row['name']:18s}  {about}")
+            *numbers, scenes = figures.values()
+            cells = [*map(str, numbers), ", ".join(scenes)]
+        about = {"summary": entry.summary, "singularities": entry.singularities, "source": entry.source}
+        rows.append({"name": name, **figures, **about, "file": str(entry.file)})
+        lines.append("\t".join([name, *cells]))
+        kinds = ", ".join(entry.singularities) or "none on its scenes"
+        remarks.append(f"  {name:18s}  {entry.summary}; singularities: {kinds}; {entry.source}")
+    lines += remarks
     if options.picture is not None:
-        from framework.show.gallery import gallery_picture  # matplotlib takes time to import
+        from framework.show.drawing import gallery_picture  # matplotlib takes time to import
 
         options.progress.start("drawing the picture")
         picture = gallery_picture(drawn, FilePath(options.picture).suffix[1:])

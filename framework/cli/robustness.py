@@ -4,32 +4,37 @@ from __future__ import annotations
 
 import argparse
 import csv
-import json
+from argparse import Namespace
 from collections.abc import Callable
+from functools import partial
+from pathlib import Path
 from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
 
 from framework.cli import arguments
+from framework.cli.arguments import flag_of
 from framework.cli.parser import (
     Report,
     add_executor,
+    add_number,
     add_out,
     add_path_and_motion,
     add_robot_or_plan,
     command,
     integer_between,
 )
-from framework.cli.replay import replayed
+from framework.cli.writing import written_stepwise
 from framework.control.controllers import CONTROLLERS
-from framework.control.run_monitor import SENSORS, ControlLoop
+from framework.control.run_monitor import SENSORS, ControlLoop, Run
 from framework.control.study import KeptRuns, Study, run_study
-from framework.control.study_setup import FILE, StudySetup
+from framework.control.study_setup import FILE, StudySetup, load_study, versions
 from framework.control.variation import Spread
-from framework.errors import FrameworkError
-from framework.output import written_together
-from framework.parallel.kept import forget
+from framework.errors import FrameworkError, InvalidInput
+from framework.fields import Table, list_of, mapping, named, read_table, required, text, whole
+from framework.model.documents import naming
+from framework.output import Document, json_text
 from framework.parallel.tasks import executor_of
 
 DEFAULT_CONTROLLER, FEEDBACK = "feedforward", "lqr"
@@ -46,6 +51,9 @@ DIFFERENCES = (  # of the robots from their model: option, default, meaning
     ("delay", 0.0, "[s] from measurement to torque, uniform from 0"),
     ("noise", 0.0, "[rad, robot lengths] standard deviation of the encoders, joint side"),
     ("speed-noise", 0.0, "[rad/s, robot lengths/s] the same of measured speeds"),
+)
+FEEDBACK_TRIED = (
+    "\n  with feedback     {passed} of the first {runs} runs that failed pass with --controller {controller}"
 )
 MAX_RUNS = 1_000_000
 
@@ -89,51 +97,44 @@ def add(commands: Any) -> None:
 
 
 def _add_spread(spread: argparse._ArgumentGroup) -> None:
-    for name, default, text in DIFFERENCES:
-        spread.add_argument(
+    for name, default, meaning in DIFFERENCES:
+        add_number(
+            spread,
             f"--{name}",
+            "X",
+            f"{meaning} (default: {default:g})",
             dest=f"spread_{name.replace('-', '_')}",
-            type=float,
             default=default,
-            metavar="X",
-            help=f"{text} (default: {default:g})",
         )
 
 
 def _add_loop(loop: argparse._ArgumentGroup) -> None:
-    loop.add_argument(
-        "--period", type=float, default=1e-3, metavar="T", help="sampling period [s] (default: 1e-3)"
-    )
+    add_number(loop, "--period", "T", "sampling period [s] (default: 1e-3)", default=1e-3)
     loop.add_argument(
         "--sensors", choices=SENSORS, default="motors", help="joints with encoders (default: motors)"
     )
-    loop.add_argument(
+    add_number(
+        loop,
         "--limit",
-        type=float,
+        "TAU",
+        "largest motor torques [N m] (default: of the robot file, or ten times the peaks of the plan)",
         nargs="+",
-        metavar="TAU",
-        help="largest motor torques [N m] (default: of the robot file, or ten times the peaks of the plan)",
     )
-    loop.add_argument(
+    add_number(
+        loop,
         "--tolerance",
-        type=float,
+        "E",
+        f"runs that stay this near the plan pass [robot lengths, rad] (default: {ControlLoop.tolerance:g})",
         default=ControlLoop.tolerance,
-        metavar="E",
-        help="runs that stay this near the plan pass [robot lengths, rad] (default: "
-        f"{ControlLoop.tolerance:g})",
     )
 
 
-def run(options: argparse.Namespace) -> Report:
+def run(options: Namespace) -> Report:
     """Do one study for each controller on the same robots, or repeat one run of a study."""
     if options.replay is not None:
         return replayed(options)
-    spread = Spread(
-        **{
-            name: getattr(options, f"spread_{name}")
-            for name in ("payload", "stiffness", "places", "friction", "delay", "noise", "speed_noise")
-        }
-    )
+    names = [name.replace("-", "_") for name, *_ in DIFFERENCES]
+    spread = Spread(**{name: getattr(options, f"spread_{name}") for name in names})
     limit = None if options.limit is None else tuple(options.limit)
     loop = ControlLoop(
         tolerance=options.tolerance, end=options.tolerance, limit=limit, sensors=options.sensors
@@ -145,24 +146,22 @@ def run(options: argparse.Namespace) -> Report:
         return _report(options, setup, _studies(options, setup, {}), None)
     out = FilePath(options.out)
     kept = {name: KeptRuns.of(out, setup.to_dict(), name) for name in _names(options)}
-    with written_together(out, document=FILE) as folder:  # hours of work want a place to go to
-        try:
-            studies = _studies(options, setup, kept)
-        except KeyboardInterrupt as stop:
-            raise type(stop)(*_what_is_kept(options, kept)) from None
+    with written_stepwise(
+        options, FILE, lambda: _count_runs(kept), f"of {options.runs * len(kept)} runs"
+    ) as folder:
+        studies = _studies(options, setup, kept)
         document, text = _report(options, setup, studies, out)
         options.progress.start("drawing the figure")
         _write(setup, studies, document, folder)
-    forget(out)
-    return document, f"{text}\n  written to        {options.out}"
+    return document, text
 
 
-def _names(options: argparse.Namespace) -> list[str]:
+def _names(options: Namespace) -> list[str]:
     """Return the names of the controllers, each once."""
     return list(dict.fromkeys(options.controller or [DEFAULT_CONTROLLER]))
 
 
-def _with_feedback(options: argparse.Namespace, setup: StudySetup, study: Study) -> dict[str, Any]:
+def _with_feedback(options: Namespace, setup: StudySetup, study: Study) -> Document:
     """Return how many of the first runs that fail by default pass with feedback; nothing if it was chosen."""
     lost = [number for _, number in study.failures[:RUNS_WITH_FEEDBACK]]
     if options.controller or not lost:
@@ -174,9 +173,7 @@ def _with_feedback(options: argparse.Namespace, setup: StudySetup, study: Study)
     return {"with_feedback": {"controller": FEEDBACK, "runs": len(lost), "passed": passed}}
 
 
-def _report(
-    options: argparse.Namespace, setup: StudySetup, studies: list[Study], folder: FilePath | None
-) -> Report:
+def _report(options: Namespace, setup: StudySetup, studies: list[Study], folder: FilePath | None) -> Report:
     robot = setup.plan.robot.name
     document = {
         "robot": robot,
@@ -185,28 +182,18 @@ def _report(
         "studies": [_document(study) for study in studies],
         **_with_feedback(options, setup, studies[0]),
     }
-    text = _text(robot, studies)
+    text = _text(document)
     if "with_feedback" in document:
-        tried = document["with_feedback"]
-        text += (
-            f"\n  with feedback     {tried['passed']} of the first {tried['runs']} runs that failed pass "
-            f"with --controller {tried['controller']}"
-        )
+        text += FEEDBACK_TRIED.format_map(document["with_feedback"])
     return document, text
 
 
-def _what_is_kept(options: argparse.Namespace, kept: dict[str, KeptRuns]) -> list[str]:
-    """Return the message on a study that is interrupted: the runs that are kept."""
-    count = sum(len(chunk) for place in kept.values() for chunk, _ in place.read())
-    if not count:
-        return []
-    return [
-        f"{count} of {options.runs * len(kept)} runs are kept in {options.out}, and the same command goes on "
-        f"from them"
-    ]
+def _count_runs(kept: dict[str, KeptRuns]) -> int:
+    """Return the number of runs that are kept."""
+    return sum(len(chunk) for runs in kept.values() for chunk, _ in runs.read())
 
 
-def _studies(options: argparse.Namespace, setup: StudySetup, kept: dict[str, KeptRuns]) -> list[Study]:
+def _studies(options: Namespace, setup: StudySetup, kept: dict[str, KeptRuns]) -> list[Study]:
     names = _names(options)
     controllers = {name: setup.controller(name) for name in names}
     studies: list[Study] = []
@@ -225,30 +212,26 @@ def _studies(options: argparse.Namespace, setup: StudySetup, kept: dict[str, Kep
                     executor=executor,
                     chunk=chunk,
                     keeper=kept.get(name),
-                    progress=_after(progress, len(studies) * options.runs),
+                    progress=partial(_advance, progress, len(studies) * options.runs),
                 )
             )
     return studies
 
 
-def _after(progress: Callable[[float], None], before: int) -> Callable[[int], None]:
-    return lambda done: progress(before + done)
+def _advance(progress: Callable[[float], None], finished: int, done: int) -> None:
+    progress(finished + done)
 
 
-def _document(study: Study) -> dict[str, Any]:
+def _document(study: Study) -> Document:
     return {
         "controller": study.controller,
         "probability": study.probability,
-        "interval": list(study.interval),
+        "interval": study.interval,
         "tracking_error": _quantiles(study.tracking_error),
         "end_error": _quantiles(study.end_error),
-        "peak_torque": float(study.peak_torque.max()),
+        "peak_torque": study.peak_torque.max(),
         "failures": [
-            {
-                "seed": list(seed),
-                "why": study.why[seed[1]],
-                "tracking_error": float(study.tracking_error[seed[1]]),
-            }
+            {"seed": seed, "why": study.why[seed[1]], "tracking_error": study.tracking_error[seed[1]]}
             for seed in study.failures
         ],
         "seconds": study.seconds,
@@ -256,39 +239,35 @@ def _document(study: Study) -> dict[str, Any]:
 
 
 def _quantiles(values: np.ndarray) -> dict[str, float]:
-    median, nearly_all, largest = np.quantile(values, [0.5, 0.95, 1.0])
-    return {"median": float(median), "95 %": float(nearly_all), "largest": float(largest)}
+    return dict(zip(("median", "95 %", "largest"), np.quantile(values, [0.5, 0.95, 1.0]), strict=True))
 
 
-def _text(robot: str, studies: list[Study]) -> str:
-    lines = [
-        f"{robot}: {len(studies[0].passed)} runs a controller, seed {studies[0].seed}; errors in robot "
-        "lengths or rad, torques in N m",
-        "  controller\tpassed\tof 95 %\tmedian\t95 %\tlargest\tpeak torque",
-    ]
-    for study in studies:
-        low, high = study.interval
-        error = _quantiles(study.tracking_error)
-        lines.append(
-            f"  {study.controller}\t{study.probability:.1%}\t{low:.1%} .. {high:.1%}\t"
-            f"{error['median']:.2e}\t{error['95 %']:.2e}\t{error['largest']:.2e}\t"
-            f"{study.peak_torque.max():.3g}"
-        )
-    for study in studies:
-        for seed in study.failures[:3]:
-            lines.append(f"  failed            {study.controller}, seed {seed}: {study.why[seed[1]]}")
-        if len(study.failures) > 3:
-            lines.append(
-                f"                    and {len(study.failures) - 3} more; --out or --json keeps all seeds"
-            )
+HEAD = """\
+{robot}: {runs} runs a controller, seed {seed}; errors in robot lengths or rad, torques in N m
+  controller\tpassed\tof 95 %\tmedian\t95 %\tlargest\tpeak torque"""
+ROW = (
+    "  {controller}\t{probability:.1%}\t{interval[0]:.1%} .. {interval[1]:.1%}\t"
+    "{tracking_error[median]:.2e}\t{tracking_error[95 %]:.2e}\t{tracking_error[largest]:.2e}\t"
+    "{peak_torque:.3g}"
+)
+
+
+def _text(document: Document) -> str:
+    lines = [HEAD.format_map(document), *map(ROW.format_map, document["studies"])]
+    for study in document["studies"]:
+        failures = study["failures"]
+        for failure in failures[:3]:
+            lines.append("  failed            {controller}, seed {seed}: {why}".format_map(study | failure))
+        if len(failures) > 3:
+            lines.append(f"                    and {len(failures) - 3} more; --out or --json keeps all seeds")
     return "\n".join(lines)
 
 
-def _write(setup: StudySetup, studies: list[Study], document: dict[str, Any], folder: FilePath) -> None:
+def _write(setup: StudySetup, studies: list[Study], document: Document, folder: FilePath) -> None:
     from framework.show.plots import save
     from framework.show.robustness import plot_robustness
 
-    (folder / FILE).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
+    (folder / FILE).write_text(json_text(document))
     with open(folder / "runs.csv", "w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
@@ -300,3 +279,90 @@ def _write(setup: StudySetup, studies: list[Study], document: dict[str, Any], fo
                 for k, passed in enumerate(study.passed)
             )
     save(lambda: plot_robustness(studies, loop=setup.loop), folder / "robustness")
+
+
+_STUDY: Table = {"controller": required(text), "failures": required(list_of(mapping))}
+_RUNS: Table = {
+    "runs": required(whole),
+    "versions": required(named(text)),
+    "studies": required(list_of(lambda where, study: read_table(where, study, _STUDY, others=None))),
+}
+OF_A_REPLAY = (
+    "robot",
+    "robot_file",
+    "replay",
+    "controller",
+    "json",
+    "warnings",
+    "refusal",
+    "progress",
+    "parser",
+    "written",
+)
+
+
+REPORT = """\
+{robot}: run {run}, {controller}: {verdict}; {agreement}
+  tracking error    {tracking_error:.3g} robot lengths or rad, at the end {end_error:.3g}
+  peak torque       {peak_torque:.6g} N m
+  payload           {payload:.6g} of the model's"""
+
+
+def replayed(options: Namespace) -> Report:
+    """Run number --replay of the study in the folder ROBOT.
+
+    Raises:
+        InvalidInput: options beside it that the study has already; no such study, controller or run.
+    """
+    plain = vars(options.parser.parse_args([options.robot]))
+    for key, value in vars(options).items():
+        if key not in OF_A_REPLAY and value != plain[key]:
+            raise InvalidInput(f"{flag_of(key)}: the study in {options.robot} has its own; leave it out")
+    setup, saved = load_study(options.robot, robot_file=options.robot_file)
+    with naming(Path(options.robot) / FILE, InvalidInput):
+        stated = read_table("", saved, _RUNS, others=None)
+    failures = {study["controller"]: list(study["failures"]) for study in stated["studies"]}
+    runs, then = stated["runs"], stated["versions"]
+    names = options.controller or list(failures)
+    if len(names) != 1 or names[0] not in failures:
+        raise InvalidInput(
+            f"--controller: give one of this study: {', '.join(map(str, failures))}; got "
+            f"{' '.join(options.controller or ()) or 'none'}"
+        )
+    name, number = names[0], options.replay
+    if number >= runs:
+        raise InvalidInput(f"--replay: the study has the runs 0 to {runs - 1}, got {number}")
+    run, seed = setup.run(name, number), [setup.seed, number]
+    written = [failure for failure in failures[name] if failure.get("seed") == seed]
+    document = {
+        "robot": setup.plan.robot.name,
+        "controller": name,
+        "run": number,
+        **{key: getattr(run, key)[0] for key in ("passed", "why", "tracking_error", "end_error")},
+        "peak_torque": run.peak_torque.max(),
+        "payload": run.payload[0],
+        "as_written": written == _failures(run, seed),
+        "versions": {"then": then, "now": versions()},
+    }
+    return document, _describe_replay(document)
+
+
+def _failures(run: Run, seed: list[int]) -> list[Document]:
+    """Return the entry of a run among the study's failures, as robustness.json has it."""
+    if run.passed[0]:
+        return []
+    return [{"seed": seed, "why": run.why[0], "tracking_error": run.tracking_error[0]}]
+
+
+def _describe_replay(document: Document) -> str:
+    """Return the report on a run done again, and where it differs from the study."""
+    then, now = document["versions"]["then"], document["versions"]["now"]
+    others = [
+        f"{library} {then.get(library)} then, {present} now"
+        for library, present in now.items()
+        if then.get(library) != present
+    ]
+    agreement = "as in the study"
+    if not document["as_written"]:
+        agreement = f"otherwise than in the study, with {', '.join(others) or 'the same versions'}"
+    return REPORT.format_map(document | {"verdict": document["why"] or "passed", "agreement": agreement})

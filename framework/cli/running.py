@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import traceback
+from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -18,21 +17,24 @@ from framework.cli.console import MAX_MESSAGE_LENGTH, TRY, complain, one_line, r
 from framework.cli.progress import Progress
 from framework.errors import FrameworkError, NoAnswer
 from framework.interruption import Heard
+from framework.output import Document, plain
 
 UNEXPECTED_EXIT_CODE = 70  # exit code; sysexits.h calls it EX_SOFTWARE
 DEBUG_VARIABLE = "CROSSING_DEBUG"  # environment variable: set, an unexpected error shows its traceback
 
 
-def run(options: argparse.Namespace, heard: Heard, arguments: Sequence[str]) -> int:
+def run(options: Namespace, heard: Heard, arguments: Sequence[str]) -> int:
     """Run the parsed command and tell its report; returns the exit code, 0 where it refuses nothing.
 
     Raises:
         FrameworkError: the command refuses.
     """
     options.warnings = []
-    options.refusal = None
+    options.refusal = options.written = None
     with np.errstate(all="ignore"), Progress("at work") as options.progress:  # errors tell what is not finite
         document, text = options.run(options)
+    if options.written is not None:
+        text += f"\n  written to        {options.written}"
     if options.warnings:
         document = {**document, "warnings": options.warnings}
         text = "\n".join([text, *(f"  warning           {warning}" for warning in options.warnings)])
@@ -41,7 +43,7 @@ def run(options: argparse.Namespace, heard: Heard, arguments: Sequence[str]) -> 
         told, entry = error_told(options.refusal, str(options.refusal), arguments)
         document = {**document, "error": entry}
     if options.json:
-        tell(json.dumps(document, allow_nan=False))
+        tell(json.dumps(plain(document), allow_nan=False))
     else:
         report(text)
     if options.refusal is None:
@@ -90,18 +92,16 @@ def _unexpected(error: Exception) -> str:
     )
 
 
-def error_told(error: BaseException, message: str, arguments: Sequence[str]) -> tuple[str, dict[str, Any]]:
+def error_told(error: BaseException, message: str, arguments: Sequence[str]) -> tuple[str, Document]:
     """Return the line about an error, with what to try, and the same for JSON with the numbers it carries."""
     instead = advised(error, arguments)
     advice = "" if instead is None else f"; {TRY}{instead}"
     line = one_line(message, most=MAX_MESSAGE_LENGTH - len(advice)) + advice
-    document: dict[str, Any] = {"kind": type(error).__name__.lstrip("_"), "message": line}
+    document: Document = {"kind": type(error).__name__.lstrip("_"), "message": line}
     if instead is not None:
         document["try"] = instead
     for key in ("time", "s", "wrench", "joint", "residual", "platform"):
-        value = getattr(error, key, None)
-        if (isinstance(value, float) and np.isfinite(value)) or isinstance(value, str):
+        value = plain(getattr(error, key, None))
+        if isinstance(value, float | str | list):
             document[key] = value
-        elif isinstance(value, np.ndarray):
-            document[key] = value.tolist()
     return line, document

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import argparse
 import threading
 import webbrowser
+from argparse import Namespace
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
@@ -40,23 +40,23 @@ def add(commands: Any) -> None:
     parser.add_argument("--no-open", action="store_true", help="do not open the browser")
 
 
-def run(options: argparse.Namespace) -> Report:
+def run(options: Namespace) -> Report:
     """Write the page to a file, or serve it until Ctrl-C."""
     from framework.show.page import film_page, hand_page
 
     if options.html is not None and options.picture is not None:
         raise InvalidInput("--picture: give either --picture or --html").advising({"picture": None})
     films = _films(options)
-    if options.picture is not None:
+    file = options.picture or options.html
+    if file is not None:
+        shown = films or [_telling_film(options)]
+        if options.picture is None:
+            return _report_file(file, film_page(shown), shown, chosen=not films)
         from framework.show.moving import film_picture
 
-        shown = films or [_telling_film(options)]
         options.progress.start("drawing the picture")
-        picture = film_picture(shown, FilePath(options.picture).suffix[1:])
-        return _report_file(options.picture, picture, shown, chosen=not films)
-    if options.html is not None:
-        shown = films or [_telling_film(options)]
-        return _report_file(options.html, film_page(shown), shown, chosen=not films)
+        picture = film_picture(shown, FilePath(file).suffix[1:])
+        return _report_file(file, picture, shown, chosen=not films)
     if films:
         return _served(options, film_page(films), None)
     robot = arguments.load(options)
@@ -74,13 +74,13 @@ def _report_file(file: str, page: str | bytes, films: list[Film], *, chosen: boo
     text = f"{said(films[0].robot.name)}, {scenes}: written to {path} ({size / 1e6:.2f} MB)"
     if chosen:
         text = f"no scene given: filmed {films[0].name}\n{text}"
-    lines = [
+    entries = [
         {"name": film.name, "flexibility": film.robot.flexibility, "proved": film.proved} for film in films
     ]
-    return {"file": str(path), "bytes": size, "films": lines}, text
+    return {"file": str(path), "bytes": size, "films": entries}, text
 
 
-def _films(options: argparse.Namespace) -> list[Film]:
+def _films(options: Namespace) -> list[Film]:
     """Film the motions asked for; none when the robot is to be moved by hand."""
     from framework.show.captions import plan_name
     from framework.show.film import film_plan
@@ -99,34 +99,34 @@ def _films(options: argparse.Namespace) -> list[Film]:
     return [_film(options, robot, name) for name in options.scenes or [None]]
 
 
-def _film(options: argparse.Namespace, robot: ParallelRobot, scene: str | None) -> Film:
+def _film(options: Namespace, robot: ParallelRobot, scene: str | None) -> Film:
     from framework.show.film import film_motion
 
-    scene_options = argparse.Namespace(**{**vars(options), "scene": scene})
+    scene_options = Namespace(**{**vars(options), "scene": scene})
     name = "" if scene is None else f"Scene {scene}"
     return film_motion(robot, arguments.request(scene_options, robot), name=name)
 
 
-def _telling_film(options: argparse.Namespace) -> Film:
+def _telling_film(options: Namespace) -> Film:
     """Film the first scene that crosses, or else the first that moves: for a file without sliders."""
     robot = arguments.load(options)
-    first: Film | None = None
-    refusal: NoAnswer | None = None
+    films: list[Film] = []
+    refusals: list[NoAnswer] = []
     for name in robot.description.scenes:
         try:
-            film = _film(options, robot, name)
+            films.append(_film(options, robot, name))
         except NoAnswer as error:
-            refusal = refusal or error
+            refusals.append(error)
             continue
-        if film.proved and film.instants:
-            return film
-        first = first or film
-    if first is not None:
-        return first
-    raise refusal or InvalidInput(f"{robot.name} has no scenes: give --from, --to and --duration")
+        if films[-1].proved and films[-1].instants:
+            return films[-1]
+    if films:
+        return films[0]
+    none = InvalidInput(f"{robot.name} has no scenes: give --from, --to and --duration")
+    raise next(iter(refusals), none)
 
 
-def _served(options: argparse.Namespace, page: str, robot: ParallelRobot | None) -> Report:
+def _served(options: Namespace, page: str, robot: ParallelRobot | None) -> Report:
     from framework.show.jogging import move_by_hand
     from framework.show.server import PageServer
 

@@ -2,22 +2,34 @@
 
 from __future__ import annotations
 
-import argparse
-import json
+from argparse import Namespace
 from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
 
 from framework.cli import arguments
-from framework.cli.parser import Report, add_out, add_path_and_motion, add_robot_or_plan, command
+from framework.cli.parser import Report, add_number, add_out, add_path_and_motion, add_robot_or_plan, command
+from framework.cli.writing import written_out
 from framework.crossing.result import CrossingPlan
 from framework.errors import InvalidInput, NoAnswer
 from framework.identification.sensors import Sensors, record_sensors, sensors_of
-from framework.output import written_together
+from framework.output import json_text, write_csv
 from framework.simulation import Simulation, simulate
 from framework.simulation.methods import METHODS
 from framework.tolerances import MOTION_OFF_PATH
+
+HEAD = (
+    "{0.robot.name}, {0.robot.flexibility}: {0.duration:g} s of forward dynamics, {0.method} method, "
+    "{0.steps} steps{1}, {0.seconds:.2g} s"
+)
+OFF_PATH = (
+    "{0.robot.name}: the planned torques do not bring the robot along its path: it comes off by {1}; energy "
+    "balances to {0.energy_error:.1e}, loops are closed to {0.closure_error:.1e}"
+)
+DRIFT = """\
+  drift             loops closed to {0.closure_error:.1e} m or rad
+  energy            balances to {0.energy_error:.1e} of what is exchanged"""
 
 
 def add(commands: Any) -> None:
@@ -32,18 +44,9 @@ def add(commands: Any) -> None:
         default="reference",
         help="reference: steps to 1e-12; stiff: to 1e-7; fast, explicit: fixed ones (default: reference)",
     )
-    group.add_argument(
-        "--tolerance",
-        type=float,
-        metavar="E",
-        help="largest error of reference and stiff [rad, robot lengths]",
-    )
-    group.add_argument(
-        "--step", type=float, metavar="H", help="time step of fast and explicit, longest one of others [s]"
-    )
-    group.add_argument(
-        "--damping", type=float, metavar="D", help="viscous, on every joint [N m s/rad, N s/m]"
-    )
+    add_number(group, "--tolerance", "E", "largest error of reference and stiff [rad, robot lengths]")
+    add_number(group, "--step", "H", "time step of fast and explicit, longest one of others [s]")
+    add_number(group, "--damping", "D", "viscous, on every joint [N m s/rad, N s/m]")
     parser.add_argument(
         "--sensors",
         nargs="*",
@@ -54,7 +57,7 @@ def add(commands: Any) -> None:
     add_out(parser, "write simulation.json and simulation.csv there")
 
 
-def run(options: argparse.Namespace) -> Report:
+def run(options: Namespace) -> Report:
     """Plan, or read the plan; simulate it; say how far it comes off."""
     sensors = _sensors(options)
     plan = arguments.planned(options)
@@ -67,19 +70,18 @@ def run(options: argparse.Namespace) -> Report:
         damping=options.damping,
         progress=options.progress.start("simulating", 1.0, "the motion"),
     )
-    document, text = result.to_dict(), simulation_text(result)
+    document = result.to_dict()
     if options.out is not None:
-        with written_together(FilePath(options.out), document="simulation.json") as folder:
-            (folder / "simulation.json").write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
+        with written_out(options, "simulation.json") as folder:
+            (folder / "simulation.json").write_text(json_text(document))
             _write_csv(result, plan, folder / "simulation.csv")
             if sensors is not None:
                 (folder / "sensors.csv").write_text(record_sensors(result, plan.torque, sensors).as_csv())
-        text += f"\n  written to        {options.out}"
     _check_on_path(result)
-    return document, text
+    return document, simulation_text(result)
 
 
-def _sensors(options: argparse.Namespace) -> Sensors | None:
+def _sensors(options: Namespace) -> Sensors | None:
     """Return the sensors that are asked for."""
     if options.sensors is None:
         return None
@@ -100,37 +102,25 @@ def _check_on_path(result: Simulation) -> None:
     if tracking <= allowed and turning <= MOTION_OFF_PATH:
         return
     how = f"{tracking:.3g} {unit}" + (f" and {turning:.3g} rad" if result.turning_error is not None else "")
-    raise NoAnswer(
-        f"{result.robot.name}: the planned torques do not bring the robot along its path: it comes off by "
-        f"{how}; energy balances to {result.energy_error:.1e}, loops are closed to {result.closure_error:.1e}"
-    )
+    raise NoAnswer(OFF_PATH.format(result, how))
 
 
 def simulation_text(result: Simulation) -> str:
     """Return the report on a simulation, in words."""
     unit, _ = _unit(result)
     iterations = "" if METHODS[result.method].settings.stages == 0 else f", {result.iterations} iterations"
-    lines = [
-        f"{result.robot.name}, {result.robot.flexibility}: {result.duration:g} s of forward dynamics, "
-        f"{result.method} method, {result.steps} steps{iterations}, {result.seconds:.2g} s"
-    ]
+    lines = [HEAD.format(result, iterations)]
     if result.tracking_error is not None:
         lines.append(f"  tracking error    {result.tracking_error:.2e} {unit} from the planned path")
     if result.turning_error is not None:
         lines.append(f"                    {result.turning_error:.2e} rad from the planned orientation")
-    lines += [
-        f"  drift             loops closed to {result.closure_error:.1e} m or rad",
-        f"  energy            balances to {result.energy_error:.1e} of what is exchanged",
-    ]
-    return "\n".join(lines)
+    return "\n".join([*lines, DRIFT.format(result)])
 
 
 def _write_csv(result: Simulation, plan: CrossingPlan, file: FilePath) -> None:
     """Write time, platform, planned platform, motor angles, deflections; one row a sample, SI units."""
     robot, axes = result.robot, result.robot.axis_names
-    names = ["time", *(f"platform_{axis}" for axis in axes), *(f"planned_{axis}" for axis in axes)]
-    names += [f"motor_angle_{joint}" for joint in robot.actuator_names]
-    names += [f"deflection_{spring}" for spring in robot.elastic_names]
+    names = {"platform": axes, "planned": axes, "motor_angle": robot.actuator_names}
     times = result.times
     rows = np.column_stack(
         [
@@ -141,4 +131,4 @@ def _write_csv(result: Simulation, plan: CrossingPlan, file: FilePath) -> None:
             robot.coordinates.positions(result.q)[:, robot.elastic],
         ]
     )
-    np.savetxt(file, rows, fmt="%.17g", delimiter=",", header=",".join(names), comments="")
+    write_csv(file, {**names, "deflection": robot.elastic_names}, rows)

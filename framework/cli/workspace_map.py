@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from argparse import Namespace
 from pathlib import Path as FilePath
 
 import numpy as np
@@ -21,19 +22,20 @@ from framework.cli.parser import (
     add_executor,
     add_flexibility,
     add_missing_fields,
+    add_number,
     add_out,
     add_robot,
     command,
     integer_between,
 )
+from framework.cli.writing import written_stepwise
 from framework.crossing.options import LIMITS, MODEL
 from framework.crossing.scenes import scene, scene_path
 from framework.errors import InvalidInput, point
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.path import Path
-from framework.output import written_together
-from framework.parallel.kept import KeptChunks, forget
+from framework.parallel.kept import KeptChunks
 from framework.parallel.tasks import executor_of
 
 MORE = (
@@ -59,20 +61,20 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         "the motors' limits of torque where they have some",
     )
     add_flexibility(parser)
-    parser.topic(MODEL).add_argument(
+    add_number(
+        parser.topic(MODEL),
         "--wrench",
-        type=float,
-        nargs="+",
-        metavar="W",
-        help="of the world on the platform, beside the weight [N, N m], for holding, loaded_stiffness "
+        "W",
+        "of the world on the platform, beside the weight [N, N m], for holding, loaded_stiffness "
         "and loaded_frequency",
-    )
-    group.add_argument(
-        "--nearest",
-        type=float,
         nargs="+",
-        metavar="X",
-        help="platform point whose nearest singular pose is looked for, its margin [m, rad]",
+    )
+    add_number(
+        group,
+        "--nearest",
+        "X",
+        "platform point whose nearest singular pose is looked for, its margin [m, rad]",
+        nargs="+",
     )
     add_executor(parser)
     add_out(
@@ -95,20 +97,19 @@ def _add_window(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--over", nargs=2, metavar="AXIS", help="two axes of the platform (default: its first translations)"
     )
-    group.add_argument(
+    add_number(
+        group,
         "--at",
-        type=float,
+        "X",
+        "platform point about which the map lies [m, rad] (default: the reference)",
         nargs="+",
-        metavar="X",
-        help="platform point about which the map lies [m, rad] (default: the reference)",
     )
-    group.add_argument(
+    add_number(
+        group,
         "--window",
-        type=float,
+        "X",
+        "least and largest value of the first axis, then of the second [m, rad] (default: what is reached)",
         nargs=4,
-        metavar="X",
-        help="least and largest value of the first axis, then of the second [m, rad] (default: what is "
-        "reached)",
     )
     group.add_argument(
         "--size",
@@ -118,7 +119,7 @@ def _add_window(group: argparse._ArgumentGroup) -> None:
     )
 
 
-def run(options: argparse.Namespace) -> Report:
+def run(options: Namespace) -> Report:
     """Compute a map, report it and write it."""
     if options.study:
         return report_design_study(options)
@@ -137,32 +138,23 @@ def run(options: argparse.Namespace) -> Report:
     margin = _margin(options, robot)
     if options.out is None:
         return _report(_mapped(options, robot, window, quantities, None), margin)
-    out = FilePath(options.out)
-    kept = KeptChunks.of(out, setup_document(robot, window, quantities))
-    with written_together(out, document=DOCUMENT) as folder:  # long work wants a place to go to
-        try:
-            workspace = _mapped(options, robot, window, quantities, kept)
-        except KeyboardInterrupt as stop:
-            raise type(stop)(*_what_is_kept(options, kept)) from None
+    kept = KeptChunks.of(FilePath(options.out), setup_document(robot, window, quantities))
+    with written_stepwise(options, DOCUMENT, lambda: len(kept.read()), "bands") as folder:
+        workspace = _mapped(options, robot, window, quantities, kept)
         options.progress.start("drawing the figures")
         _write(workspace, path, folder)
-    forget(out)
-    document, text = _report(workspace, margin)
-    return document, f"{text}\n  written to        {options.out}"
+    return _report(workspace, margin)
 
 
-def _quantities(options: argparse.Namespace, robot: ParallelRobot) -> list[str] | None:
+def _quantities(options: Namespace, robot: ParallelRobot) -> list[str] | None:
     """Return the names of the quantities; by default those that apply, with --keep-limits also `holding`."""
     names = None if options.quantity is None else list(options.quantity)
     if not options.keep_limits or not has_torque_limits(robot):
         return names
-    return [
-        *([quantity.key for quantity in choose_quantities(robot, None)] if names is None else names),
-        "holding",
-    ]
+    return [*(names or [quantity.key for quantity in choose_quantities(robot, None)]), "holding"]
 
 
-def _window(options: argparse.Namespace, robot: ParallelRobot, path: Path | None) -> Window:
+def _window(options: Namespace, robot: ParallelRobot, path: Path | None) -> Window:
     axes = None if options.over is None else tuple(options.over)
     centre = path(np.zeros(1))[0] if options.at is None and path is not None else options.at
     size = options.size or EDGE_POSES
@@ -175,7 +167,7 @@ def _window(options: argparse.Namespace, robot: ParallelRobot, path: Path | None
 
 
 def _mapped(
-    options: argparse.Namespace,
+    options: Namespace,
     robot: ParallelRobot,
     window: Window,
     quantities: tuple[Quantity, ...],
@@ -195,14 +187,6 @@ def _mapped(
     return restrict_to_ranges(workspace) if options.keep_limits else workspace
 
 
-def _what_is_kept(options: argparse.Namespace, kept: KeptChunks) -> list[str]:
-    """Return the message on a map that is interrupted: the rows that are kept."""
-    count = len(kept.read())
-    return (
-        [f"{count} bands are kept in {options.out}, and the same command goes on from them"] if count else []
-    )
-
-
 def _write(workspace: WorkspaceMap, path: Path | None, folder: FilePath) -> None:
     from framework.show.map import save_map_figures
     from framework.show.map_page import map_page
@@ -212,7 +196,7 @@ def _write(workspace: WorkspaceMap, path: Path | None, folder: FilePath) -> None
     (folder / "map.html").write_text(map_page(workspace, path=path), encoding="utf-8")
 
 
-def _margin(options: argparse.Namespace, robot: ParallelRobot) -> NearestSingularPose | None:
+def _margin(options: Namespace, robot: ParallelRobot) -> NearestSingularPose | None:
     if options.nearest is None:
         return None
     return nearest_singular_pose(robot, assemble(robot, options.nearest).q)
@@ -239,19 +223,10 @@ def _report(workspace: WorkspaceMap, margin: NearestSingularPose | None) -> Repo
         lines.append(f"  {quantity.name} [{unit_of(robot, quantity)}]\t{shown}")
     if margin is not None:
         lines.append(f"  nearest singular pose: {margin.status}")
-        located = margin.x is not None and margin.twist is not None
         if margin.x is not None and margin.twist is not None:
-            place = ", ".join(
-                f"{name} = {value + 0.0:.6g}" for name, value in zip(robot.axis_names, margin.x, strict=True)
-            )
+            coordinates = zip(robot.axis_names, margin.x, strict=True)
+            place = ", ".join(f"{name} = {value + 0.0:.6g}" for name, value in coordinates)
             lines.append(f"    at {place}; t_s {point(margin.twist)}")
-        document["nearest_singular_pose"] = {
-            "status": margin.status,
-            "distance": margin.distance if located else None,
-            "at_least": margin.at_least,
-            "unit": margin.unit,
-            "within": margin.within,
-            "platform": None if margin.x is None else margin.x.tolist(),
-            "twist": None if margin.twist is None else margin.twist.tolist(),
-        }
+        entry = {key: getattr(margin, key) for key in ("status", "distance", "at_least", "unit", "within")}
+        document["nearest_singular_pose"] = entry | {"platform": margin.x, "twist": margin.twist}
     return document, "\n".join(lines)

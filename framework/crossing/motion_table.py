@@ -13,7 +13,7 @@ import numpy as np
 from framework.arrays import Array
 from framework.dynamics.result import InverseDynamics
 from framework.errors import whole_number
-from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.parallel_robot import ParallelRobot, length_units
 
 RATES = ("", "/s", "/s2")  # of a unit, by the order of the derivative
 
@@ -88,17 +88,17 @@ def motion_table(dynamics: InverseDynamics, count: int) -> MotionTable:
 
 def motion_columns(robot: ParallelRobot) -> tuple[Column, ...]:
     """Return the columns of motion.csv, in their order."""
-    axes = _coordinates(robot.axis_names, robot.translations)
+    axes = list(zip(robot.axis_names, robot.axis_units, strict=True))
     joints = robot.actuator_names
     forces = list(zip(joints, robot.torque_units, strict=True))
-    motors = _coordinates(joints, [unit == "N" for unit in robot.torque_units])
-    springs = _coordinates(robot.elastic_names, robot.sliding[robot.elastic])
+    motors = [(joint, "m" if unit == "N" else "rad") for joint, unit in forces]
+    springs = list(zip(robot.elastic_names, length_units(robot.sliding[robot.elastic]), strict=True))
     names = [robot.coordinates.name_of(column) for column in robot.passive]
     ball = turning = ""
     if robot.model.nq > robot.model.nv:
         ball = "; of a ball, a component of the rotation vector about the axes of its origin"
         turning = "; of a ball, the angular velocity about axes of what it carries"
-    passive = _coordinates(names, robot.sliding[robot.passive])
+    passive = list(zip(names, length_units(robot.sliding[robot.passive]), strict=True))
     return (
         Column("time", "s", "instant"),
         Column("s", "1", "path coordinate"),
@@ -125,8 +125,3 @@ def _rates(prefix: str, things: Sequence[tuple[str, str]], description: str) -> 
         *_group(f"{prefix}_velocity", things, 1, f"time derivative {description}"),
         *_group(f"{prefix}_acceleration", things, 2, f"second time derivative {description}"),
     ]
-
-
-def _coordinates(names: Iterable[str], sliding: Iterable[bool]) -> list[tuple[str, str]]:
-    """Return each name with the unit of its coordinate."""
-    return [(name, "m" if slides else "rad") for name, slides in zip(names, sliding, strict=True)]

@@ -170,7 +170,8 @@ class PlanOptions:
     law: str = _option(
         "polynomial through times and speeds, optimal, or auto: polynomial where it advances (default)",
         " and keeps the limits, and else the optimal law; where the polynomial's largest torque stands "
-        "beside a near miss of the singular locus, that of lower peak. The plan's `reason` says which and why",
+        "beside a near miss of the singular locus, that of lower peak. The plan's `reason` says which "
+        "and why",
         check=_one_of(LAWS),
         typed={"choices": LAWS},
         default="auto",

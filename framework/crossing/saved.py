@@ -57,7 +57,7 @@ from framework.model.robot_keys import PATHS, one_path
 from framework.motion.law import Law, PlannedLaw, check_duration
 from framework.motion.optimal_law import HIGHEST_SMOOTHNESS, OptimalLaw
 from framework.motion.path import PointPath
-from framework.output import write_file
+from framework.output import json_text, write_file
 from framework.singularity.points_on_path import search_path
 from framework.tolerances import FILE_ROUNDING
 
@@ -152,8 +152,7 @@ def save_plan(plan: CrossingPlan, folder: str | FilePath) -> FilePath:
         OutputError: it cannot be written.
     """
     file = FilePath(folder) / FILE
-    text = json.dumps(plan_document(plan, file.parent), indent=2, allow_nan=False) + "\n"
-    write_file(file, text, option="save_plan")
+    write_file(file, json_text(plan_document(plan, file.parent)), option="save_plan")
     return file
 
 

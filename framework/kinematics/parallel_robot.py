@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Self
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from framework.arrays import Array, IntArray, read_only
-from framework.errors import expect
+from framework.errors import expect, point
 from framework.kinematics.assembly import (
     Configuration,
     nearby_configurations,
@@ -129,6 +130,20 @@ class ParallelRobot(Mechanism):
         return tuple(actuator.joint for actuator in self.description.actuators)
 
     @property
+    def axis_units(self) -> list[str]:
+        """Unit of each platform coordinate: m or rad."""
+        return length_units(self.translations)
+
+    @property
+    def motor_joint_units(self) -> list[str]:
+        """Unit of each motor's joint: m or rad."""
+        return length_units(self.sliding[self.actuated])
+
+    def place(self, x: Array) -> str:
+        """Return platform coordinates x (n,) with their names, in words."""
+        return f"{', '.join(self.axis_names)} = {point(x)}"
+
+    @property
     def speed_units(self) -> tuple[str, ...]:
         """Unit of each motor's speed."""
         return tuple({"N": "m/s", "N m": "rad/s"}[unit] for unit in self.torque_units)
@@ -167,6 +182,11 @@ class ParallelRobot(Mechanism):
             f"ParallelRobot({self.name!r}, {self.flexibility}: platform {', '.join(self.axis_names)}; "
             f"motors {', '.join(self.actuator_names)}; springs {', '.join(self.spring_names) or 'none'})"
         )
+
+
+def length_units(slides: Iterable[bool]) -> list[str]:
+    """Return the unit of each coordinate: m where it slides, rad where it turns."""
+    return ["m" if slide else "rad" for slide in slides]
 
 
 def expect_robot(given: object) -> None:

@@ -65,6 +65,11 @@ def rotated(quaternion: Array, vector: Array) -> Array:
     return np.asarray(vector + w * across + np.cross(axis, across))
 
 
+def carried_points(pose: Array, points: Array) -> Array:
+    """Return points (m, 3) of a joint's frame in the base, the joint at a pose (7,) of `joint_poses`."""
+    return np.asarray(pose[:3] + rotated(pose[None, 3:], points))
+
+
 class JointAxis(NamedTuple):
     """The axis of a coordinate, in the frame of one of pinocchio's joints (0 is the base)."""
 

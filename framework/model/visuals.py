@@ -38,18 +38,25 @@ class Shape(NamedTuple):
     vertices: Array | None = None  # (V, 3) of a mesh
     faces: IntArray | None = None  # (F, 3)
 
+    @property
+    def half_edges(self) -> Array:
+        """Half the edges (3,) of a box around a shape that is no mesh."""
+        across = 2 * self.size[0]
+        edges = {"box": self.size, "cylinder": (across, across, self.size[-1]), "sphere": (across,) * 3}
+        return 0.5 * np.array(edges[self.kind])
+
     def corners(self) -> Array:
         """Return the corners (8, 3) of a box around the shape, in the node's frame."""
         if self.vertices is not None:
             low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
         else:
-            across = 2 * self.size[0]
-            edges = {"box": self.size, "cylinder": (across, across, self.size[-1]), "sphere": (across,) * 3}
-            sides = np.array(edges[self.kind])
-            low, high = -0.5 * sides, 0.5 * sides
+            low, high = -self.half_edges, self.half_edges
         signs = np.array(list(product((0, 1), repeat=3)))
-        box = np.where(signs, high, low)
-        return np.asarray(box @ self.placement[:3, :3].T + self.placement[:3, 3])
+        return self.in_node(np.where(signs, high, low))
+
+    def in_node(self, points: Array) -> Array:
+        """Return points (m, 3) of the shape in the node's frame."""
+        return np.asarray(points @ self.placement[:3, :3].T + self.placement[:3, 3])
 
 
 def read_visuals(description: RobotDescription, model: pin.Model) -> list[Shape]:

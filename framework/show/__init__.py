@@ -24,7 +24,7 @@ Pages
     page, page/         one HTML file with its scripts and styles
     map_page            a map with the values under the pointer
     jogging, server     a robot moved by hand: what the page asks, and who answers
-    report, report_figures, reproduction  the report of a plan, and how to have it again
+    report, reproduction  the report of a plan, and how to have it again
     jupyter             robots and plans that show themselves in notebooks
 """
 

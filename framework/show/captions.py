@@ -5,13 +5,20 @@ from __future__ import annotations
 import numpy as np
 
 from framework.arrays import Array
-from framework.catalogue import catalogue
+from framework.catalogue import CatalogueEntry, catalogue
 from framework.crossing.result import CrossingPlan
 from framework.crossing.scenes import scene_path
+from framework.dynamics.result import SingularityCrossing
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.show.film import Film, FilmInstant
+from framework.show.film import Film
 
 NEGLIGIBLE_SHARE = 1e-3  # of a force or an acceleration in its largest value: less is called zero in captions
+
+PROVEN = (
+    "Proven: the torque is finite at all times. Its series on {0.nodes} nodes leaves out {0.tail:.0e} of it; "
+    "an unbounded torque would leave 1e-3 of it or more. The loops stay closed to {0.max_closure_error:.0e} "
+    "(m or rad)."
+)
 
 
 def said(name: str) -> str:
@@ -85,18 +92,22 @@ def film_summary(film: Film) -> str:
 
 def why(robot: ParallelRobot) -> str:
     """Return the catalogue's reason for a robot's singularities; empty for other robots."""
-    entry = catalogue().get(robot.name)
-    return entry.why if entry is not None and entry.file == robot.description.file else ""
+    entry = _entry(robot)
+    return "" if entry is None else entry.why
 
 
 def catalogue_entry(robot: ParallelRobot) -> str:
     """Return the catalogue's summary of a robot and its source; empty for other robots."""
+    entry = _entry(robot)
+    return "" if entry is None else f"{entry.summary}. Source: {entry.source}."
+
+
+def _entry(robot: ParallelRobot) -> CatalogueEntry | None:
     entry = catalogue().get(robot.name)
-    of_catalogue = entry is not None and entry.file == robot.description.file
-    return f"{entry.summary}. Source: {entry.source}." if entry is not None and of_catalogue else ""
+    return entry if entry is not None and entry.file == robot.description.file else None
 
 
-def how(film: Film, instant: FilmInstant) -> str:
+def how(film: Film, instant: SingularityCrossing) -> str:
     """Explain why a proven motion asks for nothing along t_s at a singular instant."""
     if film.plan is None:
         return ""
@@ -113,7 +124,7 @@ def how(film: Film, instant: FilmInstant) -> str:
     )
 
 
-def coasts(film: Film, instant: FilmInstant) -> bool:
+def coasts(film: Film, instant: SingularityCrossing) -> bool:
     """Whether neither force nor acceleration along the path is asked for at that instant."""
     speeding = np.abs(film.law(film.time, 2)).max()
     acceleration = abs(float(film.law(np.array([instant.time]), 2)[0]))
@@ -124,12 +135,7 @@ def proof(film: Film) -> str:
     """Return what is proven of a plan's torque, and by which number."""
     if film.plan is None:
         return ""
-    certificate = film.plan.certificate
-    return (
-        f"Proven: the torque is finite at all times. Its series on {certificate.nodes} nodes leaves out "
-        f"{certificate.tail:.0e} of it; an unbounded torque would leave 1e-3 of it or more. The loops stay "
-        f"closed to {certificate.max_closure_error:.0e} (m or rad)."
-    )
+    return PROVEN.format(film.plan.certificate)
 
 
 def parts(film: Film) -> str:
@@ -146,7 +152,7 @@ def _peak(film: Film) -> str:
     return f"Peak torque {peaks[strongest]:.3g} {film.robot.torque_units[strongest]} ({parts(film)})."
 
 
-def _share(film: Film, instant: FilmInstant) -> float:
+def _share(film: Film, instant: SingularityCrossing) -> float:
     """|W_p| at an instant over its largest value of the film."""
     size = np.linalg.norm(film.W_p, axis=1)
-    return float(size[int(np.argmin(np.abs(film.time - instant.time)))] / (size.max() or 1.0))
+    return float(size[film.frame_at(instant.time)] / (size.max() or 1.0))

@@ -1,20 +1,24 @@
-"""A robot as a picture in matplotlib: `draw_robot(robot, q, ax)`."""
+"""A robot as a picture in matplotlib, `draw_robot(robot, q, ax)`, and several side by side."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
 
 from framework.arrays import LEAST_DIVISOR, Array
+from framework.errors import InvalidInput, choose_from
 from framework.kinematics.assembly import configuration
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.placements import joint_poses, planar_normal, rotated
+from framework.kinematics.placements import carried_points, joint_poses, planar_normal
 from framework.model.visuals import Shape
+from framework.show.captions import said
 from framework.show.sight import Projection, Sight, robot_sight
-from framework.show.style import figure
+from framework.show.style import axes_or_new, figure_file, styled
 
 ROUND_OUTLINE_CORNERS = 32  # corners of a round outline
 LIGHT_DIRECTION = np.array([0.3, -0.5, 0.8])  # from where meshes are lit
@@ -29,7 +33,7 @@ def draw_robot(
     have no axes, and are seen from where most of them is to be seen at the reference, or as `sight` says;
     `sight.onto` tells where a point lies.
     """
-    ax = figure(height=3.0)[1][0] if ax is None else ax
+    ax = axes_or_new(ax, 3.0)
     q = configuration(robot, robot.reference if q is None else q)
     sight = robot_sight(robot) if sight is None else sight
     drawn = outlines(robot, q, sight)
@@ -43,9 +47,7 @@ def draw_robot(
     if planar_normal(robot) is None:
         ax.set_axis_off()
     else:
-        onto = sight.onto
-        ax.set_xlabel(f"{_named(onto.right)}  [m]")
-        ax.set_ylabel(f"{_named(onto.up)}  [m]")
+        ax.set(xlabel=f"{_named(sight.onto.right)}  [m]", ylabel=f"{_named(sight.onto.up)}  [m]")
     return ax
 
 
@@ -71,8 +73,7 @@ def _pieces(shape: Shape, joint: Array, onto: Projection) -> list[tuple[float, A
     """Return depth, outline (m, 2) and colour (4,) of a shape's visible faces, its joint at a pose (7,)."""
 
     def placed(local: Array) -> Array:
-        points = local @ shape.placement[:3, :3].T + shape.placement[:3, 3]
-        return np.asarray(joint[:3] + rotated(np.repeat(joint[None, 3:], len(points), axis=0), points))
+        return carried_points(joint, shape.in_node(local))
 
     color = np.array(shape.color, dtype=float)
     if shape.vertices is not None and shape.faces is not None:
@@ -95,7 +96,7 @@ def _pieces(shape: Shape, joint: Array, onto: Projection) -> list[tuple[float, A
         ends = [shape.size[0] * circle + [0.0, 0.0, side * shape.size[1] / 2] for side in (-1, 1)]
         outline = hull(onto(placed(np.concatenate(ends))))
     else:
-        outline = hull(onto(joint[:3] + rotated(np.repeat(joint[None, 3:], 8, axis=0), shape.corners())))
+        outline = hull(onto(carried_points(joint, shape.corners())))
     return [(float(center @ onto.ahead), outline, color)]
 
 
@@ -115,3 +116,30 @@ def hull(points: Array) -> Array:
 
 def _turns_left(a: list[float], b: list[float], c: list[float]) -> bool:
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) > 0
+
+
+COLUMNS = 5
+CELL = 1.7  # [in] of one robot
+DOTS_PER_INCH = 110
+GALLERY_KINDS = ("png", "svg", "pdf")
+
+
+def gallery_picture(robots: Sequence[ParallelRobot], kind: str) -> bytes:
+    """Draw robots side by side, with their names.
+
+    Raises:
+        InvalidInput: `kind` is not one of GALLERY_KINDS.
+    """
+    if kind not in GALLERY_KINDS:
+        raise InvalidInput(choose_from("kind of picture", kind, GALLERY_KINDS))
+    rows = -(-len(robots) // COLUMNS)
+    with styled():
+        drawing = Figure(figsize=(CELL * COLUMNS, CELL * rows), layout="constrained")
+        cells = drawing.subplots(rows, COLUMNS, squeeze=False).ravel()
+        for cell in cells:
+            cell.set_axis_off()
+        for robot, cell in zip(robots, cells, strict=False):
+            draw_robot(robot, ax=cell)
+            cell.set_axis_off()
+            cell.set_title(said(robot.name))
+        return figure_file(drawing, kind, dpi=DOTS_PER_INCH)

@@ -8,7 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from framework.fidelity.fidelity_study import ERROR_ROUNDING, FidelityStudy
-from framework.show.style import ALARM, CROSSING, figure, line_style
+from framework.show.captions import said
+from framework.show.style import ALARM, draw_dashed, figure, line_style
 
 
 def plot_fidelity(study: FidelityStudy, axes: Sequence[Axes] | None = None) -> Axes:
@@ -26,15 +27,14 @@ def plot_fidelity(study: FidelityStudy, axes: Sequence[Axes] | None = None) -> A
             ax.plot(
                 s,
                 np.where(errors > ERROR_ROUNDING, errors, np.nan),
-                label=comparison.level.name.replace("_", " "),
+                label=said(comparison.level.name),
                 **line_style(k),
             )
     for ax, label in zip(axes, ("torque error  [peak]", "platform error  [path lengths]"), strict=True):
-        ax.set_yscale("log")
-        ax.set_ylabel(label)
+        ax.set(yscale="log", ylabel=label)
         ax.axhline(study.tolerance, color=ALARM, linewidth=0.8)
         for crossing in study.highest.crossings:
-            ax.axvline(crossing.s, color=CROSSING, linewidth=0.6, linestyle=(0, (4, 3)))
+            draw_dashed(ax, crossing.s)
     axes[-1].set_xlabel("path coordinate  $s$")
     axes[0].legend(loc="lower center", bbox_to_anchor=(0.45, 1.0), ncols=2)
     return axes[0]

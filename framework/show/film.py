@@ -6,7 +6,6 @@ claim finite torques, and `proved` says which it is.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -36,16 +35,6 @@ FILM_FRAMES = 481
 
 
 @dataclass(frozen=True, eq=False)
-class FilmInstant:
-    """A singular instant of a film: `wrench` is t_s . W_p there [N, or N m for a pure turn]."""
-
-    time: float
-    s: float
-    platform: Array  # (n,)
-    wrench: float
-
-
-@dataclass(frozen=True, eq=False)
 class Film:
     """F frames of a motion with its loops closed in each of them.
 
@@ -71,12 +60,17 @@ class Film:
     W_p: Array  # (F, n)
     motors: PlatformWrench  # what the motors can give, (F, ...)
     wrenches: tuple[AppliedWrench, ...]  # of the world, F of each
-    instants: tuple[FilmInstant, ...]
+    instants: tuple[SingularityCrossing, ...]
     drawn_rigid: bool = False  # asked for with springs, which an unproved law would tear
 
     @property
     def proved(self) -> bool:
         return self.plan is not None
+
+    @property
+    def has_measure(self) -> bool:
+        """Whether there is a measure g of singularity."""
+        return not np.isnan(self.g).any()
 
     @cached_property
     def platform(self) -> Array:
@@ -96,9 +90,11 @@ class Film:
     @property
     def telling_frame(self) -> int:
         """The frame of the first singular instant, or else the one in the middle."""
-        if not self.instants:
-            return len(self.time) // 2
-        return int(np.argmin(np.abs(self.time - self.instants[0].time)))
+        return self.frame_at(self.instants[0].time) if self.instants else len(self.time) // 2
+
+    def frame_at(self, time: float) -> int:
+        """The frame nearest to a time [s]."""
+        return int(np.argmin(np.abs(self.time - time)))
 
 
 def film_motion(robot: ParallelRobot, request: Request, *, name: str = "") -> Film:
@@ -125,7 +121,7 @@ def film_motion(robot: ParallelRobot, request: Request, *, name: str = "") -> Fi
         time=raw.time,
         torque=raw.torque,
         deflection=raw.deflection,
-        instants=_instants(motion.crossings),
+        instants=motion.crossings,
         drawn_rigid=robot.n_e > 0,
     )
 
@@ -145,7 +141,7 @@ def film_plan(plan: CrossingPlan, *, name: str = "") -> Film:
         time=times,
         torque=plan.torque(times),
         deflection=plan.deflection(times),
-        instants=_instants(plan.dynamics.crossings),
+        instants=plan.dynamics.crossings,
     )
 
 
@@ -162,12 +158,6 @@ def _film(robot: ParallelRobot, motion: Motion, **facts: Any) -> Film:
         motors=platform_wrench(robot, motion),
         wrenches=motion.wrenches,
         **facts,
-    )
-
-
-def _instants(crossings: Sequence[SingularityCrossing]) -> tuple[FilmInstant, ...]:
-    return tuple(
-        FilmInstant(crossing.time, crossing.s, crossing.platform, crossing.wrench) for crossing in crossings
     )
 
 

@@ -18,7 +18,17 @@ from framework.errors import InvalidInput, finite_numbers
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.show.captions import stated
 from framework.show.film import Film
-from framework.show.style import ALARM, BAND, COLORS, CROSSING, GOOD, LOCUS, figure, legend_above
+from framework.show.style import (
+    ALARM,
+    BAND,
+    COLORS,
+    GOOD,
+    LOCUS,
+    axes_or_new,
+    draw_dashed,
+    draw_dot,
+    legend_above,
+)
 
 TIME_SAMPLES = 401
 SHOWN_DURATION_SHARE = 0.25  # of the duration, shown on either side of the crossing
@@ -51,20 +61,23 @@ def plot_eye(
     times = times[(times >= 0.0) & (times <= plan.duration)]
     wrench, time = platform_wrench(plan.robot, plan.dynamics.motion(times)), times - crossed.time
     demand, reach = wrench.along(crossed.twist), wrench.reach(crossed.twist, limit)
-    ax = figure()[1][0] if ax is None else ax
+    ax = axes_or_new(ax)
     top = 1.6 * max(float(np.abs(demand).max()), LEAST_DIVISOR)
-    supply = f"what {stated(plan.robot, limit, float(np.abs(torque).max()))} can give"
-    ax.fill_between(time, -reach, reach, **BAND, label=supply)
+    _draw_band(ax, time, reach, stated(plan.robot, limit, float(np.abs(torque).max())))
     ax.plot(time, demand, color=COLORS[1], label="what the motion asks for")
-    ax.axvline(0.0, color=CROSSING, linewidth=0.6, linestyle=(0, (4, 3)))
-    ax.plot([0.0], [np.interp(0.0, time, demand)], "o", color=CROSSING, markersize=4, zorder=3)
-    ax.set_ylim(-top, top)
-    ax.set_xlim(time[0], time[-1])
-    ax.set_xlabel("time from the singular instant  [s]")
+    draw_dashed(ax, 0.0)
+    draw_dot(ax, 0.0, float(np.interp(0.0, time, demand)))
     rotors = "\nrotors included" if np.any(plan.robot.rotor_inertia) else ""
-    ax.set_ylabel(_ordinate(plan.robot, crossed.twist) + rotors)
+    ordinate = _ordinate(plan.robot, crossed.twist) + rotors
+    ax.set(xlim=time[[0, -1]], ylim=(-top, top))
+    ax.set(xlabel="time from the singular instant  [s]", ylabel=ordinate)
     legend_above(ax)
     return ax
+
+
+def _draw_band(ax: Axes, places: Array, reach: Array, motors: str) -> None:
+    """Draw the forces that the motors reach at places on the abscissa."""
+    ax.fill_between(places, -reach, reach, **BAND, label=f"what {motors} can give")
 
 
 def _ordinate(robot: ParallelRobot, twist: Array) -> str:
@@ -84,17 +97,11 @@ def plot_eyes(films: Sequence[Film], limit: Array, ax: Axes | None = None) -> Ax
     """
     _check_alike(films)
     first = films[0]
-    ax = figure()[1][0] if ax is None else ax
+    ax = axes_or_new(ax)
     twist = eye_twist(films)
     s = first.law(first.time)
     reach = first.motors.reach(twist, limit)
-    ax.fill_between(
-        s,
-        -reach,
-        reach,
-        **BAND,
-        label=f"what {stated(first.robot, limit, peak_torque(films))} can give",
-    )
+    _draw_band(ax, s, reach, stated(first.robot, limit, peak_torque(films)))
     low = max(0.0, first.instants[0].s - SHOWN_PATH_SHARE)
     high = min(1.0, first.instants[0].s + SHOWN_PATH_SHARE)
     top = 0.0
@@ -113,11 +120,9 @@ def plot_eyes(films: Sequence[Film], limit: Array, ax: Axes | None = None) -> Ax
             [s_singular], [np.interp(s_singular, s_of_film, demand)], dot, color=color, markersize=5, zorder=4
         )
         top = max(top, float(np.abs(demand[(low <= s_of_film) & (s_of_film <= high)]).max()))
-    ax.axvline(first.instants[0].s, color=LOCUS, linewidth=0.8, linestyle=(0, (4, 3)))
-    ax.set_xlim(low, high)
-    ax.set_ylim(-1.25 * top, 1.25 * top)
-    ax.set_xlabel("position on the path  $s$  (dashed: singular)")
-    ax.set_ylabel(_ordinate(first.robot, twist))
+    draw_dashed(ax, first.instants[0].s, LOCUS, 0.8)
+    ax.set(xlim=(low, high), ylim=(-1.25 * top, 1.25 * top))
+    ax.set(xlabel="position on the path  $s$  (dashed: singular)", ylabel=_ordinate(first.robot, twist))
     legend_above(ax)
     return ax
 
@@ -138,7 +143,7 @@ def _check_alike(films: Sequence[Film]) -> None:
 def eye_twist(films: Sequence[Film]) -> Array:
     """Return t_s (n,) at the singular instant of the first film; all films are projected on it."""
     first = films[0]
-    return np.asarray(first.t_s[int(np.argmin(np.abs(first.time - first.instants[0].time)))])
+    return np.asarray(first.t_s[first.frame_at(first.instants[0].time)])
 
 
 _COMPARED_S = np.linspace(0.0, 1.0, 7)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
+from framework.arrays import Array
 from framework.dynamics.action_lines import action_lines
 from framework.dynamics.platform_wrench import hold_at
 from framework.errors import InvalidInput, NotAssembled
@@ -13,6 +14,7 @@ from framework.kinematics.continuation.forward_kinematics import motors_are_free
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import joint_poses, platform_positions, platform_twists
 from framework.locus.drawn_locus import locus_curves
+from framework.output import Document
 from framework.show.captions import asked as kind_of_hold
 from framework.show.captions import catalogue_entry, unit
 from framework.show.forces import drawn_sides, why_no_figure
@@ -32,7 +34,7 @@ from framework.singularity.jogging import (
 HELD_WRENCH = 10.0  # [N, or N m on a platform that only turns] along t_s, that the motors are to hold
 
 
-def hand_document(robot: ParallelRobot) -> dict[str, Any]:
+def hand_document(robot: ParallelRobot) -> Document:
     """Return the page's document of a robot at its reference, with sliders."""
     reference = robot.reference
     poses = joint_poses(robot, reference.q[None])
@@ -53,7 +55,7 @@ def hand_document(robot: ParallelRobot) -> dict[str, Any]:
     }
 
 
-def move_by_hand(robot: ParallelRobot, movement: dict[str, Any]) -> dict[str, Any]:
+def move_by_hand(robot: ParallelRobot, movement: Document) -> Document:
     """Answer one movement: {q, part, index, value} of a slider, {q, part, place} of the platform dragged.
 
     `part` is platform or motor, or drag, with a `place` [m] of the platform's origin in the base.
@@ -64,14 +66,13 @@ def move_by_hand(robot: ParallelRobot, movement: dict[str, Any]) -> dict[str, An
     try:
         q, part = np.array(movement["q"], dtype=float), movement["part"]
         if part == "drag":
-            return _document(robot, drag_platform(robot, q, np.array(movement["place"], dtype=float)))
-        index, value = int(movement["index"]), float(movement["value"])
-    except (KeyError, TypeError, OverflowError):
+            place = np.array(movement["place"], dtype=float)
+        else:
+            index, value = int(movement["index"]), float(movement["value"])
+    except (KeyError, TypeError, OverflowError, ValueError):
         raise InvalidInput("a movement needs q, part, and index and value or place") from None
-    except ValueError as error:
-        if isinstance(error, InvalidInput):
-            raise
-        raise InvalidInput("a movement needs q, part, and index and value or place") from None
+    if part == "drag":
+        return _document(robot, drag_platform(robot, q, place))
     if part not in ("platform", "motor"):
         raise InvalidInput(f"part: needs platform, motor or drag, got {part!r}")
     pose = (move_platform if part == "platform" else move_motor)(robot, q, index, value)
@@ -107,7 +108,7 @@ def _has_lines(robot: ParallelRobot) -> bool:
     return action_lines(robot, held.motor_speed[None]) is not None
 
 
-def _hold(robot: ParallelRobot, pose: JoggedPose) -> dict[str, Any]:
+def _hold(robot: ParallelRobot, pose: JoggedPose) -> Document:
     """Return the motors' torques against a push along t_s, their forces together, and the line of each.
 
     A platform that both shifts and turns has no push of one unit: it gets none.
@@ -131,7 +132,7 @@ def _hold(robot: ParallelRobot, pose: JoggedPose) -> dict[str, Any]:
     }
 
 
-def _wobble(robot: ParallelRobot, pose: JoggedPose) -> dict[str, Any] | None:
+def _wobble(robot: ParallelRobot, pose: JoggedPose) -> Document | None:
     """Return the platform's motion along t_s on the locus, its loops closed, and the motors' share of it."""
     if pose.kind != "type_2" or pose.level != "singular":
         return None
@@ -163,7 +164,7 @@ def _loose_sentence(robot: ParallelRobot, loose: LooseMotion) -> str:
     )
 
 
-def _document(robot: ParallelRobot, pose: JoggedPose) -> dict[str, Any]:
+def _document(robot: ParallelRobot, pose: JoggedPose) -> Document:
     poses = joint_poses(robot, pose.q[None])
     twist = platform_twists(robot, pose.q[None], pose.twist[None])[0]
     return _hold(robot, pose) | {
@@ -184,22 +185,16 @@ def _document(robot: ParallelRobot, pose: JoggedPose) -> dict[str, Any]:
     }
 
 
-def _sliders(robot: ParallelRobot, start: JoggedPose) -> dict[str, list[dict[str, Any]]]:
+def _sliders(robot: ParallelRobot, start: JoggedPose) -> dict[str, list[Document]]:
     """Return names, units and ranges of the sliders: about a robot's length, or a turn's range."""
 
-    def slider(name: str, unit: str, value: float, reach: float) -> dict[str, Any]:
-        return {"name": name, "unit": unit, "low": value - reach, "high": value + reach}
+    def sliders(names: Sequence[str], units: list[str], values: Array, turn: float) -> list[Document]:
+        reach = np.where(np.array(units) == "m", 0.8 * robot.length, turn)
+        rows = zip(names, units, (values - reach).tolist(), (values + reach).tolist(), strict=True)
+        return [dict(zip(("name", "unit", "low", "high"), row, strict=True)) for row in rows]
 
     turns_freely = np.sum(~robot.translations) > 1  # a rotation vector ends at half a turn
-    turns: list[float] = [1.5 if turns_freely else np.pi] * robot.n
-    platform = [
-        slider(name, "m" if moves else "rad", value, 0.8 * robot.length if moves else turn)
-        for name, moves, value, turn in zip(robot.axis_names, robot.translations, start.x, turns, strict=True)
-    ]
-    motor = [
-        slider(name, "m" if slides else "rad", value, 0.8 * robot.length if slides else np.pi)
-        for name, slides, value in zip(
-            robot.actuator_names, robot.sliding[robot.actuated], start.motors, strict=True
-        )
-    ]
-    return {"platform": platform, "motor": motor}
+    return {
+        "platform": sliders(robot.axis_names, robot.axis_units, start.x, 1.5 if turns_freely else np.pi),
+        "motor": sliders(robot.actuator_names, robot.motor_joint_units, start.motors, np.pi),
+    }

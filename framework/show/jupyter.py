@@ -29,7 +29,7 @@ def robot_picture(robot: ParallelRobot) -> Described:
     """Draw a robot at its reference."""
     with styled():
         drawn: Axes = draw_robot(robot)
-        drawn.set_title(robot.name.replace("_", " "), loc="left")
+        drawn.set_title(said(robot.name), loc="left")
         drawing = drawn.figure
         assert isinstance(drawing, Figure)
         return figure_file(drawing, "png", dpi=120), {"alt": f"The robot {said(robot.name)} at its reference"}

@@ -7,7 +7,6 @@ for whatever law its reader makes; nothing on it was drawn beforehand.
 from __future__ import annotations
 
 import html
-from typing import Any
 
 import numpy as np
 
@@ -21,6 +20,7 @@ from framework.locus.drawn_locus import locus_curves
 from framework.motion.chebyshev import COEFFICIENT_ROUNDING, coefficients, nodes, tail
 from framework.motion.optimal_law import OptimalLaw
 from framework.motion.path import Path
+from framework.output import Document
 from framework.show.captions import said, why
 from framework.show.drawing import outlines
 from framework.show.sight import Projection, Sight, robot_sight
@@ -56,7 +56,7 @@ def lesson_page(robot: ParallelRobot, path: Path, *, duration: float, name: str 
     )
 
 
-def _document(robot: ParallelRobot, crossing: PlanarCrossing, sight: Sight) -> dict[str, Any]:
+def _document(robot: ParallelRobot, crossing: PlanarCrossing, sight: Sight) -> Document:
     onto = sight.onto
     series = _series(crossing, onto)
     ends = np.cumsum([0, *(each.shape[1] for each in series.values())]).tolist()
@@ -134,7 +134,7 @@ def _poses(robot: ParallelRobot, q: Array, onto: Projection) -> Array:
     return np.concatenate(columns, axis=1)
 
 
-def _outlines(crossing: PlanarCrossing, sight: Sight) -> list[dict[str, Any]]:
+def _outlines(crossing: PlanarCrossing, sight: Sight) -> list[Document]:
     """Return the outline (m, 2) of each body in its joint's frame on the paper, the farthest first."""
     robot, q = crossing.robots["off"], crossing.searched.branch.closed(np.zeros(1)).q
     poses = [np.array([0.0, 0.0, 1.0, 0.0]), *_poses(robot, q, sight.onto)[0].reshape(-1, 4)]

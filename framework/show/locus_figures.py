@@ -15,7 +15,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.locus.drawn_locus import locus_curves
 from framework.locus.nonsingular_mode_change import AssemblyModeChange
 from framework.locus.traced_locus import TracedLocus
-from framework.show.style import COLORS, CROSSING, LOCUS, figure, line_style
+from framework.show.style import COLORS, CROSSING, LOCUS, axes_or_new, draw_dot, line_style
 
 
 def plot_locus(robot: ParallelRobot, plan: CrossingPlan | None = None, ax: Axes | None = None) -> Axes:
@@ -34,22 +34,18 @@ def plot_locus(robot: ParallelRobot, plan: CrossingPlan | None = None, ax: Axes 
             f"{robot.name}: a map needs a platform with two translations and a motor for each of its axes, "
             f"it has {', '.join(robot.axis_names)} and {robot.n_a} motors"
         )
-    ax = figure(height=3.2)[1][0] if ax is None else ax
+    ax = axes_or_new(ax, 3.2)
     for k, curve in enumerate(locus.curves):
         ax.plot(*curve.T, color=LOCUS, linewidth=1.4, label="singular locus" if k == 0 else None)
     if plan is not None:
         line = plan.path(np.linspace(0.0, 1.0, 201))[:, list(locus.axes)]
-        ax.plot(*line.T, label="path", **line_style(0))
-        ax.plot(*line[0], "o", color=COLORS[0], markersize=3)
+        _draw_from_dot(ax, line, "path")
         for crossing in plan.crossings:
-            ax.plot(*crossing.platform[list(locus.axes)], "o", color=CROSSING, markersize=4, zorder=3)
+            draw_dot(ax, *crossing.platform[list(locus.axes)])
     else:
         ax.plot(*reference.x[list(locus.axes)], "+", color=CROSSING, markersize=6, label="reference")
     ax.set_aspect("equal")
-    ax.set_xlabel(f"{robot.axis_names[locus.axes[0]]}  [m]")
-    ax.set_ylabel(f"{robot.axis_names[locus.axes[1]]}  [m]")
-    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
-    return ax
+    return _label(ax, [f"{robot.axis_names[k]}  [m]" for k in locus.axes])
 
 
 def plot_motor_locus(
@@ -64,7 +60,7 @@ def plot_motor_locus(
     if locus.free[0] not in robot.actuator_names:
         raise InvalidInput("locus: needs one that was traced in two motors, see the `free` of `trace_locus`")
     free = [robot.actuator_names.index(name) for name in locus.free]
-    ax = figure(height=3.2)[1][0] if ax is None else ax
+    ax = axes_or_new(ax, 3.2)
     for k, curve in enumerate(curve for curve in locus.curves if curve.kind == "type_2"):
         label = "singular locus" if k == 0 else None
         ax.plot(*curve.motors[:, free].T, color=LOCUS, linewidth=1.4, label=label)
@@ -73,13 +69,20 @@ def plot_motor_locus(
         ax.plot(*cusp.motors[free], "o", color=CROSSING, markersize=4, zorder=3, label=label)
     if change is not None:
         line = change.motors[:, free]
-        ax.plot(*line.T, label="to another mode", **line_style(0))
-        ax.plot(*line[0], "o", color=COLORS[0], markersize=3)
-        ax.set_xlim(*_about(line[:, 0]))
-        ax.set_ylim(*_about(line[:, 1]))
-    units = ["m" if slides else "rad" for slides in robot.sliding[robot.actuated[free]]]
-    ax.set_xlabel(f"{locus.free[0]}  [{units[0]}]")
-    ax.set_ylabel(f"{locus.free[1]}  [{units[1]}]")
+        _draw_from_dot(ax, line, "to another mode")
+        ax.set(xlim=_about(line[:, 0]), ylim=_about(line[:, 1]))
+    return _label(ax, [f"{robot.actuator_names[k]}  [{robot.motor_joint_units[k]}]" for k in free])
+
+
+def _draw_from_dot(ax: Axes, line: Array, label: str) -> None:
+    """Draw a line (m, 2), a dot where it begins."""
+    ax.plot(*line.T, label=label, **line_style(0))
+    ax.plot(*line[0], "o", color=COLORS[0], markersize=3)
+
+
+def _label(ax: Axes, labels: list[str]) -> Axes:
+    """Name both axes, and put the legend above; returns them."""
+    ax.set(xlabel=labels[0], ylabel=labels[1])
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
     return ax
 
@@ -100,7 +103,7 @@ def plot_work_precision(
 
     `curves` holds (seconds, error [m]) of each setting. Methods whose name starts with `ours` are drawn bold.
     """
-    ax = figure(height=3.4)[1][0] if ax is None else ax
+    ax = axes_or_new(ax, 3.4)
     for k, (label, points) in enumerate(curves.items()):
         finite = np.array([point for point in points if np.all(np.isfinite(point)) and point[1] > 0])
         if not len(finite):
@@ -108,11 +111,9 @@ def plot_work_precision(
         bold = label.startswith(ours)
         style = {**line_style(k), "linewidth": 1.8 if bold else 0.9}
         ax.plot(finite[:, 1], finite[:, 0], marker="o" if bold else ".", markersize=3, label=label, **style)
-    ax.set_xscale("log")
-    ax.set_yscale("log")
+    ax.set(xscale="log", yscale="log")
+    ax.set(xlabel="error  [m], better to the right", ylabel="wall time  [s]")
     ax.invert_xaxis()
-    ax.set_xlabel("error  [m], better to the right")
-    ax.set_ylabel("wall time  [s]")
     ax.legend(fontsize=6, ncols=2, loc="lower center", bbox_to_anchor=(0.45, 1.0))
     return ax
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path as FilePath
 from textwrap import wrap
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib import colormaps
@@ -22,7 +22,7 @@ from framework.atlas.workspace_map import WorkspaceMap
 from framework.motion.path import Path
 from framework.show.captions import said
 from framework.show.plots import save
-from framework.show.style import AXIS, BEYOND, COLUMN_WIDTH, LOCUS, NOT_CARRIED, PATH, SOFT, UNREACHED
+from framework.show.style import AXIS, BEYOND, COLUMN_WIDTH, LOCUS, NOT_CARRIED, PATH, SOFT, UNREACHED, Style
 from framework.statics.loading import LoadReason
 from framework.tolerances import SAME_PLACE
 
@@ -61,14 +61,18 @@ def plot_map(
 ) -> Axes:
     """Plot one quantity of a map, with the singular locus and a path on top."""
     quantity, robot = quantity_of(workspace, key), workspace.robot
-    lost = not_carried(workspace, quantity)
-    beyond = workspace.beyond_ranges
-    entries = 2 + sum(map(bool, _about_locus(workspace))) + int(lost.any()) + int(beyond.any())
-    header = _header(workspace, quantity, entries=entries)
+    lacking = (
+        (not_carried(workspace, quantity), NOT_CARRIED, "load not carried"),
+        (workspace.beyond_ranges, BEYOND, "beyond a limit"),
+    )
+    locus = workspace.locus
+    entries = map(len, (locus.curves, locus.unexplained, locus.why_not))
+    count = 2 + sum(map(bool, entries)) + sum(poses.any() for poses, *_ in lacking)
+    header = _header(workspace, quantity, entries=int(count))
     ax, scale = _axes(workspace, header) if ax is None else (ax, None)
     edges = [cell_edges(span) for span in workspace.window.spans]
     ax.set_facecolor(UNREACHED)
-    for poses, colour in ((lost, NOT_CARRIED), (beyond, BEYOND)):
+    for poses, colour, _ in lacking:
         if poses.any():
             shade = np.ma.masked_where(~poses, poses)
             ax.pcolormesh(*edges, shade.T, cmap=ListedColormap([colour]), rasterized=True, linewidth=0)
@@ -84,10 +88,9 @@ def plot_map(
     else:
         start = robot.reference.x[axes]
         ax.plot(*start, "P", color="black", markeredgecolor="white", markersize=6, label="reference")
-    if lost.any():
-        ax.plot([], [], "s", color=NOT_CARRIED, label=f"load not carried: {lost.sum()} poses")
-    if beyond.any():
-        ax.plot([], [], "s", color=BEYOND, label=f"beyond a limit: {beyond.sum()} poses")
+    for poses, colour, label in lacking:
+        if poses.any():
+            ax.plot([], [], "s", color=colour, label=f"{label}: {poses.sum()} poses")
     ax.plot([], [], "s", color=UNREACHED, markeredgecolor=AXIS, label="not reached")
     _frame(workspace, header, ax)
     return ax
@@ -103,13 +106,12 @@ def _draw_values(
         *edges, np.ma.masked_invalid(values).T, cmap=palette, norm=norm, rasterized=True, linewidth=0
     )
     finite = values[np.isfinite(values)]
-    below = bool(finite.size) and finite.min() < norm.vmin
-    above = bool(finite.size) and finite.max() > norm.vmax
-    extend = {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}
+    below, above = finite.min(initial=np.inf) < norm.vmin, finite.max(initial=-np.inf) > norm.vmax
+    extend = "both" if below and above else "min" if below else "max" if above else "neither"
     beside = {"ax": ax, "pad": 0.03} if scale is None else {"cax": scale}
-    bar = ax.figure.colorbar(mesh, extend=extend[below, above], **beside)
+    bar = ax.figure.colorbar(mesh, extend=extend, **beside)
     unit = unit_of(workspace.robot, quantity)
-    bar.set_label(f"{quantity.key.replace('_', ' ')}  [{unit}]".replace("[1]", "(no unit)"))
+    bar.set_label(f"{said(quantity.key)}  [{unit}]".replace("[1]", "(no unit)"))
 
 
 def _draw_locus(workspace: WorkspaceMap, ax: Axes, halo: list[withStroke]) -> None:
@@ -138,11 +140,6 @@ class _Header(NamedTuple):
 def _header(workspace: WorkspaceMap, quantity: Quantity, entries: int) -> _Header:
     name, below = (wrap(text, CHARACTERS) for text in (quantity.name, title(workspace)))
     return _Header(name, below, -(-entries // ENTRIES))
-
-
-def _about_locus(workspace: WorkspaceMap) -> tuple[int, int, str]:
-    """Return how many curves the locus has, how many signs have none, and why it is not traced."""
-    return len(workspace.locus.curves), len(workspace.locus.unexplained), workspace.locus.why_not
 
 
 def not_carried(workspace: WorkspaceMap, quantity: Quantity) -> BoolArray:
@@ -188,10 +185,10 @@ def _frame(workspace: WorkspaceMap, header: _Header, ax: Axes) -> None:
     if is_to_scale(workspace):
         ax.set_aspect("equal")
         ax.locator_params(axis="x", nbins=int(np.clip(9 * wide / high, 2, 9)))
-    ax.set_xlim(*cell_edges(workspace.window.spans[0])[[0, -1]])
-    ax.set_ylim(*cell_edges(workspace.window.spans[1])[[0, -1]])
-    for set_label, k in ((ax.set_xlabel, axes[0]), (ax.set_ylabel, axes[1])):
-        set_label(f"{robot.axis_names[k]}  [{'m' if robot.translations[k] else 'rad'}]")
+    xlim, ylim = (cell_edges(span)[[0, -1]] for span in workspace.window.spans)
+    ax.set(xlim=xlim, ylim=ylim)
+    labels = [f"{robot.axis_names[k]}  [{robot.axis_units[k]}]" for k in axes]
+    ax.set(xlabel=labels[0], ylabel=labels[1])
     aside = ax.transAxes + ScaledTranslation(-LEFT + 0.1, 0.0, ax.figure.dpi_scale_trans)
     ax.legend(
         loc="lower left",
@@ -205,7 +202,7 @@ def _frame(workspace: WorkspaceMap, header: _Header, ax: Axes) -> None:
     low = LINE * header.rows + 0.3 * ABOVE
     high = low + LINE * len(header.title)
     for lines, above, colour in ((header.name, high, "black"), (header.title, low, SOFT)):
-        annotation: dict[str, Any] = {"xycoords": aside, "textcoords": "offset points", "va": "bottom"}
+        annotation: Style = {"xycoords": aside, "textcoords": "offset points", "va": "bottom"}
         ax.annotate("\n".join(lines), (0.0, 1.0), (0, 72 * above), color=colour, **annotation)
 
 
@@ -213,16 +210,13 @@ def title(workspace: WorkspaceMap) -> str:
     """Return the title: the robot, the mode that the map shows, and the coordinates that are held."""
     robot, axes = workspace.robot, workspace.window.axes
     held = [
-        f"{name}\u00a0=\u00a0{round(value, 9) + 0.0:.4g}\u00a0{'m' if slides else 'rad'}"
-        for k, (name, value, slides) in enumerate(
-            zip(robot.axis_names, workspace.window.held, robot.translations, strict=True)
-        )
+        f"{robot.axis_names[k]}\u00a0=\u00a0{round(value, 9) + 0.0:.4g}\u00a0{robot.axis_units[k]}"
+        for k, value in enumerate(workspace.window.held)
         if k not in axes
     ]
     flexible = "" if robot.flexibility == "rigid" else f", {said(robot.flexibility)}"
-    return f"{said(robot.name)}{flexible}: working mode of the reference" + (
-        f", at {', '.join(held)}" if held else ""
-    )
+    place = f", at {', '.join(held)}" if held else ""
+    return f"{said(robot.name)}{flexible}: working mode of the reference{place}"
 
 
 def cell_edges(span: Array) -> Array:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import base64
-import html
-from typing import Any
+from html import escape
 
 import numpy as np
 
@@ -12,6 +10,7 @@ from framework.arrays import Array
 from framework.atlas.quantities import Quantity, unit_of
 from framework.atlas.workspace_map import WorkspaceMap
 from framework.motion.path import Path
+from framework.output import Document
 from framework.show.map import (
     PATH_SAMPLES,
     UNEXPLAINED,
@@ -21,7 +20,7 @@ from framework.show.map import (
     lies_in,
     title,
 )
-from framework.show.standalone import page_part, standalone_page
+from framework.show.standalone import packed, page_part, standalone_page
 from framework.show.style import LOCUS, NOT_CARRIED, PATH, UNREACHED
 from framework.statics.loading import LOAD_WORDS, LoadReason
 
@@ -39,9 +38,9 @@ def map_page(workspace: WorkspaceMap, *, path: Path | None = None) -> str:
         heading,
         page_part(
             "map.html",
-            title=html.escape(heading),
-            lead=html.escape(f"{LEAD} {ON_LOCUS}" if workspace.locus.curves else LEAD),
-            found=html.escape(f"Singular locus: {workspace.locus.sentence}."),
+            title=escape(heading),
+            lead=escape(f"{LEAD} {ON_LOCUS}" if workspace.locus.curves else LEAD),
+            found=escape(f"Singular locus: {workspace.locus.sentence}."),
         ),
         _document(workspace, path),
         styles=["map.css"],
@@ -49,7 +48,7 @@ def map_page(workspace: WorkspaceMap, *, path: Path | None = None) -> str:
     )
 
 
-def _document(workspace: WorkspaceMap, path: Path | None) -> dict[str, Any]:
+def _document(workspace: WorkspaceMap, path: Path | None) -> Document:
     robot, window = workspace.robot, workspace.window
     curves = [_curve(curve.x, LOCUS, 2.0, []) for curve in workspace.locus.curves]
     legend: list[tuple[str, str, bool]] = [("singular locus (Type 2)", LOCUS, False)] if curves else []
@@ -69,19 +68,18 @@ def _document(workspace: WorkspaceMap, path: Path | None) -> dict[str, Any]:
     legend.append(
         ("not reached within all limits" if workspace.keeps_limits else "not reached", UNREACHED, True)
     )
-    units = ["m" if slides else "rad" for slides in robot.translations]
     return {
-        "shape": list(window.shape),
-        "axes": [f"{robot.axis_names[k]} [{units[k]}]" for k in window.axes],
+        "shape": window.shape,
+        "axes": [f"{robot.axis_names[k]} [{robot.axis_units[k]}]" for k in window.axes],
         "spans": [span.tolist() for span in window.spans],
         "edges": [cell_edges(span)[[0, -1]].tolist() for span in window.spans],
         "to_scale": is_to_scale(workspace),
         "quantities": [_quantity(workspace, quantity) for quantity in workspace.quantities],
-        "reason": _packed(workspace.reason.astype(np.uint8)),
-        "reasons": list(workspace.reason_words),
-        "assembly": _packed(workspace.assembly.astype(np.int8).view(np.uint8)),
+        "reason": packed(workspace.reason.astype(np.uint8)),
+        "reasons": workspace.reason_words,
+        "assembly": packed(workspace.assembly.astype(np.int8).view(np.uint8)),
         "has_sides": robot.n_a == robot.n and len(robot.passive) > 0,
-        "load": None if workspace.load is None else _packed(workspace.load),
+        "load": None if workspace.load is None else packed(workspace.load),
         "loads": [LOAD_WORDS[kind] for kind in LoadReason],
         "unreached": _rgb(UNREACHED),
         "not_carried": _rgb(NOT_CARRIED),
@@ -92,7 +90,7 @@ def _document(workspace: WorkspaceMap, path: Path | None) -> dict[str, Any]:
     }
 
 
-def _quantity(workspace: WorkspaceMap, quantity: Quantity) -> dict[str, Any]:
+def _quantity(workspace: WorkspaceMap, quantity: Quantity) -> Document:
     palette, norm = colours(workspace, quantity.key)
     shades = np.round(255 * palette(np.linspace(0.0, 1.0, COLOR_LEVELS))[:, :3]).astype(int)
     return {
@@ -100,7 +98,7 @@ def _quantity(workspace: WorkspaceMap, quantity: Quantity) -> dict[str, Any]:
         "name": quantity.name,
         "unit": unit_of(workspace.robot, quantity),
         "reading": _reading(quantity),
-        "values": _packed(workspace.values[quantity.key].astype("<f4")),
+        "values": packed(workspace.values[quantity.key].astype("<f4")),
         "range": [float(norm.vmin or 0.0), float(norm.vmax or 0.0)],
         "decades": quantity.decades,
         "loaded": quantity.loaded,
@@ -114,12 +112,8 @@ def _reading(quantity: Quantity) -> str:
     return BRIGHT_IS_LARGE if quantity.large_is_good else BRIGHT_IS_SMALL
 
 
-def _curve(points: Array, colour: str, width: float, dash: list[int]) -> dict[str, Any]:
+def _curve(points: Array, colour: str, width: float, dash: list[int]) -> Document:
     return {"points": np.round(points, 9).tolist(), "colour": colour, "width": width, "dash": dash}
-
-
-def _packed(array: np.ndarray) -> str:
-    return base64.b64encode(np.ascontiguousarray(array).tobytes()).decode("ascii")
 
 
 def _rgb(colour: str) -> list[int]:

@@ -8,7 +8,7 @@ from framework.arrays import Array
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import carried_axis, joint_axis
 from framework.model.visuals import Shape
-from framework.show.shapes import body_shapes, turned_onto
+from framework.show.shapes import body_shapes, placed
 
 MOTOR_RADIUS = 0.06  # radius of a motor, over the radius of the picture
 IDLE_MOTOR_COLOR = (0.83, 0.84, 0.86, 1.0)  # of a motor without torque, as on the page
@@ -21,39 +21,33 @@ def motor_shapes(robot: ParallelRobot, shapes: list[Shape] | None = None, size: 
     size = size or 0.7 * robot.length
     axes = [joint_axis(robot, int(column)) for column in robot.actuated]
     motors = []
+    edges: tuple[float, ...]
     for k, (node, place, axis) in enumerate(axes):
-        radius = MOTOR_RADIUS * size
-        if robot.sliding[robot.actuated[k]] and node:
-            motors.append(
-                _drum_on_leg(node, place, axis, [shape for shape in shapes if shape.node == node], size)
-            )
-            continue
-        if robot.sliding[robot.actuated[k]]:
+        radius, slides = MOTOR_RADIUS * size, robot.sliding[robot.actuated[k]]
+        kind, edges = "cylinder", (radius, 1.3 * radius)
+        carried = [shape for shape in shapes if shape.node == node]
+        if slides and node:
+            place, edges = _drum_on_leg(place, axis, carried, size)
+        elif slides:
             node, place, axis = carried_axis(robot, int(robot.actuated[k]))
-            block = (1.1 * radius, 1.1 * radius, 1.8 * radius)
-            motors.append(Shape(node, "box", block, placed(place, axis), IDLE_MOTOR_COLOR))
-            continue
-        if any(j != k and np.linalg.norm(place - other.place) < 0.01 * size for j, other in enumerate(axes)):
-            place, radius = _housing(place, axis, [shape for shape in shapes if shape.node == node], size)
-        motors.append(Shape(node, "cylinder", (radius, 1.3 * radius), placed(place, axis), IDLE_MOTOR_COLOR))
+            kind, edges = "box", (1.1 * radius, 1.1 * radius, 1.8 * radius)
+        elif any(
+            j != k and np.linalg.norm(place - other.place) < 0.01 * size for j, other in enumerate(axes)
+        ):
+            place, radius = _housing(place, axis, carried, size)
+            edges = (radius, 1.3 * radius)
+        motors.append(Shape(node, kind, edges, placed(place, axis), IDLE_MOTOR_COLOR))
     return motors
 
 
-def placed(place: Array, axis: Array) -> Array:
-    """Return a placement (4, 4) with z along `axis`."""
-    placement = np.eye(4)
-    placement[:3, :3], placement[:3, 3] = turned_onto(axis), place
-    return placement
-
-
-def _drum_on_leg(node: int, foot: Array, axis: Array, shapes: list[Shape], size: float) -> Shape:
-    """Return the drum about the tube of a leg that stretches, near its foot: wider than the tube."""
+def _drum_on_leg(
+    foot: Array, axis: Array, shapes: list[Shape], size: float
+) -> tuple[Array, tuple[float, ...]]:
+    """Return place, radius and length of the drum about a leg that stretches: wider than its tube."""
     tube = max((shape.size[0] for shape in shapes if shape.kind == "cylinder"), default=0.0)
     radius = max(0.6 * MOTOR_RADIUS * size, 1.5 * tube)
     length = 3.0 * radius
-    return Shape(
-        node, "cylinder", (radius, length), placed(foot + DRUM_OFFSET * length * axis, axis), IDLE_MOTOR_COLOR
-    )
+    return foot + DRUM_OFFSET * length * axis, (radius, length)
 
 
 def _housing(place: Array, axis: Array, shapes: list[Shape], size: float) -> tuple[Array, float]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Callable, Sequence
 from textwrap import fill
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -16,14 +16,14 @@ from PIL import Image
 
 from framework.arrays import Array
 from framework.errors import InvalidInput, choose_from
-from framework.show.captions import said, subtitle
+from framework.show.captions import subtitle
 from framework.show.film import Film
 from framework.show.force_polygon import MISSES, THREADS, eye_twist, plot_eyes
-from framework.show.plots import torque_axes
+from framework.show.plots import draw_torques
 from framework.show.scene import stated_limit
 from framework.show.sight import film_sight
 from framework.show.still import locus_of, plot_still
-from framework.show.style import ALARM, LOCUS, figure_file, line_style, styled
+from framework.show.style import ALARM, LOCUS, Style, figure_file, line_style, styled
 
 GIF_FRAMES = 60
 FRAME_TIME, SINGULAR_FRAME_TIME = 100, 2000  # [ms] of a frame, and of one at a singular instant
@@ -95,7 +95,7 @@ def _moving(films: Sequence[Film], kind: str) -> bytes:
     small = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     written = io.BytesIO()
     lasting = [SINGULAR_FRAME_TIME if t in instants or t == end else FRAME_TIME for t in times]
-    animated: dict[str, Any] = {"save_all": True, "duration": lasting, "loop": 0}
+    animated: Style = {"save_all": True, "duration": lasting, "loop": 0}
     if kind == "gif":
         small[0].save(written, "GIF", append_images=small[1:], **animated)
     else:
@@ -156,8 +156,9 @@ def _robot(film: Film, ax: Axes, limit: Array | None) -> _Mark:
     def draw(t: float) -> None:
         for artist in [*ax.collections, *ax.lines, *ax.patches, *ax.texts]:
             artist.remove()
-        frame = int(np.argmin(np.abs(film.time - min(t, end))))
-        plot_still(film, ax, frame=frame, limit=limit, locus=locus, sight=sight, alone=True)
+        plot_still(
+            film, ax, frame=film.frame_at(min(t, end)), limit=limit, locus=locus, sight=sight, alone=True
+        )
         if limit is None:  # several films: their titles instead of a legend each
             if ax.legend_ is not None:
                 ax.legend_.remove()
@@ -193,9 +194,7 @@ def _axes(films: Sequence[Film]) -> tuple[Figure, Axes, list[_Mark]]:
     if film.instants:
         plot_eyes(films, stated_limit(film, films), right)
         return drawing, left, [_dot(other_film, eye_twist(films), right) for other_film in films]
-    for k, (name, torque) in enumerate(zip(film.robot.actuator_names, film.torque.T, strict=True)):
-        right.plot(film.time, torque, label=said(name), **line_style(k))
-    torque_axes(right, film.robot)
+    draw_torques(right, film.robot, film.time, film.torque)
     return drawing, left, [_moved_line(film, right)]
 
 

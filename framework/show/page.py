@@ -10,10 +10,10 @@ from collections.abc import Sequence
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 from framework.errors import MissingPackage
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.output import Document
 from framework.show.captions import said
 from framework.show.film import Film
 from framework.show.jogging import hand_document
@@ -63,14 +63,14 @@ def scene_part(heading: str, lead: str) -> str:
     return page_part("scene.html", heading=html.escape(heading), lead=lead)
 
 
-def whole_page(title: str, body: str, documents: Sequence[dict[str, Any]]) -> str:
+def whole_page(title: str, body: str, documents: Sequence[Document]) -> str:
     """Return a page with this body and the scripts that fill its scene from the documents."""
     return standalone_page(
         title, body, list(documents), styles=["page.css"], scripts=SCRIPTS, library=_viewer()
     )
 
 
-def _scene_page(documents: Sequence[dict[str, Any]], heading: str, lead: str) -> str:
+def _scene_page(documents: Sequence[Document], heading: str, lead: str) -> str:
     return whole_page(heading, scene_part(heading, lead), documents)
 
 

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 
 from framework.crossing.optimal.limit_curves import limit_curves
 from framework.crossing.result import CrossingPlan
-from framework.show.style import BAND, CROSSING, figure, legend_above, line_style
+from framework.show.style import BAND, draw_dashed, draw_dot, figure, legend_above, line_style
 
 AXIS_OVER_LARGEST_LAW = 1.5  # the highest value shown over the largest of the laws
 TIME_SAMPLES = 601
@@ -38,19 +38,17 @@ def plot_phase_plane(
     highest = np.where(np.isfinite(curves.highest_speed), curves.highest_speed, 2 * tops[0])
     highest = np.where(np.isnan(curves.highest_speed), 0.0, highest)
     axes[0].fill_between(curves.s, 0.0, highest, label=f"within {limits} {unit}", **BAND)
-    axes[1].fill_between(
-        curves.s,
-        np.clip(curves.lowest_acceleration, -2 * tops[1], 2 * tops[1]),
-        np.clip(curves.highest_acceleration, -2 * tops[1], 2 * tops[1]),
-        **BAND,
+    accelerations = np.clip(
+        [curves.lowest_acceleration, curves.highest_acceleration], -2 * tops[1], 2 * tops[1]
     )
+    axes[1].fill_between(curves.s, *accelerations, **BAND)
     for k, (each, law) in enumerate(zip(drawn, laws, strict=True)):
         for ax, values in zip(axes, law[1:], strict=True):
             ax.plot(law[0], values, label=f"{each.law.kind}, {each.duration:.3g} s", **line_style(k))
     for crossing in plan.crossings:
         for ax, value in zip(axes, (crossing.speed, crossing.acceleration), strict=True):
-            ax.axvline(crossing.s, color=CROSSING, linewidth=0.6, linestyle=(0, (4, 3)))
-            ax.plot([crossing.s], [value], "o", color=CROSSING, markersize=4, zorder=3)
+            draw_dashed(ax, crossing.s)
+            draw_dot(ax, crossing.s, value)
     least = float(np.nanmin(curves.highest_speed))
     if np.isfinite(least) and least > tops[0]:  # the range goes beyond what is shown
         text = rf"$\dot s$ may be {least:.3g} 1/s everywhere"
@@ -58,12 +56,8 @@ def plot_phase_plane(
         axes[0].text(
             0.98, 0.95, text, transform=axes[0].transAxes, ha="right", va="top", fontsize=7, bbox=plain
         )
-    axes[0].set_ylim(0.0, tops[0])
-    axes[1].set_ylim(-tops[1], tops[1])
-    axes[0].set_xlim(0.0, 1.0)
-    axes[1].set_xlim(0.0, 1.0)
-    axes[0].set_ylabel(r"$\dot s$  [1/s]")
-    axes[1].set_ylabel(r"$\ddot s$  [1/s$^2$]")
+    axes[0].set(xlim=(0.0, 1.0), ylim=(0.0, tops[0]), ylabel=r"$\dot s$  [1/s]")
+    axes[1].set(xlim=(0.0, 1.0), ylim=(-tops[1], tops[1]), ylabel=r"$\ddot s$  [1/s$^2$]")
     axes[1].set_xlabel("path coordinate  $s$")
     legend_above(axes[0], 2)
     return axes

@@ -4,28 +4,39 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 
+from framework.arrays import Array
 from framework.crossing.result import CrossingPlan
 from framework.dynamics.finite_differences import FiniteDifferenceTorques
 from framework.dynamics.measure_along_path import MeasureAlongPath
 from framework.dynamics.wrench import wrench_along
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.show.film import film_plan
+from framework.show.captions import said, unit
+from framework.show.film import Film, film_plan
 from framework.show.force_polygon import plot_eye
 from framework.show.phase_plane import plot_phase_plane
 from framework.show.scene import UNPROVED_TORQUE_RATIO
 from framework.show.still import plot_still
-from framework.show.style import ALARM, CROSSING, figure, legend_above, line_style, save_pages
+from framework.show.style import (
+    ALARM,
+    Style,
+    axes_or_new,
+    draw_dashed,
+    draw_dot,
+    figure,
+    legend_above,
+    line_style,
+    save_pages,
+)
 from framework.tolerances import SAME_PLACE
 
 CURVE_SAMPLES = 601
 VISIBLE_SHIFT = 5e-3  # of the path: half a marker
 MAX_INSET_SHIFT = 5.0  # of the loads over that of the geometry, to be in one corner
-LOADED: dict[str, Any] = {
+LOADED: Style = {
     "marker": "D",
     "linestyle": "none",
     "color": ALARM,
@@ -39,7 +50,7 @@ MAX_LEGEND_CURVES = 4  # curves, among which a legend finds room
 def plot_law(plan: CrossingPlan, axes: Sequence[Axes] | None = None) -> list[Axes]:
     """Plot s(t) and its first two derivatives, on three axes."""
     axes = figure(3, height=1.25)[1] if axes is None else list(axes)
-    times = np.linspace(0.0, plan.duration, CURVE_SAMPLES)
+    times = _times(plan)
     labels = ("$s$", r"$\dot s$  [1/s]", r"$\ddot s$  [1/s$^2$]")
     for order, (ax, label) in enumerate(zip(axes, labels, strict=True)):
         ax.plot(times, plan.law(times, order), **line_style(0))
@@ -47,7 +58,7 @@ def plot_law(plan: CrossingPlan, axes: Sequence[Axes] | None = None) -> list[Axe
         _mark_crossings(plan, ax)
         for crossing in plan.crossings:
             value = (crossing.s, crossing.speed, crossing.acceleration)[order]
-            ax.plot([crossing.time], [value], "o", color=CROSSING, markersize=3, zorder=3)
+            draw_dot(ax, crossing.time, value, 3)
     _time_axis(plan, axes[-1])
     kind = "law" if plan.optimality is None else f"{plan.law.kind} law"
     axes[0].set_title(f"{kind} of degree {plan.law.degree}", loc="left")
@@ -56,11 +67,9 @@ def plot_law(plan: CrossingPlan, axes: Sequence[Axes] | None = None) -> list[Axe
 
 def plot_torques(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     """Plot the torque of each motor over time."""
-    ax = figure()[1][0] if ax is None else ax
-    times = np.linspace(0.0, plan.duration, CURVE_SAMPLES)
-    for k, (joint, torque) in enumerate(zip(plan.robot.actuator_names, plan.torque(times).T, strict=True)):
-        ax.plot(times, torque, label=joint.replace("_", " "), **line_style(k))
-    torque_axes(ax, plan.robot)
+    ax = axes_or_new(ax)
+    times = _times(plan)
+    draw_torques(ax, plan.robot, times, plan.torque(times))
     _time_axis(plan, ax)
     limits = np.empty(0) if plan.optimality is None else plan.optimality.specification.torque_limit
     for limit in np.unique(limits[np.isfinite(limits)]):
@@ -72,14 +81,14 @@ def plot_torques(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
 
 def plot_singularity(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     """Plot the singularity measure g along the path, of the robot at rest and as it deflects."""
-    ax = figure()[1][0] if ax is None else ax
+    ax = axes_or_new(ax)
     robot = plan.robot
     s = np.linspace(0.0, 1.0, CURVE_SAMPLES)
     measure = MeasureAlongPath.of(plan.dynamics)
     g = measure.of_rest(s)
     ax.plot(s, g, label="springs at rest" if robot.n_e else None, **line_style(0))
     if plan.geometry == "deformed":
-        times = np.linspace(0.0, plan.duration, CURVE_SAMPLES)
+        times = _times(plan)
         deflected = measure.of_motion(times)
         deflected *= np.sign(deflected[0] * g[0])
         ax.plot(plan.law(times), deflected, label="as it deflects", **line_style(1))
@@ -89,7 +98,7 @@ def plot_singularity(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     ax.axhline(0.0, color="black", linewidth=0.5)
     _mark_loaded(ax, plan)
     for crossing in plan.crossings:
-        ax.plot([crossing.s], [0.0], "o", color=CROSSING, markersize=4, zorder=3)
+        draw_dot(ax, crossing.s, 0.0)
         ax.annotate(
             f"$s$ = {crossing.s:.6f}",
             (crossing.s, 0.0),
@@ -97,8 +106,7 @@ def plot_singularity(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
             xytext=(5, -10 if np.interp(crossing.s, s, np.gradient(g)) > 0 else 5),  # off the curve
             fontsize=7,
         )
-    ax.set_xlabel("path coordinate  $s$")
-    ax.set_ylabel("singularity measure  $g$")
+    ax.set(xlabel="path coordinate  $s$", ylabel="singularity measure  $g$")
     return ax
 
 
@@ -150,18 +158,17 @@ def _magnify(ax: Axes, plan: CrossingPlan, measure: MeasureAlongPath) -> None:
 
 def plot_wrench(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     """Plot t_s . W_p over time: it has to vanish where g does."""
-    ax = figure()[1][0] if ax is None else ax
-    times = np.linspace(0.0, plan.duration, CURVE_SAMPLES)
+    ax = axes_or_new(ax)
+    times = _times(plan)
     _, wrench = wrench_along(plan.dynamics, times)
-    turning = not np.any(plan.robot.platform.translations)
     ax.plot(times, wrench, **line_style(0))
     ax.axhline(0.0, color="black", linewidth=0.5)
     _time_axis(plan, ax)
     bodies = "\nwithout rotors" if np.any(plan.robot.rotor_inertia) else ""  # which the eye has
-    ax.set_ylabel(rf"$\mathbf{{t}}_s \cdot \mathbf{{W}}_p$  [{'N m' if turning else 'N'}]" + bodies)
+    ax.set_ylabel(rf"$\mathbf{{t}}_s \cdot \mathbf{{W}}_p$  [{unit(plan.robot)}]" + bodies)
     _mark_crossings(plan, ax)
     for crossing in plan.crossings:
-        ax.plot([crossing.time], [0.0], "o", color=CROSSING, markersize=4, zorder=3)
+        draw_dot(ax, crossing.time, 0.0)
     if plan.crossings:
         ax.lines[-1].set_label("0 here: condition (8)")
         legend_above(ax)
@@ -172,28 +179,26 @@ def plot_raw_torques(
     raw: FiniteDifferenceTorques, robot: ParallelRobot, poles: Sequence[float], ax: Axes | None = None
 ) -> Axes:
     """Plot torques of a raw sampling [N m], with the instants (poles) at which they are unbounded [s]."""
-    ax = figure()[1][0] if ax is None else ax
-    for k, (joint, torque) in enumerate(zip(robot.actuator_names, raw.torque.T, strict=True)):
-        ax.plot(raw.time, torque, label=joint.replace("_", " "), **line_style(k))
-    torque_axes(ax, robot)
+    ax = axes_or_new(ax)
+    draw_torques(ax, robot, raw.time, raw.torque)
     finite = np.abs(raw.torque[np.isfinite(raw.torque).all(axis=1)]).max(axis=1)
     if len(poles) and finite.size:  # the height of a spike is that of the sampling: not drawn
         top = UNPROVED_TORQUE_RATIO * float(np.quantile(finite, 0.8))
         ax.set_ylim(-top, top)
         for pole in poles:
-            ax.axvline(pole, color=ALARM, linewidth=0.8, linestyle=(0, (4, 3)))
+            draw_dashed(ax, pole, ALARM, 0.8)
             ax.text(pole, 1.01, "no bound", color=ALARM, fontsize=7, transform=ax.get_xaxis_transform())
     ax.set_title("raw sampling, proves nothing", loc="left")
     return ax
 
 
-def save_figures(plan: CrossingPlan, folder: Path) -> list[Path]:
-    """Write robot, law, torques, singularity and wrench into a folder: figures.pdf, and a PNG of each page.
+def plan_drawings(plan: CrossingPlan, film: Film | None = None) -> dict[str, Callable[[], Axes]]:
+    """Return what draws robot, law, torques, singularity and wrench of a plan, by their names.
 
     Of a crossing its eye too, and of an optimal law its phase plane.
     """
     drawings: dict[str, Callable[[], Axes]] = {
-        "robot": lambda: plot_still(film_plan(plan)),
+        "robot": lambda: plot_still(film_plan(plan) if film is None else film),
         "law": lambda: plot_law(plan)[0],
         "torques": lambda: plot_torques(plan),
         "singularity": lambda: plot_singularity(plan),
@@ -203,7 +208,12 @@ def save_figures(plan: CrossingPlan, folder: Path) -> list[Path]:
         drawings["eye"] = lambda: plot_eye(plan)
     if plan.optimality is not None:
         drawings["phase_plane"] = lambda: plot_phase_plane(plan)[0]
-    return save_pages(drawings, folder / "figures.pdf")
+    return drawings
+
+
+def save_figures(plan: CrossingPlan, folder: Path) -> list[Path]:
+    """Write the drawings of a plan into a folder: figures.pdf, and a PNG of each page."""
+    return save_pages(plan_drawings(plan), folder / "figures.pdf")
 
 
 def save(draw: Callable[[], Axes], stem: Path) -> list[Path]:
@@ -211,15 +221,20 @@ def save(draw: Callable[[], Axes], stem: Path) -> list[Path]:
     return save_pages({stem.name: draw}, stem.with_suffix(".pdf"))
 
 
-def torque_axes(ax: Axes, robot: ParallelRobot) -> None:
-    """Name the axes of torques over time, and the motors."""
-    unit = ", ".join(dict.fromkeys(robot.torque_units))
-    ax.set_xlabel("time  [s]")
-    ax.set_ylabel(f"motor torque  [{unit}]")
+def draw_torques(ax: Axes, robot: ParallelRobot, time: Array, torque: Array) -> None:
+    """Draw the torques (T, n_a) of the motors over time, and name the axes and the motors."""
+    for k, (joint, curve) in enumerate(zip(robot.actuator_names, torque.T, strict=True)):
+        ax.plot(time, curve, label=said(joint), **line_style(k))
+    units = ", ".join(dict.fromkeys(robot.torque_units))
+    ax.set(xlabel="time  [s]", ylabel=f"motor torque  [{units}]")
     if robot.n_a <= MAX_LEGEND_CURVES:
         ax.legend()
     else:
         legend_above(ax, 3)
+
+
+def _times(plan: CrossingPlan) -> Array:
+    return np.linspace(0.0, plan.duration, CURVE_SAMPLES)
 
 
 def _time_axis(plan: CrossingPlan, ax: Axes) -> None:
@@ -232,7 +247,7 @@ def _time_axis(plan: CrossingPlan, ax: Axes) -> None:
 
 def _mark_crossings(plan: CrossingPlan, ax: Axes) -> None:
     for crossing in plan.crossings:
-        ax.axvline(crossing.time, color=CROSSING, linewidth=0.6, linestyle=(0, (4, 3)))
+        draw_dashed(ax, crossing.time)
 
 
 __all__ = [

@@ -2,26 +2,39 @@
 
 from __future__ import annotations
 
-import html
 import re
-from collections.abc import Iterable, Sequence
+from base64 import b64encode
+from collections.abc import Callable, Iterable, Sequence
 from datetime import date
+from html import escape
 from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from framework.crossing.result import Crossing, CrossingPlan
 from framework.dynamics.certificate import Certificate
 from framework.errors import point
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.frame_wrench import FrameWrench
-from framework.show.captions import how, parts, said, why
+from framework.show.captions import asked, how, parts, said, why
 from framework.show.film import Film, film_plan
 from framework.show.page import FILM_LEAD, scene_part, whole_page
-from framework.show.report_figures import figures_with_captions
+from framework.show.plots import plan_drawings
 from framework.show.reproduction import command_line, given_options, python_call
 from framework.show.scene import film_documents
+from framework.show.style import figure_file, styled
 
+PROVEN_TORQUE = (
+    "The torques are functions of time known on {0.nodes} nodes; what their series leaves out is "
+    "{0.tail:.1e} of their size. An unbounded torque would leave 1e-3 of it or more."
+)
+PROVEN_LOOPS = "The loops stay closed to {0.max_closure_error:.1e} (m or rad), between the nodes too."
+PROVEN_WRENCH = (
+    "At each crossing t_s · W_p, with the inertia of all bodies, is zero to {:.1e} of its largest value "
+    "along the motion, as a finite torque needs: condition (8) in the paper of Briot and Arakelian, 2010."
+)
+MOTOR = "gear ratio {0.gear_ratio:g}, rotor inertia {0.rotor_inertia:g} kg m²"
 PACKAGES = ("parallel-singularity-crossing", "pin", "numpy", "scipy", "meshcat")
 
 
@@ -62,20 +75,19 @@ def _what(plan: CrossingPlan) -> str:
 
 
 def _section(title: str, content: str) -> str:
-    return f"<section><h2>{html.escape(title)}</h2>\n{content}</section>"
+    return f"<section><h2>{escape(title)}</h2>\n{content}</section>"
 
 
 def _marked(text: str) -> str:
     """Return a plain text as HTML, with the indices of t_s and W_p."""
-    return re.sub(r"\b(t|W)_([sp])\b", r"\1<sub>\2</sub>", html.escape(text))
+    return re.sub(r"\b(t|W)_([sp])\b", r"\1<sub>\2</sub>", escape(text))
 
 
 def _table(rows: Iterable[Sequence[str]], head: Sequence[str] = ()) -> str:
     """Return a table of plain texts as HTML."""
-    lines = []
-    if head:
-        lines.append("<tr>" + "".join(f"<th>{_marked(cell)}</th>" for cell in head) + "</tr>")
-    lines += ["<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows]
+    cells = [[f"<th>{_marked(cell)}</th>" for cell in head]] if head else []
+    cells += [[f"<td>{escape(cell)}</td>" for cell in row] for row in rows]
+    lines = [f"<tr>{''.join(row)}</tr>" for row in cells]
     return '<div class="wide" tabindex="0"><table>' + "\n".join(lines) + "</table></div>"
 
 
@@ -90,19 +102,16 @@ def _crossings(plan: CrossingPlan, film: Film) -> str:
         for (joint, value), unit in zip(plan.peak_torque.items(), robot.torque_units, strict=True)
     )
     motion = (
-        f"<p>The motion takes {plan.duration:g} s. Largest motor torques, with {html.escape(parts(film))}: "
-        f"{html.escape(peaks)}.</p>"
+        f"<p>The motion takes {plan.duration:g} s. Largest motor torques, with {escape(parts(film))}: "
+        f"{escape(peaks)}.</p>"
     )
-    motion += "".join(
-        f"<p><b>At t = {instant.time:.4g} s:</b> {_marked(f'{why(robot)} {how(film, instant)}')}</p>"
-        for instant in film.instants
-    )
-    over = "".join(
-        f"<p><b>Warning:</b> {html.escape(said(joint))} exceeds its limits: {html.escape(excess)}.</p>"
-        for joint, excess in plan.exceeded.items()
-    )
+    for instant in film.instants:
+        sentence = _marked(f"{why(robot)} {how(film, instant)}")
+        motion += f"<p><b>At t = {instant.time:.4g} s:</b> {sentence}</p>"
+    for joint, excess in plan.exceeded.items():
+        motion += f"<p><b>Warning:</b> {escape(said(joint))} exceeds its limits: {escape(excess)}.</p>"
     if not plan.crossings:
-        return f"{motion}{over}<p>The path meets no singularity.</p>"
+        return f"{motion}<p>The path meets no singularity.</p>"
     loaded = any(point is not None for point in plan.loaded_points)
     head = (
         "t [s]",
@@ -127,17 +136,15 @@ def _crossings(plan: CrossingPlan, film: Film) -> str:
         )
         for crossing, under in zip(plan.crossings, plan.loaded_points, strict=True)
     ]
-    return f"{motion}{over}{_table(rows, head)}"
+    return motion + _table(rows, head)
 
 
 def _with_units(robot: ParallelRobot) -> str:
     """Return the platform's coordinates with their units: x, y [m], rz [rad]."""
-    groups = {"m": robot.platform.translations, "rad": ~robot.platform.translations}
-    named = {
-        unit: ", ".join(name for name, has_unit in zip(robot.axis_names, chosen, strict=True) if has_unit)
-        for unit, chosen in groups.items()
-    }
-    return ", ".join(f"{names} [{unit}]" for unit, names in named.items() if names)
+    named: dict[str, list[str]] = {"m": [], "rad": []}
+    for name, unit in zip(robot.axis_names, robot.axis_units, strict=True):
+        named[unit].append(name)
+    return ", ".join(f"{', '.join(names)} [{unit}]" for unit, names in named.items() if names)
 
 
 def _law(plan: CrossingPlan) -> str:
@@ -162,18 +169,9 @@ def _law(plan: CrossingPlan) -> str:
 
 def _certificate(plan: CrossingPlan, film: Film) -> str:
     certificate = plan.certificate
-    said_of = [
-        f"The torques are functions of time known on {certificate.nodes} nodes; what their series leaves out "
-        f"is {certificate.tail:.1e} of their size. An unbounded torque would leave 1e-3 of it or more.",
-        f"The loops stay closed to {certificate.max_closure_error:.1e} (m or rad), between the nodes too.",
-    ]
+    said_of = [PROVEN_TORQUE.format(certificate), PROVEN_LOOPS.format(certificate)]
     if plan.crossings:
-        worst = max(crossing.residual for crossing in plan.crossings)
-        said_of.append(
-            f"At each crossing t_s · W_p, with the inertia of all bodies, is zero to {worst:.1e} of its "
-            f"largest value along the motion, as a finite torque needs: condition (8) in the paper of Briot "
-            f"and Arakelian, 2010."
-        )
+        said_of.append(PROVEN_WRENCH.format(max(crossing.residual for crossing in plan.crossings)))
         said_of += [_condition(crossing) for crossing in plan.crossings]
     if plan.robot.n_e:
         crossed = "; the crossings are those of the deformed robot" if plan.crossings else ""
@@ -189,13 +187,11 @@ def _certificate(plan: CrossingPlan, film: Film) -> str:
         if certificate.monotone
         else "The law overshoots the ends of the path a little: s′ changes sign."
     )
-    if film.g.size and not np.isnan(film.g).any():
-        nearest = float(np.abs(film.g).min())
-        if not plan.crossings:
-            said_of.append(
-                f"The measure of singularity |g| is {nearest:.3g} or more at {len(film.g)} instants of the "
-                f"motion."
-            )
+    if not plan.crossings and film.has_measure:
+        said_of.append(
+            f"The measure of singularity |g| is {np.abs(film.g).min():.3g} or more at {len(film.g)} instants "
+            f"of the motion."
+        )
     items = "".join(f"<li>{_marked(text)}</li>" for text in said_of)
     return (
         f"<ul>{items}</ul><p>All of it was computed from the law when this page was "
@@ -218,16 +214,10 @@ def _both_certificates(plan: CrossingPlan, planned: Certificate | None) -> str:
     """Return the certificate's numbers in plan.json beside those computed again from its law."""
     if planned is None:
         return ""
-    rows = [
-        (
-            text,
-            *(
-                f"{getattr(certificate, key):{'g' if key == 'nodes' else '.1e'}}"
-                for certificate in (planned, plan.certificate)
-            ),
-        )
-        for key, text in _CERTIFIED
-    ]
+    rows = []
+    for key, text in _CERTIFIED:
+        form = "g" if key == "nodes" else ".1e"
+        rows.append((text, *(f"{getattr(each, key):{form}}" for each in (planned, plan.certificate))))
     return _table(rows, ("", "plan.json", "computed anew"))
 
 
@@ -272,22 +262,16 @@ def _neglected(plan: CrossingPlan) -> str:
 
 def _parameters(plan: CrossingPlan) -> str:
     robot, description = plan.robot, plan.robot.description
+    given, wrenches = given_options(plan), plan.dynamics.wrenches.entries
+    given.pop("wrenches", None)
     rows = [
         ("robot", f"{robot.name} ({description.file.name})"),
         ("flexibility", f"{robot.flexibility}, {plan.geometry} geometry"),
         ("platform", f"{description.platform.frame}: {', '.join(robot.axis_names)}"),
         ("path", repr(plan.path)),
         ("duration", f"{plan.duration:g} s"),
-        (
-            "asked for",
-            ", ".join(
-                f"{key} {_plain(value)}" for key, value in given_options(plan).items() if key != "wrenches"
-            ),
-        ),
-        *(
-            (f"wrench of the world on {wrench.frame}", _wrench(wrench))
-            for wrench in plan.dynamics.wrenches.entries
-        ),
+        ("asked for", ", ".join(f"{key} {_plain(value)}" for key, value in given.items())),
+        *((f"wrench of the world on {wrench.frame}", _wrench(wrench)) for wrench in wrenches),
         ("law", f"{plan.law.kind}: {plan.reason}"),
         ("gravity", f"{point(description.gravity)} m/s²"),
         ("mass", f"{robot.mass:.6g} kg in moving parts"),
@@ -295,9 +279,9 @@ def _parameters(plan: CrossingPlan) -> str:
     rows += [
         (
             f"motor {actuator.joint}",
-            f"gear ratio {actuator.gear_ratio:g}, rotor inertia {actuator.rotor_inertia:g} kg m²"
-            + (f", torque limit {actuator.torque_limit:g}" if actuator.torque_limit is not None else "")
-            + (f", speed limit {actuator.speed_limit:g} rad/s" if actuator.speed_limit is not None else ""),
+            MOTOR.format(actuator)
+            + ("" if actuator.torque_limit is None else f", torque limit {actuator.torque_limit:g}")
+            + ("" if actuator.speed_limit is None else f", speed limit {actuator.speed_limit:g} rad/s"),
         )
         for actuator in description.actuators
     ]
@@ -335,8 +319,56 @@ def _reproduction(plan: CrossingPlan) -> str:
     line = command_line(plan, "again")
     again = python_call(plan) if line is None else f"{line}\ncrossing report again"
     return (
-        f"<pre>{html.escape(again)}</pre>"
-        f"<p>{html.escape(robot.name)} is {html.escape(str(robot.description.file.name))}; written on "
-        f"{date.today().isoformat()} with "
-        f"{html.escape(', '.join(installed))}.</p>"
+        f"<pre>{escape(again)}</pre>"
+        f"<p>{escape(robot.name)} is {escape(robot.description.file.name)}; written on "
+        f"{date.today()} with {escape(', '.join(installed))}.</p>"
     )
+
+
+def figures_with_captions(plan: CrossingPlan, film: Film, marked: Callable[[str], str]) -> str:
+    """Return the figures as HTML; `marked` makes HTML of a plain text."""
+    figures, drawings = [], plan_drawings(plan, film)
+    for number, (name, caption) in enumerate(_captions(plan, film).items(), 1):
+        with styled():
+            drawing = drawings[name]().figure
+            assert isinstance(drawing, Figure)
+            data = b64encode(figure_file(drawing, "svg")).decode("ascii")
+        figures.append(
+            f'<figure><img alt="{escape(caption)}" src="data:image/svg+xml;base64,{data}">'
+            f"<figcaption><b>Figure {number}.</b> {marked(caption)}</figcaption></figure>"
+        )
+    return f'<div class="figures">{"".join(figures)}</div>'
+
+
+def _own(plan: CrossingPlan) -> str:
+    """Explain why the curve of the eye differs from that of t_s . W_p, where it does."""
+    if not np.any(plan.robot.rotor_inertia):
+        return ""
+    return (
+        " It is drawn with the rotors of the motors, along the t_s of that instant; the figure of t_s · W_p "
+        "has the bodies alone, and the t_s of each instant."
+    )
+
+
+def _captions(plan: CrossingPlan, film: Film) -> dict[str, str]:
+    """Return the captions of the figures, in their order."""
+    where = "at the singular instant" if film.instants else "halfway"
+    locus = ", singular locus (purple)" if plan.robot.platform.translations.all() else ""
+    dashed = " Dashed: the singular instants." if plan.crossings else ""
+    captions = {"robot": f"The robot {where}: path (green), t_s (black), W_p (magenta){locus}."}
+    if plan.crossings:
+        captions["eye"] = (
+            "The eye of the needle: at the singular instant the motors give nothing along t_s. The motion "
+            f"asks for nothing there.{_own(plan)}"
+        )
+    captions["torques"] = f"Motor torques, with {parts(film)}.{dashed}"
+    captions["law"] = f"The law s(t) and its derivatives.{dashed}"
+    if len(plan.robot.passive):
+        vanishes = ": 0 at the singular instants, condition (8)" if plan.crossings else ""
+        captions["singularity"] = "Measure of singularity along the path, 0 where singular."
+        captions["wrench"] = f"The {asked(plan.robot)} t_s that the motion asks for{vanishes}."
+    if plan.optimality is not None:
+        captions["phase_plane"] = (
+            "The phase plane: speed and acceleration along the path, and what the motors' limits allow."
+        )
+    return captions

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,7 +10,8 @@ from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullF
 
 from framework.control.run_monitor import ControlLoop
 from framework.control.study import Study
-from framework.show.style import ALARM, GOOD, figure, line_style
+from framework.show.captions import said
+from framework.show.style import ALARM, GOOD, Style, draw_dashed, figure, line_style
 
 LINEAR_AXIS_RATIO = 3.0  # torques that differ by less than that factor need no logarithms
 DRAWN_LIMIT_RATIO = 2.0  # limits beyond so many times the largest torque are told, not drawn
@@ -28,16 +28,14 @@ def plot_robustness(
     for k, study in enumerate(studies):
         count = len(study.passed)
         share = np.arange(1, count + 1) / count
-        label = f"{study.controller.replace('_', ' ')}: {study.probability:.1%} passed"
+        label = f"{said(study.controller)}: {study.probability:.1%} passed"
         for ax, values in zip(axes, (study.tracking_error, study.peak_torque.max(axis=1)), strict=True):
             ax.step(np.sort(values), share, where="post", label=label, **line_style(k))
     axes[0].set_xlabel("largest tracking error  [robot lengths, rad]")
     axes[1].set_xlabel("peak motor torque  [N m]")
     for ax in axes:
-        ax.set_xscale("log")
+        ax.set(xscale="log", ylabel="share of the runs", ylim=(0.0, 1.05))
         ax.xaxis.set_minor_formatter(NullFormatter())
-        ax.set_ylabel("share of the runs")
-        ax.set_ylim(0.0, 1.05)
     low, high = axes[1].get_xlim()
     if high < LINEAR_AXIS_RATIO * low:
         axes[1].set_xscale("linear")
@@ -59,7 +57,7 @@ def _draw_bounds(axes: Sequence[Axes], loop: ControlLoop) -> None:
     errors.axvspan(low, loop.tolerance, color=GOOD, alpha=0.1, linewidth=0)
     errors.axvline(loop.tolerance, color=GOOD, linewidth=0.8)
     errors.set_xlim(low, high)
-    note: dict[str, Any] = {"fontsize": 7, "rotation": 90, "ha": "right", "va": "center"}
+    note: Style = {"fontsize": 7, "rotation": 90, "ha": "right", "va": "center"}
     errors.text(
         loop.tolerance, 0.5, "within: passes", color=GOOD, transform=errors.get_xaxis_transform(), **note
     )
@@ -67,7 +65,7 @@ def _draw_bounds(axes: Sequence[Axes], loop: ControlLoop) -> None:
     within = torques.get_xaxis_transform()
     near = limits[limits < DRAWN_LIMIT_RATIO * torques.get_xlim()[1]]
     for limit in near:
-        torques.axvline(limit, color=ALARM, linewidth=0.8, linestyle=(0, (4, 3)))
+        draw_dashed(torques, limit, ALARM, 0.8)
     if len(near):
         torques.text(near[0], 0.5, "torque limit", color=ALARM, transform=within, **note)
     elif len(limits):  # far off: no place for it in the picture

@@ -6,32 +6,32 @@ metre. The page (framework/show/page) draws what it finds here and computes noth
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 
 from framework.arrays import Array, ArrayLike
 from framework.dynamics.action_lines import action_lines
-from framework.errors import point
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import (
+    carried_points,
     frame_positions,
     joint_axis,
     joint_poses,
     platform_positions,
-    rotated,
 )
 from framework.locus.drawn_locus import LocusCurves, locus_curves, locus_patch
 from framework.model.description import RobotDescription
 from framework.model.visuals import Shape
+from framework.output import Document
 from framework.show.captions import asked, film_summary, how, proof, said, stated, subtitle, unit, why
 from framework.show.film import Film
 from framework.show.force_polygon import peak_torque, shown_limit
 from framework.show.forces import drawn_sides, figure_vectors, why_no_figure
-from framework.show.motors import motor_shapes, placed
+from framework.show.motors import motor_shapes
+from framework.show.shapes import placed
 from framework.show.sight import Sight, film_sight, tilted
+from framework.show.standalone import packed
 
 UNPROVED_TORQUE_RATIO = 2.5  # an unproved torque is drawn up to so many times what it is away from its pole
 COIL_LENGTH = 0.18  # length of a spring's coil, over the `length` of the document
@@ -44,10 +44,10 @@ CurvesAbout = Callable[[Film, int, Array], LocusCurves | None]
 
 def floats(values: ArrayLike) -> str:
     """Encode an array for the page."""
-    return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode("ascii")
+    return packed(np.asarray(values, dtype="<f4"))
 
 
-def film_documents(films: Sequence[Film]) -> list[dict[str, Any]]:
+def film_documents(films: Sequence[Film]) -> list[Document]:
     """Return the page's documents of films side by side; films of one robot share its locus."""
     traced: list[tuple[RobotDescription, LocusCurves]] = []
 
@@ -64,13 +64,13 @@ def film_documents(films: Sequence[Film]) -> list[dict[str, Any]]:
     for film in sorted(films, key=lambda film: not film.instants):
         if all(description != film.robot.description for description, _ in seen):
             seen.append((film.robot.description, film_sight(film)))
-    sights = [
-        next(sight for description, sight in seen if description == film.robot.description) for film in films
-    ]
-    return [
-        _film_document(film, sight, curves_about, stated_limit(film, films), peak_torque(_alike(film, films)))
-        for film, sight in zip(films, sights, strict=True)
-    ]
+
+    def document(film: Film) -> Document:
+        sight = next(sight for description, sight in seen if description == film.robot.description)
+        limit, peak = stated_limit(film, films), peak_torque(_alike(film, films))
+        return _film_document(film, sight, curves_about, limit, peak)
+
+    return list(map(document, films))
 
 
 def stated_limit(film: Film, films: Sequence[Film]) -> Array:
@@ -87,7 +87,7 @@ def _alike(film: Film, films: Sequence[Film]) -> list[Film]:
 
 def _film_document(
     film: Film, sight: Sight, curves_about: CurvesAbout, limit: Array, peak: float
-) -> dict[str, Any]:
+) -> Document:
     robot = film.robot
     poses = joint_poses(robot, film.q)
     platform = platform_positions(robot, poses)
@@ -114,7 +114,7 @@ def _film_document(
         "torque": floats(film.torque),
         "torque_limit": _torque_limit(film),
         "law": floats(film.law(film.time)),
-        "g": None if np.isnan(film.g).any() else floats(film.g),
+        "g": floats(film.g) if film.has_measure else None,
         "power": floats(power),
         "stated": stated(robot, limit, peak, reason=", no limit in its file" if unlimited else ""),
         "band": floats(film.motors.band(film.t_s, limit)),
@@ -131,28 +131,28 @@ def _film_document(
     return document
 
 
-def _instants(film: Film, platform: Array, power: Array) -> list[dict[str, Any]]:
+def _instants(film: Film, platform: Array, power: Array) -> list[Document]:
     """Return the singular instants, with the platform's places and t_s . W_p (F,) of all frames."""
     return [
         {
             "time": instant.time,
             "wrench": float(np.copysign(instant.wrench, np.interp(instant.time, film.time, power))),
             "how": how(film, instant),
-            "place": _nearest(platform, film.time, instant.time),
-            "where": f"{', '.join(film.robot.axis_names)} = {point(instant.platform)}",
+            "place": platform[film.frame_at(instant.time)].tolist(),
+            "where": film.robot.place(instant.platform),
         }
         for instant in film.instants
     ]
 
 
-def drawn_robot(robot: ParallelRobot, poses: Array, sight: Sight) -> dict[str, Any]:
+def drawn_robot(robot: ParallelRobot, poses: Array, sight: Sight) -> Document:
     """Return the entries that do not depend on the motion, and the view."""
     shapes = sight.shapes[: sight.bodies]
     view = _view(_points_in_sight(robot, shapes, poses), sight)
     return {
         "robot": robot.name,
         "flexibility": robot.flexibility,
-        "axes": list(robot.axis_names),
+        "axes": robot.axis_names,
         "turning": (~robot.platform.translations).tolist(),
         "joints": robot.model.njoints,
         "length": 1.2 * view["radius"],
@@ -162,60 +162,50 @@ def drawn_robot(robot: ParallelRobot, poses: Array, sight: Sight) -> dict[str, A
     }
 
 
-def _integers(values: Any) -> str:
-    return base64.b64encode(np.ascontiguousarray(values, dtype="<u4").tobytes()).decode("ascii")
-
-
 def _columns(placement: Array) -> list[float]:
     """Return a placement (4, 4), column after column."""
     return [float(value) for value in placement.T.ravel().round(9)]
 
 
-def _solid(shape: Shape) -> dict[str, Any]:
-    mesh = (
-        {"vertices": floats(shape.vertices), "faces": _integers(shape.faces)}
-        if shape.vertices is not None
-        else {}
-    )
-    return {
+def _solid(shape: Shape) -> Document:
+    solid = {
         "node": shape.node,
         "kind": shape.kind,
-        "size": list(shape.size),
+        "size": shape.size,
         "placement": _columns(shape.placement),
-        "color": list(shape.color),
-        **mesh,
+        "color": shape.color,
     }
+    if shape.vertices is not None and shape.faces is not None:
+        solid |= {"vertices": floats(shape.vertices), "faces": packed(shape.faces.astype("<u4"))}
+    return solid
 
 
-def _motors(robot: ParallelRobot, shapes: list[Shape], size: float) -> list[dict[str, Any]]:
+def _motors(robot: ParallelRobot, shapes: list[Shape], size: float) -> list[Document]:
     named = zip(motor_shapes(robot, shapes, size), robot.actuator_names, robot.torque_units, strict=True)
     return [_solid(shape) | {"name": name, "unit": unit} for shape, name, unit in named]
 
 
-def _springs(film: Film, size: float) -> dict[str, Any] | None:
+def _springs(film: Film, size: float) -> Document | None:
     """Return the places of the coils, and the factor, 1, 2 or 5 times a power of ten, of deflections."""
     robot = film.robot
     if not robot.n_e:
         return None
-    coils, factors = [], {}
-    for k, column in enumerate(robot.elastic):
-        node, place, axis = joint_axis(robot, int(column))
+    slides, coils, factors = robot.sliding[robot.elastic], [], {}
+    for k, name in enumerate(robot.elastic_names):
+        node, place, axis = joint_axis(robot, int(robot.elastic[k]))
         coils.append(
             {
-                "name": robot.elastic_names[k],
+                "name": name,
                 "node": node,
                 "placement": _columns(placed(place, axis)),
-                "slides": bool(robot.sliding[column]),
+                "slides": bool(slides[k]),
                 "column": k,
             }
         )
-    slides_all = np.array([coil["slides"] for coil in coils])
-    for slides, largest_shown in (
-        (True, MAX_DRAWN_DEFLECTION * COIL_LENGTH * size),
-        (False, MAX_DRAWN_DEFLECTION),
-    ):
-        largest = np.abs(film.deflection[:, slides_all == slides]).max(initial=0.0)
-        factors["slide" if slides else "turn"] = _round_down(largest_shown / largest) if largest > 0 else 1.0
+    for kind, columns, unit_length in (("slide", slides, COIL_LENGTH * size), ("turn", ~slides, 1.0)):
+        largest = np.abs(film.deflection[:, columns]).max(initial=0.0)
+        shown = MAX_DRAWN_DEFLECTION * unit_length
+        factors[kind] = _round_down(shown / largest) if largest > 0 else 1.0
     return {
         "coils": coils,
         "factors": factors,
@@ -230,27 +220,24 @@ def _round_down(value: float) -> float:
     return float(max(part for part in (1.0, 2.0, 5.0) if part * power <= value * (1 + 1e-9)) * power)
 
 
-def _wrenches(film: Film) -> list[dict[str, Any]]:
+def _wrenches(film: Film) -> list[Document]:
     """Return W_p and the wrenches of the world that are not zero, all with the same largest sizes."""
     applied = [wrench for wrench in film.wrenches if wrench.wrench.any()]
-    sixes = [
-        film.demands,
-        *(wrench.at_origin for wrench in applied),
-    ]
-    arrows = [_arrows(six) for six in sixes]
+    arrows = [_arrows(six) for six in (film.demands, *(wrench.at_origin for wrench in applied))]
     largest = np.max([document["largest"] for document in arrows], axis=0).tolist()
     for document, wrench in zip(arrows[1:], applied, strict=True):
         document |= {"frame": said(wrench.frame), "origin": floats(wrench.origin)}
     return [document | {"largest": largest} for document in arrows]
 
 
-def _arrows(six: Array) -> dict[str, Any]:
+def _arrows(six: Array) -> Document:
     """Return linear and angular parts (F, 3) of twists or wrenches (F, 6), with their largest sizes."""
-    largest = [float(np.linalg.norm(part, axis=1).max()) for part in (six[:, :3], six[:, 3:])]
-    return {"linear": floats(six[:, :3]), "angular": floats(six[:, 3:]), "largest": largest}
+    parts = (six[:, :3], six[:, 3:])
+    largest = [float(np.linalg.norm(part, axis=1).max()) for part in parts]
+    return dict(zip(("linear", "angular"), map(floats, parts), strict=True)) | {"largest": largest}
 
 
-def _polytope(film: Film, limit: Array) -> dict[str, Any] | None:
+def _polytope(film: Film, limit: Array) -> Document | None:
     """Return the forces that motors within limits (n_a,) can give, or torques if the platform only turns.
 
     Around `center` (F, 3) the sums of plus or minus the `sides` (F, n_a, 3), one of each motor.
@@ -263,7 +250,7 @@ def _polytope(film: Film, limit: Array) -> dict[str, Any] | None:
     return {"center": floats(center), "sides": floats(sides), "count": robot.n_a, "flat": robot.n == 2}
 
 
-def _action_lines(film: Film) -> dict[str, Any] | None:
+def _action_lines(film: Film) -> Document | None:
     """Return the motors' lines of action, of a film that becomes singular."""
     lines = action_lines(film.robot, film.motors.motor_speed) if film.instants else None
     if lines is None:
@@ -281,20 +268,14 @@ def _torque_limit(film: Film) -> float:
     return UNPROVED_TORQUE_RATIO * usual if np.isfinite(usual) and usual > 0 else 1.0
 
 
-def _nearest(places: Array, times: Array, instant: float) -> list[float]:
-    return [float(value) for value in places[int(np.argmin(np.abs(times - instant)))]]
-
-
-def _locus(film: Film, platform: Array, curves_about: CurvesAbout) -> dict[str, Any] | None:
+def _locus(film: Film, platform: Array, curves_about: CurvesAbout) -> Document | None:
     """Return the drawing of the locus where the film comes nearest to it."""
-    if np.isnan(film.g).any():
+    if not film.has_measure:
         return None
-    nearest = int(np.argmin(np.abs(film.g)))
-    if film.instants:
-        nearest = int(np.argmin(np.abs(film.time - film.instants[0].time)))
-        patch = locus_patch(film.robot, film.q[nearest], film.x[nearest])
-        if patch is not None:
-            return {"kind": "patch", "count": len(patch), "points": floats(patch)}
+    nearest = film.telling_frame if film.instants else int(np.argmin(np.abs(film.g)))
+    patch = locus_patch(film.robot, film.q[nearest], film.x[nearest]) if film.instants else None
+    if patch is not None:
+        return {"kind": "patch", "count": len(patch), "points": floats(patch)}
     held = not film.robot.platform.is_point  # other coordinates take part: the locus is that of one instant
     frame = nearest if held else 0
     curves = curves_about(film, frame, film.x[frame : frame + 1] if held else film.x)
@@ -323,7 +304,7 @@ def locus_lines(
 
 def drawn_locus(
     robot: ParallelRobot, curves: LocusCurves | None, platform: Array, *, beside: float = LOCUS_MARGIN
-) -> dict[str, Any] | None:
+) -> Document | None:
     """Encode these curves for the page."""
     pieces = [floats(line) for line in locus_lines(robot, curves, platform, beside=beside)]
     whole = robot.platform.is_point
@@ -333,15 +314,12 @@ def drawn_locus(
 def _points_in_sight(robot: ParallelRobot, shapes: list[Shape], poses: Array) -> Array:
     """Return all places (m, 3) that a picture has to hold: of joints at all times, of bodies at some."""
     points = [frame_positions(robot, poses)]
-    for pose in poses[[0, len(poses) // 2, -1]]:
-        for shape in shapes:
-            joint = pose[shape.node]
-            turn = np.repeat(joint[None, 3:], 8, axis=0)
-            points.append(joint[:3] + rotated(turn, shape.corners()))
+    some = poses[[0, len(poses) // 2, -1]]
+    points += [carried_points(pose[shape.node], shape.corners()) for pose in some for shape in shapes]
     return np.concatenate(points)
 
 
-def _view(points: Array, sight: Sight) -> dict[str, Any]:
+def _view(points: Array, sight: Sight) -> Document:
     """Return centre and radius of the picture, and the direction of sight."""
     low, high = points.min(axis=0), points.max(axis=0)
     center = 0.5 * (low + high)

@@ -12,14 +12,14 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import Any
 
 from framework.errors import InvalidInput, NoAnswer
 from framework.interruption import SIGNALS
+from framework.output import Document
 
 MAX_REQUEST_BYTES = 65536
 
-Answer = Callable[[dict[str, Any]], dict[str, Any]]
+Answer = Callable[[Document], Document]
 
 
 class PageServer(ThreadingHTTPServer):
@@ -102,7 +102,7 @@ class _Handler(BaseHTTPRequestHandler):
             origin is None or origin in [f"http://{host}" for host in hosts]
         )
 
-    def _send_json(self, status: int, document: dict[str, Any]) -> None:
+    def _send_json(self, status: int, document: Document) -> None:
         self._send(status, "application/json", json.dumps(document, allow_nan=False).encode())
 
     def _send(self, status: int, kind: str, content: bytes) -> None:

@@ -31,14 +31,13 @@ def thinned(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
     """Return a mesh in which the vertices of each cell of a grid are merged into their mean."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     cell = max(float(np.linalg.norm(high - low)) / MESH_CELLS, 1e-12)
-    keys, inverse = np.unique(np.floor((vertices - low) / cell).astype(np.int64), axis=0, return_inverse=True)
+    cells = np.floor((vertices - low) / cell).astype(np.int64)
+    _, inverse, count = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
     inverse = inverse.ravel()
-    count = np.bincount(inverse, minlength=len(keys))
-    mean = np.stack([np.bincount(inverse, vertices[:, k], len(keys)) / count for k in range(3)], axis=1)
+    mean = np.stack([np.bincount(inverse, coordinate) / count for coordinate in vertices.T], axis=1)
     corners = inverse[faces]
-    a, b, c = corners.T
-    kept = corners[(a != b) & (b != c) & (c != a)]
-    return mean, np.unique(kept, axis=0)
+    differ = np.diff(np.sort(corners, axis=1), axis=1).all(axis=1)
+    return mean, np.unique(corners[differ], axis=0)
 
 
 def surface_points(shape: Shape, spacing: float) -> Array:
@@ -47,9 +46,7 @@ def surface_points(shape: Shape, spacing: float) -> Array:
         local = np.concatenate([shape.vertices, shape.vertices[shape.faces].mean(axis=1)])
         local = local[:: 1 + len(local) // MAX_SURFACE_POINTS]
     else:
-        radius = shape.size[0]
-        sides = {"box": shape.size, "cylinder": (2 * radius, 2 * radius, shape.size[-1])}
-        half = 0.5 * np.array(sides.get(shape.kind, (2 * radius,) * 3))
+        half = shape.half_edges
         cells = np.sort(2 * half / spacing)
         count = int(min(MAX_SURFACE_POINTS, 12 * (cells[2] + 1) * (cells[1] + 1)))
         # a spiral about the sphere, pushed outward onto the solid of unit size
@@ -59,7 +56,7 @@ def surface_points(shape: Shape, spacing: float) -> Array:
         round_ = np.stack([level * np.cos(angle), level * np.sin(angle), height], axis=1)
         far = {"box": np.abs(round_).max(axis=1), "cylinder": np.maximum(level, np.abs(height))}
         local = half * round_ / far.get(shape.kind, np.ones(count))[:, None]
-    return np.asarray(local @ shape.placement[:3, :3].T + shape.placement[:3, 3])
+    return shape.in_node(local)
 
 
 def _sticks(robot: ParallelRobot, dressed: set[int]) -> list[Shape]:
@@ -79,18 +76,18 @@ def _sticks(robot: ParallelRobot, dressed: set[int]) -> list[Shape]:
         for end in ends:
             length = float(np.linalg.norm(end))
             if node and length > MIN_STICK_LENGTH * robot.length:
-                placement = np.eye(4)
-                placement[:3, :3], placement[:3, 3] = turned_onto(np.asarray(end)), 0.5 * np.asarray(end)
-                shapes.append(Shape(node, "cylinder", (radius, length), placement, STICK_COLOR))
+                shapes.append(Shape(node, "cylinder", (radius, length), placed(0.5 * end, end), STICK_COLOR))
         if node and ends:
             shapes.append(Shape(node, "sphere", (1.3 * radius,), np.eye(4), JOINT_COLOR))
     return shapes
 
 
-def turned_onto(axis: Array) -> Array:
-    """Return a rotation matrix (3, 3) whose third column points along `axis` (3,)."""
+def placed(place: Array, axis: Array) -> Array:
+    """Return a placement (4, 4) at `place` (3,) with z along `axis` (3,)."""
     third = axis / np.linalg.norm(axis)
     aside = np.eye(3)[int(np.argmin(np.abs(third)))]
     first = np.cross(aside, third)
     first /= np.linalg.norm(first)
-    return np.stack([first, np.cross(third, first), third], axis=1)
+    placement = np.eye(4)
+    placement[:3] = np.stack([first, np.cross(third, first), third, place], axis=1)
+    return placement

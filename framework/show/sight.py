@@ -12,7 +12,7 @@ import numpy as np
 
 from framework.arrays import LEAST_DIVISOR, Array, IntArray
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.placements import joint_poses, planar_normal, rotated
+from framework.kinematics.placements import carried_points, joint_poses, planar_normal
 from framework.locus.drawn_locus import locus_patch
 from framework.model.visuals import Shape
 from framework.show.film import Film
@@ -131,15 +131,11 @@ def _surfaces(robot: ParallelRobot, q: Array, shapes: list[Shape]) -> tuple[Arra
     """Return points (m, 3) all over the solids, in cells of the picture, and the node (m,) of each."""
     poses = joint_poses(robot, q[None])[0]
 
-    def placed(shape: Shape, local: Array) -> Array:
-        pose = poses[shape.node]
-        return pose[:3] + rotated(np.repeat(pose[None, 3:], len(local), axis=0), local)
-
-    boxes = [placed(shape, shape.corners()) for shape in shapes]
+    boxes = [carried_points(poses[shape.node], shape.corners()) for shape in shapes]
     spacing = float(np.ptp(np.concatenate(boxes), axis=0).max()) / PICTURE_CELLS
-    points = [placed(shape, surface_points(shape, spacing)) for shape in shapes]
-    nodes = [np.full(len(each), shape.node) for shape, each in zip(shapes, points, strict=True)]
-    return np.concatenate(points) / spacing, np.concatenate(nodes)
+    points = [carried_points(poses[shape.node], surface_points(shape, spacing)) for shape in shapes]
+    nodes = np.repeat([shape.node for shape in shapes], list(map(len, points)))
+    return np.concatenate(points) / spacing, nodes
 
 
 def _areas(points: Array, nodes: IntArray, onto: Projection) -> IntArray:

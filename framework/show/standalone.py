@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import html
 import json
 from collections.abc import Sequence
@@ -9,6 +10,8 @@ from functools import cache
 from importlib.resources import files
 from string import Template
 from typing import Any
+
+import numpy as np
 
 from framework.show.style import page_colors
 
@@ -34,6 +37,11 @@ def standalone_page(
         document=json.dumps(data, allow_nan=False).replace("<", "\\u003c"),
         script="\n".join(map(_asset, ("shared.js", *scripts))),
     )
+
+
+def packed(values: np.ndarray) -> str:
+    """Encode an array for the scripts, row after row."""
+    return base64.b64encode(np.ascontiguousarray(values).tobytes()).decode("ascii")
 
 
 def page_part(name: str, **texts: Any) -> str:

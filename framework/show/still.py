@@ -56,8 +56,13 @@ def plot_still(
         label="path" if np.ptp(path_line, axis=0).max() > 0 else None,
     )
     for instant in film.instants:
-        mark = path_line[int(np.argmin(np.abs(film.time - instant.time)))]
-        ax.plot(*mark, "o", color=LOCUS if film.proved else ALARM, markersize=4, zorder=6)
+        ax.plot(
+            *path_line[film.frame_at(instant.time)],
+            "o",
+            color=LOCUS if film.proved else ALARM,
+            markersize=4,
+            zorder=6,
+        )
     if limit is not None and robot.n == 2 and robot.platform.is_point:
         _polygons(film, ax, path_line, limit, [k] if alone else None)
     if film.instants and k == film.telling_frame and len(robot.platform.sliding):
@@ -72,7 +77,7 @@ def plot_still(
         # a platform that only turns has the axes of its turn and of its torque
         part = six[:, :3] if len(robot.platform.sliding) else six[:, 3:]
         largest = np.linalg.norm(part, axis=1).max()
-        if largest > 0 and not np.isnan(film.g).any():
+        if largest > 0 and film.has_measure:
             tip = part[k] * size * reach / (np.linalg.norm(part[k]) or 1.0 if both else largest)
             _arrow(ax, onto(place), onto(tip), color, both, label)
     ax.autoscale_view()
@@ -96,7 +101,7 @@ def _action_lines(film: Film, ax: Axes, k: int, origin: Array, onto: Projection)
 def locus_of(film: Film) -> list[Array]:
     """Return the curves (m, 3) of the locus, of a platform that moves in a plane."""
     robot = film.robot
-    if np.isnan(film.g).any() or not robot.platform.is_point:
+    if not film.has_measure or not robot.platform.is_point:
         return []
     return locus_lines(robot, locus_curves(robot, film.q[0], film.x[0]), film.platform)
 
@@ -110,12 +115,9 @@ def _arrow(ax: Axes, foot: Array, arrow: Array, color: str, both: bool, label: s
             "shrinkA": 0,
             "shrinkB": 0,
         }
-        ax.annotate(
-            "", tuple(foot + arrow), tuple(foot - arrow if both else foot), arrowprops=style, zorder=7
-        )
-        ax.plot(
-            *np.stack([foot + arrow, foot - arrow if both else foot], axis=1), alpha=0
-        )  # so that it is in sight
+        tip, tail = foot + arrow, foot - arrow if both else foot
+        ax.annotate("", tuple(tip), tuple(tail), arrowprops=style, zorder=7)
+        ax.plot(*np.stack([tip, tail], axis=1), alpha=0)  # so that it is in sight
         ax.plot([], [], color=color, linewidth=1.2, label=label)
 
 

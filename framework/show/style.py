@@ -17,6 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.backend_bases import get_registered_canvas_class
 from matplotlib.figure import Figure
 
+Style = dict[str, Any]  # of what matplotlib draws, by its keywords
 COLORS = ("#004f9e", "#d55e00", "#00a67a", "#7a1f4b", "#6bb8ff", "#e0a800")  # of curves, dark and light
 DASHES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)), (0, (9, 3)))
 CROSSING = "#444444"
@@ -24,7 +25,7 @@ CROSSING = "#444444"
 LOCUS, TWIST, WRENCH, WORLD = "#6212a8", "#14181d", "#a81560", "#4a1c00"
 PATH, AHEAD = "#00a572", "#8a929b"  # the path, or the way gone; the way to go
 GIVEN = "#70baff"  # what the motors can give
-BAND: dict[str, Any] = {"color": GIVEN, "alpha": 0.35, "linewidth": 0}
+BAND: Style = {"color": GIVEN, "alpha": 0.35, "linewidth": 0}
 ALARM, WARNING, GOOD = "#c8141e", "#8a5a00", "#14504f"
 INK, SOFT = "#1d2530", "#5c6876"  # text
 LINE, GRID, AXIS = "#d8dde3", "#e7eaee", "#9aa4af"
@@ -87,13 +88,28 @@ def figure(rows: int = 1, *, height: float = 2.2, shared: bool = True) -> tuple[
     return drawing, list(axes)
 
 
+def axes_or_new(ax: Axes | None, height: float = 2.2) -> Axes:
+    """Return the axes given, or new ones of a height [in] when None."""
+    return figure(height=height)[1][0] if ax is None else ax
+
+
+def draw_dashed(ax: Axes, place: float, color: str = CROSSING, linewidth: float = 0.6) -> None:
+    """Draw a dashed line upright at a place on the abscissa, of a crossing by default."""
+    ax.axvline(place, color=color, linewidth=linewidth, linestyle=(0, (4, 3)))
+
+
+def draw_dot(ax: Axes, x: float, y: float, size: float = 4) -> None:
+    """Draw the dot of a crossing."""
+    ax.plot([x], [y], "o", color=CROSSING, markersize=size, zorder=3)
+
+
 def legend_above(ax: Axes, columns: int = 1, **options: Any) -> None:
     """Put the legend over the axes, where it hides no curve; none where nothing has a label."""
     if ax.get_legend_handles_labels()[0]:
         ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2, ncols=columns, **options)
 
 
-def line_style(k: int) -> dict[str, Any]:
+def line_style(k: int) -> Style:
     """Return colour and dash of the k-th curve: either of them tells it from the others."""
     return {"color": COLORS[k % len(COLORS)], "linestyle": DASHES[k % len(DASHES)]}
 

@@ -14,8 +14,7 @@ import robots
 from framework import plan_scene
 from framework.errors import InvalidInput
 from framework.kinematics.placements import frame_positions, joint_poses
-from framework.show.drawing import draw_robot, hull
-from framework.show.gallery import gallery_picture
+from framework.show.drawing import draw_robot, gallery_picture, hull
 from framework.show.jupyter import load_ipython_extension
 from framework.show.moving import film_picture
 from framework.show.shapes import body_shapes

@@ -1,0 +1,37 @@
+"""What commands write into the folder of --out; the report ends with its name."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from framework.output import written_together
+from framework.parallel.kept import forget
+
+
+@contextmanager
+def written_out(options: Namespace, document: str) -> Iterator[Path]:
+    """Yield a folder whose files move into --out."""
+    with written_together(Path(options.out), document=document) as folder:
+        yield folder
+    options.written = options.out
+
+
+@contextmanager
+def written_stepwise(
+    options: Namespace, document: str, count: Callable[[], int], unit: str
+) -> Iterator[Path]:
+    """Yield a folder whose files move into --out, for long work: hours of it want a place to go to.
+
+    Parts that are finished stay there where it is interrupted: so many `unit` as `count` tells.
+    """
+    with written_out(options, document) as folder:
+        try:
+            yield folder
+        except KeyboardInterrupt as stop:
+            kept = count()
+            sentence = f"{kept} {unit} are kept in {options.out}, and the same command goes on from them"
+            raise type(stop)(*([sentence] if kept else [])) from None
+    forget(Path(options.out))
