@@ -142,6 +142,26 @@ class JointDynamics:
     stiffness: float = 0.0
     rest: float = 0.0
 
+    def seen_through(self, ratio: float) -> JointDynamics:
+        """Return what acts along a coordinate whose motion times `ratio` is that of this one."""
+        square, rest = ratio * ratio, self.rest / ratio if self.stiffness else 0.0
+        friction = abs(ratio) * self.friction
+        return JointDynamics(
+            square * self.armature, square * self.damping, friction, square * self.stiffness, rest
+        )
+
+    def __add__(self, other: JointDynamics) -> JointDynamics:
+        """Return what acts where both do."""
+        stiffness = self.stiffness + other.stiffness
+        moment = self.stiffness * self.rest + other.stiffness * other.rest
+        return JointDynamics(
+            self.armature + other.armature,
+            self.damping + other.damping,
+            self.friction + other.friction,
+            stiffness,
+            moment / stiffness if stiffness else 0.0,
+        )
+
 
 @dataclass(frozen=True)
 class Coupling:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable
 
+import numpy as np
+
 from framework.arrays import Array
 from framework.model.placement import to_rpy
 
@@ -44,6 +46,17 @@ def joint_element(
     if kind in ("revolute", "prismatic"):
         element.append(no_limit(effort))
     return element
+
+
+def inertial_element(mass: float, centre: Array, inertia: Array) -> ElementTree.Element:
+    """Return the `<inertial>` of a body: mass [kg], centre (3,) [m], inertia (3, 3) about it [kg m^2]."""
+    inertial = ElementTree.Element("inertial")
+    ElementTree.SubElement(inertial, "origin", xyz=vector_text(centre), rpy="0 0 0")
+    ElementTree.SubElement(inertial, "mass", value=repr(float(mass)))
+    names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    pairs = zip(names, inertia[np.triu_indices(3)].tolist(), strict=True)
+    ElementTree.SubElement(inertial, "inertia", {name: repr(value) for name, value in pairs})
+    return inertial
 
 
 def no_limit(effort: str = "1e9") -> ElementTree.Element:

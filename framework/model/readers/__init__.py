@@ -8,7 +8,7 @@ Dialects
     ros_constraint      `<constraint>` in a URDF
     loop_joint          `<loop_joint>` in a URDF
     urdf_plus           `<loop>` and `<coupling>` in a URDF
-    mjcf/               MuJoCo's models
+    mjcf, mujoco_model  MuJoCo's models, compiled by MuJoCo itself
     sdf                 SDFormat: recognised, and refused
 
 What they share

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from framework.model.description import (
 from framework.model.readers.base_link import couplings_of_the_rest, lock, lock_all_but, loops_of_the_rest
 from framework.model.readers.left_out import LeftOut, left_out_of
 from framework.model.readers.missing_fields import Known, Options, checked_reference, completed_description
-from framework.model.readers.transmissions import Motor, actuators_of
+from framework.model.readers.transmissions import Motor, Pull, actuators_of, add_pulls
 from framework.model.readers.urdf_tree import UrdfTree
 from framework.model.robot_keys import joint_dynamics
 from framework.model.urdf_elements import declared_couplings, declared_dynamics
@@ -37,6 +37,7 @@ def describe(
     couplings: Sequence[Coupling] = (),
     platform: Platform | None = None,
     motors: Sequence[Motor] = (),
+    pulls: Iterable[Pull] = (),
     likely_motors: Sequence[str] = (),
     joints: Mapping[str, JointDynamics] | None = None,
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81),
@@ -63,6 +64,7 @@ def describe(
     if not loops and not couplings:
         raise _no_loop(options, closures[0] if closures else None)
     actuators, several = actuators_of(motors, tree, couplings)
+    acting, apart = add_pulls(pulls, joints or {}, tree, couplings)
     description = RobotDescription(
         name=_name(tree.root, file),
         file=file,
@@ -71,7 +73,7 @@ def describe(
         actuators=tuple(actuators),
         closures=tuple(loops),
         couplings=tuple(couplings),
-        joints=_acting(tree, joints or {}),
+        joints=_acting(tree, acting),
         gravity=gravity,
         reference={name: value for name, value in near.items() if name in tree.coordinates},
     )
@@ -80,7 +82,7 @@ def describe(
     description = replace(
         resolved.description,
         urdf_text=ElementTree.tostring(tree.root, encoding="unicode"),
-        left_out=(*several, *left_out_of(tree, left_out)),
+        left_out=(*several, *left_out_of(tree, [*left_out, *apart])),
     )
     return ParsedRobot(description, tree.root, remarks=resolved.remarks)
 

@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from framework.errors import RobotFileError, choose_from, short
+from framework.errors import MissingPackage, RobotFileError, choose_from, short
 from framework.input import read_text
 from framework.model.description import ParsedRobot, RobotDescription
 from framework.model.documents import LEADING_BLANKS, naming, parse_xml, parse_yaml
@@ -148,7 +148,7 @@ def _dialect_of_yaml(content: Any) -> str:
 
 def _from_xml(path: Path, text: str, options: Options) -> ParsedRobot:
     from framework.model.readers import loop_joint, onshape, ros_constraint, urdf_plus
-    from framework.model.readers.mjcf.reader import read_mjcf
+    from framework.model.readers.mjcf import read_mjcf
 
     root = parse_xml(text)
     read = {
@@ -161,6 +161,8 @@ def _from_xml(path: Path, text: str, options: Options) -> ParsedRobot:
     dialect = _dialect_of_xml(root)
     try:
         return read[dialect](path, root, options)._replace(dialect=dialect)
+    except MissingPackage:
+        raise
     except RobotFileError as error:
         raise RobotFileError(f"{_line_of_element(str(error), text)}{error}") from None
 
