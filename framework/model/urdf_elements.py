@@ -69,8 +69,11 @@ def coordinates_of(name: str, kind: str) -> tuple[str, ...]:
     return (name,) if kind in MOVING else ()
 
 
-def read_tree(root: ElementTree.Element) -> Tree:
+def read_tree(root: ElementTree.Element, impossible: list[tuple[str, str]] | None = None) -> Tree:
     """Read the links and joints below `<robot>`.
+
+    `impossible` takes links without a possible inertia, and joints without a possible limit, by name and
+    complaint: they lose what is impossible. Without the list they are errors.
 
     Raises:
         RobotFileError: they are not a tree of known joints and possible bodies, or too many.
@@ -83,7 +86,7 @@ def read_tree(root: ElementTree.Element) -> Tree:
     if highest > MAX_TREE_ELEMENTS:
         raise RobotFileError(f"<robot>: {highest} links or joints; at most {MAX_TREE_ELEMENTS} are read")
     names = set(links)
-    joints = {j.name: j for j in (read_joint(e, names) for e in root.findall("joint"))}
+    joints = {j.name: j for j in (read_joint(e, names, impossible) for e in root.findall("joint"))}
     for joint in joints.values():
         for name in joint.coordinates:
             if joint.kind in SEVERAL and name in joints:
@@ -92,7 +95,14 @@ def read_tree(root: ElementTree.Element) -> Tree:
                 )
     extent = max((float(np.linalg.norm(joint.origin[:3, 3])) for joint in joints.values()), default=0.0)
     for link in root.findall("link"):
-        check_link(link, extent)
+        try:
+            check_link(link, extent)
+        except RobotFileError as error:
+            if impossible is None or ("<inerti" not in str(error) and "<mass>" not in str(error)):
+                raise
+            impossible.append((link.get("name", ""), str(error)))
+            for inertial in link.findall("inertial"):
+                link.remove(inertial)
     return Tree(links, joints, _base(links, joints))
 
 
@@ -149,7 +159,9 @@ def unique_names(root: ElementTree.Element, tag: str) -> list[str]:
     return list(names)
 
 
-def read_joint(element: ElementTree.Element, links: set[str]) -> Joint:
+def read_joint(
+    element: ElementTree.Element, links: set[str], impossible: list[tuple[str, str]] | None = None
+) -> Joint:
     """Read a joint between two of these links; remove what has no meaning from the element.
 
     Raises:
@@ -184,10 +196,14 @@ def read_joint(element: ElementTree.Element, links: set[str]) -> Joint:
             for key in _LIMIT
         )
         if kind != "continuous" and (lower > upper or effort < 0 or velocity < 0):
-            raise RobotFileError(
+            text = (
                 f"{where}: <limit>: needs lower <= upper, effort and velocity of at least zero, got lower "
                 f"{lower:g}, upper {upper:g}, effort {effort:g}, velocity {velocity:g}"
             )
+            if impossible is None:
+                raise RobotFileError(text)
+            impossible.append((name, text))
+            limit.attrib |= {"lower": "-1e9", "upper": "1e9", "effort": "1e9", "velocity": "1e9"}
     if "independent" in element.attrib:
         del element.attrib["independent"]  # a URDF+ hint, read before
     origin = origin_of(element.find("origin"), f"{where}: <origin>")

@@ -3,13 +3,14 @@
 All make the records of `framework.model.description`.
 
 Dialects
+    urdf                URDF, in all the ways that loops are written in it, of which these have their own file:
+    urdf_plus           `<loop>` and `<coupling>`
+    ros_constraint      `<constraint>`
+    loop_joint          `<loop_joint>`
     onshape             frames `closing_NAME_1` and `closing_NAME_2`
     gepetto             a YAML of loops beside a URDF
-    ros_constraint      `<constraint>` in a URDF
-    loop_joint          `<loop_joint>` in a URDF
-    urdf_plus           `<loop>` and `<coupling>` in a URDF
     mjcf, mujoco_model  MuJoCo's models, compiled by MuJoCo itself
-    sdf                 SDFormat: recognised, and refused
+    sdf                 SDFormat
 
 What they share
     urdf_tree           a URDF with frames and closures to add

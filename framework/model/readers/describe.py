@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from framework.errors import RobotFileError
+from framework.errors import FrameworkError, RobotFileError
 from framework.model.description import (
     Closure,
     Coupling,
@@ -17,7 +17,7 @@ from framework.model.description import (
     RobotDescription,
 )
 from framework.model.readers.base_link import couplings_of_the_rest, lock, lock_all_but, loops_of_the_rest
-from framework.model.readers.left_out import LeftOut, left_out_of
+from framework.model.readers.left_out import LeftOut, left_out_of, moves
 from framework.model.readers.missing_fields import Known, Options, checked_reference, completed_description
 from framework.model.readers.transmissions import Motor, Pull, actuators_of, add_pulls
 from framework.model.readers.urdf_tree import UrdfTree
@@ -43,6 +43,7 @@ def describe(
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81),
     reference: Mapping[str, float] | None = None,
     left_out: Sequence[LeftOut] = (),
+    remarks: Sequence[str] = (),
 ) -> ParsedRobot:
     """Make the records of a tree and its loops, completed by the options; return them with the URDF.
 
@@ -53,7 +54,9 @@ def describe(
     """
     near = checked_reference(options, tree.coordinates, reference or {})
     couplings = [*couplings, *declared_couplings(tree.root)]
+    left_out = [*left_out, *(LeftOut(text, (name,), is_decisive=True) for name, text in tree.impossible)]
     if not closures and not couplings:
+        left_out_of(tree, left_out)
         raise RobotFileError("there is no loop in it: a parallel robot needs at least one closure")
     _check_closures(closures)
     if options.base is not None:
@@ -78,13 +81,23 @@ def describe(
         reference={name: value for name, value in near.items() if name in tree.coordinates},
     )
     known = Known(tree, description, platform, tuple(likely_motors))
-    resolved = completed_description(options, known)
+    left_out = [*left_out, *apart]
+    try:
+        resolved = completed_description(options, known)
+    except FrameworkError:
+        left_out_of(tree, left_out)  # the more precise reason, if there is one
+        raise
     description = replace(
         resolved.description,
         urdf_text=ElementTree.tostring(tree.root, encoding="unicode"),
-        left_out=(*several, *left_out_of(tree, [*left_out, *apart])),
+        left_out=(*several, *left_out_of(tree, left_out)),
     )
-    return ParsedRobot(description, tree.root, remarks=resolved.remarks)
+    decisive = [item for item in left_out if item.is_decisive]
+    held = [item.what for item in decisive if not any(moves(tree, name) for name in item.acts_on)]
+    said = [*remarks, *(f"not used, since it does not move: {what}" for what in held)]
+    if tree.skipped:
+        said.append(f"not read, of other programs: {', '.join(f'<{tag}>' for tag in tree.skipped)}")
+    return ParsedRobot(description, tree.root, remarks=(*said, *resolved.remarks))
 
 
 def _check_closures(closures: Sequence[Closure]) -> None:

@@ -12,43 +12,21 @@ frame. Motors are the joints with a transmission or a command interface; nothing
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from pathlib import Path
 
 import numpy as np
 
 from framework.errors import RobotFileError, choose_from
-from framework.model.description import Closure, ParsedRobot, locked_axes
+from framework.model.description import Closure, locked_axes
 from framework.model.placement import placement, turning
-from framework.model.readers.describe import describe
-from framework.model.readers.missing_fields import Options
-from framework.model.readers.transmissions import Motor
 from framework.model.readers.urdf_tree import UrdfTree
 from framework.model.xml_reading import attribute, axis_of, child_element, only, origin_of
 
-ELEMENTS = ("loop_joint",)
-_OTHERS = ("fixed_frame",)
 _ORIGIN = ("xyz", "rpy")
 _KINDS = {"continuous": "revolute"} | {kind: kind for kind in ("spherical", "fixed", "revolute", "prismatic")}
 
 
-def read_loop_joints(file: Path, root: ElementTree.Element, options: Options) -> ParsedRobot:
-    """Read the description in a URDF with `<loop_joint>` elements.
-
-    Raises:
-        RobotFileError: names the element.
-    """
-    tree = UrdfTree(root, (*ELEMENTS, *_OTHERS))
-    closures = []
-    for element in tree.extra:
-        if element.tag == "loop_joint":
-            closures.append(_loop_joint(tree, element))
-        else:
-            _fixed_frame(tree, element)
-    motors = [Motor.on(name) for name in tree.motors if name in tree.movable]
-    return describe(tree, file, options, closures, motors=motors)
-
-
-def _fixed_frame(tree: UrdfTree, element: ElementTree.Element) -> None:
+def read_fixed_frame(tree: UrdfTree, element: ElementTree.Element) -> None:
+    """Add the frame of a `<fixed_frame>` to the tree."""
     name = attribute(element, "<fixed_frame>", "name")
     where = f"fixed_frame {name!r}"
     parent = attribute(child_element(element, where, "parent"), f"{where}: <parent>", "link")
@@ -57,7 +35,8 @@ def _fixed_frame(tree: UrdfTree, element: ElementTree.Element) -> None:
     )
 
 
-def _loop_joint(tree: UrdfTree, element: ElementTree.Element) -> Closure:
+def read_loop_joint(tree: UrdfTree, element: ElementTree.Element) -> Closure:
+    """Read the closure of a `<loop_joint>`; complaints name the element."""
     name = attribute(element, "<loop_joint>", "name")
     where = f"loop_joint {name!r}"
     for child in element:

@@ -72,7 +72,7 @@ def read_mjcf(file: Path, root: ElementTree.Element, options: Options) -> Parsed
         gravity=(0.0, 0.0, 0.0) if model.is_off("GRAVITY") else tuple(compiled.opt.gravity.tolist()),
         reference={name: value for name, value in reference.items() if name in tree.coordinates},
         left_out=[*left_out, *(loop for loop in loops if isinstance(loop, LeftOut)), *model.left_out()],
-    )
+    )._replace(dialect="mjcf")
 
 
 def _refuse_nan(root: ElementTree.Element) -> None:

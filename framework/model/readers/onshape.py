@@ -10,31 +10,20 @@ platform and motors.
 from __future__ import annotations
 
 import re
-import xml.etree.ElementTree as ElementTree
-from pathlib import Path
 
 from framework.errors import RobotFileError
-from framework.model.description import Closure, ParsedRobot, locked_axes
-from framework.model.readers.describe import describe
-from framework.model.readers.missing_fields import Options
-from framework.model.readers.transmissions import Motor
+from framework.model.description import Closure, locked_axes
 from framework.model.readers.urdf_tree import UrdfTree
 
 _END = re.compile(r"closing_(?P<name>.+)_(?P<end>[12])(?P<second>_z)?")
 
 
-def has_closing_frames(root: ElementTree.Element) -> bool:
-    """Whether a URDF has a link that ends a loop by its name."""
-    return any(_END.fullmatch(link.get("name", "")) for link in root.findall("link"))
-
-
-def read_onshape(file: Path, root: ElementTree.Element, options: Options) -> ParsedRobot:
-    """Read the description in a URDF with closing frames.
+def read_closing_frames(tree: UrdfTree) -> list[Closure]:
+    """Return the closures of a tree with closing frames.
 
     Raises:
-        RobotFileError: one of a pair of closing frames is missing, or as `describe`.
+        RobotFileError: one of a pair of closing frames is missing.
     """
-    tree = UrdfTree(root)
     pairs: dict[str, dict[str, str]] = {}
     for link in tree.links:
         if match := _END.fullmatch(link):
@@ -47,5 +36,4 @@ def read_onshape(file: Path, root: ElementTree.Element, options: Options) -> Par
             missing = re.sub(rf"_{end}(_z)?$", rf"_{missing}\1", only_link)
             raise RobotFileError(f"link {only_link!r}: the other end of its loop, {missing!r}, is missing")
         closures.append(Closure(name, (ends["1"], ends["2"]), locked_axes("spherical")))
-    driven = [Motor.on(name) for name in tree.motors if name in tree.movable]
-    return describe(tree, file, options, closures, motors=driven)
+    return closures

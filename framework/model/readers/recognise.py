@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 import re
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -35,8 +34,14 @@ DIALECTS = {
     "ros": "URDF with <constraint> (urdfdom pull request 264)",
     "loop_joint": "URDF with <loop_joint> (Isaac Sim)",
     "mjcf": "MuJoCo's XML with <equality>",
+    "sdf": "SDFormat, whose joints close loops",
+    "urdf": "URDF with <mimic>, <gazebo><joint>, drake:ball_constraint or loop_closures.yaml",
     "onshape": "URDF of onshape-to-robot with frames closing_NAME_1 and closing_NAME_2",
 }
+_USD = (
+    "USD is not read; write it as URDF or MJCF first, with the exporters of Isaac Sim or Newton, and declare "
+    "there the loops that they cut"
+)
 _OWN_KEYS = ("version", "urdf", "platform", "actuators", "closures")
 
 
@@ -86,6 +91,8 @@ def parse_any(
     if os.path.isdir(path):
         path = _pair_in(path)
     text = read_text(path, f"{path}: cannot read it", error=RobotFileError)
+    if path.suffix.lower() in (".usd", ".usda", ".usdc", ".usdz") or text.startswith("#usda"):
+        raise RobotFileError(f"{path}: {_USD}")
     is_xml = text.lstrip(LEADING_BLANKS).startswith("<")
     if path.suffix.lower() in (".urdf", ".xml", ".mjcf", ".sdf") and not is_xml:
         raise RobotFileError(f"{path}: not well-formed XML: it does not begin with <")
@@ -97,43 +104,11 @@ def parse_any(
         return _from_xml(path, text, options)
 
 
-def _dialect_of_xml(root: ElementTree.Element) -> str:
-    from framework.model.readers import loop_joint, onshape, ros_constraint, urdf_plus
-
-    if root.tag == "sdf":
-        from framework.model.readers.sdf import raise_for_sdf
-
-        raise_for_sdf()
-    if root.tag == "mujoco":
-        return "mjcf"
-    if root.tag != "robot":
-        raise RobotFileError(f"unknown dialect: {choose_from('root element', root.tag, ('robot', 'mujoco'))}")
-    elements = {
-        "urdf+": urdf_plus.ELEMENTS,
-        "ros": ros_constraint.ELEMENTS,
-        "loop_joint": loop_joint.ELEMENTS,
-    }
-    mixed = [dialect for dialect, tags in elements.items() if any(root.find(tag) is not None for tag in tags)]
-    if len(mixed) > 1:
-        texts = " with ".join(
-            " or ".join(f"<{tag}>" for tag in elements[dialect]) + f" ({dialect})" for dialect in mixed
-        )
-        raise RobotFileError(f"mixes dialects: {texts}")
-    if mixed:
-        return mixed[0]
-    if onshape.has_closing_frames(root):
-        return "onshape"
-    UrdfTree(root)  # a mistyped element is the likelier complaint
-    raise RobotFileError(
-        "a URDF without loops: declare them in it (<loop> of URDF+, <constraint> of ROS, <loop_joint> of "
-        "Isaac Sim, links closing_X_1 and closing_X_2 of onshape-to-robot) or in a YAML file beside it "
-        "(ours, or Gepetto's with closed_loop), and give that file"
-    )
-
-
 def _dialect_of_yaml(content: Any) -> str:
     if not isinstance(content, dict):
         raise RobotFileError(f"needs a mapping of keys, got {short(content)}")
+    if "closures" in content and not any(key in content for key in ("version", "urdf", "platform")):
+        return "loop_closures"
     if any(key in content for key in _OWN_KEYS):
         return "robot file"
     from framework.model.readers import gepetto
@@ -147,20 +122,16 @@ def _dialect_of_yaml(content: Any) -> str:
 
 
 def _from_xml(path: Path, text: str, options: Options) -> ParsedRobot:
-    from framework.model.readers import loop_joint, onshape, ros_constraint, urdf_plus
     from framework.model.readers.mjcf import read_mjcf
+    from framework.model.readers.sdf import read_sdf
+    from framework.model.readers.urdf import read_urdf
 
+    readers = {"robot": read_urdf, "mujoco": read_mjcf, "sdf": read_sdf, "gazebo": read_sdf}
     root = parse_xml(text)
-    read = {
-        "mjcf": read_mjcf,
-        "loop_joint": loop_joint.read_loop_joints,
-        "urdf+": urdf_plus.read_urdf_plus,
-        "ros": ros_constraint.read_ros_constraint,
-        "onshape": onshape.read_onshape,
-    }
-    dialect = _dialect_of_xml(root)
+    if root.tag not in readers:
+        raise RobotFileError(f"unknown dialect: {choose_from('root element', root.tag, readers)}")
     try:
-        return read[dialect](path, root, options)._replace(dialect=dialect)
+        return readers[root.tag](path, root, options)
     except MissingPackage:
         raise
     except RobotFileError as error:
@@ -186,12 +157,18 @@ def _from_yaml(
     if dialect == "robot file":
         return _own(parse_robot(path, content, parameters), options)
     from framework.model.readers import gepetto
+    from framework.model.readers.urdf import read_urdf, urdf_of_closures
 
+    if dialect == "loop_closures":
+        urdf = urdf_of_closures(path)
+        root = parse_xml(read_text(urdf, f"{urdf}: cannot read it", error=RobotFileError))
+        return read_urdf(urdf, root, options, content)
     urdf = _urdf_beside(path)
     try:
         tree = UrdfTree(parse_xml(read_text(urdf, f"{urdf}: cannot read it", error=RobotFileError)))
     except RobotFileError as error:
         raise RobotFileError(f"{urdf.name}: {str(error).removeprefix(f'{urdf}: ')}") from None
+    tree.impossible = [(name, f"{urdf.name}: {what}") for name, what in tree.impossible]
     return gepetto.read_pair(path, content, tree, options)._replace(dialect=dialect)
 
 

@@ -7,29 +7,23 @@
 
 Each axis is in its own frame. A revolute, prismatic, cylindrical or planar joint has one axis: the
 child's is the parent's unless given. A universal joint has two at right angles, both needed. `fixed` (or
-`link`, a cut link) and `spherical` have none. Motors are the joints with a transmission or a command
-interface of ros2_control; the file says nothing about the platform.
+`link`, a cut link) and `spherical` have none. A kind may end in `_joint`.
 """
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from pathlib import Path
 
 import numpy as np
 
 from framework.arrays import Array
 from framework.errors import RobotFileError, choose_from
-from framework.model.description import Closure, ParsedRobot, locked_axes
+from framework.model.description import Closure, locked_axes
 from framework.model.placement import placement, turning
-from framework.model.readers.describe import describe
-from framework.model.readers.missing_fields import Options
-from framework.model.readers.transmissions import Motor
 from framework.model.readers.urdf_tree import UrdfTree
 from framework.model.xml_reading import attribute, axis_of, child_element, only, origin_of
 from framework.tolerances import FILE_ROUNDING
 
-ELEMENTS = ("constraint",)
 _KINDS = {"continuous": "revolute", "link": "fixed"} | {
     kind: kind
     for kind in ("fixed", "spherical", "revolute", "prismatic", "cylindrical", "planar", "universal")
@@ -37,28 +31,16 @@ _KINDS = {"continuous": "revolute", "link": "fixed"} | {
 _PARTS = ("parent", "parent_origin", "parent_axis", "child", "child_origin", "child_axis")
 
 
-def read_ros_constraint(file: Path, root: ElementTree.Element, options: Options) -> ParsedRobot:
-    """Read the description in a URDF with `<constraint>` elements.
-
-    Raises:
-        RobotFileError: names the element.
-    """
-    tree = UrdfTree(root, ELEMENTS)
-    closures = [_constraint(tree, element) for element in tree.extra]
-    for name in tree.motors:
-        if name not in tree.movable:
-            raise RobotFileError(f"transmission: {choose_from('movable joint', name, tree.movable)}")
-    return describe(tree, file, options, closures, motors=[Motor.on(name) for name in tree.motors])
-
-
-def _constraint(tree: UrdfTree, element: ElementTree.Element) -> Closure:
+def read_constraint(tree: UrdfTree, element: ElementTree.Element) -> Closure:
+    """Read the closure of a `<constraint>`; complaints name the element."""
     name = attribute(element, "<constraint>", "name")
     where = f"constraint {name!r}"
     only(element, where, _PARTS, ("name", "type"))
     given = attribute(element, where, "type")
-    if given.lower() not in _KINDS:
+    name_of_kind = given.lower().removesuffix("_joint")
+    if name_of_kind not in _KINDS:
         raise RobotFileError(f"{where}: {choose_from('type', given, _KINDS)}")
-    kind = _KINDS[given.lower()]
+    kind = _KINDS[name_of_kind]
     frames = []
     for end, turn in zip(("parent", "child"), _turns(element, where, kind), strict=True):
         body = child_element(element, where, end)

@@ -18,49 +18,25 @@ parallel). Others are refused. The file says nothing about platform and motors; 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from pathlib import Path
 
 import numpy as np
 
 from framework.arrays import Array
 from framework.errors import RobotFileError, choose_from
-from framework.model.description import Closure, ParsedRobot, locked_axes
+from framework.model.description import Closure, locked_axes
 from framework.model.placement import placement, turning
-from framework.model.readers.describe import describe
-from framework.model.readers.missing_fields import Options
-from framework.model.readers.transmissions import Motor
 from framework.model.readers.urdf_tree import UrdfTree
 from framework.model.urdf_elements import MOVING
 from framework.model.xml_reading import attribute, axis_of, child_element, numbers, only, origin_of
 
-ELEMENTS = ("loop", "coupling")
 _KINDS = {"revolute": "revolute", "continuous": "revolute"} | {
     kind: kind for kind in ("prismatic", "cylindrical", "planar", "spherical", "fixed")
 }
 _WITHOUT_AXIS = ("spherical", "fixed")
 
 
-def read_urdf_plus(file: Path, root: ElementTree.Element, options: Options) -> ParsedRobot:
-    """Read the description in a URDF+ file.
-
-    Raises:
-        RobotFileError: names the element.
-    """
-    independent = [
-        joint.get("name", "")
-        for joint in root.findall("joint")
-        if joint.get("independent", "").lower() in ("true", "1")
-    ]
-    tree = UrdfTree(root, ELEMENTS)
-    closures = [_loop(tree, element) for element in tree.extra if element.tag == "loop"]
-    for element in tree.extra:
-        if element.tag == "coupling" and (closure := _coupling(tree, element)) is not None:
-            closures.append(closure)
-    driven = [Motor.on(name) for name in tree.motors if name in tree.movable]
-    return describe(tree, file, options, closures, motors=driven, likely_motors=independent)
-
-
-def _loop(tree: UrdfTree, element: ElementTree.Element) -> Closure:
+def read_loop(tree: UrdfTree, element: ElementTree.Element) -> Closure:
+    """Read the closure of a `<loop>`; complaints name the element."""
     name = attribute(element, "<loop>", "name")
     where = f"loop {name!r}"
     only(element, where, ("predecessor", "successor", "axis"), ("name", "type"))
@@ -77,7 +53,8 @@ def _loop(tree: UrdfTree, element: ElementTree.Element) -> Closure:
     return Closure(name, (frames[0], frames[1]), locked_axes(_KINDS[kind]))
 
 
-def _coupling(tree: UrdfTree, element: ElementTree.Element) -> Closure | None:
+def read_coupling(tree: UrdfTree, element: ElementTree.Element) -> Closure | None:
+    """Read the closure of a `<coupling>`; None of one that holds a joint, which is done."""
     name = attribute(element, "<coupling>", "name")
     where = f"coupling {name!r}"
     only(element, where, ("predecessor", "successor", "ratio"), ("name", "type"))

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from framework.arrays import Array
-from framework.errors import RobotFileError, choose_from
+from framework.errors import RobotFileError, choose_from, nearest
 from framework.model.additions import AddedFrame, add_frames
 from framework.model.description import Closure
 from framework.model.placement import about, inverse, placement, to_rpy, turning
@@ -31,6 +31,35 @@ MAX_FREEDOMS = 1000  # freedoms of the joints in a file
 _PLAIN = ("link", "joint", "material", "gazebo", "transmission", "ros2_control", "sensor")
 
 
+def _without_other_programs(root: ElementTree.Element, valid: Sequence[str]) -> list[str]:
+    """Take out of a URDF what other programs put in, xacro's leftovers too; return the tags of the former.
+
+    Raises:
+        RobotFileError: an element is mistyped, or macros are not expanded.
+    """
+    skipped = []
+    arguments = ""
+    for element in list(root):
+        tag = local_name(element.tag)
+        if "xacro" in element.tag and tag in ("property", "arg", "macro"):
+            arguments += f" {element.get('name')}:={element.get('default')}" if tag == "arg" else ""
+            root.remove(element)
+        elif "xacro" not in element.tag and tag not in valid:
+            if "}" not in element.tag and nearest(tag, valid):
+                raise RobotFileError(choose_from("element", tag, valid))
+            skipped.append(tag)
+            root.remove(element)
+    for element in root.iter():
+        is_macro = "xacro" in element.tag.partition("}")[0]
+        if is_macro or any("${" in value or "$(" in value for value in element.attrib.values()):
+            raise RobotFileError(
+                f"<{local_name(element.tag)}>: expand the xacro macros first: xacro FILE{arguments} > OUT"
+            )
+        for key in [key for key in element.attrib if key.startswith("{")]:
+            del element.attrib[key]
+    return list(dict.fromkeys(skipped))
+
+
 class UrdfTree:
     """A URDF whose names, joints and numbers were checked, open to small edits.
 
@@ -43,19 +72,14 @@ class UrdfTree:
             raise RobotFileError(f"<{root.tag}>: the root of a URDF is <robot>")
         attribute(root, "<robot>", "name")
         self.root = root
-        valid = (*_PLAIN, *extra)
-        for element in root:
-            if element.tag.startswith("{") and "xacro" in element.tag:
-                raise RobotFileError(
-                    f"<{local_name(element.tag)}>: expand the xacro macros first (xacro FILE)"
-                )
-            if element.tag not in valid:
-                raise RobotFileError(choose_from("element", element.tag, valid))
-        self.extra = [element for element in root if element.tag in extra]
+        self.skipped = _without_other_programs(root, (*_PLAIN, *extra))
+        self.extra = [element for element in root if local_name(element.tag) in extra]
+        self.extra_tags = [local_name(element.tag) for element in self.extra]
         self.motors = declared_motors(root)
         for element in self.extra:
             root.remove(element)
-        self.links, self.joints, self.base = read_tree(root)
+        self.impossible: list[tuple[str, str]] = []  # links and joints, and what is wrong with each
+        self.links, self.joints, self.base = read_tree(root, self.impossible)
         if len(self.extra) > MAX_LOOPS:
             raise RobotFileError(f"<robot>: {len(self.extra)} loops; at most {MAX_LOOPS} are read")
         if len(self.coordinates) > MAX_FREEDOMS:
