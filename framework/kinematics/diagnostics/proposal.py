@@ -14,10 +14,12 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
+from math import comb
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from scipy.linalg import qr
 
 from framework.arrays import Array
 from framework.errors import FrameworkError, NotAssembled, RobotFileError
@@ -37,9 +39,10 @@ from framework.kinematics.tree_model import positions_beyond_limits
 from framework.model.description import AXES, Actuator, Platform, RobotDescription
 from framework.model.readers.missing_fields import Known, Options, Resolved
 from framework.model.readers.urdf_tree import UrdfTree
-from framework.tolerances import FILE_ROUNDING, NEARLY_AT_REST
+from framework.tolerances import ALIKE_CHOICES, FILE_ROUNDING, NEARLY_AT_REST
 
 MAX_TRIED = 12  # proposals of a platform, at most
+MAX_CHOICES = 20_000  # of motors, that are compared one by one
 # parts of names that people give to what a robot works with
 NAMES_OF_TOOLS = ("effector", "tcp", "tool", "tip", "platform", "plate", "foot", "sole", "hand", "eff", "pad")
 
@@ -56,24 +59,30 @@ class _Motions(NamedTuple):
 def propose(options: Options, known: Known) -> Resolved:
     """Complete the description by platform, motors and reference where missing, with a remark on each.
 
-    Where nothing is said at all, joints in no loop that carry none (a wrist on a delta) are held, and those
-    that carry loops (the hip of a leg) where the whole cannot be planned.
+    Free bases are held, and joints in no loop that carry none (a wrist on a delta), unless the options name
+    them or the platform is on them; where nothing is said, those that carry loops (the hip of a leg), too,
+    if the whole cannot be planned.
 
     Raises:
         NotAssembled: the loops close nowhere.
         RobotFileError: nothing can be proposed; says what would do.
     """
-    if not options.is_silent:
-        return _proposed(known)
-    tails, heads = _in_no_loop(known)
+    if options.motors is None:
+        known = known._replace(chooses_motors=True)
+    bases = [joint.name for joint in known.tree.joints.values() if joint.kind == "floating"]
+    free = [name for name in bases if name in _serial(known)]
     remarks = []
+    if free:
+        known = _holding(known, free)
+        remarks.append(f"held: {', '.join(free)} (a free base, which no motor drives)")
+    tails, heads = _in_no_loop(known, options)
     if tails:
         known = _holding(known, tails)
         remarks.append(_held(tails))
     try:
         resolved = _proposed(known)
     except RobotFileError:
-        if not heads:
+        if not heads or not options.is_silent:
             raise
         remarks.append(_held(heads))
         resolved = _proposed(_holding(known, heads))
@@ -111,6 +120,14 @@ def _proposed_at(known: Known, motions: _Motions, remarks: list[str]) -> Resolve
         motors = _motors(motions, tree, known.likely_motors)
         description = replace(description, actuators=tuple(map(Actuator, motors)))
         remarks.append(f"motors: {', '.join(motors)} (proposed: nearest to the base)")
+    elif known.chooses_motors and len(description.actuators) > motions.working.shape[1]:
+        motors = _best_motors(motions, description)
+        actuators = tuple(actuator for actuator in description.actuators if actuator.joint in motors)
+        remarks.append(
+            f"motors: {', '.join(motors)} (of {len(description.actuators)} in the file, for "
+            f"{motions.working.shape[1]} freedoms: these tell them apart best at the reference)"
+        )
+        description = replace(description, actuators=actuators)
     _check_driven(motions, description, tree)
     if known.platform is not None:
         return Resolved(replace(description, platform=known.platform), tuple(remarks))
@@ -232,6 +249,30 @@ def _motors(motions: _Motions, tree: UrdfTree, likely: Sequence[str]) -> list[st
     return chosen
 
 
+def _best_motors(motions: _Motions, description: RobotDescription) -> list[str]:
+    """Choose as many of the file's motors as there are freedoms, those whose rates are conditioned best.
+
+    Raises:
+        RobotFileError: two choices are alike.
+    """
+    names = [actuator.joint for actuator in description.actuators]
+    rates = motions.working[columns_of(motions.mechanism.model, names)]  # (n_a, w)
+    count = rates.shape[1]
+    if comb(len(names), count) > MAX_CHOICES:
+        order = qr(rates.T, pivoting=True)[2][:count]
+        return [names[i] for i in sorted(order)]
+    choices = list(combinations(range(len(names)), count))
+    least = np.linalg.svd(rates[np.array(choices)], compute_uv=False)[:, -1]
+    best, *others = np.argsort(-least, kind="stable")
+    if least[best] > FILE_ROUNDING and others and least[others[0]] > (1.0 - ALIKE_CHOICES) * least[best]:
+        alike = [[names[i] for i in choices[k]] for k in (best, others[0])]
+        raise RobotFileError(
+            f"{len(names)} motors for {count} freedoms, and none are better than others: give --motors "
+            f"{' '.join(alike[0])} or --motors {' '.join(alike[1])}"
+        )
+    return [names[i] for i in choices[best]]
+
+
 def _undriven(motions: _Motions, description: RobotDescription) -> Array:
     """Compute the working motions (nv, k) that no motor determines."""
     motors = [actuator.joint for actuator in description.actuators]
@@ -264,12 +305,6 @@ def _check_driven(motions: _Motions, description: RobotDescription, tree: UrdfTr
     motors, left = [actuator.joint for actuator in description.actuators], _undriven(motions, description)
     if not left.shape[1]:
         return
-    free = [joint for joint in tree.joints.values() if joint.kind == "floating"]
-    if free:
-        raise RobotFileError(
-            f"{free[0].child!r} is free and no motor drives it; take a part of the robot by --base LINK, "
-            f"such as --base {free[0].child}, or hold it by --lock {free[0].name}"
-        )
     raise RobotFileError(
         f"{motions.working.shape[1]} freedoms and {len(motors)} motor{'s' * (len(motors) != 1)} "
         f"({', '.join(motors)}): nothing says "
@@ -363,19 +398,33 @@ def _robot_with(description: RobotDescription, platform: Platform) -> ParallelRo
 # ------------------------------------------------------------------ joints in no loop
 
 
-def _in_no_loop(known: Known) -> tuple[list[str], list[str]]:
-    """Return moving joints that no loop needs: those that carry no loop, and those that do."""
+def _needed(known: Known) -> set[str]:
+    """Return names of the joints that loops need."""
     tree, description = known.tree, known.description
     needed = {name for coupling in description.couplings for name in (coupling.joint, coupling.of)}
     for closure in description.closures:
         for chain in tree.moving_chains(*map(tree.link_of, closure.frames)):
             needed.update(joint.name for joint in chain)
-    carrying = {above.name for name in needed for above in tree.path_to_base(tree.joints[name].parent)}
-    serial = [
-        joint.name
-        for joint in tree.joints.values()
-        if joint.moves and joint.kind != "floating" and joint.name not in needed
-    ]
+    return needed
+
+
+def _serial(known: Known) -> list[str]:
+    """Return moving joints that no loop needs."""
+    needed = _needed(known)
+    return [joint.name for joint in known.tree.joints.values() if joint.moves and joint.name not in needed]
+
+
+def _in_no_loop(known: Known, options: Options) -> tuple[list[str], list[str]]:
+    """Return moving joints that no loop needs and no option: those that carry no loop, and those that do."""
+    tree = known.tree
+    asked = {*(options.motors or ()), *(options.platform_joints or ())}
+    if known.platform is not None or options.platform is not None:
+        frame = options.platform or (known.platform.frame if known.platform else "")
+        asked |= {joint.name for joint in tree.path_to_base(tree.link_of(frame))}
+    carrying = {
+        above.name for name in _needed(known) for above in tree.path_to_base(tree.joints[name].parent)
+    }
+    serial = [name for name in _serial(known) if name not in asked]
     return [name for name in serial if name not in carrying], [name for name in serial if name in carrying]
 
 

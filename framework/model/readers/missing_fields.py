@@ -20,6 +20,7 @@ class Known(NamedTuple):
     description: RobotDescription  # its platform is the base on no axes, its motors those of the file
     platform: Platform | None = None
     likely_motors: tuple[str, ...] = ()
+    chooses_motors: bool = False  # where the file has more than the mechanism needs
 
 
 class Resolved(NamedTuple):
@@ -82,7 +83,7 @@ def completed_description(options: Options, known: Known) -> Resolved:
         platform = Platform(frame, options.axes) if frame is not None else None
     elif frame is not None:
         platform = replace(platform, frame=frame) if platform is not None else None
-    if platform is not None and description.actuators:
+    if platform is not None and description.actuators and options.propose is None:
         return Resolved(replace(description, platform=platform))
     if options.propose is not None:
         return options.propose(options, known._replace(description=description, platform=platform))
