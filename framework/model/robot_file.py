@@ -7,7 +7,7 @@ key, says what was given and what is valid.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +34,7 @@ from framework.fields import (
 )
 from framework.input import read_text
 from framework.model.additions import AddedFrame, add_frames, free_root, lock_joints
-from framework.model.description import ParsedRobot, RobotDescription, Spring
+from framework.model.description import Coupling, ParsedRobot, RobotDescription, Spring
 from framework.model.documents import LEADING_BLANKS, naming, parse_xml, parse_yaml
 from framework.model.inertia import check_inertia
 from framework.model.parameters import filled, with_parameters
@@ -68,13 +68,19 @@ def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> Pa
     """
     tree = read_table("", content, _TREE, others=None)
     urdf_text, root, urdf = _urdf(path.parent, tree, parameters)
+    locked = tree["locked"]
     with naming(f"urdf: {tree['urdf']}"):
-        mimicked = declared_couplings(root)
-    table = robot_table(urdf, is_coupled="couplings" in content or bool(mimicked))
+        mimicked = declared_couplings(root, locked)
+    table = robot_table(urdf, is_coupled="couplings" in content or bool(mimicked), locked=tuple(locked))
     robot = read_table("", content, table, others=_TREE)
     coupled = [coupling.joint for coupling in robot["couplings"]]
     robot["couplings"] += tuple(coupling for coupling in mimicked if coupling.joint not in coupled)
-    springs, joints = robot.pop("springs"), robot.pop("joints")
+    if more := _locked_by_couplings(robot["couplings"], locked):
+        return parse_robot(path, {**content, "locked": {**locked, **more}}, parameters)
+    robot["couplings"] = tuple(coupling for coupling in robot["couplings"] if coupling.joint not in locked)
+    robot["reference"] = {name: value for name, value in robot["reference"].items() if name not in locked}
+    springs = [spring for spring in robot.pop("springs") if not _is_locked(spring, locked)]
+    joints = {name: said for name, said in robot.pop("joints").items() if name not in locked}
     for spring in springs:
         if isinstance(spring, JointSpring):
             _add_spring(joints, spring)
@@ -90,6 +96,24 @@ def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> Pa
     _check_scenes(description)
     _check_names(description, urdf)
     return ParsedRobot(description, root)
+
+
+def _is_locked(spring: Spring | JointSpring, locked: Mapping[str, float]) -> bool:
+    """Whether a spring is along the motion of a locked joint."""
+    if isinstance(spring, JointSpring):
+        return spring.joint in locked
+    return spring.after in locked and not spring.motion
+
+
+def _locked_by_couplings(couplings: Iterable[Coupling], locked: Mapping[str, float]) -> dict[str, float]:
+    """Return the joints that couplings hold with locked ones, and where [rad, m]."""
+    more = {}
+    for coupling in couplings:
+        if coupling.of in locked and coupling.joint not in locked:
+            more[coupling.joint] = coupling.ratio * locked[coupling.of] + coupling.offset
+        elif coupling.joint in locked and coupling.of not in locked and coupling.ratio:
+            more[coupling.of] = (locked[coupling.joint] - coupling.offset) / coupling.ratio
+    return more
 
 
 def _add_spring(joints: dict[str, dict[str, float]], spring: JointSpring) -> None:

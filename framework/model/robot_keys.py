@@ -49,9 +49,13 @@ from framework.model.urdf_elements import MOVING, SEVERAL, coordinates_of
 PATH_KINDS = {"line": 2, "arc": 3, "spline": 2}  # least number of points
 
 
-def robot_table(urdf: Urdf, *, is_coupled: bool = False) -> Table:
-    """Return the keys of the robot on the tree of this URDF; couplings of joints may be its only loops."""
-    movable = [name for name, kind in urdf.joints.items() if kind in MOVING]
+def robot_table(urdf: Urdf, *, is_coupled: bool = False, locked: Sequence[str] = ()) -> Table:
+    """Return the keys of the robot on the tree of this URDF; couplings of joints may be its only loops.
+
+    `locked` joints are known to all keys that say something of a joint.
+    """
+    movable = [*(name for name, kind in urdf.joints.items() if kind in MOVING), *locked]
+    coordinates = [*urdf.coordinates, *locked]
     closure = _closure(urdf)
     return {
         "platform": required(_platform(urdf)),
@@ -59,9 +63,9 @@ def robot_table(urdf: Urdf, *, is_coupled: bool = False) -> Table:
         "closures": optional(list_of(closure), ()) if is_coupled else required(entries(closure)),
         "couplings": optional(entries(_coupling(movable)), ()),
         "springs": optional(entries(_spring(urdf, movable)), ()),
-        "joints": optional(_joints(urdf), {}),
+        "joints": optional(_joints(urdf, coordinates), {}),
         "gravity": optional(vector3, (0.0, 0.0, -9.81)),
-        "reference": optional(named(number, one_of("joint", urdf.coordinates)), {}),
+        "reference": optional(named(number, one_of("joint", coordinates)), {}),
         "scenes": optional(_scenes(urdf), {}),
         "left_out": optional(list_of(text), ()),
     }
@@ -191,12 +195,12 @@ _JOINT: Table = {
 }
 
 
-def _joints(urdf: Urdf) -> Reader[dict[str, dict[str, float]]]:
+def _joints(urdf: Urdf, names: Sequence[str]) -> Reader[dict[str, dict[str, float]]]:
     """Return a reader of the entries of each coordinate; a joint of several stands for all of them."""
     several = [name for name, kind in urdf.joints.items() if kind in SEVERAL]
 
     def read(where: str, given: Any) -> dict[str, dict[str, float]]:
-        joints = named(record(_JOINT, _given_only), one_of("joint", [*urdf.coordinates, *several]))
+        joints = named(record(_JOINT, _given_only), one_of("joint", [*names, *several]))
         values: dict[str, dict[str, float]] = {}
         for name, said in sorted(joints(where, given).items(), key=lambda item: item[0] not in several):
             coordinates = coordinates_of(name, urdf.joints[name]) if name in several else (name,)
@@ -261,7 +265,7 @@ def _spring(urdf: Urdf, movable: Sequence[str]) -> Reader[Spring | JointSpring]:
                 f"{where}.stiffness: needs one value an axis of motion ({count}), got {len(spring.stiffness)}"
             )
         kind = urdf.joints[spring.after]
-        if not spring.motion and kind not in MOVING:
+        if not spring.motion and spring.after not in movable:
             raise RobotFileError(
                 f"{where}.motion: required, because joint {spring.after!r} is {kind} and has no "
                 f"motion of its own (valid: {', '.join(AXES)} or a list of them)"

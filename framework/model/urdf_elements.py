@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ElementTree
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -271,14 +271,17 @@ def declared_dynamics(root: ElementTree.Element) -> dict[str, dict[str, float]]:
     return declared
 
 
-def declared_couplings(root: ElementTree.Element) -> list[Coupling]:
+def declared_couplings(root: ElementTree.Element, locked: Iterable[str] = ()) -> list[Coupling]:
     """Take the couplings of <mimic> out of the URDF: position = multiplier * that of the other + offset.
+
+    That may be one of the `locked` joints.
 
     Raises:
         RobotFileError: no such joint, or a number is none.
     """
     kinds = {joint.get("name", ""): joint.get("type", "") for joint in root.findall("joint")}
     movable = [name for name, kind in kinds.items() if kind in MOVING]
+    followed = [*movable, *locked]
     couplings = []
     for joint in root.findall("joint"):
         name, mimic = joint.get("name", ""), joint.find("mimic")
@@ -288,8 +291,8 @@ def declared_couplings(root: ElementTree.Element) -> list[Coupling]:
         if name not in movable:
             continue  # it was fixed
         where = f"joint {name!r}: <mimic>"
-        if mimic.get("joint") not in movable or mimic.get("joint") == name:
-            others = [other for other in movable if other != name]
+        if mimic.get("joint") not in followed or mimic.get("joint") == name:
+            others = [other for other in followed if other != name]
             raise RobotFileError(f"{where}: {choose_from('movable joint', mimic.get('joint'), others)}")
         (ratio,) = numbers(f"{where} multiplier", mimic.get("multiplier", "1"), 1)
         (offset,) = numbers(f"{where} offset", mimic.get("offset", "0"), 1)

@@ -3,7 +3,7 @@
 All make the records of `framework.model.description`.
 
 Dialects
-    urdf                URDF, in all the ways that loops are written in it, of which these have their own file:
+    urdf                URDF, whose loops are written in many ways; these have their own file:
     urdf_plus           `<loop>` and `<coupling>`
     ros_constraint      `<constraint>`
     loop_joint          `<loop_joint>`

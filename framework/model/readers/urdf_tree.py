@@ -72,6 +72,9 @@ class UrdfTree:
             raise RobotFileError(f"<{root.tag}>: the root of a URDF is <robot>")
         attribute(root, "<robot>", "name")
         self.root = root
+        names = {link.get("name") for link in root.findall("link")}
+        if "world" not in names and any(end.get("link") == "world" for end in root.findall("joint/parent")):
+            ElementTree.SubElement(root, "link", name="world")  # Drake's, which need not be declared
         self.skipped = _without_other_programs(root, (*_PLAIN, *extra))
         self.extra = [element for element in root if local_name(element.tag) in extra]
         self.extra_tags = [local_name(element.tag) for element in self.extra]
