@@ -149,7 +149,7 @@ def centres_of_mass(robot: Mechanism, q: Array) -> Array:
     parts = [np.empty((0, model.nv))]
     for joint in range(1, model.njoints):
         if model.inertias[joint].mass > 0.0:
-            twist = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL)
+            twist = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL).reshape(6, model.nv)
             parts.append(twist[:3] - pin.skew(model.inertias[joint].lever) @ twist[3:])
     return np.asarray(np.concatenate(parts) / robot.length * robot.column_scale)
 

@@ -80,12 +80,12 @@ def propose(options: Options, known: Known) -> Resolved:
         known = _holding(known, tails)
         remarks.append(_held(tails))
     try:
-        resolved = _proposed(known)
+        resolved = _proposed(known, by_joints=not heads or not options.is_silent)
     except RobotFileError:
         if not heads or not options.is_silent:
             raise
         remarks.append(_held(heads))
-        resolved = _proposed(_holding(known, heads))
+        resolved = _proposed(_holding(known, heads), by_joints=True)
     return resolved._replace(remarks=(*remarks, *resolved.remarks))
 
 
@@ -93,7 +93,7 @@ def _held(joints: Sequence[str]) -> str:
     return f"held: {', '.join(joints)} (in no loop; --motors or --platform say otherwise)"
 
 
-def _proposed(known: Known) -> Resolved:
+def _proposed(known: Known, *, by_joints: bool) -> Resolved:
     """Complete the description as `propose` does, without holding more joints.
 
     A pose of the file beyond the joints' limits is left for one within them where nothing can be proposed.
@@ -101,15 +101,15 @@ def _proposed(known: Known) -> Resolved:
     urdf = ElementTree.tostring(known.tree.root, encoding="unicode")
     known = known._replace(description=replace(known.description, urdf_text=urdf))
     try:
-        return _proposed_at(known, *_closed(known.description))
+        return _proposed_at(known, *_closed(known.description), by_joints=by_joints)
     except RobotFileError:
         within = _within_limits(known.description)
         if within is None:
             raise
-    return _proposed_at(known, *within)
+    return _proposed_at(known, *within, by_joints=by_joints)
 
 
-def _proposed_at(known: Known, motions: _Motions, remarks: list[str]) -> Resolved:
+def _proposed_at(known: Known, motions: _Motions, remarks: list[str], *, by_joints: bool) -> Resolved:
     """Complete the description at a closed pose."""
     tree = known.tree
     if not motions.working.shape[1]:
@@ -137,9 +137,15 @@ def _proposed_at(known: Known, motions: _Motions, remarks: list[str]) -> Resolve
             names = ", ".join(platform.names)
             remarks.append(f"platform: {names} of {platform.frame} (proposed)")
             return Resolved(replace(description, platform=platform), tuple(remarks))
+    part = _part(description, tree)
+    for platform in _platforms_of_joints(motions, description, tree) if by_joints else ():
+        if _robot_with(description, platform) is not None:
+            why = f"no body is moved by all of the motors{'; or ' * bool(part)}{part.removesuffix(', ')}"
+            remarks.append(f"platform: the joints {', '.join(platform.names)} (proposed: {why})")
+            return Resolved(replace(description, platform=platform), tuple(remarks))
     raise RobotFileError(
         f"no body is moved by all of the motors {', '.join(a.joint for a in description.actuators)} along "
-        f"{motions.working.shape[1]} axes; give --platform and --axes, {_part(description, tree)}or hold "
+        f"{motions.working.shape[1]} axes; give --platform and --axes, {part}or hold "
         f"joints ({_to_hold(motions, _idle(motions), description, tree) or '--lock'})"
     )
 
@@ -336,8 +342,20 @@ def _platforms(motions: _Motions, description: RobotDescription, tree: UrdfTree)
     entries.sort(key=lambda entry: -entry[0])
     for _, platform in entries[:MAX_TRIED]:
         yield platform
-    if count == len(motors) == 1:
-        yield Platform(tree.joints[motors[-1]].child, (), tuple(motors))
+
+
+def _platforms_of_joints(
+    motions: _Motions, description: RobotDescription, tree: UrdfTree
+) -> Iterator[Platform]:
+    """Yield platforms of as many joints as freedoms, without motors first: for parts that no one body joins."""
+    motors = [actuator.joint for actuator in description.actuators]
+    count = motions.working.shape[1]
+    for names in ([name for name in tree.movable if name not in motors], motors):
+        rows = motions.working[columns_of(motions.mechanism.model, names)]
+        order = sorted(qr(rows.T, pivoting=True)[2][:count]) if len(names) >= count else []
+        if order and np.linalg.svd(rows[order], compute_uv=False)[-1] > PROPOSED_AXES_CLEARANCE:
+            chosen = tuple(names[i] for i in order)
+            yield Platform(tree.joints[chosen[-1]].child, (), chosen)
 
 
 def _of_frame(
@@ -378,7 +396,11 @@ def _twists(mechanism: Mechanism, data: pin.Data, frame: str) -> Array:
     """Compute twists (6, nv) of a frame, in radians and lengths of the robot."""
     axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
     twist = pin.getFrameJacobian(mechanism.model, data, frame_of(mechanism.model, frame), axes)
-    return np.asarray(twist / np.repeat([mechanism.length, 1.0], 3)[:, None] * mechanism.column_scale)
+    return np.asarray(
+        twist.reshape(6, mechanism.model.nv)
+        / np.repeat([mechanism.length, 1.0], 3)[:, None]
+        * mechanism.column_scale
+    )
 
 
 def _robot_with(description: RobotDescription, platform: Platform) -> ParallelRobot | None:

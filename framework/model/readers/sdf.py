@@ -123,7 +123,7 @@ def read_sdf(file: Path, root: ElementTree.Element, options: Options) -> ParsedR
 
 
 def _gravity(root: ElementTree.Element) -> tuple[float, float, float]:
-    x, y, z = numbers("<gravity>", root.findtext(".//gravity", "0 0 -9.81"), 3)
+    x, y, z = numbers("<gravity>", root.findtext("world/gravity", "0 0 -9.81"), 3)
     return x, y, z
 
 
