@@ -347,7 +347,7 @@ def _platforms(motions: _Motions, description: RobotDescription, tree: UrdfTree)
 def _platforms_of_joints(
     motions: _Motions, description: RobotDescription, tree: UrdfTree
 ) -> Iterator[Platform]:
-    """Yield platforms of as many joints as freedoms, without motors first: for parts that no one body joins."""
+    """Yield platforms of as many joints as freedoms, those without motors first."""
     motors = [actuator.joint for actuator in description.actuators]
     count = motions.working.shape[1]
     for names in ([name for name in tree.movable if name not in motors], motors):

@@ -3,11 +3,7 @@
 All make the records of `framework.model.description`.
 
 Dialects
-    urdf                URDF, whose loops are written in many ways; these have their own file:
-    urdf_plus           `<loop>` and `<coupling>`
-    ros_constraint      `<constraint>`
-    loop_joint          `<loop_joint>`
-    onshape             frames `closing_NAME_1` and `closing_NAME_2`
+    urdf                URDF, whose loops are written in many ways
     gepetto             a YAML of loops beside a URDF
     mjcf, mujoco_model  MuJoCo's models, compiled by MuJoCo itself
     sdf                 SDFormat

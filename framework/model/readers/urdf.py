@@ -1,27 +1,51 @@
 """URDFs with loops, in whichever of the ways that programs write them.
 
-    <loop>, <coupling>              URDF+, see urdf_plus
-    <constraint>                    the proposal for ROS, see ros_constraint
-    <loop_joint>, <fixed_frame>     Isaac Sim, see loop_joint
-    <drake:ball_constraint>         Drake: two bodies and a point of each
-    <gazebo><joint>                 Gazebo: a joint of SDF between two links, see sdf
-    links closing_NAME_1 and _2     onshape-to-robot, see onshape
-    <mimic>                         a coupling of joints
-    loop_closures.yaml beside it    hinges that sw2robot, an exporter of CAD for ROS 2, has cut
+URDF+ (Chignoli, Slotine, Wensing, Kim 2024); the axis is in both frames:
 
-Motors are the joints with a transmission or a command interface of ros2_control, else likely those marked
-`independent`; the file says nothing about the platform.
+    <loop name="tip" type="revolute">
+      <predecessor link="left_rod">  <origin xyz="0.25 0 0"/> </predecessor>
+      <successor link="right_rod">   <origin xyz="0.25 0 0"/> </successor>  <axis xyz="0 0 1"/>
+    </loop>
+    <coupling name="belt">           ratio * (angle of the predecessor) = angle of the successor
+      <predecessor link="pulley"/> <successor link="wheel"/> <ratio value="1"/>
+    </coupling>
+
+The angle of a link is the sum of the joints that carry it and not the other. Two kinds of coupling are loops
+of frames: a joint that is held, and links turned alike (ratio 1, all axes parallel). Others are refused.
+
+The proposal for ROS (urdfdom pull request 264), each axis in its own frame; a kind may end in `_joint`:
+
+    <constraint name="tip" type="spherical">
+      <parent link="left_rod"/>   <parent_origin xyz="0.25 0 0" rpy="0 0 0"/>  <parent_axis xyz="0 0 1"/>
+      <child link="right_rod"/>   <child_origin xyz="0.25 0 0"/>               <child_axis xyz="0 0 1"/>
+    </constraint>
+
+The child's axis is the parent's unless given; a universal joint has two at right angles, both needed.
+
+Isaac Sim, where the second link may be a second `<link1>`; `<fixed_frame>` is a frame:
+
+    <loop_joint name="tip" type="spherical">
+      <link1 link="left_rod" xyz="0.25 0 0" rpy="0 0 0"/>   <link2 link="right_rod" xyz="0.25 0 0"/>
+    </loop_joint>
+
+Drake's `<drake:ball_constraint>`; Gazebo's joints of SDF, `<gazebo><joint>`; `<mimic>`; pairs of links
+`closing_NAME_1` and `closing_NAME_2` of onshape-to-robot, which are points (a hinge has a second pair,
+`closing_NAME_1_z`); and loop_closures.yaml beside the URDF, the hinges that sw2robot, an exporter of CAD for
+ROS 2, has cut. Motors are the joints with a transmission or a command interface of ros2_control, else likely
+those marked `independent`; the file says nothing about the platform.
 """
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from framework.arrays import Array
 from framework.errors import RobotFileError, choose_from
 from framework.fields import list_of, text, vector3
 from framework.input import read_text
@@ -29,42 +53,172 @@ from framework.model.description import Closure, ParsedRobot, locked_axes
 from framework.model.documents import naming, parse_yaml
 from framework.model.placement import inverse, placement, turning
 from framework.model.readers.describe import describe
-from framework.model.readers.loop_joint import read_fixed_frame, read_loop_joint
 from framework.model.readers.missing_fields import Options
-from framework.model.readers.onshape import read_closing_frames
-from framework.model.readers.ros_constraint import read_constraint
 from framework.model.readers.sdf import Scope, read_cut_joint
 from framework.model.readers.transmissions import Motor
-from framework.model.readers.urdf_plus import read_coupling, read_loop
 from framework.model.readers.urdf_tree import UrdfTree
-from framework.model.xml_reading import attribute, numbers
+from framework.model.urdf_elements import MOVING, local_name
+from framework.model.xml_reading import attribute, axis_of, child_element, numbers, only, origin_of
+from framework.tolerances import FILE_ROUNDING
 
 LOOP_CLOSURES = "loop_closures.yaml"
+_ENDS = ("predecessor", "successor")
+_ORIGIN = ("xyz", "rpy")
+_ALIKE = {kind: kind for kind in ("fixed", "spherical", "revolute", "prismatic")} | {"continuous": "revolute"}
+_IN_URDF_PLUS = _ALIKE | {kind: kind for kind in ("cylindrical", "planar")}
+_IN_ROS = _IN_URDF_PLUS | {"universal": "universal", "link": "fixed"}
+_PARTS = ("parent", "parent_origin", "parent_axis", "child", "child_origin", "child_axis")
+_CLOSING = re.compile(r"closing_(?P<name>.+)_(?P<end>[12])(?P<second>_z)?")
 
 
-def _ball_constraint(tree: UrdfTree, element: ElementTree.Element) -> Closure:
-    """Read the closure of a `<drake:ball_constraint>`."""
-    parts = {child.tag.rsplit("}", 1)[-1].removeprefix("ball_constraint_"): child for child in element}
-    where, frames = "ball_constraint", []
-    name = f"ball_{tree.extra.index(element) + 1}"
+def _close(
+    tree: UrdfTree, name: str, ends: Iterable[tuple[str, str, str | None, Array]], kind: str
+) -> Closure:
+    """Return a closure of two ends: suffix of the frame's name, place of complaints, link, placement."""
+    one, two = (
+        tree.frame_at(f"{name}_{suffix}", tree.link(where, link), place)
+        for suffix, where, link, place in ends
+    )
+    return Closure(name, (one, two), locked_axes(kind))
+
+
+def _named(element: ElementTree.Element) -> tuple[str, str]:
+    """Return the name of an element, and how complaints name it."""
+    name = attribute(element, f"<{element.tag}>", "name")
+    return name, f"{element.tag} {name!r}"
+
+
+def _kind(element: ElementTree.Element, where: str, kinds: Mapping[str, str]) -> str:
+    given = attribute(element, where, "type")
+    if given.lower().removesuffix("_joint") not in kinds:
+        raise RobotFileError(f"{where}: {choose_from('type', given, kinds)}")
+    return kinds[given.lower().removesuffix("_joint")]
+
+
+def _axis(element: ElementTree.Element, where: str, tag: str = "axis") -> Array:
+    return axis_of(child_element(element, where, tag), f"{where}: <{tag}>")
+
+
+def _read_loop(tree: UrdfTree, element: ElementTree.Element) -> Closure:
+    name, where = _named(element)
+    only(element, where, (*_ENDS, "axis"), ("name", "type"))
+    kind = _kind(element, where, _IN_URDF_PLUS)
+    turn = np.eye(3) if kind in ("spherical", "fixed") else turning("z", _axis(element, where))
+    ends = [(end, *_end(tree, element, where, end)) for end in _ENDS]
+    return _close(
+        tree, name, [(end, where, link, place @ placement(turn)) for end, link, place in ends], kind
+    )
+
+
+def _read_coupling(tree: UrdfTree, element: ElementTree.Element) -> Closure | None:
+    """Read the closure of a `<coupling>`; None of one that holds a joint, which is done."""
+    name, where = _named(element)
+    only(element, where, (*_ENDS, "ratio"), ("name", "type"))
+    first, second = (_end(tree, element, where, end)[0] for end in _ENDS)
+    value = child_element(element, where, "ratio")
+    only(value, f"{where}: <ratio>", (), ("value",))
+    (ratio,) = numbers(f"{where}: <ratio>", attribute(value, f"{where}: <ratio>", "value"), 1)
+    if first == second:
+        raise RobotFileError(f"{where}: couples {first!r} with itself")
+    drivers, driven = tree.moving_chains(first, second)
+    held, others = (driven, drivers) if ratio == 0.0 or not drivers else (drivers, driven)
+    if len(held) == 1 and held[0].kind in MOVING and (ratio == 0.0 or not others):
+        tree.fix(held[0])
+        return None
+    closure = tree.same_turning(name, first, second) if ratio == 1.0 else None
+    if closure is None:
+        raise RobotFileError(
+            f"{where}: a gear of ratio {ratio:g} between {first!r} and {second!r} cannot be held by loops "
+            f"of frames (valid: ratio 1 between turns about parallel axes, or a joint that is held); "
+            f"leave the geared link out and give its motor a gear_ratio"
+        )
+    return closure
+
+
+def _end(tree: UrdfTree, element: ElementTree.Element, where: str, end: str) -> tuple[str, Array]:
+    body = child_element(element, where, end)
+    where = f"{where}: <{end}>"
+    only(body, where, ("origin",), ("link",))
+    link = tree.link(where, attribute(body, where, "link"))
+    return link, origin_of(body.find("origin"), f"{where}: <origin>")
+
+
+def _read_constraint(tree: UrdfTree, element: ElementTree.Element) -> Closure:
+    name, where = _named(element)
+    only(element, where, _PARTS, ("name", "type"))
+    kind, ends = _kind(element, where, _IN_ROS), []
+    for end, turn in zip(("parent", "child"), _turns(element, where, kind), strict=True):
+        body = child_element(element, where, end)
+        only(body, f"{where}: <{end}>", (), ("link",))
+        origin = origin_of(element.find(f"{end}_origin"), f"{where}: <{end}_origin>")
+        link = attribute(body, f"{where}: <{end}>", "link")
+        ends.append((end, f"{where}: <{end}>", link, origin @ placement(turn)))
+    return _close(tree, name, ends, kind)
+
+
+def _turns(element: ElementTree.Element, where: str, kind: str) -> tuple[Array, Array]:
+    """Return turns of the two frames that put the axes where the closure wants them."""
+    if kind in ("fixed", "spherical"):
+        return np.eye(3), np.eye(3)
+    axis = _axis(element, where, "parent_axis")
+    if kind == "universal":
+        # the first axis is x of the first frame, the second is y of the second frame
+        return turning("x", axis), turning("y", _axis(element, where, "child_axis"))
+    other = _axis(element, where, "child_axis") if element.find("child_axis") is not None else axis
+    apart = np.linalg.norm(np.cross(axis, other)) / (np.linalg.norm(axis) * np.linalg.norm(other))
+    if kind == "prismatic" and apart > FILE_ROUNDING:
+        raise RobotFileError(
+            f"{where}: <child_axis>: differs from <parent_axis>; a prismatic joint does not turn, so turn "
+            f"the frame by the rpy of <child_origin> instead"
+        )
+    return turning("z", axis), turning("z", other if kind != "prismatic" else axis)
+
+
+def _read_fixed_frame(tree: UrdfTree, element: ElementTree.Element) -> None:
+    name, where = _named(element)
+    parent = attribute(child_element(element, where, "parent"), f"{where}: <parent>", "link")
+    origin = origin_of(element.find("origin"), f"{where}: <origin>")
+    tree.add_frame(name, tree.link(f"{where}: <parent>", parent), origin)
+
+
+def _read_loop_joint(tree: UrdfTree, element: ElementTree.Element) -> Closure:
+    name, where = _named(element)
+    for child in element:
+        if child.tag not in ("link1", "link2", "axis"):
+            raise RobotFileError(f"{where}: {choose_from('element', child.tag, ('link1', 'link2', 'axis'))}")
+    kind = _kind(element, where, _ALIKE)
+    turn = turning("z", _axis(element, where)) if kind in ("revolute", "prismatic") else np.eye(3)
+    links = [child for child in element if child.tag in ("link1", "link2")]
+    if len(links) != 2:
+        raise RobotFileError(f"{where}: needs two links (<link1>, <link2>), got {len(links)}")
+    ends = []
+    for suffix, end in zip("12", links, strict=True):
+        only(end, f"{where}: <{end.tag}>", (), ("link", *_ORIGIN))
+        origin = ElementTree.Element("origin", {key: end.attrib[key] for key in _ORIGIN if key in end.attrib})
+        place = origin_of(origin, f"{where}: <{end.tag}>") @ placement(turn)
+        ends.append((suffix, f"{where}: <{end.tag}>", end.get("link"), place))
+    return _close(tree, name, ends, kind)
+
+
+def _read_ball_constraint(tree: UrdfTree, element: ElementTree.Element) -> Closure:
+    parts = {local_name(child.tag).removeprefix("ball_constraint_"): child for child in element}
+    ends = []
     for body, point in (("body_A", "p_AP"), ("body_B", "p_BQ")):
-        for key in (body, point):
-            if key not in parts:
-                raise RobotFileError(f"<{where}>: {key} is missing")
-        link = tree.link(f"<{where}> {body}", attribute(parts[body], f"<{where}> {body}", "name"))
-        at = numbers(f"<{where}> {point}", parts[point].get("value"), 3)
-        frames.append(tree.frame_at(f"{name}_{body[-1]}", link, placement(None, at)))
-    return Closure(name, (frames[0], frames[1]), locked_axes("spherical"))
+        if missing := [key for key in (body, point) if key not in parts]:
+            raise RobotFileError(f"<ball_constraint>: {missing[0]} is missing")
+        at = numbers(f"<ball_constraint> {point}", parts[point].get("value"), 3)
+        ends.append((body[-1], f"<ball_constraint> {body}", parts[body].get("name"), placement(None, at)))
+    return _close(tree, f"ball_{tree.extra.index(element) + 1}", ends, "spherical")
 
 
 # by element: the dialect and what reads it; None of what adds no closure
 _LOOPS: dict[str, tuple[str, Callable[[UrdfTree, ElementTree.Element], Closure | None]]] = {
-    "loop": ("urdf+", read_loop),
-    "coupling": ("urdf+", read_coupling),
-    "constraint": ("ros", read_constraint),
-    "loop_joint": ("loop_joint", read_loop_joint),
-    "fixed_frame": ("loop_joint", read_fixed_frame),
-    "ball_constraint": ("urdf", _ball_constraint),
+    "loop": ("urdf+", _read_loop),
+    "coupling": ("urdf+", _read_coupling),
+    "constraint": ("ros", _read_constraint),
+    "loop_joint": ("loop_joint", _read_loop_joint),
+    "fixed_frame": ("loop_joint", _read_fixed_frame),
+    "ball_constraint": ("urdf", _read_ball_constraint),
 }
 
 
@@ -76,18 +230,16 @@ def read_urdf(
     Raises:
         RobotFileError: names the element.
     """
-    independent = [
-        joint.get("name", "")
-        for joint in root.findall("joint")
-        if joint.get("independent", "").lower() in ("true", "1")
+    marked = [
+        joint for joint in root.findall("joint") if joint.get("independent", "").lower() in ("true", "1")
     ]
+    independent = [joint.get("name", "") for joint in marked]
     tree = UrdfTree(root, tuple(_LOOPS))
     loops = [(*_LOOPS[tag], element) for tag, element in zip(tree.extra_tags, tree.extra, strict=True)]
     closures = [closure for _, read, element in loops if (closure := read(tree, element)) is not None]
     closures += _gazebo_joints(tree)
-    framed = read_closing_frames(tree)
-    if beside is None:
-        beside = _loop_closures_beside(file)
+    framed = _closing_frames(tree)
+    beside = _loop_closures_beside(file) if beside is None else beside
     closures += [*framed, *_listed(tree, beside)]
     if not closures and not loops and root.find("joint/mimic") is None:
         raise RobotFileError(
@@ -101,18 +253,32 @@ def read_urdf(
             raise RobotFileError(f"transmission: {choose_from('movable joint', name, tree.movable)}")
     motors = [Motor.on(name) for name in tree.motors if name in tree.movable]
     likely = [*independent, *beside.get("independent", [])]
-    return describe(tree, file, options, closures, motors=motors, likely_motors=likely)._replace(
-        dialect=dialect
-    )
+    parsed = describe(tree, file, options, closures, motors=motors, likely_motors=likely)
+    return parsed._replace(dialect=dialect)
+
+
+def _closing_frames(tree: UrdfTree) -> list[Closure]:
+    """Return the closures of pairs of links that end loops by their names."""
+    pairs: dict[str, dict[str, str]] = {}
+    for link in tree.links:
+        if match := _CLOSING.fullmatch(link):
+            pairs.setdefault(match["name"] + (match["second"] or ""), {})[match["end"]] = link
+    for ends in pairs.values():
+        if len(ends) < 2:
+            ((end, link),) = ends.items()
+            missing = re.sub(rf"_{end}(_z)?$", rf"_{3 - int(end)}\1", link)
+            raise RobotFileError(f"link {link!r}: the other end of its loop, {missing!r}, is missing")
+    axes = locked_axes("spherical")
+    return [Closure(name, (ends["1"], ends["2"]), axes) for name, ends in pairs.items()]
 
 
 def _gazebo_joints(tree: UrdfTree) -> list[Closure]:
     """Return the closures of the joints that Gazebo adds to the tree."""
-    joints = [joint for joint in tree.root.findall("gazebo/joint") if joint.find("child") is not None]
     scope = Scope(version=np.inf)
     for link in tree.links:
         scope.links[link] = ElementTree.Element("link")
         scope.relative[link] = ("world", tree.at_zero(link))
+    joints = [joint for joint in tree.root.findall("gazebo/joint") if joint.find("child") is not None]
     return [read_cut_joint(scope, tree, joint) for joint in joints]
 
 
@@ -132,16 +298,15 @@ def _listed(tree: UrdfTree, content: Mapping[str, Any]) -> list[Closure]:
     closures = []
     for i, entry in enumerate(list_of(lambda _, given: dict(given))("closures", content.get("closures", []))):
         where = f"{LOOP_CLOSURES}: closures[{i}]"
-        links = [tree.link(f"{where}.{key}", text(where, entry.get(key))) for key in ("link_a", "link_b")]
         axis = np.array(vector3(f"{where}.axis", entry.get("axis")))
         if not axis.any():
             raise RobotFileError(f"{where}.axis: the axis is zero")
         hinge = placement(turning("z", axis), vector3(f"{where}.point", entry.get("point")))
-        frames = [
-            tree.frame_at(f"loop_{i + 1}_{end}", link, inverse(tree.at_zero(link)) @ hinge)
-            for end, link in zip("ab", links, strict=True)
-        ]
-        closures.append(Closure(f"loop_{i + 1}", (frames[0], frames[1]), locked_axes("revolute")))
+        ends = []
+        for end in "ab":
+            link = tree.link(f"{where}.link_{end}", text(where, entry.get(f"link_{end}")))
+            ends.append((end, where, link, inverse(tree.at_zero(link)) @ hinge))
+        closures.append(_close(tree, f"loop_{i + 1}", ends, "revolute"))
     return closures
 
 
