@@ -138,11 +138,14 @@ def _proposed_at(known: Known, motions: _Motions, remarks: list[str], *, by_join
             remarks.append(f"platform: {names} of {platform.frame} (proposed)")
             return Resolved(replace(description, platform=platform), tuple(remarks))
     part = _part(description, tree)
-    for platform in _platforms_of_joints(motions, description, tree) if by_joints else ():
+    by_joint = list(_platforms_of_joints(motions, description, tree)) if by_joints else []
+    for platform in by_joint:
         if _robot_with(description, platform) is not None:
             why = f"no body is moved by all of the motors{'; or ' * bool(part)}{part.removesuffix(', ')}"
             remarks.append(f"platform: the joints {', '.join(platform.names)} (proposed: {why})")
             return Resolved(replace(description, platform=platform), tuple(remarks))
+    if by_joint:  # what stops this is the more precise reason
+        ParallelRobot.from_description(replace(description, platform=by_joint[-1]))
     raise RobotFileError(
         f"no body is moved by all of the motors {', '.join(a.joint for a in description.actuators)} along "
         f"{motions.working.shape[1]} axes; give --platform and --axes, {part}or hold "
