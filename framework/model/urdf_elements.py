@@ -186,9 +186,16 @@ def read_joint(
         direction = axis_of(axis, f"{where}: <axis>")
     limit = element.find("limit")
     if kind in ("revolute", "prismatic"):
-        limit = child_element(element, where, "limit")
-        for key in ("effort", "velocity"):
-            attribute(limit, f"{where}: <limit>", key)
+        try:
+            limit = child_element(element, where, "limit")
+            for key in ("effort", "velocity"):
+                attribute(limit, f"{where}: <limit>", key)
+        except RobotFileError as error:
+            if impossible is None:
+                raise
+            impossible.append((name, str(error)))
+            limit = ElementTree.SubElement(element, "limit") if limit is None else limit
+            limit.attrib |= {"lower": "-1e9", "upper": "1e9", "effort": "1e9", "velocity": "1e9"}
     if kind in MOVING and limit is not None:
         lower, upper, effort, velocity = (
             # some files mean no limit by 1.8e308

@@ -113,6 +113,8 @@ def _proposed_at(known: Known, motions: _Motions, remarks: list[str], *, by_join
     """Complete the description at a closed pose."""
     tree = known.tree
     if not motions.working.shape[1]:
+        if motions.basis.shape[1] and not any(i.mass for i in list(motions.mechanism.model.inertias)[1:]):
+            raise RobotFileError("no link that moves has a mass: an inertia is missing")
         raise RobotFileError("the loops leave no freedom that moves a mass: hold fewer joints")
     mechanism = motions.mechanism
     description = replace(mechanism.description, reference=mechanism.reference_values(motions.q))

@@ -24,7 +24,7 @@ from framework.model.readers.left_out import LeftOut
 
 # [kg], [kg m^2] what MuJoCo is told that bodies without have: it refuses less than 1e-15
 STAND_IN_MASS, STAND_IN_INERTIA = 1e-12, 1e-14
-_UNUSED = ("sensors", "pairs", "tuples", "skins", "lights", "textures", "materials")
+_UNUSED = ("sensors", "pairs", "excludes", "tuples", "skins", "lights", "textures", "materials")
 _PLUGIN = re.compile(r"<extension\b.*?</extension\s*>|<plugin\b[^>]*/>|<plugin\b.*?</plugin\s*>", re.DOTALL)
 
 

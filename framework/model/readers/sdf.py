@@ -280,15 +280,19 @@ def _ends(scope: Scope, name: str, joint: ElementTree.Element) -> tuple[str, str
 
 
 def _largest_part(scope: Scope, ends: dict[str, tuple[str, str]]) -> set[str]:
-    """Return the links of the part with most joints that loops can be in, the world with it if joined."""
+    """Return the links of the part with loops, of several that with most joints."""
     groups: list[set[str]] = [{name} for name in (*scope.links, WORLD)]
     for pair in ends.values():
         joined = [group for group in groups if group & set(pair)]
         groups = [group for group in groups if group not in joined] + [set().union(*joined)]
-    counts = [sum(set(pair) <= group for pair in ends.values()) for group in groups]
-    if not counts or not max(counts):
+    counts = []
+    for group in groups:
+        joints = [scope.joints[name] for name, pair in ends.items() if set(pair) <= group]
+        mimics = sum(joint.find("axis/mimic") is not None for joint in joints)
+        counts.append((len(joints) - len(group) + 1 + mimics > 0, len(joints)))
+    if not max(counts)[1]:
         raise RobotFileError("there is no joint in it")
-    return groups[int(np.argmax(counts))]
+    return groups[counts.index(max(counts))]
 
 
 def _own(joint: ElementTree.Element, tags: Sequence[str] = _OWN) -> str:
