@@ -60,11 +60,11 @@ class SameMotion:
     def qpos(self, t):
         q = self.motion.configuration(np.array([t]))
         value = dict(zip(self.names, self.plan.robot.coordinates.positions(q)[0], strict=True))
-        qpos = self.model.qpos0.copy()
+        qpos = (self.model.key_qpos[0] if self.model.nkey else self.model.qpos0).copy()
         for name, joint in self.joints.items():
             start = joint.qposadr[0]
             if name in value:
-                qpos[start] += value[name]
+                qpos[start] = self.model.qpos0[start] + value[name]
             else:
                 turn = pin.Quaternion(pin.exp3(np.array([value[name + axis] for axis in BALL_AXES])))
                 qpos[start : start + 4] = turn.w, turn.x, turn.y, turn.z
