@@ -316,6 +316,8 @@ def _check_driven(motions: _Motions, description: RobotDescription, tree: UrdfTr
     motors, left = [actuator.joint for actuator in description.actuators], _undriven(motions, description)
     if not left.shape[1]:
         return
+    if not motors:
+        raise RobotFileError("no joint of one freedom says where the mechanism is: a motor needs one")
     raise RobotFileError(
         f"{motions.working.shape[1]} freedoms and {len(motors)} motor{'s' * (len(motors) != 1)} "
         f"({', '.join(motors)}): nothing says "
