@@ -79,6 +79,8 @@ def propose(options: Options, known: Known) -> Resolved:
     if tails:
         known = _holding(known, tails)
         remarks.append(_held(tails))
+    if known.platform is not None and options.motors is not None:  # nothing is left to propose
+        return Resolved(replace(known.description, platform=known.platform), tuple(remarks))
     try:
         resolved = _proposed(known, by_joints=not heads or not options.is_silent)
     except RobotFileError:

@@ -205,9 +205,10 @@ def test_a_free_base_is_held_with_one_line(tmp_path):
 
 def test_serial_joints_beside_the_mechanism_are_held_with_a_platform_too(tmp_path):
     more = link("d") + joint("jd", "palm", "d")
-    parsed = read(tmp_path, fingers(more), platform_joints=["jb"])
-    assert any(remark.startswith("held: jd") for remark in parsed.remarks)
-    assert ParallelRobot.from_description(parsed.description).n == 1
+    for said in ({}, {"motors": ["ja"]}):
+        parsed = read(tmp_path, fingers(more), platform_joints=["jb"], **said)
+        assert any(remark.startswith("held: jd") for remark in parsed.remarks)
+        assert ParallelRobot.from_description(parsed.description).n == 1
 
 
 def test_usd_is_named_with_a_way_out(tmp_path):
