@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -33,9 +33,14 @@ def joint_element(
     *,
     origin: ElementTree.Element | None = None,
     axis: str | None = None,
+    limits: Sequence[float] | None = None,
     effort: str = "1e9",
 ) -> ElementTree.Element:
-    """Return a `<joint>` without limits; where URDF requires a limit, with one that nothing reaches."""
+    """Return a `<joint>`; where URDF requires limits and there are none, with some that nothing reaches.
+
+    A continuous joint with limits is a revolute one.
+    """
+    kind = "revolute" if limits and kind == "continuous" else kind
     element = ElementTree.Element("joint", name=name, type=kind)
     ElementTree.SubElement(element, "parent", link=parent)
     ElementTree.SubElement(element, "child", link=child)
@@ -44,8 +49,19 @@ def joint_element(
     if axis is not None:
         ElementTree.SubElement(element, "axis", xyz=axis)
     if kind in ("revolute", "prismatic"):
-        element.append(no_limit(effort))
+        limit = no_limit(effort)
+        if limits:
+            limit.attrib |= zip(("lower", "upper"), map(repr, limits), strict=True)
+        element.append(limit)
     return element
+
+
+def visual_element(shape: str, words: Mapping[str, str], place: Array) -> ElementTree.Element:
+    """Return the `<visual>` of a primitive shape at a placement (4, 4)."""
+    visual = ElementTree.Element("visual")
+    visual.append(origin_element(place))
+    ElementTree.SubElement(ElementTree.SubElement(visual, "geometry"), shape, words)
+    return visual
 
 
 def inertial_element(mass: float, centre: Array, inertia: Array) -> ElementTree.Element:

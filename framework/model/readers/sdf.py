@@ -13,25 +13,32 @@ Source: sdformat.org, "Pose frame semantics".
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from framework.arrays import Array
 from framework.errors import RobotFileError, choose_from
 from framework.input import read_text
-from framework.model.description import Closure, Coupling, JointDynamics, ParsedRobot, locked_axes
+from framework.model.description import Closure, Coupling, JointDynamics, ParsedRobot
 from framework.model.documents import naming, parse_xml
 from framework.model.inertia import ENTRIES, symmetric
-from framework.model.placement import from_quaternion, from_rpy, inverse, placement, turning
+from framework.model.placement import from_quaternion, from_rpy, inverse, placement
 from framework.model.readers.describe import describe
 from framework.model.readers.left_out import LeftOut
 from framework.model.readers.missing_fields import Options
-from framework.model.readers.urdf_tree import UrdfTree
+from framework.model.readers.urdf_tree import UrdfTree, merge_sharing
 from framework.model.urdf_elements import local_name
-from framework.model.urdf_writing import inertial_element, joint_element, origin_element, vector_text
+from framework.model.urdf_writing import (
+    inertial_element,
+    joint_element,
+    origin_element,
+    vector_text,
+    visual_element,
+)
 from framework.model.xml_reading import attribute, child_element, numbers
 
 WORLD, MODEL = "world", "__model__"
@@ -41,9 +48,17 @@ _KINDS = {kind: kind for kind in ("fixed", "revolute", "prismatic", "universal")
     "revolute2": "universal",
     "ball": "spherical",
 }
+_AXES = {"universal": ("axis", "axis2"), "revolute": ("axis",), "prismatic": ("axis",)}
 _NOT_READ = ("screw", "gearbox")
 _CONSTRAINTS = {"weld_constraint": "fixed", "ball_constraint": "ball"}  # of Drake
 _OWN = ("dynamics", "limit", "mimic")  # what a joint of the tree can have, and a closure cannot
+_DYNAMICS = {
+    "damping": "damping",
+    "friction": "friction",
+    "stiffness": "spring_stiffness",
+    "rest": "spring_reference",
+}
+_SHAPES = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length")}
 _VERSION_OF_JOINT_AXES = 1.5  # before, axes were in the frame of the model
 
 
@@ -52,10 +67,10 @@ class Scope:
     """The frames of all models, by scoped name: what each is relative to, its pose there, its body."""
 
     version: float
-    relative: dict[str, tuple[str, Array]] = field(default_factory=dict)
+    relative: dict[str, tuple[str, Array]] = field(default_factory=lambda: {MODEL: (WORLD, np.eye(4))})
     attached: dict[str, str] = field(default_factory=dict)
     links: dict[str, ElementTree.Element] = field(default_factory=dict)
-    joints: dict[str, ElementTree.Element] = field(default_factory=dict)
+    joints: dict[str, ElementTree.Element] = field(default_factory=dict)  # with their `scope`
 
     def place(self, name: str, depth: int = 0) -> Array:
         """Return the placement (4, 4) of a frame in the world, where the file has its links."""
@@ -76,9 +91,16 @@ class Scope:
             raise RobotFileError(choose_from("link or frame", name, [*self.links, *self.attached]))
         return self.link_of(self.attached[name], depth + 1)
 
-    def in_link(self, name: str, where: Array) -> Array:
-        """Return a placement in the world as one in a link."""
-        return inverse(self.place(name)) @ where
+
+class _Joint(NamedTuple):
+    """A joint, with its links, placements in them and axes there, of the parent first."""
+
+    name: str
+    element: ElementTree.Element
+    kind: str
+    links: tuple[str, str]
+    places: tuple[Array, Array]
+    axes: tuple[Array, ...]
 
 
 def read_sdf(file: Path, root: ElementTree.Element, options: Options) -> ParsedRobot:
@@ -89,48 +111,53 @@ def read_sdf(file: Path, root: ElementTree.Element, options: Options) -> ParsedR
     """
     (version,) = numbers("<sdf> version", root.get("version", "1.4"), 1)
     scope = Scope(version)
-    _add_models(scope, root, file.parent, "", WORLD)
-    for world in root.findall("world"):
-        _add_models(scope, world, file.parent, "", WORLD)
-    ends = {name: _ends(scope, name, joint) for name, joint in scope.joints.items()}
+    for parent in (root, *root.findall("world")):
+        _add_models(scope, parent, file.parent, "", WORLD)
+    ends = {name: _ends(scope, name) for name in scope.joints}
     part = _largest_part(scope, ends)
     left_out = [
         LeftOut(f"joint {name!r}: {joint.get('type')}: not read", (name, *ends[name]), is_decisive=True)
         for name, joint in scope.joints.items()
         if joint.get("type") in _NOT_READ
     ]
-    within = {name: pair for name, pair in ends.items() if set(pair) <= part}
-    chosen = _tree_joints(scope, within, part)
-    tree = UrdfTree(_urdf(scope, within, chosen, part, file.stem))
-    closures = [_closure(scope, tree, name, within[name]) for name in within if name not in chosen]
-    for name in within:
-        if name not in chosen and (own := _own(scope.joints[name], ("dynamics", "mimic"))):
-            left_out.append(LeftOut(f"joint {name!r}: its {own}, where the loop is cut", (within[name][1],)))
-    plugged = [text.text or "" for text in root.iter("joint_name")]
-    acting = {name: _dynamics(name, scope.joints[name]) for name in chosen}
+    joints = [_joint(scope, name, pair) for name, pair in ends.items() if set(pair) <= part]
+    chosen = _tree_joints(scope, joints)
+    names = [joint.name for joint in chosen]
+    tree = UrdfTree(_urdf(scope, joints, chosen, part, file.stem))
+    closures = [_closure(tree, joint) for joint in joints if joint.name not in names]
+    for joint in joints:
+        if joint.name not in names and (own := _own(joint.element, ("dynamics", "mimic"))):
+            text = f"joint {joint.name!r}: its {own}, where the loop is cut"
+            left_out.append(LeftOut(text, (joint.links[1],)))
+    apart = [name for name in scope.links if name not in part]
+    plugged = [element.text or "" for element in root.iter("joint_name")]
+    acting = {joint.name: _dynamics(joint) for joint in chosen}
+    x, y, z = numbers("<gravity>", root.findtext("world/gravity", "0 0 -9.81"), 3)
     return describe(
         tree,
         file,
         options,
         closures,
-        couplings=[c for name in chosen for c in _couplings(scope, name, chosen)],
-        likely_motors=[name for name in chosen if name.rsplit("::", 1)[-1] in plugged],
+        couplings=[coupling for joint in chosen for coupling in _couplings(joint, names)],
+        likely_motors=[name for name in names if name.rsplit("::", 1)[-1] in plugged],
         joints={name: joint for name, joint in acting.items() if joint != JointDynamics()},
-        gravity=_gravity(root),
+        gravity=(x, y, z),
         left_out=left_out,
-        remarks=_others(scope, part),
+        remarks=[f"not read: {', '.join(apart)}, which no joint joins with the mechanism"] if apart else [],
     )._replace(dialect="sdf")
 
 
-def _gravity(root: ElementTree.Element) -> tuple[float, float, float]:
-    x, y, z = numbers("<gravity>", root.findtext("world/gravity", "0 0 -9.81"), 3)
-    return x, y, z
+def _scoped(prefix: str, name: str) -> str:
+    """Return the scoped name of what is named in a model."""
+    return name if name == WORLD else prefix + name
 
 
-def _others(scope: Scope, part: set[str]) -> list[str]:
-    """Return remarks on links that no joint joins with the mechanism."""
-    names = [name for name in scope.links if name not in part]
-    return [f"not read: {', '.join(names)}, which no joint joins with the mechanism"] if names else []
+def _values(element: ElementTree.Element, where: str, defaults: Mapping[str, str]) -> list[float]:
+    """Return the number at each path below an element, or its default."""
+    return [
+        numbers(f"{where}: <{path.rsplit('/', 1)[-1]}>", element.findtext(path, default), 1)[0]
+        for path, default in defaults.items()
+    ]
 
 
 # ------------------------------------------------------------------ models and frames
@@ -142,78 +169,69 @@ def _add_models(scope: Scope, parent: ElementTree.Element, folder: Path, prefix:
         _add_model(scope, model, folder, prefix, base)
     for include in parent.findall("include"):
         uri = (include.findtext("uri") or "").removeprefix("model://").removeprefix("file://")
-        file = next((f for f in (folder / uri, folder.parent / uri) if f.exists()), None)
-        if file is not None and file.is_dir():
+        file = next((f for f in (folder / uri, folder.parent / uri) if f.exists()), folder / uri)
+        if file.is_dir():
             file = file / "model.sdf"
-        if file is None or not file.is_file():
+        if not file.is_file():
             continue  # scenery, such as a ground plane; a joint to it says what is missing
         with naming(f"<include> {uri}"):
-            model = child_element(
-                parse_xml(read_text(file, "cannot read it", error=RobotFileError)), "<sdf>", "model"
-            )
+            document = parse_xml(read_text(file, "cannot read it", error=RobotFileError))
+            model = child_element(document, "<sdf>", "model")
         model.set("name", include.findtext("name") or model.get("name") or "")
         for pose in include.findall("pose"):
             for own in model.findall("pose"):
                 model.remove(own)
             model.append(pose)
-        if include.get("merge") in ("true", "1"):
-            _add_content(scope, model, file.parent, prefix, base)
-        else:
-            _add_model(scope, model, file.parent, prefix, base)
+        add = _add_content if include.get("merge") in ("true", "1") else _add_model
+        add(scope, model, file.parent, prefix, base)
 
 
 def _add_model(scope: Scope, model: ElementTree.Element, folder: Path, prefix: str, base: str) -> None:
-    """Add a model; nested ones get its name in front of theirs."""
+    """Add a model; names of a nested one, and of a second one of the world, begin with its own."""
     name = attribute(model, "<model>", "name")
-    inner = f"{prefix}{name}::" if prefix or base != WORLD else f"{name}::" if _is_nested(scope) else ""
-    own = f"{prefix}{name}::{MODEL}"
+    full = f"{prefix}{name}"
+    own, is_first = f"{full}::{MODEL}", base == WORLD and not prefix and not scope.links
+    inner = "" if is_first else f"{full}::"
     relative, pose = _pose(model, prefix, base, f"model {name!r}")
     scope.relative[own] = (relative, pose)
-    if inner != f"{prefix}{name}::":
+    if is_first:
         scope.relative[MODEL] = (own, np.eye(4))
     _add_content(scope, model, folder, inner, own)
     links = [key for key in scope.links if key.startswith(inner)]
     canonical = model.get("canonical_link")
     if links:
-        scope.attached[own] = f"{inner}{canonical}" if canonical else links[0]
-        scope.attached[f"{inner}{MODEL}"] = scope.attached[f"{prefix}{name}"] = scope.attached[own]
-        scope.relative.setdefault(f"{prefix}{name}", (own, np.eye(4)))
-    if model.get("placement_frame"):
-        there = inverse(scope.place(own)) @ scope.place(f"{inner}{model.get('placement_frame')}")
-        scope.relative[own] = (relative, pose @ inverse(there))
-
-
-def _is_nested(scope: Scope) -> bool:
-    """Whether another model of the world was read: names of a second one begin with its own."""
-    return bool(scope.links)
+        link = f"{inner}{canonical}" if canonical else links[0]
+        scope.attached |= dict.fromkeys((own, f"{inner}{MODEL}", full), link)
+        scope.relative.setdefault(full, (own, np.eye(4)))
+    if frame := model.get("placement_frame"):
+        within = inverse(scope.place(own)) @ scope.place(f"{inner}{frame}")
+        scope.relative[own] = (relative, pose @ inverse(within))
 
 
 def _add_content(scope: Scope, model: ElementTree.Element, folder: Path, prefix: str, base: str) -> None:
     """Add links, frames, joints and models of a model whose frame is `base`."""
     for element in model:
-        if element.tag not in ("link", "frame", "joint"):
+        tag = element.tag
+        if tag not in ("link", "frame", "joint"):
             continue
-        name = prefix + attribute(element, f"<{element.tag}>", "name")
-        known = scope.relative.keys() if element.tag != "joint" else scope.joints.keys()
-        if name in known:
-            raise RobotFileError(f"duplicate {element.tag} {name!r}")
+        name = prefix + attribute(element, f"<{tag}>", "name")
+        if name in (scope.joints if tag == "joint" else scope.relative):
+            raise RobotFileError(f"duplicate {tag} {name!r}")
         default = base
-        if element.tag == "link":
+        if tag == "link":
             scope.links[name] = element
-        elif element.tag == "frame":
+        elif tag == "frame":
             to = element.get("attached_to")
-            default = base if not to else to if to == WORLD else f"{prefix}{to}"
-            scope.attached[name] = default
+            default = scope.attached[name] = _scoped(prefix, to) if to else base
         else:
             element.set("scope", prefix)
-            element.set("base", base)
             scope.joints[name] = element
-            default = _named(prefix, element, "child")
+            default = _named(element, "child")
             scope.attached.setdefault(name, default)
-        pose = _pose(element, prefix, default, f"{element.tag} {name!r}", base)
-        scope.relative[f"joint {name}" if element.tag == "joint" else name] = pose
-        if element.tag == "joint":
-            scope.relative.setdefault(name, pose)
+        pose = _pose(element, prefix, default, f"{tag} {name!r}")
+        if tag == "joint":
+            scope.relative[f"joint {name}"] = pose
+        scope.relative.setdefault(name, pose)
     for number, element in enumerate(model):
         if local_name(element.tag) in _CONSTRAINTS:
             _add_constraint(scope, element, f"{local_name(element.tag)}_{number}", prefix)
@@ -235,118 +253,150 @@ def _add_constraint(scope: Scope, element: ElementTree.Element, name: str, prefi
     scope.relative[f"joint {prefix}{name}"] = (f"{prefix}{name}_at_child", np.eye(4))
 
 
-def _named(prefix: str, joint: ElementTree.Element, end: str) -> str:
+def _named(joint: ElementTree.Element, end: str) -> str:
     """Return the scoped name of the parent or child of a joint."""
     name = (joint.findtext(end) or "").strip()
     if not name:
         raise RobotFileError(f"joint {joint.get('name')!r}: <{end}> is missing")
-    return name if name == WORLD else prefix + name
+    return _scoped(joint.get("scope", ""), name)
 
 
-def _pose(
-    element: ElementTree.Element, prefix: str, default: str, where: str, base: str | None = None
-) -> tuple[str, Array]:
+def _pose(element: ElementTree.Element, prefix: str, default: str, where: str) -> tuple[str, Array]:
     """Return what the `<pose>` of an element is relative to, and the placement (4, 4)."""
     pose = element.find("pose")
     if pose is None:
         return default, np.eye(4)
     to = pose.get("relative_to") or pose.get("frame")
-    relative = default if not to else to if to == WORLD else base if to == MODEL and base else f"{prefix}{to}"
-    count = 7 if pose.get("rotation_format") == "quat_xyzw" else 6
-    values = numbers(f"{where}: <pose>", pose.text or " 0" * count, count)
-    if count == 7:
-        x, y, z, w = values[3:]
-        return str(relative), placement(from_quaternion(w, x, y, z), values[:3])
-    unit = np.pi / 180.0 if pose.get("degrees") in ("true", "1") else 1.0
-    turn = [unit * value for value in values[3:]]
-    return str(relative), placement(from_rpy(turn) if any(turn) else None, values[:3])
+    has_quaternion = pose.get("rotation_format") == "quat_xyzw"
+    count = 7 if has_quaternion else 6
+    position, turn = np.split(numbers(f"{where}: <pose>", pose.text or " 0" * count, count), [3])
+    if has_quaternion:
+        matrix = from_quaternion(*np.roll(turn, 1))
+    else:
+        matrix = from_rpy(np.radians(turn) if pose.get("degrees") in ("true", "1") else turn)
+    return _scoped(prefix, to) if to else default, placement(matrix, position)
 
 
-# ------------------------------------------------------------------ the tree
+# ------------------------------------------------------------------ joints
 
 
-def _ends(scope: Scope, name: str, joint: ElementTree.Element) -> tuple[str, str]:
+def _ends(scope: Scope, name: str) -> tuple[str, str]:
     """Return the links that a joint joins, parent first."""
-    kind = attribute(joint, f"joint {name!r}", "type")
+    joint, where = scope.joints[name], f"joint {name!r}"
+    kind = attribute(joint, where, "type")
     if kind not in (*_KINDS, *_NOT_READ):
-        raise RobotFileError(f"joint {name!r}: {choose_from('type', kind, (*_KINDS, *_NOT_READ))}")
-    with naming(f"joint {name!r}"):
-        first, second = (
-            scope.link_of(_named(joint.get("scope", ""), joint, end)) for end in ("parent", "child")
-        )
+        raise RobotFileError(f"{where}: {choose_from('type', kind, (*_KINDS, *_NOT_READ))}")
+    with naming(where):
+        first, second = (scope.link_of(_named(joint, end)) for end in ("parent", "child"))
     if first == second:
-        raise RobotFileError(f"joint {name!r}: joins {first!r} with itself")
+        raise RobotFileError(f"{where}: joins {first!r} with itself")
     return first, second
 
 
-def _largest_part(scope: Scope, ends: dict[str, tuple[str, str]]) -> set[str]:
-    """Return the links of the part with loops, of several that with most joints."""
-    groups: list[set[str]] = [{name} for name in (*scope.links, WORLD)]
-    for pair in ends.values():
-        joined = [group for group in groups if group & set(pair)]
-        groups = [group for group in groups if group not in joined] + [set().union(*joined)]
-    counts = []
-    for group in groups:
-        joints = [scope.joints[name] for name, pair in ends.items() if set(pair) <= group]
-        mimics = sum(joint.find("axis/mimic") is not None for joint in joints)
-        counts.append((len(joints) - len(group) + 1 + mimics > 0, len(joints)))
-    if not max(counts)[1]:
-        raise RobotFileError("there is no joint in it")
-    return groups[counts.index(max(counts))]
+def _joint(scope: Scope, name: str, links: tuple[str, str]) -> _Joint:
+    """Return a joint with placements and axes; one whose parent is a frame stands there."""
+    element = scope.joints[name]
+    kind = _KINDS.get(element.get("type", ""), "fixed")
+    in_child = scope.place(f"joint {name}")
+    parent = _named(element, "parent")
+    in_parent = scope.place(parent) if parent in scope.attached and parent not in scope.links else in_child
+    first, second = (
+        inverse(scope.place(link)) @ place for link, place in zip(links, (in_parent, in_child), strict=True)
+    )
+    axes = tuple(_axis(scope, name, tag) for tag in _AXES.get(kind, ()))
+    return _Joint(name, element, kind, links, (first, second), axes)
+
+
+def _axis(scope: Scope, name: str, tag: str) -> Array:
+    """Return an axis of a joint in the joint's frame."""
+    joint, where = scope.joints[name], f"joint {name!r}: <{tag}>"
+    axis = np.array(numbers(f"{where} xyz", joint.findtext(f"{tag}/xyz", "0 0 1"), 3))
+    if not axis.any():
+        raise RobotFileError(f"{where}: the axis is zero")
+    xyz = joint.find(f"{tag}/xyz")
+    within = None if xyz is None else xyz.get("expressed_in")
+    in_model = (joint.findtext(f"{tag}/use_parent_model_frame") or "").strip() in ("true", "1")
+    if not within and not in_model and scope.version >= _VERSION_OF_JOINT_AXES:
+        return axis
+    frame = scope.place(_scoped(joint.get("scope", ""), within or MODEL))
+    return np.asarray(scope.place(f"joint {name}")[:3, :3].T @ frame[:3, :3] @ axis)
 
 
 def _own(joint: ElementTree.Element, tags: Sequence[str] = _OWN) -> str:
     """Return names of what a joint has that a closure cannot have."""
-    found = [tag for tag in tags for axis in joint.findall("axis") if axis.find(tag) is not None]
-    return ", ".join(found)
+    return ", ".join(tag for tag in tags for axis in joint.findall("axis") if axis.find(tag) is not None)
 
 
-def _tree_joints(scope: Scope, ends: dict[str, tuple[str, str]], part: set[str]) -> list[str]:
+def _dynamics(joint: _Joint) -> JointDynamics:
+    """Return damping, friction and spring of a joint's axis."""
+    paths = {f"axis/dynamics/{tag}": "0" for tag in _DYNAMICS.values()}
+    values = dict(zip(_DYNAMICS, _values(joint.element, f"joint {joint.name!r}", paths), strict=True))
+    return JointDynamics(**values | ({} if values["stiffness"] else {"rest": 0.0}))
+
+
+def _couplings(joint: _Joint, names: Sequence[str]) -> Iterator[Coupling]:
+    """Yield the coupling of a joint that mimics another."""
+    where = f"joint {joint.name!r}: <mimic>"
+    for mimic in joint.element.findall("axis/mimic"):
+        of = joint.element.get("scope", "") + (mimic.get("joint") or "")
+        if of not in names:
+            raise RobotFileError(f"{where}: {choose_from('joint', of, names)}")
+        defaults = {"multiplier": "1", "offset": "0", "reference": "0"}
+        ratio, offset, reference = _values(mimic, where, defaults)
+        yield Coupling(joint.name, of, ratio, offset - ratio * reference)
+
+
+# ------------------------------------------------------------------ the tree and what it is cut from
+
+
+def _largest_part(scope: Scope, ends: Mapping[str, tuple[str, str]]) -> set[str]:
+    """Return the links of the part with loops, of several that with most joints."""
+    groups = merge_sharing([*([name] for name in (*scope.links, WORLD)), *ends.values()])
+    counts = []
+    for group in groups:
+        joints = [scope.joints[name] for name, pair in ends.items() if set(pair) <= set(group)]
+        mimics = sum(joint.find("axis/mimic") is not None for joint in joints)
+        counts.append((len(joints) - len(group) + 1 + mimics > 0, len(joints)))
+    if not max(counts)[1]:
+        raise RobotFileError("there is no joint in it")
+    return set(groups[counts.index(max(counts))])
+
+
+def _tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[_Joint]:
     """Choose the joints of a tree: those with something of their own first, and balls last."""
     mimicked = {mimic.get("joint") for joint in scope.joints.values() for mimic in joint.iter("mimic")}
 
-    def rank(name: str) -> tuple[bool, bool, bool, bool]:
-        joint = scope.joints[name]
-        is_constraint = f"{name}_at_child" in scope.relative
-        leads = name.rsplit("::", 1)[-1] in mimicked or bool(_own(joint, ("mimic",)))
-        return (
-            is_constraint,
-            not leads,
-            not _own(joint),
-            _KINDS.get(joint.get("type", "")) in ("universal", "spherical"),
-        )
+    def rank(joint: _Joint) -> tuple[bool, ...]:
+        is_constraint = f"{joint.name}_at_child" in scope.relative
+        leads = joint.name.rsplit("::", 1)[-1] in mimicked or bool(_own(joint.element, ("mimic",)))
+        return is_constraint, not leads, not _own(joint.element), joint.kind in ("universal", "spherical")
 
-    groups = {link: {link} for link in part}
-    chosen = []
-    for name in sorted(ends, key=rank):
-        first, second = (groups[link] for link in ends[name])
+    groups = {link: {link} for joint in joints for link in joint.links}
+    chosen = set()
+    for joint in sorted(joints, key=rank):
+        first, second = (groups[link] for link in joint.links)
         if first is not second:
             first |= second
             groups |= dict.fromkeys(second, first)
-            chosen.append(name)
-    return [name for name in ends if name in chosen]
+            chosen.add(joint.name)
+    return [joint for joint in joints if joint.name in chosen]
 
 
 def _urdf(
-    scope: Scope, ends: dict[str, tuple[str, str]], chosen: Sequence[str], part: set[str], name: str
+    scope: Scope, joints: Sequence[_Joint], chosen: Sequence[_Joint], part: set[str], name: str
 ) -> ElementTree.Element:
     """Return the tree as a URDF, from the world or the first link that is nobody's child outwards."""
     root = ElementTree.Element("robot", name=name)
-    children = {ends[joint][1] for joint in ends}
-    links = [link for link in (WORLD, *scope.links) if link in part]
-    base = WORLD if WORLD in part else next((link for link in links if link not in children), links[0])
-    waiting = [base]
-    reached = {base}
-    while waiting:
-        link = waiting.pop(0)
+    children = {joint.links[1] for joint in joints}
+    links = [link for link in scope.links if link in part]
+    waiting = [WORLD if WORLD in part else next((link for link in links if link not in children), links[0])]
+    for link in waiting:  # which grows
         root.append(_link(scope, link))
         for joint in chosen:
-            first, second = ends[joint]
-            if link in (first, second) and not {first, second} <= reached:
-                other = second if link == first else first
-                root.extend(list(_joint(scope, joint, link, other, is_reversed=link == second)))
-                reached.add(other)
-                waiting.append(other)
+            if link in joint.links and not set(joint.links) <= set(waiting):
+                step = 1 if link == joint.links[0] else -1
+                root.extend(list(_joint_elements(joint, step)))
+                waiting.append(joint.links[::step][1])
     return root
 
 
@@ -355,172 +405,76 @@ def _link(scope: Scope, name: str) -> ElementTree.Element:
     link = ElementTree.Element("link", name=name)
     if name == WORLD:
         return link
-    where, inertial = f"link {name!r}", scope.links[name].find("inertial")
-    mass, place, matrix = 1.0, np.eye(4), np.eye(3)
-    if inertial is not None:
-        (mass,) = numbers(f"{where}: <mass>", inertial.findtext("mass", "1"), 1)
-        place = _pose(inertial, "", "", where)[1]
-        matrix = symmetric(
-            *(
-                numbers(f"{where}: <{key}>", inertial.findtext(f"inertia/{key}", default), 1)[0]
-                for key, default in zip(ENTRIES, "111000", strict=True)
-            )
-        )
+    where, given = f"link {name!r}", scope.links[name]
+    inertial = given.find("inertial")
+    if inertial is None:
+        inertial = ElementTree.Element("inertial")
+    entries = {f"inertia/{key}": default for key, default in zip(ENTRIES, "111000", strict=True)}
+    mass, *moments = _values(inertial, where, {"mass": "1", **entries})
+    place = _pose(inertial, "", "", where)[1]
     turn = place[:3, :3]
-    link.append(inertial_element(mass, place[:3, 3], turn @ matrix @ turn.T))
-    link.extend(list(_visuals(scope.links[name], where)))
+    link.append(inertial_element(mass, place[:3, 3], turn @ symmetric(*moments) @ turn.T))
+    for visual in given.findall("visual"):
+        for shape, keys in _SHAPES.items():
+            geometry = visual.find(f"geometry/{shape}")
+            if geometry is not None:
+                words = {key: (geometry.findtext(key) or "1").strip() for key in keys}
+                link.append(visual_element(shape, words, _pose(visual, "", "", where)[1]))
     return link
 
 
-def _visuals(link: ElementTree.Element, where: str) -> Iterator[ElementTree.Element]:
-    for visual in link.findall("visual"):
-        for shape, keys in {"box": ["size"], "sphere": ["radius"], "cylinder": ["radius", "length"]}.items():
-            geometry = visual.find(f"geometry/{shape}")
-            if geometry is not None:
-                element = ElementTree.Element("visual")
-                element.append(origin_element(_pose(visual, "", "", where)[1]))
-                words = {key: (geometry.findtext(key) or "1").strip() for key in keys}
-                ElementTree.SubElement(ElementTree.SubElement(element, "geometry"), shape, words)
-                yield element
-
-
-def _places(scope: Scope, name: str, first: str, second: str) -> tuple[Array, Array]:
-    """Return the placements of a joint in its parent link and in its child link."""
-    joint = scope.joints[name]
-    at = scope.place(f"joint {name}")
-    parent = _named(joint.get("scope", ""), joint, "parent")
-    in_parent = scope.place(parent) if parent in scope.attached and parent not in scope.links else at
-    return scope.in_link(first, in_parent), scope.in_link(second, at)
-
-
-def _axis(scope: Scope, name: str, tag: str = "axis") -> Array:
-    """Return an axis of a joint in the joint's frame."""
-    joint = scope.joints[name]
-    text = joint.findtext(f"{tag}/xyz", "0 0 1")
-    axis = np.array(numbers(f"joint {name!r}: <{tag}> xyz", text, 3))
-    if not axis.any():
-        raise RobotFileError(f"joint {name!r}: <{tag}>: the axis is zero")
-    xyz, prefix = joint.find(f"{tag}/xyz"), joint.get("scope", "")
-    within = None if xyz is None else xyz.get("expressed_in")
-    in_model = (joint.findtext(f"{tag}/use_parent_model_frame") or "").strip() in ("true", "1")
-    if within == MODEL or (not within and (in_model or scope.version < _VERSION_OF_JOINT_AXES)):
-        within = joint.get("base", "")
-    elif within:
-        within = within if within == WORLD else prefix + within
-    else:
-        return axis
-    turn = scope.place(f"joint {name}")[:3, :3].T @ scope.place(within)[:3, :3]
-    return np.asarray(turn @ axis)
-
-
-def _joint(
-    scope: Scope, name: str, link: str, other: str, *, is_reversed: bool
-) -> Iterator[ElementTree.Element]:
-    """Yield the URDF's elements of a joint of the tree, from the link nearer to the root to the other."""
-    ends = (other, link) if is_reversed else (link, other)
-    origin, behind = _places(scope, name, *ends)
-    if is_reversed:
-        origin, behind = behind, origin
-    kind = _KINDS.get(scope.joints[name].get("type", ""), "fixed")
-    sign = -1.0 if is_reversed else 1.0
-    tags = {"universal": ["axis", "axis2"], "fixed": [], "spherical": []}.get(kind, ["axis"])
-    if is_reversed:
-        tags.reverse()
-    names = [name if tag == "axis" else f"{name}_2" for tag in tags] or [name]
-    parent = link
-    for joint, tag in zip(names, tags or [""], strict=True):
-        child = f"{joint}_link"
+def _joint_elements(joint: _Joint, step: int) -> Iterator[ElementTree.Element]:
+    """Yield the URDF's elements of a joint of the tree, from parent to child for step 1, else for -1."""
+    origin, behind = joint.places[::step]
+    parent, other = joint.links[::step]
+    turns = list(zip(_AXES.get(joint.kind, ()), joint.axes, strict=True))[::step]
+    for tag, axis in turns or [("", None)]:
+        name = f"{joint.name}_2" if tag == "axis2" else joint.name
+        child = f"{name}_link"
         yield ElementTree.Element("link", name=child)
-        lower, upper = _limits(scope.joints[name], name, tag) if tag else (-np.inf, np.inf)
-        turns = "continuous" if lower == -np.inf and upper == np.inf else "revolute"
-        element = joint_element(
-            joint,
-            turns if kind in ("revolute", "universal") else kind,
+        yield joint_element(
+            name,
+            "continuous" if joint.kind in ("revolute", "universal") else joint.kind,
             parent,
             child,
             origin=origin_element(origin),
-            axis=vector_text(sign * _axis(scope, name, tag)) if tag else None,
+            axis=None if axis is None else vector_text(step * axis),
+            limits=_limits(joint, tag) if tag else None,
         )
-        limit = element.find("limit")
-        if limit is not None and np.isfinite([lower, upper]).all():
-            limit.attrib |= {"lower": repr(lower), "upper": repr(upper)}
-        yield element
         parent, origin = child, np.eye(4)
-    mount = origin_element(inverse(behind))
-    yield joint_element(f"{other}_mount", "fixed", parent, other, origin=mount)
+    yield joint_element(f"{other}_mount", "fixed", parent, other, origin=origin_element(inverse(behind)))
 
 
-def _limits(joint: ElementTree.Element, name: str, tag: str) -> tuple[float, float]:
-    """Return lower and upper limit [rad, m]; infinite without."""
-    values = [
-        _number(f"joint {name!r}: <{end}>", joint.findtext(f"{tag}/limit/{end}", default))
-        for end, default in (("lower", "-inf"), ("upper", "inf"))
-    ]
-    lower, upper = values if max(map(abs, values)) < UNLIMITED else (-np.inf, np.inf)
+def _limits(joint: _Joint, tag: str) -> tuple[float, float] | None:
+    """Return lower and upper limit [rad, m]; infinity is written in words or as a large number."""
+    where, ends = f"joint {joint.name!r}", []
+    for end, default in (("lower", "-inf"), ("upper", "inf")):
+        text = joint.element.findtext(f"{tag}/limit/{end}", default).lower()
+        ends += numbers(f"{where}: <{end}>", text.replace("inf", f"{UNLIMITED:g}"), 1)
+    lower, upper = ends
+    if max(abs(lower), abs(upper)) >= UNLIMITED:
+        return None
     if lower > upper:
-        raise RobotFileError(f"joint {name!r}: <limit>: needs lower <= upper, got {lower:g} and {upper:g}")
+        raise RobotFileError(f"{where}: <limit>: needs lower <= upper, got {lower:g} and {upper:g}")
     return lower, upper
 
 
-def _number(where: str, text: str) -> float:
-    """Read a number, which may be infinite, as newer files write what older ones write as 1e16."""
-    stripped = text.strip().lower()
-    return float(stripped) if stripped in ("inf", "-inf", "+inf") else numbers(where, text, 1)[0]
-
-
-def _dynamics(name: str, joint: ElementTree.Element) -> JointDynamics:
-    """Return damping, friction and spring of a joint's axis."""
-    values = {}
-    for key, tag in (
-        ("damping", "damping"),
-        ("friction", "friction"),
-        ("stiffness", "spring_stiffness"),
-        ("rest", "spring_reference"),
-    ):
-        (values[key],) = numbers(f"joint {name!r}: <{tag}>", joint.findtext(f"axis/dynamics/{tag}", "0"), 1)
-    return JointDynamics(**values | ({} if values["stiffness"] else {"rest": 0.0}))
-
-
-def _couplings(scope: Scope, name: str, chosen: Sequence[str]) -> Iterator[Coupling]:
-    """Yield the coupling of a joint that mimics another."""
-    joint = scope.joints[name]
-    for mimic in joint.findall("axis/mimic"):
-        of = joint.get("scope", "") + (mimic.get("joint") or "")
-        if of not in chosen:
-            raise RobotFileError(f"joint {name!r}: <mimic>: {choose_from('joint', of, chosen)}")
-        ratio, offset, reference = (
-            numbers(f"joint {name!r}: <mimic> {key}", mimic.findtext(key, default), 1)[0]
-            for key, default in (("multiplier", "1"), ("offset", "0"), ("reference", "0"))
-        )
-        yield Coupling(name, of, ratio, offset - ratio * reference)
-
-
-def read_cut_joint(scope: Scope, tree: UrdfTree, joint: ElementTree.Element) -> Closure:
+def read_cut_joint(scope: Scope, tree: UrdfTree, element: ElementTree.Element) -> Closure:
     """Read the closure of a joint between links of a tree; `scope` places them at zero.
 
     Raises:
         RobotFileError: names the joint.
     """
-    name = attribute(joint, "<joint>", "name")
-    scope.joints[name] = joint
-    scope.relative[f"joint {name}"] = _pose(joint, "", _named("", joint, "child"), f"joint {name!r}")
-    ends = _ends(scope, name, joint)
-    if joint.get("type") in _NOT_READ:
-        raise RobotFileError(f"joint {name!r}: {joint.get('type')}: not read")
-    return _closure(scope, tree, name, ends)
+    name = attribute(element, "<joint>", "name")
+    scope.joints[name] = element
+    scope.relative[f"joint {name}"] = _pose(element, "", _named(element, "child"), f"joint {name!r}")
+    ends = _ends(scope, name)
+    if element.get("type") in _NOT_READ:
+        raise RobotFileError(f"joint {name!r}: {element.get('type')}: not read")
+    return _closure(tree, _joint(scope, name, ends))
 
 
-def _closure(scope: Scope, tree: UrdfTree, name: str, ends: tuple[str, str]) -> Closure:
+def _closure(tree: UrdfTree, joint: _Joint) -> Closure:
     """Return the closure of a joint that is cut, of the joint's own kind."""
-    kind = _KINDS.get(scope.joints[name].get("type", ""), "fixed")
-    turns = [np.eye(3), np.eye(3)]
-    if kind in ("revolute", "prismatic"):
-        turns = [turning("z", _axis(scope, name))] * 2
-    elif kind == "universal":  # the first axis is x of the first frame, the second is y of the second frame
-        turns = [turning("x", _axis(scope, name)), turning("y", _axis(scope, name, "axis2"))]
-    places = _places(scope, name, *ends)
-    frames = [
-        tree.frame_at(f"{name}_{end}", link, place @ placement(turn))
-        for end, link, place, turn in zip((1, 2), ends, places, turns, strict=True)
-    ]
-    return Closure(name, (frames[0], frames[1]), locked_axes(kind))
+    ends = zip("12", joint.links, joint.places, strict=True)
+    return tree.close(joint.name, joint.kind, list(ends), joint.axes)

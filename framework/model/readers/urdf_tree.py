@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from framework.arrays import Array
 from framework.errors import RobotFileError, choose_from, nearest
 from framework.model.additions import AddedFrame, add_frames
-from framework.model.description import Closure
+from framework.model.description import Closure, locked_axes
 from framework.model.placement import about, inverse, placement, to_rpy, turning
 from framework.model.urdf_elements import (
     MAX_TREE_ELEMENTS,
@@ -58,6 +58,16 @@ def _without_other_programs(root: ElementTree.Element, valid: Sequence[str]) -> 
         for key in [key for key in element.attrib if key.startswith("{")]:
             del element.attrib[key]
     return list(dict.fromkeys(skipped))
+
+
+def merge_sharing(groups: Iterable[Iterable[str]]) -> list[list[str]]:
+    """Merge groups that share members; merged ones stand where the last of them would."""
+    merged: list[list[str]] = []
+    for members in map(list, groups):
+        sharing = [group for group in merged if not set(group).isdisjoint(members)]
+        merged = [group for group in merged if group not in sharing]
+        merged.append(list(dict.fromkeys([*(name for group in sharing for name in group), *members])))
+    return merged
 
 
 class UrdfTree:
@@ -161,6 +171,22 @@ class UrdfTree:
     def frame_at(self, name: str, link: str, where: Array) -> str:
         """Return a frame on a link: the link's own where the placement is the identity, else one added."""
         return link if np.array_equal(where, np.eye(4)) else self.add_frame(name, link, where)
+
+    def close(
+        self, name: str, kind: str, ends: Iterable[tuple[str, str, Array]], axes: Sequence[Array] = ()
+    ) -> Closure:
+        """Return a closure of two ends: suffix of the frame, link, placement; the `axes` (3,) are in these.
+
+        Of a universal joint the first axis is x of the first frame, the second is y of the second frame. Of
+        other kinds they are z, one may stand for both, and a kind without an axis needs none.
+        """
+        letters = "xy" if kind == "universal" else "zz"
+        turns = [turning(*pair) for pair in zip(letters, 2 * tuple(axes), strict=False)] or [None, None]
+        first, second = (
+            self.frame_at(f"{name}_{suffix}", link, place @ placement(turn))
+            for (suffix, link, place), turn in zip(ends, turns, strict=True)
+        )
+        return Closure(name, (first, second), locked_axes(kind))
 
     def add_frame(self, name: str, link: str, where: Array) -> str:
         """Return a frame added to a link; its name, with underscores behind where that was taken."""
