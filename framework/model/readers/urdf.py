@@ -39,7 +39,7 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +51,7 @@ from framework.fields import list_of, text, vector3
 from framework.input import read_text
 from framework.model.description import Closure, ParsedRobot, locked_axes
 from framework.model.documents import naming, parse_yaml
-from framework.model.placement import inverse, placement, turning
+from framework.model.placement import inverse, placement
 from framework.model.readers.describe import describe
 from framework.model.readers.missing_fields import Options
 from framework.model.readers.sdf import Scope, read_cut_joint
@@ -71,17 +71,6 @@ _PARTS = ("parent", "parent_origin", "parent_axis", "child", "child_origin", "ch
 _CLOSING = re.compile(r"closing_(?P<name>.+)_(?P<end>[12])(?P<second>_z)?")
 
 
-def _close(
-    tree: UrdfTree, name: str, ends: Iterable[tuple[str, str, str | None, Array]], kind: str
-) -> Closure:
-    """Return a closure of two ends: suffix of the frame's name, place of complaints, link, placement."""
-    one, two = (
-        tree.frame_at(f"{name}_{suffix}", tree.link(where, link), place)
-        for suffix, where, link, place in ends
-    )
-    return Closure(name, (one, two), locked_axes(kind))
-
-
 def _named(element: ElementTree.Element) -> tuple[str, str]:
     """Return the name of an element, and how complaints name it."""
     name = attribute(element, f"<{element.tag}>", "name")
@@ -95,19 +84,21 @@ def _kind(element: ElementTree.Element, where: str, kinds: Mapping[str, str]) ->
     return kinds[given.lower().removesuffix("_joint")]
 
 
-def _axis(element: ElementTree.Element, where: str, tag: str = "axis") -> Array:
-    return axis_of(child_element(element, where, tag), f"{where}: <{tag}>")
+def _axes(
+    element: ElementTree.Element, where: str, kind: str, tags: Sequence[str] = ("axis",)
+) -> list[Array]:
+    """Return the axes of a closure in its ends; none of kinds without an axis."""
+    if kind in ("fixed", "spherical"):
+        return []
+    return [axis_of(child_element(element, where, tag), f"{where}: <{tag}>") for tag in tags]
 
 
 def _read_loop(tree: UrdfTree, element: ElementTree.Element) -> Closure:
     name, where = _named(element)
     only(element, where, (*_ENDS, "axis"), ("name", "type"))
     kind = _kind(element, where, _IN_URDF_PLUS)
-    turn = np.eye(3) if kind in ("spherical", "fixed") else turning("z", _axis(element, where))
-    ends = [(end, *_end(tree, element, where, end)) for end in _ENDS]
-    return _close(
-        tree, name, [(end, where, link, place @ placement(turn)) for end, link, place in ends], kind
-    )
+    axes = _axes(element, where, kind)
+    return tree.close(name, kind, [(end, *_end(tree, element, where, end)) for end in _ENDS], axes)
 
 
 def _read_coupling(tree: UrdfTree, element: ElementTree.Element) -> Closure | None:
@@ -147,31 +138,23 @@ def _read_constraint(tree: UrdfTree, element: ElementTree.Element) -> Closure:
     name, where = _named(element)
     only(element, where, _PARTS, ("name", "type"))
     kind, ends = _kind(element, where, _IN_ROS), []
-    for end, turn in zip(("parent", "child"), _turns(element, where, kind), strict=True):
+    has_two = kind == "universal" or element.find("child_axis") is not None
+    axes = _axes(element, where, kind, ("parent_axis", "child_axis") if has_two else ("parent_axis",))
+    if kind == "prismatic" and has_two:
+        apart = np.linalg.norm(np.cross(*axes)) / np.prod(np.linalg.norm(axes, axis=1))
+        if apart > FILE_ROUNDING:
+            raise RobotFileError(
+                f"{where}: <child_axis>: differs from <parent_axis>; a prismatic joint does not turn, so "
+                f"turn the frame by the rpy of <child_origin> instead"
+            )
+        axes = axes[:1]
+    for end in ("parent", "child"):
         body = child_element(element, where, end)
         only(body, f"{where}: <{end}>", (), ("link",))
         origin = origin_of(element.find(f"{end}_origin"), f"{where}: <{end}_origin>")
-        link = attribute(body, f"{where}: <{end}>", "link")
-        ends.append((end, f"{where}: <{end}>", link, origin @ placement(turn)))
-    return _close(tree, name, ends, kind)
-
-
-def _turns(element: ElementTree.Element, where: str, kind: str) -> tuple[Array, Array]:
-    """Return turns of the two frames that put the axes where the closure wants them."""
-    if kind in ("fixed", "spherical"):
-        return np.eye(3), np.eye(3)
-    axis = _axis(element, where, "parent_axis")
-    if kind == "universal":
-        # the first axis is x of the first frame, the second is y of the second frame
-        return turning("x", axis), turning("y", _axis(element, where, "child_axis"))
-    other = _axis(element, where, "child_axis") if element.find("child_axis") is not None else axis
-    apart = np.linalg.norm(np.cross(axis, other)) / (np.linalg.norm(axis) * np.linalg.norm(other))
-    if kind == "prismatic" and apart > FILE_ROUNDING:
-        raise RobotFileError(
-            f"{where}: <child_axis>: differs from <parent_axis>; a prismatic joint does not turn, so turn "
-            f"the frame by the rpy of <child_origin> instead"
-        )
-    return turning("z", axis), turning("z", other if kind != "prismatic" else axis)
+        link = tree.link(f"{where}: <{end}>", attribute(body, f"{where}: <{end}>", "link"))
+        ends.append((end, link, origin))
+    return tree.close(name, kind, ends, axes)
 
 
 def _read_fixed_frame(tree: UrdfTree, element: ElementTree.Element) -> None:
@@ -187,7 +170,7 @@ def _read_loop_joint(tree: UrdfTree, element: ElementTree.Element) -> Closure:
         if child.tag not in ("link1", "link2", "axis"):
             raise RobotFileError(f"{where}: {choose_from('element', child.tag, ('link1', 'link2', 'axis'))}")
     kind = _kind(element, where, _ALIKE)
-    turn = turning("z", _axis(element, where)) if kind in ("revolute", "prismatic") else np.eye(3)
+    axes = _axes(element, where, kind)
     links = [child for child in element if child.tag in ("link1", "link2")]
     if len(links) != 2:
         raise RobotFileError(f"{where}: needs two links (<link1>, <link2>), got {len(links)}")
@@ -195,9 +178,9 @@ def _read_loop_joint(tree: UrdfTree, element: ElementTree.Element) -> Closure:
     for suffix, end in zip("12", links, strict=True):
         only(end, f"{where}: <{end.tag}>", (), ("link", *_ORIGIN))
         origin = ElementTree.Element("origin", {key: end.attrib[key] for key in _ORIGIN if key in end.attrib})
-        place = origin_of(origin, f"{where}: <{end.tag}>") @ placement(turn)
-        ends.append((suffix, f"{where}: <{end.tag}>", end.get("link"), place))
-    return _close(tree, name, ends, kind)
+        place = origin_of(origin, f"{where}: <{end.tag}>")
+        ends.append((suffix, tree.link(f"{where}: <{end.tag}>", end.get("link")), place))
+    return tree.close(name, kind, ends, axes)
 
 
 def _read_ball_constraint(tree: UrdfTree, element: ElementTree.Element) -> Closure:
@@ -207,8 +190,9 @@ def _read_ball_constraint(tree: UrdfTree, element: ElementTree.Element) -> Closu
         if missing := [key for key in (body, point) if key not in parts]:
             raise RobotFileError(f"<ball_constraint>: {missing[0]} is missing")
         at = numbers(f"<ball_constraint> {point}", parts[point].get("value"), 3)
-        ends.append((body[-1], f"<ball_constraint> {body}", parts[body].get("name"), placement(None, at)))
-    return _close(tree, f"ball_{tree.extra.index(element) + 1}", ends, "spherical")
+        link = tree.link(f"<ball_constraint> {body}", parts[body].get("name"))
+        ends.append((body[-1], link, placement(None, at)))
+    return tree.close(f"ball_{tree.extra.index(element) + 1}", "spherical", ends)
 
 
 # by element: the dialect and what reads it; None of what adds no closure
@@ -301,12 +285,12 @@ def _listed(tree: UrdfTree, content: Mapping[str, Any]) -> list[Closure]:
         axis = np.array(vector3(f"{where}.axis", entry.get("axis")))
         if not axis.any():
             raise RobotFileError(f"{where}.axis: the axis is zero")
-        hinge = placement(turning("z", axis), vector3(f"{where}.point", entry.get("point")))
+        point = placement(None, vector3(f"{where}.point", entry.get("point")))
         ends = []
         for end in "ab":
             link = tree.link(f"{where}.link_{end}", text(where, entry.get(f"link_{end}")))
-            ends.append((end, where, link, inverse(tree.at_zero(link)) @ hinge))
-        closures.append(_close(tree, f"loop_{i + 1}", ends, "revolute"))
+            ends.append((end, link, inverse(tree.at_zero(link)) @ point))
+        closures.append(tree.close(f"loop_{i + 1}", "revolute", ends, [axis]))
     return closures
 
 
