@@ -11,9 +11,9 @@ and shapes of meshes without a word. The file says nothing about the platform.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import pinocchio as pin
@@ -28,16 +28,24 @@ from framework.model.readers.missing_fields import Options
 from framework.model.readers.mujoco_model import mujoco_model
 from framework.model.readers.transmissions import Motor, Pull
 from framework.model.readers.urdf_tree import MAX_LOOPS, UrdfTree
-from framework.model.urdf_elements import coordinates_of
-from framework.model.urdf_writing import inertial_element, joint_element, origin_element, vector_text
+from framework.model.urdf_elements import SEVERAL, coordinates_of
+from framework.model.urdf_writing import (
+    inertial_element,
+    joint_element,
+    origin_element,
+    vector_text,
+    visual_element,
+)
 
 WORLD = "world"
-# by mjtJoint, and the width of each in qpos
-_KINDS = (("floating", 7), ("spherical", 4), ("prismatic", 1), ("continuous", 1))
+_KINDS = ("floating", "spherical", "prismatic", "continuous")  # by mjtJoint
 _SHAPES = {2: "sphere", 3: "cylinder", 5: "cylinder", 6: "box"}  # by mjtGeom; a capsule is drawn without ends
+_EQUALITIES = ("connect", "weld", "joint", "tendon")  # by mjtEq; more are of flexible bodies
 _JOINT_MOTORS = (0, 1)  # mjTRN_JOINT, mjTRN_JOINTINPARENT
-_ON_TENDON, _OF_JOINT, _FIXED_GAIN, _NO_BIAS, _AFFINE_GAIN = 3, 1, 0, 0, 1
+_ON_TENDON, _OF_JOINT, _SITE = 3, 1, 6  # mjTRN_TENDON, mjWRAP_JOINT, mjOBJ_SITE
+_DIRECT_GAINS = (0, 1, 6)  # mjtGain of motors: fixed, affine, and those of users
 _DIRECT = (0, 1, 2, 3)  # mjtDyn of motors: none, integrator, filters; not muscles and those of users
+T = TypeVar("T")
 
 
 def read_mjcf(file: Path, root: ElementTree.Element, options: Options) -> ParsedRobot:
@@ -57,22 +65,26 @@ def read_mjcf(file: Path, root: ElementTree.Element, options: Options) -> Parsed
         tree.add_frame(model.name("site", k) or f"site_{k}", model.bodies[compiled.site_bodyid[k]], place)
         for k, place in enumerate(_places(compiled.site_pos, compiled.site_quat))
     ]
-    loops = list(model.loops(tree, sites))
-    motors = [motor for motor in model.motors() if isinstance(motor, Motor)]
-    reference = model.reference()
+    items = [*model.loops(tree, sites), *model.motors(), *model.left_out()]
+    motors, reference = _of(Motor, items), model.reference()
     return describe(
         tree,
         file,
         options,
-        [loop for loop in loops if isinstance(loop, Closure)],
-        couplings=[loop for loop in loops if isinstance(loop, Coupling)],
+        _of(Closure, items),
+        couplings=_of(Coupling, items),
         motors=motors,
-        pulls=model.pulls(),
+        pulls=model.pulls(motors),
         joints=model.acting(),
-        gravity=(0.0, 0.0, 0.0) if model.is_off("GRAVITY") else tuple(compiled.opt.gravity.tolist()),
+        gravity=tuple(compiled.opt.gravity.tolist()),
         reference={name: value for name, value in reference.items() if name in tree.coordinates},
-        left_out=[*left_out, *(loop for loop in loops if isinstance(loop, LeftOut)), *model.left_out()],
+        left_out=[*left_out, *_of(LeftOut, items)],
     )._replace(dialect="mjcf")
+
+
+def _of(kind: type[T], items: Iterable[object]) -> list[T]:
+    """Return the items of a kind."""
+    return [item for item in items if isinstance(item, kind)]
 
 
 def _refuse_nan(root: ElementTree.Element) -> None:
@@ -89,33 +101,36 @@ def _places(positions: Array, quaternions: Array) -> Iterator[Array]:
         yield placement(from_quaternion(*quaternion), position)
 
 
+class _Joint(NamedTuple):
+    """A joint by its name and kind, and MuJoCo's view of it."""
+
+    name: str
+    kind: str
+    view: Any
+
+    @property
+    def has_one(self) -> bool:
+        """Whether it has one degree of freedom."""
+        return self.kind in ("prismatic", "continuous")
+
+
 class _Model:
     """A compiled model with a name for each body and joint."""
 
     def __init__(self, compiled: Any) -> None:
         self.compiled = compiled
-        self.taken = {self.name("body", k) for k in range(compiled.nbody)} - {""}
-        self.bodies = [
-            self.name("body", k) or self._free_name(f"body_{k}") if k else WORLD
-            for k in range(compiled.nbody)
-        ]
-        self.joints: list[str] = []
-        for body, number in zip(self.bodies, compiled.body_jntnum, strict=True):
-            first = len(self.joints)
-            self.joints += [
-                self.name("joint", first + k) or f"{body}_joint" + (f"_{k + 1}" if k else "")
-                for k in range(number)
-            ]
-        self.kinds = [_KINDS[kind][0] for kind in compiled.jnt_type]
+        names = [self.name("body", k) for k in range(compiled.nbody)]
+        self.taken = {*names, ""}
+        self.bodies = [WORLD, *(names[k] or self._free_name(f"body_{k}") for k in range(1, compiled.nbody))]
+        self.joints: list[_Joint] = []
+        for j, kind in enumerate(compiled.jnt_type):
+            k = compiled.jnt_bodyid[j]
+            rank = j - compiled.body_jntadr[k]
+            name = self.name("joint", j) or f"{self.bodies[k]}_joint" + (f"_{rank + 1}" if rank else "")
+            self.joints.append(_Joint(name, _KINDS[kind], compiled.joint(j)))
 
     def name(self, kind: str, number: int) -> str:
         return str(getattr(self.compiled, kind)(number).name)
-
-    def is_off(self, flag: str) -> bool:
-        """Whether the file disables a flag of MuJoCo's."""
-        import mujoco
-
-        return bool(self.compiled.opt.disableflags & getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}"))
 
     def _free_name(self, wanted: str) -> str:
         name = wanted
@@ -129,16 +144,16 @@ class _Model:
     def urdf(self, name: str) -> ElementTree.Element:
         """Return the bodies as a URDF: a link for each, and one between the joints of a body."""
         model, root = self.compiled, ElementTree.Element("robot", name=name)
-        places = list(_places(model.body_pos, model.body_quat))
         links = {}
-        for k, body in enumerate(self.bodies):
-            parent, offset = self.bodies[model.body_parentid[k]], places[k]
+        for k, place in enumerate(_places(model.body_pos, model.body_quat)):
+            body, parent, offset = self.bodies[k], self.bodies[model.body_parentid[k]], place
+            joints = self.joints[model.body_jntadr[k] :][: model.body_jntnum[k]]
             # a joint turns about a point of the body; its link stands in that point, the body's own behind it
-            for j in range(model.body_jntadr[k], model.body_jntadr[k] + model.body_jntnum[k]):
-                point = model.jnt_pos[j] if self.kinds[j] != "floating" else np.zeros(3)
-                is_last = j + 1 == model.body_jntadr[k] + model.body_jntnum[k] and not point.any()
-                child = body if is_last else self._free_name(f"{self.joints[j]}_link")
-                root.append(self._joint(j, parent, child, offset @ placement(None, point)))
+            for joint in joints:
+                point = joint.view.pos if joint.kind != "floating" else np.zeros(3)
+                is_last = joint is joints[-1] and not point.any()
+                child = body if is_last else self._free_name(f"{joint.name}_link")
+                root.append(_joint_element(joint, parent, child, offset @ placement(None, point)))
                 links[child] = ElementTree.SubElement(root, "link", name=child)
                 parent, offset = child, placement(None, -point)
             if body not in links:
@@ -156,40 +171,19 @@ class _Model:
                 links[self.bodies[model.geom_bodyid[k]]].append(shape)
         return root
 
-    def _joint(self, j: int, parent: str, child: str, origin: Array) -> ElementTree.Element:
-        model, kind = self.compiled, self.kinds[j]
-        limited = model.jnt_limited[j] and kind in ("prismatic", "continuous") and not self.is_off("LIMIT")
-        axis = None if kind in ("spherical", "floating") else vector_text(model.jnt_axis[j])
-        element = joint_element(
-            self.joints[j],
-            "revolute" if limited and kind == "continuous" else kind,
-            parent,
-            child,
-            origin=origin_element(origin),
-            axis=axis,
-        )
-        limit = element.find("limit")
-        if limited and limit is not None:
-            lower, upper = (model.jnt_range[j] - model.qpos0[model.jnt_qposadr[j]]).tolist()
-            limit.attrib |= {"lower": repr(lower), "upper": repr(upper)}
-        return element
-
     def reference(self) -> dict[str, float]:
         """Return joint angles of the first key, from the zero pose; empty without one."""
         model, reference = self.compiled, dict[str, float]()
-        for j in range(model.njnt if model.nkey else 0):
-            start, kind = model.jnt_qposadr[j], self.kinds[j]
-            entries = slice(start, start + _KINDS[model.jnt_type[j]][1])
-            qpos, zero = model.key_qpos[0][entries], model.qpos0[entries]
+        for name, kind, view in self.joints if model.nkey else ():
+            zero, start = view.qpos0, view.qposadr.item()
+            qpos = model.key_qpos[0, start : start + zero.size]
             values = (qpos - zero).tolist()
-            if len(values) > 1:
-                turns = [from_quaternion(*each[-4:]) for each in (zero, qpos)]
-                if kind == "floating":  # its qpos is the pose of the body, not the way from the zero pose
-                    slides = (turns[0].T @ (qpos[:3] - zero[:3])).tolist()
-                    values = [*slides, *pin.log3(turns[0].T @ turns[1]).tolist()]
-                else:
-                    values = pin.log3(turns[1]).tolist()
-            reference.update(zip(coordinates_of(self.joints[j], kind), values, strict=True))
+            if kind in SEVERAL:
+                first, turn = (from_quaternion(*each[-4:]) for each in (zero, qpos))
+                values = pin.log3(turn).tolist()
+            if kind == "floating":  # its qpos is the pose of the body, not the way from the zero pose
+                values = [*(first.T @ (qpos[:3] - zero[:3])).tolist(), *pin.log3(first.T @ turn).tolist()]
+            reference.update(zip(coordinates_of(name, kind), values, strict=True))
         return reference
 
     # -------------------------------------------------------------- loops
@@ -200,41 +194,32 @@ class _Model:
         Joints that an equality holds become fixed in the tree.
         """
         model = self.compiled
-        off = [flag for flag in ("EQUALITY", "CONSTRAINT") if self.is_off(flag)]
-        for k in range(model.neq):
-            if not model.eq_active0[k]:
-                continue
-            if off:
-                raise RobotFileError(f"<flag> {off[0].lower()}: disabled, so there would be no loop")
-            kind = ("connect", "weld", "joint", "tendon")[min(int(model.eq_type[k]), 4) % 4]
+        active = np.flatnonzero(model.eq_active0).tolist()
+        for k in active:
+            kind = _EQUALITIES[model.eq_type[k]] if model.eq_type[k] < len(_EQUALITIES) else "flex"
             ends = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
             name = self.name("equality", k) or f"{kind}_{k + 1}"
-            if model.eq_type[k] > 3:
+            if kind == "flex":
                 yield LeftOut(f"equality {name!r}: of flexible bodies", tuple(tree.coordinates), True)
             elif kind in ("joint", "tendon"):
                 loop = self._joint_equality(tree, name, kind, ends, model.eq_data[k])
                 if loop is not None:
                     yield loop
+            elif model.eq_objtype[k] == _SITE:
+                axes = locked_axes(_closure_kind(kind, model.eq_data[k]))
+                yield Closure(name, (sites[ends[0]], sites[ends[1]]), axes)
             else:
-                yield self._body_equality(tree, sites, name, kind, k)
+                yield self._body_equality(tree, name, kind, ends, model.eq_data[k])
 
-    def _body_equality(self, tree: UrdfTree, sites: list[str], name: str, kind: str, k: int) -> Closure:
-        """Return the closure of two sites, or of two bodies with the placements in them that coincide."""
-        import mujoco
-
-        model, data = self.compiled, self.compiled.eq_data[k]
-        axes = locked_axes("fixed" if kind == "weld" and data[10] else "spherical")
-        first, second = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
-        if model.eq_objtype[k] == mujoco.mjtObj.mjOBJ_SITE:
-            return Closure(name, (sites[first], sites[second]), axes)
+    def _body_equality(
+        self, tree: UrdfTree, name: str, kind: str, ends: tuple[int, int], data: Array
+    ) -> Closure:
+        """Return the closure of two bodies with the placements in them that coincide."""
         places = [placement(None, data[:3]), placement(None, data[3:6])]
         if kind == "weld":
             places = [placement(from_quaternion(*data[6:10]), data[3:6]), placement(None, data[:3])]
-        frames = [
-            tree.frame_at(f"{name}_{end + 1}", self.bodies[body], places[end])
-            for end, body in enumerate((first, second))
-        ]
-        return Closure(name, (frames[0], frames[1]), axes)
+        bodies = [self.bodies[end] for end in ends]
+        return tree.close(name, _closure_kind(kind, data), zip("12", bodies, places, strict=True))
 
     def _joint_equality(
         self, tree: UrdfTree, name: str, kind: str, ends: tuple[int, int], data: Array
@@ -247,9 +232,9 @@ class _Model:
         first, second = (self._shares(kind, end) for end in ends)
         offset, ratio, *higher = data[:5].tolist()
         where = f"{kind} equality {name!r}"
-        joints = tuple(dict.fromkeys([*(first or {}), *(second or {})]))
         if first is None or second is None:
             return LeftOut(f"{where}: of a spatial tendon", tuple(tree.coordinates), is_decisive=True)
+        joints = tuple(first | second)
         if second and any(higher[:3]):
             text = (
                 f"{where}: polycoef {' '.join(map('{:g}'.format, data[:5]))} couples {' and '.join(joints)}"
@@ -282,52 +267,49 @@ class _Model:
         if number < 0:
             return {}
         if kind == "joint":
-            return {self.joints[number]: 1.0}
+            return {self.joints[number].name: 1.0}
         parts = slice(model.tendon_adr[number], model.tendon_adr[number] + model.tendon_num[number])
         if (model.wrap_type[parts] != _OF_JOINT).any():
             return None
-        names = [self.joints[j] for j in model.wrap_objid[parts]]
+        names = [self.joints[j].name for j in model.wrap_objid[parts]]
         return dict(zip(names, model.wrap_prm[parts].tolist(), strict=True))
 
     # -------------------------------------------------------------- what acts
 
     def acting(self) -> dict[str, JointDynamics]:
-        """Return what acts along the coordinates; what flags disable is zero."""
-        model, joints = self.compiled, dict[str, JointDynamics]()
-        for j, (name, kind) in enumerate(zip(self.joints, self.kinds, strict=True)):
-            dof, place = model.jnt_dofadr[j], model.jnt_qposadr[j]
-            springs = kind in ("prismatic", "continuous") and not self.is_off("SPRING")
-            stiffness = float(model.jnt_stiffness[j]) if springs else 0.0
+        """Return what acts along the coordinates."""
+        joints = dict[str, JointDynamics]()
+        for joint in self.joints:
+            view = joint.view
+            stiffness = float(view.stiffness[0]) if joint.has_one else 0.0
             acting = JointDynamics(
-                armature=float(model.dof_armature[dof]),
-                damping=0.0 if self.is_off("DAMPER") else float(model.dof_damping[dof]),
-                friction=0.0 if self.is_off("FRICTIONLOSS") else float(model.dof_frictionloss[dof]),
+                armature=float(view.armature[0]),
+                damping=float(view.damping[0]),
+                friction=float(view.frictionloss[0]),
                 stiffness=stiffness,
-                rest=float(model.qpos_spring[place] - model.qpos0[place]) if stiffness else 0.0,
+                rest=float(view.qpos_spring[0] - view.qpos0[0]) if stiffness else 0.0,
             )
             if min(acting.armature, acting.damping, acting.friction, acting.stiffness) < 0.0:
                 raise RobotFileError(
-                    f"joint {name!r}: armature, damping, friction and stiffness must not be negative"
+                    f"joint {joint.name!r}: armature, damping, friction and stiffness must not be negative"
                 )
             if acting != JointDynamics():
-                joints.update(dict.fromkeys(coordinates_of(name, kind), acting))
+                joints.update(dict.fromkeys(coordinates_of(joint.name, joint.kind), acting))
         return joints
 
-    def pulls(self) -> Iterator[Pull]:
+    def pulls(self, motors: Iterable[Motor]) -> Iterator[Pull]:
         """Yield what acts along motors and fixed tendons."""
-        model, damped = self.compiled, not self.is_off("DAMPER")
-        for motor in self.motors():
-            if isinstance(motor, Motor):
-                yield Pull(f"motor {motor.name!r}", motor.shares, motor.gear, motor.acting)
-        for k in range(model.ntendon):
+        model = self.compiled
+        for motor in motors:
+            yield Pull(f"motor {motor.name!r}", motor.shares, motor.gear, motor.acting)
+        for k, (low, high) in enumerate(model.tendon_lengthspring):
             shares = self._shares("tendon", k)
-            springs = not self.is_off("SPRING") and np.ptp(model.tendon_lengthspring[k]) == 0.0
             acting = JointDynamics(
                 armature=float(model.tendon_armature[k]),
-                damping=float(model.tendon_damping[k]) * damped,
-                friction=float(model.tendon_frictionloss[k]) * (not self.is_off("FRICTIONLOSS")),
-                stiffness=float(model.tendon_stiffness[k]) * springs,
-                rest=float(model.tendon_lengthspring[k, 0] - model.tendon_length0[k]),
+                damping=float(model.tendon_damping[k]),
+                friction=float(model.tendon_frictionloss[k]),
+                stiffness=float(model.tendon_stiffness[k]) if low == high else 0.0,
+                rest=float(low - model.tendon_length0[k]),
             )
             if shares is not None:
                 yield Pull(f"tendon {self.name('tendon', k)!r}", shares, 1.0, acting)
@@ -336,99 +318,104 @@ class _Model:
         """Yield the motors on hinges, slides and fixed tendons of them, and others as left out."""
         model = self.compiled
         for k in range(model.nactuator):
-            target, (kind, gear) = int(model.actuator_trnid[k, 0]), self._pull_of(k)
+            target, kind, gear = int(model.actuator_trnid[k, 0]), model.actuator_trntype[k], self._gear(k)
             shares: Mapping[str, float] | None = None
-            acts_on = tuple(self.joints)
+            name = self.name("actuator", k)
             if kind in _JOINT_MOTORS:
-                acts_on = (self.joints[target],)
-                shares = {acts_on[0]: 1.0} if self.kinds[target] in ("prismatic", "continuous") else None
-            elif kind == _ON_TENDON:
-                shares = self._shares("tendon", target)
-                acts_on = tuple(shares or self.joints)
-            name = self.name("actuator", k) or (acts_on[0] if kind in _JOINT_MOTORS else f"actuator_{k + 1}")
-            direct = model.actuator_gaintype[k] in (_FIXED_GAIN, _AFFINE_GAIN, 6)
-            if not shares or not gear or not direct or model.actuator_dyntype[k] not in _DIRECT:
+                joint = self.joints[target]
+                acts_on = (joint.name,)
+                shares = {joint.name: 1.0} if joint.has_one else None
+                name = name or joint.name
+            else:
+                shares = self._shares("tendon", target) if kind == _ON_TENDON else None
+                acts_on = tuple(shares or (joint.name for joint in self.joints))
+            name = name or f"actuator_{k + 1}"
+            is_direct = model.actuator_gaintype[k] in _DIRECT_GAINS and model.actuator_dyntype[k] in _DIRECT
+            if not shares or not gear or not is_direct:
                 yield LeftOut(f"motor {name!r}: no motor on a hinge or a slide", acts_on)
                 continue
-            damping = 0.0 if self.is_off("DAMPER") else float(model.actuator_damping[k])
-            acting = JointDynamics(armature=float(model.actuator_armature[k]), damping=damping)
-            yield Motor(name, shares, gear, self._force_limit(k, shares), acting)
+            acting = JointDynamics(float(model.actuator_armature[k]), float(model.actuator_damping[k]))
+            yield Motor(name, shares, gear, self._force_limit(k), acting)
 
-    def _pull_of(self, k: int) -> tuple[int, float]:
-        return int(self.compiled.actuator_trntype[k]), float(self.compiled.actuator_gear[k, 0])
+    def _gear(self, k: int) -> float:
+        return float(self.compiled.actuator_gear[k, 0])
 
-    def _force_limit(self, k: int, shares: Mapping[str, float]) -> float | None:
+    def _force_limit(self, k: int) -> float | None:
         """Return the least limit of a motor [N m, N], of those that are alike both ways."""
-        model, (kind, gear) = self.compiled, self._pull_of(k)
+        model = self.compiled
+        joint = int(model.actuator_trnid[k, 0])
         ranges = [model.actuator_forcerange[k]] if model.actuator_forcelimited[k] else []
-        plain = (model.actuator_gaintype[k], model.actuator_biastype[k], model.actuator_dyntype[k]) == (
-            0,
-            0,
-            0,
-        )
-        if model.actuator_ctrllimited[k] and plain:
+        is_plain = not (model.actuator_gaintype[k] or model.actuator_biastype[k] or model.actuator_dyntype[k])
+        if model.actuator_ctrllimited[k] and is_plain:
             ranges.append(model.actuator_ctrlrange[k] * model.actuator_gainprm[k, 0])
-        joint = self.joints.index(next(iter(shares)))
-        if kind in _JOINT_MOTORS and model.jnt_actfrclimited[joint]:
-            ranges.append(model.jnt_actfrcrange[joint] / abs(gear))
+        if model.actuator_trntype[k] in _JOINT_MOTORS and model.jnt_actfrclimited[joint]:
+            ranges.append(model.jnt_actfrcrange[joint] / abs(self._gear(k)))
         return min((float(abs(high)) for low, high in ranges if high and low == -high), default=None)
 
     def left_out(self) -> Iterator[LeftOut]:
         """Yield what acts by the model and is not read, with its size."""
         model = self.compiled
-        yield from (motor for motor in self.motors() if isinstance(motor, LeftOut))
-        for j, (name, kind) in enumerate(zip(self.joints, self.kinds, strict=True)):
-            dof = model.jnt_dofadr[j]
-            if kind in ("spherical", "floating") and model.jnt_stiffness[j] and not self.is_off("SPRING"):
-                yield LeftOut(
-                    f"joint {name!r}: spring of a ball, {model.jnt_stiffness[j]:g} N m/rad", (name,)
-                )
-            for what, flag, values in (
-                ("damping", "DAMPER", model.dof_dampingpoly[dof]),
-                ("stiffness", "SPRING", model.jnt_stiffnesspoly[j]),
-            ):
-                if values.any() and not self.is_off(flag):
+        for name, kind, view in self.joints:
+            if kind in SEVERAL and view.stiffness[0]:
+                text = f"joint {name!r}: spring of a ball, {view.stiffness[0]:g} N m/rad"
+                yield LeftOut(text, (name,))
+            polynomials = {"damping": view.dampingpoly, "stiffness": view.stiffnesspoly}
+            for what, rows in polynomials.items():
+                values = np.atleast_2d(rows)[0]
+                if values.any():
                     powers = " ".join(map("{:g}".format, values))
                     yield LeftOut(f"joint {name!r} {what}: higher powers {powers}", (name,))
         for k, body in enumerate(self.bodies):
             if model.body_mocapid[k] >= 0:
                 yield LeftOut(f"body {body!r}: mocap, so it stands still", (body,))
-            if model.body_gravcomp[k] and not self.is_off("GRAVITY"):
+            if model.body_gravcomp[k]:
                 weight = model.body_gravcomp[k] * model.body_mass[k] * np.linalg.norm(model.opt.gravity)
                 yield LeftOut(f"body {body!r} gravcomp {model.body_gravcomp[k]:g}: {weight:.3g} N", (body,))
+        everything = tuple(joint.name for joint in self.joints)
         for k in range(model.ntendon):
-            yield from self._left_out_of_tendon(k)
-        around = [f"{key} {getattr(model.opt, key):g}" for key in ("density", "viscosity")]
+            if acting := self._left_out_of_tendon(k):
+                touched = tuple(self._shares("tendon", k) or everything)  # a spatial one may touch any body
+                yield LeftOut(f"tendon {self.name('tendon', k)!r}: {', '.join(acting)}", touched)
         if model.opt.density or model.opt.viscosity:
-            yield LeftOut(f"<option> {', '.join(around)}: the drag of the fluid", tuple(self.joints))
+            around = f"density {model.opt.density:g}, viscosity {model.opt.viscosity:g}"
+            yield LeftOut(f"<option> {around}: the drag of the fluid", everything)
 
-    def _left_out_of_tendon(self, k: int) -> Iterator[LeftOut]:
-        model, shares = self.compiled, self._shares("tendon", k)
-        values = {key: getattr(model, f"tendon_{key}")[k] for key in ("stiffness", "damping", "frictionloss")}
-        values["armature"] = model.tendon_armature[k]
-        acting = [f"{key} {value:g}" for key, value in values.items() if value]
-        if shares is not None:  # what acts along these is read, but for springs with a slack range
-            slack = (
-                model.tendon_stiffness[k]
-                and np.ptp(model.tendon_lengthspring[k])
-                and not self.is_off("SPRING")
-            )
-            acting = ["a spring with slack"] if slack else []
-        if model.tendon_limited[k] and not self.is_off("LIMIT"):
-            low, high = model.tendon_range[k]
-            acting.append(f"range {low:g} {high:g}")
-        if acting:
-            text = f"tendon {self.name('tendon', k)!r}: {', '.join(acting)}"
-            yield LeftOut(text, tuple(shares or self.joints))  # a spatial one may touch any body
+    def _left_out_of_tendon(self, k: int) -> list[str]:
+        """Return what acts along a spatial tendon, of others a spring with a slack range, and the range."""
+        model, acting = self.compiled, list[str]()
+        if self._shares("tendon", k) is None:
+            for key in ("stiffness", "damping", "frictionloss", "armature"):
+                value = getattr(model, f"tendon_{key}")[k]
+                acting += [f"{key} {value:g}"] if value else []
+        elif model.tendon_stiffness[k] and np.ptp(model.tendon_lengthspring[k]):
+            acting.append("a spring with slack")
+        if model.tendon_limited[k]:
+            acting.append("range {:g} {:g}".format(*model.tendon_range[k]))
+        return acting
+
+
+def _closure_kind(kind: str, data: Array) -> str:
+    """Return what a connect or a weld closes; one without a share of its turn holds a point."""
+    return "fixed" if kind == "weld" and data[10] else "spherical"
+
+
+def _joint_element(joint: _Joint, parent: str, child: str, origin: Array) -> ElementTree.Element:
+    view, is_limited = joint.view, joint.has_one and joint.view.limited[0]
+    return joint_element(
+        joint.name,
+        joint.kind,
+        parent,
+        child,
+        origin=origin_element(origin),
+        axis=vector_text(view.axis) if joint.has_one else None,
+        limits=(view.range - view.qpos0).tolist() if is_limited else None,
+    )
 
 
 def _visual(shape: str, size: Array, place: Array) -> ElementTree.Element:
     """Return the URDF's `<visual>` of a primitive geom."""
-    visual = ElementTree.Element("visual")
-    visual.append(origin_element(place))
     radius, half, _ = map(float, size)
     words = {"radius": repr(radius)} if shape != "box" else {"size": vector_text(2 * size)}
     if shape == "cylinder":
         words["length"] = repr(2 * half)
-    ElementTree.SubElement(ElementTree.SubElement(visual, "geometry"), shape, words)
-    return visual
+    return visual_element(shape, words, place)

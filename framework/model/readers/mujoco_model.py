@@ -24,6 +24,14 @@ from framework.model.readers.left_out import LeftOut
 
 # [kg], [kg m^2] what MuJoCo is told that bodies without have: it refuses less than 1e-15
 STAND_IN_MASS, STAND_IN_INERTIA = 1e-12, 1e-14
+# by flag of <option>: what it disables
+_DISABLED = {
+    "SPRING": ("jnt_stiffness", "jnt_stiffnesspoly", "tendon_stiffness"),
+    "DAMPER": ("dof_damping", "dof_dampingpoly", "tendon_damping", "actuator_damping"),
+    "FRICTIONLOSS": ("dof_frictionloss", "tendon_frictionloss"),
+    "LIMIT": ("jnt_limited", "tendon_limited"),
+    "GRAVITY": ("body_gravcomp",),
+}
 _UNUSED = ("sensors", "pairs", "excludes", "tuples", "skins", "lights", "textures", "materials")
 _PLUGIN = re.compile(r"<extension\b.*?</extension\s*>|<plugin\b[^>]*/>|<plugin\b.*?</plugin\s*>", re.DOTALL)
 
@@ -81,7 +89,25 @@ def _model_of(mujoco: Any, spec: Any) -> MujocoModel:
         raise RobotFileError(
             f"<key> {spec.keys[0].name!r} qpos: needs {compiled.nq} numbers, one a coordinate, got {given}"
         )
+    _apply_flags(mujoco, compiled)
     return MujocoModel(compiled, left_out + more)
+
+
+def _apply_flags(mujoco: Any, compiled: Any) -> None:
+    """Set to zero what the flags of the file disable; refuse a file without its loops."""
+    off = {
+        name.removeprefix("mjDSBL_")
+        for name, flag in mujoco.mjtDisableBit.__members__.items()
+        if compiled.opt.disableflags & flag
+    }
+    for name in ("EQUALITY", "CONSTRAINT"):
+        if name in off and compiled.eq_active0.any():
+            raise RobotFileError(f"<flag> {name.lower()}: disabled, so there would be no loop")
+    for name in off & _DISABLED.keys():
+        for values in _DISABLED[name]:
+            getattr(compiled, values)[:] = 0
+    if "GRAVITY" in off:
+        compiled.opt.gravity[:] = 0.0
 
 
 def _one_line(error: str) -> str:
