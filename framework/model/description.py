@@ -229,6 +229,11 @@ class RobotDescription:
     parameters: Mapping[str, float] = field(default_factory=dict)  # the values that its file was read with
     left_out: tuple[str, ...] = ()  # what acts by the file that it was converted from, and is not in this one
 
+    @property
+    def motor_joints(self) -> tuple[str, ...]:
+        """Names of the joints with a motor."""
+        return tuple(actuator.joint for actuator in self.actuators)
+
     def least_flexibility(self, flexibility: str) -> str:
         """Return the least flexibility with the springs of this one: rigid for a robot without springs.
 

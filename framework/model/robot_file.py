@@ -214,7 +214,7 @@ def _check_scenes(description: RobotDescription) -> None:
 def _check_names(description: RobotDescription, urdf: Urdf) -> None:
     """Check that names are unique, and that no virtual joint takes a name of the URDF."""
     groups = {
-        "actuators": [actuator.joint for actuator in description.actuators],
+        "actuators": description.motor_joints,
         "closures": [closure.name for closure in description.closures],
         "couplings": [coupling.joint for coupling in description.couplings],
         "springs": [name for spring in description.springs for name in spring.coordinates],

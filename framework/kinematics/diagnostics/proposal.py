@@ -11,7 +11,7 @@ free along each axis, and no motion left that nothing drives.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
 from math import comb
@@ -28,17 +28,21 @@ from framework.kinematics.diagnostics.assembly_search import find_closed_pose
 from framework.kinematics.diagnostics.mobility import (
     PROPOSED_AXES_CLEARANCE,
     centres_of_mass,
+    free_motions,
     mobility_of,
+    null_space,
     platform_axes_of,
+    row_space,
+    scaled_twists,
 )
 from framework.kinematics.loop_structure import independent_rows
 from framework.kinematics.mechanism import Mechanism, columns_of, frame_of
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.rounded_loops import assembled_mechanism, rounded_gap
 from framework.kinematics.tree_model import positions_beyond_limits
-from framework.model.description import AXES, Actuator, Platform, RobotDescription
+from framework.model.description import AXES, Actuator, Closure, Platform, RobotDescription
 from framework.model.readers.missing_fields import Known, Options, Resolved
-from framework.model.readers.urdf_tree import UrdfTree
+from framework.model.readers.urdf_tree import UrdfTree, merge_sharing
 from framework.tolerances import ALIKE_CHOICES, FILE_ROUNDING, NEARLY_AT_REST
 
 MAX_TRIED = 12  # proposals of a platform, at most
@@ -54,6 +58,24 @@ class _Motions(NamedTuple):
     q: Array  # (nq,)
     basis: Array  # (nv, f) orthonormal, in radians and lengths of the robot
     working: Array  # (nv, w) of those that move a centre of mass
+
+    @property
+    def count(self) -> int:
+        """Number of the working motions."""
+        return self.working.shape[1]
+
+    def rates(self, names: Iterable[str]) -> Array:
+        """Return rates (k, w) of joints in the working motions."""
+        return self.working[columns_of(self.mechanism.model, names)]
+
+    def independent(self, motions: Array, names: Iterable[str]) -> list[str]:
+        """Choose joints, in their order, whose rates tell motions (nv, k) apart."""
+        chosen: list[str] = []
+        for name in names:
+            rows = motions[columns_of(self.mechanism.model, [*chosen, name])]
+            if np.linalg.matrix_rank(rows, tol=PROPOSED_AXES_CLEARANCE) > len(chosen):
+                chosen.append(name)
+        return chosen
 
 
 def propose(options: Options, known: Known) -> Resolved:
@@ -114,7 +136,7 @@ def _proposed(known: Known, *, by_joints: bool) -> Resolved:
 def _proposed_at(known: Known, motions: _Motions, remarks: list[str], *, by_joints: bool) -> Resolved:
     """Complete the description at a closed pose."""
     tree = known.tree
-    if not motions.working.shape[1]:
+    if not motions.count:
         if motions.basis.shape[1] and not any(i.mass for i in list(motions.mechanism.model.inertias)[1:]):
             raise RobotFileError("no link that moves has a mass: an inertia is missing")
         raise RobotFileError("the loops leave no freedom that moves a mass: hold fewer joints")
@@ -124,12 +146,12 @@ def _proposed_at(known: Known, motions: _Motions, remarks: list[str], *, by_join
         motors = _motors(motions, tree, known.likely_motors)
         description = replace(description, actuators=tuple(map(Actuator, motors)))
         remarks.append(f"motors: {', '.join(motors)} (proposed: nearest to the base)")
-    elif known.chooses_motors and len(description.actuators) > motions.working.shape[1]:
+    elif known.chooses_motors and len(description.actuators) > motions.count:
         motors = _best_motors(motions, description)
         actuators = tuple(actuator for actuator in description.actuators if actuator.joint in motors)
         remarks.append(
             f"motors: {', '.join(motors)} (of {len(description.actuators)} in the file, for "
-            f"{motions.working.shape[1]} freedoms: these tell them apart best at the reference)"
+            f"{motions.count} freedoms: these tell them apart best at the reference)"
         )
         description = replace(description, actuators=actuators)
     _check_driven(motions, description, tree)
@@ -150,16 +172,17 @@ def _proposed_at(known: Known, motions: _Motions, remarks: list[str], *, by_join
             return Resolved(replace(description, platform=platform), tuple(remarks))
     if by_joint:  # what stops this is the more precise reason
         ParallelRobot.from_description(replace(description, platform=by_joint[-1]))
+    idle = motions.basis @ null_space(motions.working.T @ motions.basis)  # or nearly
     raise RobotFileError(
-        f"no body is moved by all of the motors {', '.join(a.joint for a in description.actuators)} along "
-        f"{motions.working.shape[1]} axes; give --platform and --axes, {part}or hold "
-        f"joints ({_to_hold(motions, _idle(motions), description, tree) or '--lock'})"
+        f"no body is moved by all of the motors {', '.join(description.motor_joints)} along "
+        f"{motions.count} axes; give --platform and --axes, {part}or hold "
+        f"joints ({_to_hold(motions, idle, description, tree) or '--lock'})"
     )
 
 
 def _part(description: RobotDescription, tree: UrdfTree) -> str:
     """Return the option that takes one of several parts with loops of their own, such as a leg, if any."""
-    motors = [tree.path_to_base(tree.joints[a.joint].child) for a in description.actuators]
+    motors = [tree.path_to_base(tree.joints[name].child) for name in description.motor_joints]
     pairs = [closure.frames for closure in description.closures]
     loops = [[tree.path_to_base(tree.link_of(frame)) for frame in frames] for frames in pairs]
     for joint in sorted(tree.joints.values(), key=lambda joint: len(tree.path_to_base(joint.child))):
@@ -167,21 +190,15 @@ def _part(description: RobotDescription, tree: UrdfTree) -> str:
         driven = sum(joint in path for path in motors)
         if 1 < driven < len(motors) and within == {0, 2}:
             return f"take a part of the robot (such as --base {joint.child}), "
-    first, *others = _loops_apart(description, tree) or [[]]
+    first, *others = merge_sharing(_loop_joints(tree, closure) for closure in description.closures) or [[]]
     held = [name for joints in others for name in joints]
     return f"hold the loops beside those of {first[0]} (such as --lock {' '.join(held)}), " if held else ""
 
 
-def _loops_apart(description: RobotDescription, tree: UrdfTree) -> list[list[str]]:
-    """Return the joints of loops that share some, group by group."""
-    groups: list[list[str]] = []
-    for closure in description.closures:
-        chains = tree.moving_chains(*map(tree.link_of, closure.frames))
-        joints = [joint.name for chain in chains for joint in chain]
-        sharing = [group for group in groups if set(group) & set(joints)]
-        groups = [group for group in groups if group not in sharing]
-        groups.append(list(dict.fromkeys([*(name for group in sharing for name in group), *joints])))
-    return groups
+def _loop_joints(tree: UrdfTree, closure: Closure) -> list[str]:
+    """Return the joints that move between the frames of a closure."""
+    chains = tree.moving_chains(*map(tree.link_of, closure.frames))
+    return [joint.name for chain in chains for joint in chain]
 
 
 def _within_limits(description: RobotDescription) -> tuple[_Motions, list[str]] | None:
@@ -222,44 +239,23 @@ def _closed(description: RobotDescription) -> tuple[_Motions, list[str]]:
     if any(_rank(mechanism, pose) > _rank(mechanism, q) for pose in beside):
         q = max(beside, key=lambda pose: _rank(mechanism, pose))
         remarks.append("reference: a pose beside the file's, which is on a singularity of the loops")
-    basis = _motions(mechanism, q)
-    values, right = np.linalg.svd(centres_of_mass(mechanism, q) @ basis)[1:]
-    moving = int(np.sum(values > NEARLY_AT_REST))
-    driven = columns_of(mechanism.model, (actuator.joint for actuator in description.actuators))
-    idle = basis @ right[moving:].T
-    if len(driven) and idle.shape[1]:  # what a motor turns is no idle turn
-        felt, turns = np.linalg.svd(idle[driven])[1:]
-        moved = turns[: int(np.sum(felt > NEARLY_AT_REST))].T
-        working = np.concatenate([basis @ right[:moving].T, idle @ moved], axis=1)
-    else:
-        working = basis @ right[:moving].T
-    return _Motions(mechanism, q, basis, working), remarks
+    basis = free_motions(mechanism, q, _rank(mechanism, q))
+    moves = centres_of_mass(mechanism, q) @ basis
+    idle = basis @ null_space(moves, NEARLY_AT_REST)
+    driven = idle[columns_of(mechanism.model, description.motor_joints)]  # what a motor turns is no idle turn
+    parts = basis @ row_space(moves, NEARLY_AT_REST), idle @ row_space(driven, NEARLY_AT_REST)
+    return _Motions(mechanism, q, basis, np.concatenate(parts, axis=1)), remarks
 
 
 def _rank(mechanism: Mechanism, q: Array) -> int:
     return len(independent_rows(all_loops_matrix(mechanism, q)[:, mechanism.joints]))
 
 
-def _motions(mechanism: Mechanism, q: Array) -> Array:
-    """Compute orthonormal motions (nv, f) that the loops allow at q (nq,)."""
-    right = np.linalg.svd(all_loops_matrix(mechanism, q)[:, mechanism.joints])[2]
-    rank = _rank(mechanism, q)
-    motions = np.zeros((mechanism.model.nv, len(mechanism.joints) - rank))
-    motions[mechanism.joints] = right[rank:].T
-    return motions
-
-
 def _motors(motions: _Motions, tree: UrdfTree, likely: Sequence[str]) -> list[str]:
     """Choose joints whose rates tell the working motions apart: those likely by the file, then by depth."""
     by_depth = sorted(tree.movable, key=lambda name: len(tree.path_to_base(tree.joints[name].child)))
-    chosen: list[str] = []
-    rates = np.empty((0, motions.working.shape[1]))
-    for name in dict.fromkeys([*(name for name in likely if name in by_depth), *by_depth]):
-        row = motions.working[columns_of(motions.mechanism.model, [name])]
-        more = np.concatenate([rates, row])
-        if np.linalg.matrix_rank(more, tol=PROPOSED_AXES_CLEARANCE) > len(rates):
-            chosen, rates = [*chosen, name], more
-    return chosen
+    names = dict.fromkeys([*(name for name in likely if name in by_depth), *by_depth])
+    return motions.independent(motions.working, names)
 
 
 def _best_motors(motions: _Motions, description: RobotDescription) -> list[str]:
@@ -268,9 +264,8 @@ def _best_motors(motions: _Motions, description: RobotDescription) -> list[str]:
     Raises:
         RobotFileError: two choices are alike.
     """
-    names = [actuator.joint for actuator in description.actuators]
-    rates = motions.working[columns_of(motions.mechanism.model, names)]  # (n_a, w)
-    count = rates.shape[1]
+    names, count = description.motor_joints, motions.count
+    rates = motions.rates(names)  # (n_a, w)
     if comb(len(names), count) > MAX_CHOICES:
         order = qr(rates.T, pivoting=True)[2][:count]
         return [names[i] for i in sorted(order)]
@@ -286,42 +281,25 @@ def _best_motors(motions: _Motions, description: RobotDescription) -> list[str]:
     return [names[i] for i in choices[best]]
 
 
-def _undriven(motions: _Motions, description: RobotDescription) -> Array:
-    """Compute the working motions (nv, k) that no motor determines."""
-    motors = [actuator.joint for actuator in description.actuators]
-    values, right = np.linalg.svd(motions.working[columns_of(motions.mechanism.model, motors)])[1:]
-    return np.asarray(motions.working @ right[int(np.sum(values > FILE_ROUNDING)) :].T)
-
-
-def _idle(motions: _Motions) -> Array:
-    """Compute the motions (nv, k) that are none of the working ones: idle, or nearly."""
-    right = np.linalg.svd(motions.working.T @ motions.basis)[2]
-    return np.asarray(motions.basis @ right[motions.working.shape[1] :].T)
-
-
 def _to_hold(motions: _Motions, left: Array, description: RobotDescription, tree: UrdfTree) -> str:
     """Return the option that holds motions (nv, k), by joints with springs, else far from the base."""
-    motors = [actuator.joint for actuator in description.actuators]
     springs = [name for name, acting in description.joints.items() if acting.stiffness]
-    names = [name for name in dict.fromkeys([*springs, *reversed(tree.movable)]) if name in tree.movable]
-    held: list[str] = []
-    rows = np.empty((0, left.shape[1]))
-    for name in names:
-        more = np.concatenate([rows, left[columns_of(motions.mechanism.model, [name])]])
-        if name not in motors and np.linalg.matrix_rank(more, tol=PROPOSED_AXES_CLEARANCE) > len(rows):
-            held, rows = [*held, name], more
+    names = dict.fromkeys([*springs, *reversed(tree.movable)])
+    free = [name for name in names if name in tree.movable and name not in description.motor_joints]
+    held = motions.independent(left, free)
     return f"such as --lock {' '.join(held)}" if held and len(held) == left.shape[1] else ""
 
 
 def _check_driven(motions: _Motions, description: RobotDescription, tree: UrdfTree) -> None:
     """Refuse a mechanism with motions that no motor determines, and say what would hold them."""
-    motors, left = [actuator.joint for actuator in description.actuators], _undriven(motions, description)
+    motors = description.motor_joints
+    left = motions.working @ null_space(motions.rates(motors))
     if not left.shape[1]:
         return
     if not motors:
         raise RobotFileError("no joint of one freedom says where the mechanism is: a motor needs one")
     raise RobotFileError(
-        f"{motions.working.shape[1]} freedoms and {len(motors)} motor{'s' * (len(motors) != 1)} "
+        f"{motions.count} freedoms and {len(motors)} motor{'s' * (len(motors) != 1)} "
         f"({', '.join(motors)}): nothing says "
         f"how {left.shape[1]} of them go; hold joints "
         f"({_to_hold(motions, left, description, tree) or 'such as --lock or --motors'}), or name more motors"
@@ -333,12 +311,12 @@ def _check_driven(motions: _Motions, description: RobotDescription, tree: UrdfTr
 
 def _platforms(motions: _Motions, description: RobotDescription, tree: UrdfTree) -> Iterator[Platform]:
     """Yield platforms to try, the likeliest first."""
-    count, motors = motions.working.shape[1], [actuator.joint for actuator in description.actuators]
+    count, motors = motions.count, description.motor_joints
     mechanism = motions.mechanism
     data = mechanism.model.createData()
     pin.computeJointJacobians(mechanism.model, data, motions.q)
     pin.updateFramePlacements(mechanism.model, data)
-    rates = np.linalg.pinv(motions.working[columns_of(mechanism.model, motors)])
+    rates = np.linalg.pinv(motions.rates(motors))
     entries: list[tuple[float, Platform]] = []
     for number, frame in enumerate(tree.frames):
         twists = _twists(mechanism, data, frame) @ motions.working  # (6, w)
@@ -357,10 +335,9 @@ def _platforms_of_joints(
     motions: _Motions, description: RobotDescription, tree: UrdfTree
 ) -> Iterator[Platform]:
     """Yield platforms of as many joints as freedoms, those without motors first."""
-    motors = [actuator.joint for actuator in description.actuators]
-    count = motions.working.shape[1]
+    motors, count = description.motor_joints, motions.count
     for names in ([name for name in tree.movable if name not in motors], motors):
-        rows = motions.working[columns_of(motions.mechanism.model, names)]
+        rows = motions.rates(names)
         order = sorted(qr(rows.T, pivoting=True)[2][:count]) if len(names) >= count else []
         if order and np.linalg.svd(rows[order], compute_uv=False)[-1] > PROPOSED_AXES_CLEARANCE:
             chosen = tuple(names[i] for i in order)
@@ -405,11 +382,7 @@ def _twists(mechanism: Mechanism, data: pin.Data, frame: str) -> Array:
     """Compute twists (6, nv) of a frame, in radians and lengths of the robot."""
     axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
     twist = pin.getFrameJacobian(mechanism.model, data, frame_of(mechanism.model, frame), axes)
-    return np.asarray(
-        twist.reshape(6, mechanism.model.nv)
-        / np.repeat([mechanism.length, 1.0], 3)[:, None]
-        * mechanism.column_scale
-    )
+    return scaled_twists(mechanism, twist.reshape(6, mechanism.model.nv))
 
 
 def _robot_with(description: RobotDescription, platform: Platform) -> ParallelRobot | None:
@@ -434,8 +407,7 @@ def _needed(known: Known) -> set[str]:
     tree, description = known.tree, known.description
     needed = {name for coupling in description.couplings for name in (coupling.joint, coupling.of)}
     for closure in description.closures:
-        for chain in tree.moving_chains(*map(tree.link_of, closure.frames)):
-            needed.update(joint.name for joint in chain)
+        needed.update(_loop_joints(tree, closure))
     return needed
 
 
