@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+import pinocchio as pin
 
 from framework.arrays import Array
 
@@ -54,14 +55,7 @@ def to_rpy(rotation: Array) -> Vector3:
 
 def from_quaternion(w: float, x: float, y: float, z: float) -> Array:
     """Return the rotation matrix of a quaternion of any length but zero."""
-    w, x, y, z = np.array([w, x, y, z]) / math.hypot(w, x, y, z)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    return np.asarray(pin.Quaternion(w, x, y, z).normalized().toRotationMatrix())
 
 
 def turning(name: str, axis: Sequence[float] | Array) -> Array:

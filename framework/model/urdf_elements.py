@@ -19,6 +19,7 @@ from framework.arrays import Array
 from framework.errors import RobotFileError, choose_from, short
 from framework.model.description import Coupling
 from framework.model.inertia import ENTRIES, check_inertia, symmetric
+from framework.model.urdf_writing import no_limit, remove_children
 from framework.model.xml_reading import attribute, axis_of, child_element, numbers, origin_numbers, origin_of
 from framework.tolerances import POINT_BODY_GYRATION
 
@@ -101,8 +102,7 @@ def read_tree(root: ElementTree.Element, impossible: list[tuple[str, str]] | Non
             if impossible is None or ("<inerti" not in str(error) and "<mass>" not in str(error)):
                 raise
             impossible.append((link.get("name", ""), str(error)))
-            for inertial in link.findall("inertial"):
-                link.remove(inertial)
+            remove_children(link, "inertial")
     return Tree(links, joints, _base(links, joints))
 
 
@@ -184,37 +184,40 @@ def read_joint(
         element.remove(axis)  # without a meaning, and some exporters write 0 0 0
     elif axis is not None:
         direction = axis_of(axis, f"{where}: <axis>")
-    limit = element.find("limit")
-    if kind in ("revolute", "prismatic"):
-        try:
-            limit = child_element(element, where, "limit")
-            for key in ("effort", "velocity"):
-                attribute(limit, f"{where}: <limit>", key)
-        except RobotFileError as error:
-            if impossible is None:
-                raise
-            impossible.append((name, str(error)))
-            limit = ElementTree.SubElement(element, "limit") if limit is None else limit
-            limit.attrib |= {"lower": "-1e9", "upper": "1e9", "effort": "1e9", "velocity": "1e9"}
-    if kind in MOVING and limit is not None:
-        lower, upper, effort, velocity = (
-            # some files mean no limit by 1.8e308
-            numbers(f"{where}: <limit> {key}", limit.get(key, "0"), 1, largest=math.inf)[0]
-            for key in _LIMIT
-        )
-        if kind != "continuous" and (lower > upper or effort < 0 or velocity < 0):
-            text = (
-                f"{where}: <limit>: needs lower <= upper, effort and velocity of at least zero, got lower "
-                f"{lower:g}, upper {upper:g}, effort {effort:g}, velocity {velocity:g}"
-            )
-            if impossible is None:
-                raise RobotFileError(text)
-            impossible.append((name, text))
-            limit.attrib |= {"lower": "-1e9", "upper": "1e9", "effort": "1e9", "velocity": "1e9"}
-    if "independent" in element.attrib:
-        del element.attrib["independent"]  # a URDF+ hint, read before
+    limit = _limit_numbers(element, where) if kind in MOVING else {}
+    try:
+        if kind in ("revolute", "prismatic"):
+            _check_limit(element, where, limit)
+    except RobotFileError as error:
+        if impossible is None:
+            raise
+        impossible.append((name, str(error)))
+        remove_children(element, "limit")
+        element.append(no_limit())
+    element.attrib.pop("independent", None)  # a URDF+ hint, read before
     origin = origin_of(element.find("origin"), f"{where}: <origin>")
     return Joint(element, name, kind, ends[0], ends[1], origin, direction)
+
+
+def _limit_numbers(joint: ElementTree.Element, where: str) -> dict[str, float]:
+    """Return the numbers of a `<limit>`, if there is one; zero for what it does not say."""
+    return {
+        # some files mean no limit by 1.8e308
+        key: numbers(f"{where}: <limit> {key}", limit.get(key, "0"), 1, largest=math.inf)[0]
+        for limit in joint.findall("limit")[:1]
+        for key in _LIMIT
+    }
+
+
+def _check_limit(joint: ElementTree.Element, where: str, limit: Mapping[str, float]) -> None:
+    element = child_element(joint, where, "limit")
+    for key in ("effort", "velocity"):
+        attribute(element, f"{where}: <limit>", key)
+    if limit["lower"] > limit["upper"] or limit["effort"] < 0 or limit["velocity"] < 0:
+        shown = ", ".join(f"{key} {value:g}" for key, value in limit.items())
+        raise RobotFileError(
+            f"{where}: <limit>: needs lower <= upper, effort and velocity of at least zero, got {shown}"
+        )
 
 
 def check_link(link: ElementTree.Element, extent: float) -> None:

@@ -75,6 +75,13 @@ def inertial_element(mass: float, centre: Array, inertia: Array) -> ElementTree.
     return inertial
 
 
+def remove_children(element: ElementTree.Element, *tags: str) -> None:
+    """Remove the children with these tags."""
+    for tag in tags:
+        for child in element.findall(tag):
+            element.remove(child)
+
+
 def no_limit(effort: str = "1e9") -> ElementTree.Element:
     """Return a `<limit>` that nothing reaches."""
     return ElementTree.Element("limit", lower="-1e9", upper="1e9", effort=effort, velocity="1e9")

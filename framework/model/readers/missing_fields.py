@@ -109,11 +109,9 @@ def _check_axes(option: str, kind: str, names: Sequence[str], valid: Sequence[st
 
 
 def _actuators(
-    motors: Sequence[str] | None, joints: Sequence[str], known: Sequence[Actuator]
+    motors: Sequence[str], joints: Sequence[str], known: Sequence[Actuator]
 ) -> tuple[Actuator, ...]:
-    """Return the motors of the file, or those of the options with what the file knows of them."""
-    if motors is None:
-        return tuple(known)
+    """Return the motors of the options with what the file knows of them."""
     by_joint = {actuator.joint: actuator for actuator in known}
     for name in motors:
         if name not in joints:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,6 @@ from framework.model.parameters import with_parameters
 from framework.model.readers.missing_fields import (
     Known,
     Options,
-    Propose,
     checked_reference,
     completed_description,
 )
@@ -42,6 +41,7 @@ _USD = (
     "USD is not read; write it as URDF or MJCF first, with the exporters of Isaac Sim or Newton, and declare "
     "there the loops that they cut"
 )
+_LISTS = ("axes", "motors", "platform_joints")  # of the options
 _OWN_KEYS = ("version", "urdf", "platform", "actuators", "closures")
 
 
@@ -51,23 +51,13 @@ def read_any(file: str | Path, **options: Any) -> RobotDescription:
 
 
 def parse_any(
-    file: str | Path,
-    *,
-    platform: str | None = None,
-    axes: Sequence[str] | None = None,
-    motors: Sequence[str] | None = None,
-    reference: Mapping[str, float] | None = None,
-    base: str | None = None,
-    locked: Mapping[str, float | None] | None = None,
-    platform_joints: Sequence[str] | None = None,
-    propose: Propose | None = None,
-    parameters: Mapping[str, float] | None = None,
+    file: str | Path, *, parameters: Mapping[str, float] | None = None, **options: Any
 ) -> ParsedRobot:
     """Read a file of any dialect, recognised by its content: its description, its URDF and the dialect.
 
-    The options say what a foreign file does not, and overrule what it does: the `platform` frame and
-    its `axes` or `platform_joints`, the joints that are `motors` or `locked` [rad, m] (at the reference where
-    the value is None), and a `reference` [rad, m] where the file's zero pose is not near the wanted one. Only
+    The fields of `Options` say what a foreign file does not, and overrule what it does: the `platform` frame
+    and its `axes` or `platform_joints`, the joints that are `motors` or `locked` [rad, m] (at the reference
+    where the value is None), and a `reference` [rad, m] where the file's zero pose is not near the wanted one. Only
     what the link `base` of a foreign file carries moves, if one is given; all else is locked where the
     reference of the file has it. `propose` says what is said nowhere. For a pair of Gepetto give the YAML or
     the folder of the two.
@@ -78,16 +68,8 @@ def parse_any(
             the records cannot hold, or leaves something out that no option says.
     """
     path = Path(file)
-    options = Options(
-        platform,
-        None if axes is None else tuple(axes),
-        None if motors is None else tuple(motors),
-        dict(reference or {}),
-        base,
-        dict(locked or {}),
-        None if platform_joints is None else tuple(platform_joints),
-        propose,
-    )
+    said = {name: value for name, value in options.items() if value is not None}
+    asked = Options(**{name: tuple(value) if name in _LISTS else value for name, value in said.items()})
     if os.path.isdir(path):
         path = _pair_in(path)
     text = read_text(path, f"{path}: cannot read it", error=RobotFileError)
@@ -98,10 +80,10 @@ def parse_any(
         raise RobotFileError(f"{path}: not well-formed XML: it does not begin with <")
     with naming(path):
         if not is_xml:
-            return _from_yaml(path, text, options, parameters)
+            return _from_yaml(path, text, asked, parameters)
         if parameters:
             raise RobotFileError("parameters: only robot files of ours have some")
-        return _from_xml(path, text, options)
+        return _from_xml(path, text, asked)
 
 
 def _dialect_of_yaml(content: Any) -> str:

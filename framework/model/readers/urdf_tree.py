@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable, Sequence
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.errors import RobotFileError, choose_from, nearest
-from framework.model.additions import AddedFrame, add_frames
+from framework.model.additions import AddedFrame, add_frames, fix_joint
 from framework.model.description import Closure, locked_axes
 from framework.model.placement import about, inverse, placement, to_rpy, turning
 from framework.model.urdf_elements import (
@@ -22,7 +21,7 @@ from framework.model.urdf_elements import (
     local_name,
     read_tree,
 )
-from framework.model.urdf_writing import AXIS, joint_element, origin_element
+from framework.model.urdf_writing import AXIS, joint_element, origin_element, remove_children
 from framework.model.xml_reading import attribute
 from framework.tolerances import FILE_ROUNDING
 
@@ -213,27 +212,11 @@ class UrdfTree:
         """Hold a joint at the values [rad, m] of its coordinates, zero by default."""
         values = values or (0.0,) * len(joint.coordinates)
         self.held[joint.name] = values
-        if joint.kind in SEVERAL:
-            *along, x, y, z = values
-            angle = math.hypot(x, y, z)
-            motion = placement(about((x, y, z), angle) if angle else None, along or (0.0, 0.0, 0.0))
-        elif joint.kind == "prismatic":
-            motion = placement(None, values[0] * joint.axis / np.linalg.norm(joint.axis))
-        else:
-            motion = placement(about(joint.axis, values[0]))
-        joint.origin = joint.origin @ motion
-        joint.kind = "fixed"
-        joint.element.set("type", "fixed")
-        for tag in ("axis", "limit", "origin"):
-            for element in joint.element.findall(tag):
-                joint.element.remove(element)
-        joint.element.append(origin_element(joint.origin))
+        fix_joint(joint, *values)
 
     def replace_by_ball(self, joint: Joint) -> None:
         """Make a joint a ball."""
-        for tag in ("axis", "limit"):
-            for element in joint.element.findall(tag):
-                joint.element.remove(element)
+        remove_children(joint.element, "axis", "limit")
         joint.kind = "spherical"
         joint.element.set("type", joint.kind)
 
