@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -179,6 +179,17 @@ class Coupling:
     def name(self) -> str:
         """Name of its loop equation."""
         return f"{self.joint}_of_{self.of}"
+
+
+def locked_by_couplings(couplings: Iterable[Coupling], locked: Mapping[str, float]) -> dict[str, float]:
+    """Return the joints that couplings hold with locked ones, and where [rad, m]."""
+    more = {}
+    for coupling in couplings:
+        if coupling.of in locked and coupling.joint not in locked:
+            more[coupling.joint] = coupling.ratio * locked[coupling.of] + coupling.offset
+        elif coupling.joint in locked and coupling.of not in locked and coupling.ratio:
+            more[coupling.of] = (locked[coupling.joint] - coupling.offset) / coupling.ratio
+    return more
 
 
 @dataclass(frozen=True)

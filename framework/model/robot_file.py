@@ -7,7 +7,7 @@ key, says what was given and what is valid.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -34,14 +34,14 @@ from framework.fields import (
 )
 from framework.input import read_text
 from framework.model.additions import AddedFrame, add_frames, free_root, lock_joints
-from framework.model.description import Coupling, ParsedRobot, RobotDescription, Spring
+from framework.model.description import ParsedRobot, RobotDescription, Spring, locked_by_couplings
 from framework.model.documents import LEADING_BLANKS, naming, parse_xml, parse_yaml
 from framework.model.inertia import check_inertia
 from framework.model.parameters import filled, with_parameters
 from framework.model.robot_keys import JointSpring, joint_dynamics, robot_table
 from framework.model.spring_joints import virtual_link
-from framework.model.urdf import Urdf, check_urdf, locate_urdf
-from framework.model.urdf_elements import MOVING, declared_couplings, declared_dynamics
+from framework.model.urdf import check_urdf, locate_urdf
+from framework.model.urdf_elements import MOVING, Tree, declared_couplings, declared_dynamics
 
 VERSION = 1
 
@@ -75,7 +75,7 @@ def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> Pa
     robot = read_table("", content, table, others=_TREE)
     coupled = [coupling.joint for coupling in robot["couplings"]]
     robot["couplings"] += tuple(coupling for coupling in mimicked if coupling.joint not in coupled)
-    if more := _locked_by_couplings(robot["couplings"], locked):
+    if more := locked_by_couplings(robot["couplings"], locked):
         return parse_robot(path, {**content, "locked": {**locked, **more}}, parameters)
     robot["couplings"] = tuple(coupling for coupling in robot["couplings"] if coupling.joint not in locked)
     robot["reference"] = {name: value for name, value in robot["reference"].items() if name not in locked}
@@ -103,17 +103,6 @@ def _is_locked(spring: Spring | JointSpring, locked: Mapping[str, float]) -> boo
     if isinstance(spring, JointSpring):
         return spring.joint in locked
     return spring.after in locked and not spring.motion
-
-
-def _locked_by_couplings(couplings: Iterable[Coupling], locked: Mapping[str, float]) -> dict[str, float]:
-    """Return the joints that couplings hold with locked ones, and where [rad, m]."""
-    more = {}
-    for coupling in couplings:
-        if coupling.of in locked and coupling.joint not in locked:
-            more[coupling.joint] = coupling.ratio * locked[coupling.of] + coupling.offset
-        elif coupling.joint in locked and coupling.of not in locked and coupling.ratio:
-            more[coupling.of] = (locked[coupling.joint] - coupling.offset) / coupling.ratio
-    return more
 
 
 def _add_spring(joints: dict[str, dict[str, float]], spring: JointSpring) -> None:
@@ -150,7 +139,7 @@ _TREE: Table = {
 
 def _urdf(
     folder: Path, tree: Mapping[str, Any], parameters: Mapping[str, float]
-) -> tuple[str, ElementTree.Element, Urdf]:
+) -> tuple[str, ElementTree.Element, Tree]:
     """Return the URDF with the robot file's changes, as text and parsed, and its names."""
     path = locate_urdf(folder, tree["urdf"])
     urdf_text = read_text(path, f"urdf: cannot read {path}", error=RobotFileError).lstrip(LEADING_BLANKS)
@@ -172,7 +161,7 @@ def _urdf(
     return ElementTree.tostring(root, encoding="unicode"), root, urdf
 
 
-def _added_frame(urdf: Urdf) -> Reader[AddedFrame]:
+def _added_frame(urdf: Tree) -> Reader[AddedFrame]:
     table = {
         "name": required(text),
         "parent": required(one_of("link", urdf.links)),
@@ -211,7 +200,7 @@ def _check_scenes(description: RobotDescription) -> None:
                 )
 
 
-def _check_names(description: RobotDescription, urdf: Urdf) -> None:
+def _check_names(description: RobotDescription, urdf: Tree) -> None:
     """Check that names are unique, and that no virtual joint takes a name of the URDF."""
     groups = {
         "actuators": description.motor_joints,
@@ -226,12 +215,12 @@ def _check_names(description: RobotDescription, urdf: Urdf) -> None:
     for name in groups["springs"]:
         if name in urdf.joints:
             raise RobotFileError(f"springs: {name!r} is already a joint of the URDF")
-        if virtual_link(name) in urdf.names:
+        if virtual_link(name) in urdf.frames:
             raise RobotFileError(
                 f"springs: {name!r} needs the name {virtual_link(name)!r}, taken in the URDF"
             )
     for actuator in description.actuators:
-        kind = urdf.joints[actuator.joint]
+        kind = urdf.joints[actuator.joint].kind
         if kind not in MOVING:
             raise RobotFileError(
                 f"actuators: joint {actuator.joint!r} is {kind}; a motor needs a revolute, continuous or "

@@ -11,7 +11,6 @@ import xml.etree.ElementTree as ElementTree
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -55,12 +54,42 @@ class Joint:
         return coordinates_of(self.name, self.kind)
 
 
-class Tree(NamedTuple):
-    """The links and joints of a URDF by name, and its root link."""
+@dataclass
+class Tree:
+    """The links and joints of a URDF by name, and its root link; a frame is a link or a joint."""
 
     links: list[str]
     joints: dict[str, Joint]
     base: str
+
+    def __post_init__(self) -> None:
+        self.parent_joint = {joint.child: joint for joint in self.joints.values()}
+
+    @property
+    def frames(self) -> list[str]:
+        """Names of all frames."""
+        return [*self.links, *self.joints]
+
+    @property
+    def movable(self) -> list[str]:
+        """Names of the joints of one degree of freedom, which a motor can have."""
+        return [joint.name for joint in self.joints.values() if joint.kind in MOVING]
+
+    @property
+    def coordinates(self) -> list[str]:
+        """Names of the coordinates of all joints."""
+        return [name for joint in self.joints.values() for name in joint.coordinates]
+
+    def link_of(self, frame: str) -> str:
+        """Return the link that carries a frame."""
+        return frame if frame in self.links else self.joints[frame].child
+
+    def body(self, frame: str) -> str:
+        """Return the link nearest to the root that is rigidly connected to a frame: the name of its body."""
+        link = self.link_of(frame)
+        while link in self.parent_joint and not self.parent_joint[link].moves:
+            link = self.parent_joint[link].parent
+        return link
 
 
 def coordinates_of(name: str, kind: str) -> tuple[str, ...]:

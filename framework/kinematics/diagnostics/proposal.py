@@ -60,7 +60,7 @@ class _Motions(NamedTuple):
     working: Array  # (nv, w) of those that move a centre of mass
 
     @property
-    def count(self) -> int:
+    def freedoms(self) -> int:
         """Number of the working motions."""
         return self.working.shape[1]
 
@@ -136,7 +136,7 @@ def _proposed(known: Known, *, by_joints: bool) -> Resolved:
 def _proposed_at(known: Known, motions: _Motions, remarks: list[str], *, by_joints: bool) -> Resolved:
     """Complete the description at a closed pose."""
     tree = known.tree
-    if not motions.count:
+    if not motions.freedoms:
         if motions.basis.shape[1] and not any(i.mass for i in list(motions.mechanism.model.inertias)[1:]):
             raise RobotFileError("no link that moves has a mass: an inertia is missing")
         raise RobotFileError("the loops leave no freedom that moves a mass: hold fewer joints")
@@ -146,12 +146,12 @@ def _proposed_at(known: Known, motions: _Motions, remarks: list[str], *, by_join
         motors = _motors(motions, tree, known.likely_motors)
         description = replace(description, actuators=tuple(map(Actuator, motors)))
         remarks.append(f"motors: {', '.join(motors)} (proposed: nearest to the base)")
-    elif known.chooses_motors and len(description.actuators) > motions.count:
+    elif known.chooses_motors and len(description.actuators) > motions.freedoms:
         motors = _best_motors(motions, description)
         actuators = tuple(actuator for actuator in description.actuators if actuator.joint in motors)
         remarks.append(
             f"motors: {', '.join(motors)} (of {len(description.actuators)} in the file, for "
-            f"{motions.count} freedoms: these tell them apart best at the reference)"
+            f"{motions.freedoms} freedoms: these tell them apart best at the reference)"
         )
         description = replace(description, actuators=actuators)
     _check_driven(motions, description, tree)
@@ -175,7 +175,7 @@ def _proposed_at(known: Known, motions: _Motions, remarks: list[str], *, by_join
     idle = motions.basis @ null_space(motions.working.T @ motions.basis)  # or nearly
     raise RobotFileError(
         f"no body is moved by all of the motors {', '.join(description.motor_joints)} along "
-        f"{motions.count} axes; give --platform and --axes, {part}or hold "
+        f"{motions.freedoms} axes; give --platform and --axes, {part}or hold "
         f"joints ({_to_hold(motions, idle, description, tree) or '--lock'})"
     )
 
@@ -264,7 +264,7 @@ def _best_motors(motions: _Motions, description: RobotDescription) -> list[str]:
     Raises:
         RobotFileError: two choices are alike.
     """
-    names, count = description.motor_joints, motions.count
+    names, count = description.motor_joints, motions.freedoms
     rates = motions.rates(names)  # (n_a, w)
     if comb(len(names), count) > MAX_CHOICES:
         order = qr(rates.T, pivoting=True)[2][:count]
@@ -299,7 +299,7 @@ def _check_driven(motions: _Motions, description: RobotDescription, tree: UrdfTr
     if not motors:
         raise RobotFileError("no joint of one freedom says where the mechanism is: a motor needs one")
     raise RobotFileError(
-        f"{motions.count} freedoms and {len(motors)} motor{'s' * (len(motors) != 1)} "
+        f"{motions.freedoms} freedoms and {len(motors)} motor{'s' * (len(motors) != 1)} "
         f"({', '.join(motors)}): nothing says "
         f"how {left.shape[1]} of them go; hold joints "
         f"({_to_hold(motions, left, description, tree) or 'such as --lock or --motors'}), or name more motors"
@@ -311,7 +311,7 @@ def _check_driven(motions: _Motions, description: RobotDescription, tree: UrdfTr
 
 def _platforms(motions: _Motions, description: RobotDescription, tree: UrdfTree) -> Iterator[Platform]:
     """Yield platforms to try, the likeliest first."""
-    count, motors = motions.count, description.motor_joints
+    count, motors = motions.freedoms, description.motor_joints
     mechanism = motions.mechanism
     data = mechanism.model.createData()
     pin.computeJointJacobians(mechanism.model, data, motions.q)
@@ -335,7 +335,7 @@ def _platforms_of_joints(
     motions: _Motions, description: RobotDescription, tree: UrdfTree
 ) -> Iterator[Platform]:
     """Yield platforms of as many joints as freedoms, those without motors first."""
-    motors, count = description.motor_joints, motions.count
+    motors, count = description.motor_joints, motions.freedoms
     for names in ([name for name in tree.movable if name not in motors], motors):
         rows = motions.rates(names)
         order = sorted(qr(rows.T, pivoting=True)[2][:count]) if len(names) >= count else []

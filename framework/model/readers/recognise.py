@@ -57,10 +57,10 @@ def parse_any(
 
     The fields of `Options` say what a foreign file does not, and overrule what it does: the `platform` frame
     and its `axes` or `platform_joints`, the joints that are `motors` or `locked` [rad, m] (at the reference
-    where the value is None), and a `reference` [rad, m] where the file's zero pose is not near the wanted one. Only
-    what the link `base` of a foreign file carries moves, if one is given; all else is locked where the
-    reference of the file has it. `propose` says what is said nowhere. For a pair of Gepetto give the YAML or
-    the folder of the two.
+    where the value is None), and a `reference` [rad, m] where the file's zero pose is not near the wanted
+    one. Only what the link `base` of a foreign file carries moves, if one is given; all else is locked where
+    the reference of the file has it. `propose` says what is said nowhere. For a pair of Gepetto give the YAML
+    or the folder of the two.
     `parameters` takes other values for those that a robot file of ours declares.
 
     Raises:
@@ -68,8 +68,9 @@ def parse_any(
             the records cannot hold, or leaves something out that no option says.
     """
     path = Path(file)
-    said = {name: value for name, value in options.items() if value is not None}
-    asked = Options(**{name: tuple(value) if name in _LISTS else value for name, value in said.items()})
+    said: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
+    lists: dict[str, Any] = {name: tuple(said[name]) for name in _LISTS if name in said}
+    asked = Options(**said | lists)
     if os.path.isdir(path):
         path = _pair_in(path)
     text = read_text(path, f"{path}: cannot read it", error=RobotFileError)

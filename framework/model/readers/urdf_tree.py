@@ -14,9 +14,9 @@ from framework.model.description import Closure, locked_axes
 from framework.model.placement import about, inverse, placement, to_rpy, turning
 from framework.model.urdf_elements import (
     MAX_TREE_ELEMENTS,
-    MOVING,
     SEVERAL,
     Joint,
+    Tree,
     declared_motors,
     local_name,
     read_tree,
@@ -69,7 +69,7 @@ def merge_sharing(groups: Iterable[Iterable[str]]) -> list[list[str]]:
     return merged
 
 
-class UrdfTree:
+class UrdfTree(Tree):
     """A URDF whose names, joints and numbers were checked, open to small edits.
 
     `extra` are the top-level elements of the dialect; they are taken out of the URDF. Complaints name
@@ -91,14 +91,14 @@ class UrdfTree:
         for element in self.extra:
             root.remove(element)
         self.impossible: list[tuple[str, str]] = []  # links and joints, and what is wrong with each
-        self.links, self.joints, self.base = read_tree(root, self.impossible)
+        tree = read_tree(root, self.impossible)
+        super().__init__(tree.links, tree.joints, tree.base)
         if len(self.extra) > MAX_LOOPS:
             raise RobotFileError(f"<robot>: {len(self.extra)} loops; at most {MAX_LOOPS} are read")
         if len(self.coordinates) > MAX_FREEDOMS:
             raise RobotFileError(
                 f"<robot>: joints of {len(self.coordinates)} freedoms; at most {MAX_FREEDOMS} are read"
             )
-        self.parent_joint = {joint.child: joint for joint in self.joints.values()}
         self.held: dict[str, tuple[float, ...]] = {}  # joints that were fixed, and where [rad, m]
         self._added: dict[str, str] = {}  # the link that carries each frame
 
@@ -107,17 +107,7 @@ class UrdfTree:
     @property
     def frames(self) -> list[str]:
         """Names of links, of joints and of added frames."""
-        return list(dict.fromkeys([*self.links, *self.joints, *self._added]))
-
-    @property
-    def movable(self) -> list[str]:
-        """Names of the joints of one degree of freedom, which a motor can have."""
-        return [joint.name for joint in self.joints.values() if joint.kind in MOVING]
-
-    @property
-    def coordinates(self) -> list[str]:
-        """Names of the coordinates of all joints."""
-        return [name for joint in self.joints.values() for name in joint.coordinates]
+        return list(dict.fromkeys([*super().frames, *self._added]))
 
     def link(self, where: str, name: str | None) -> str:
         """Return a link's name, if there is one.
@@ -131,9 +121,7 @@ class UrdfTree:
 
     def link_of(self, frame: str) -> str:
         """Return the link that carries a frame of the tree."""
-        if frame in self.links:
-            return frame
-        return self._added[frame] if frame in self._added else self.joints[frame].child
+        return self._added[frame] if frame in self._added else super().link_of(frame)
 
     def path_to_base(self, link: str) -> list[Joint]:
         """Return the joints from a link down to the base."""
