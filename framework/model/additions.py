@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.errors import RobotFileError, choose_from
+from framework.errors import check_name
 from framework.model.placement import about, placement
 from framework.model.urdf_elements import MOVING, SEVERAL, Joint, read_tree
 from framework.model.urdf_writing import AXIS, joint_element, origin_element, remove_children, vector_text
@@ -74,8 +74,7 @@ def lock_joints(root: ElementTree.Element, locked: Mapping[str, float]) -> None:
     joints = read_tree(root).joints
     movable = [name for name, joint in joints.items() if joint.kind in MOVING]
     for name, value in locked.items():
-        if name not in movable:
-            raise RobotFileError(f"locked.{name}: {choose_from('joint', name, movable)}")
+        check_name(f"locked.{name}", "joint", name, movable)
         fix_joint(joints[name], value)
 
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from framework.arrays import Array
-from framework.errors import RobotFileError, choose_from, short
+from framework.errors import RobotFileError, check_name, choose_from, short
 from framework.model.description import Coupling
 from framework.model.inertia import ENTRIES, check_inertia, symmetric
 from framework.model.urdf_writing import no_limit, remove_children
@@ -199,13 +199,11 @@ def read_joint(
     name = str(element.get("name"))
     where = f"joint {name!r}"
     kind = attribute(element, where, "type")
-    if kind not in JOINT_TYPES:
-        raise RobotFileError(f"{where}: {choose_from('type', kind, JOINT_TYPES)}")
+    check_name(where, "type", kind, JOINT_TYPES)
     ends = []
     for end in ("parent", "child"):
         link = attribute(child_element(element, where, end), f"{where}: <{end}>", "link")
-        if link not in links:
-            raise RobotFileError(f"{where}: {end}: {choose_from('link', link, links)}")
+        check_name(f"{where}: {end}", "link", link, links)
         ends.append(link)
     axis = element.find("axis")
     direction = np.array([1.0, 0.0, 0.0])

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from framework.errors import RobotFileError, choose_from
+from framework.errors import RobotFileError, check_name, choose_from
 from framework.model.description import Closure, Coupling, locked_by_couplings
 from framework.model.readers.urdf_tree import UrdfTree
 
@@ -18,8 +18,7 @@ def lock_all_but(tree: UrdfTree, base: str, reference: Mapping[str, float]) -> N
     Raises:
         RobotFileError: there is no such link, or it carries no joint that moves.
     """
-    if base not in tree.links:
-        raise RobotFileError(f"--base: {choose_from('link', base, tree.links)}")
+    check_name("--base", "link", base, tree.links)
     carried = {
         joint.name
         for joint in tree.joints.values()

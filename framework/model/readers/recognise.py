@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from framework.errors import MissingPackage, RobotFileError, choose_from, short
+from framework.errors import MissingPackage, RobotFileError, check_name, short
 from framework.input import read_text
 from framework.model.description import ParsedRobot, RobotDescription
 from framework.model.documents import LEADING_BLANKS, naming, parse_xml, parse_yaml
@@ -111,8 +111,7 @@ def _from_xml(path: Path, text: str, options: Options) -> ParsedRobot:
 
     readers = {"robot": read_urdf, "mujoco": read_mjcf, "sdf": read_sdf, "gazebo": read_sdf}
     root = parse_xml(text)
-    if root.tag not in readers:
-        raise RobotFileError(f"unknown dialect: {choose_from('root element', root.tag, readers)}")
+    check_name("unknown dialect", "root element", root.tag, readers)
     try:
         return readers[root.tag](path, root, options)
     except MissingPackage:

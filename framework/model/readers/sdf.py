@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array
-from framework.errors import RobotFileError, choose_from
+from framework.errors import RobotFileError, check_name, choose_from
 from framework.input import read_text
 from framework.model.description import Closure, Coupling, JointDynamics, ParsedRobot
 from framework.model.documents import naming, parse_xml
@@ -284,8 +284,7 @@ def _ends(scope: Scope, name: str) -> tuple[str, str]:
     """Return the links that a joint joins, parent first."""
     joint, where = scope.joints[name], f"joint {name!r}"
     kind = attribute(joint, where, "type")
-    if kind not in (*_KINDS, *_NOT_READ):
-        raise RobotFileError(f"{where}: {choose_from('type', kind, (*_KINDS, *_NOT_READ))}")
+    check_name(where, "type", kind, (*_KINDS, *_NOT_READ))
     with naming(where):
         first, second = (scope.link_of(_named(joint, end)) for end in ("parent", "child"))
     if first == second:
@@ -339,8 +338,7 @@ def _couplings(joint: _Joint, names: Sequence[str]) -> Iterator[Coupling]:
     where = f"joint {joint.name!r}: <mimic>"
     for mimic in joint.element.findall("axis/mimic"):
         of = joint.element.get("scope", "") + (mimic.get("joint") or "")
-        if of not in names:
-            raise RobotFileError(f"{where}: {choose_from('joint', of, names)}")
+        check_name(where, "joint", of, names)
         defaults = {"multiplier": "1", "offset": "0", "reference": "0"}
         ratio, offset, reference = _values(mimic, where, defaults)
         yield Coupling(joint.name, of, ratio, offset - ratio * reference)

@@ -46,7 +46,7 @@ from typing import Any
 import numpy as np
 
 from framework.arrays import Array
-from framework.errors import RobotFileError, choose_from
+from framework.errors import RobotFileError, check_name, choose_from
 from framework.fields import list_of, text, vector3
 from framework.input import read_text
 from framework.model.description import Closure, ParsedRobot, locked_axes
@@ -167,8 +167,7 @@ def _read_fixed_frame(tree: UrdfTree, element: ElementTree.Element) -> None:
 def _read_loop_joint(tree: UrdfTree, element: ElementTree.Element) -> Closure:
     name, where = _named(element)
     for child in element:
-        if child.tag not in ("link1", "link2", "axis"):
-            raise RobotFileError(f"{where}: {choose_from('element', child.tag, ('link1', 'link2', 'axis'))}")
+        check_name(where, "element", child.tag, ("link1", "link2", "axis"))
     kind = _kind(element, where, _ALIKE)
     axes = _axes(element, where, kind)
     links = [child for child in element if child.tag in ("link1", "link2")]
@@ -233,8 +232,8 @@ def read_urdf(
         )
     dialect = loops[0][0] if loops else "onshape" if framed else "urdf"
     for name in tree.motors:
-        if dialect == "ros" and name not in tree.movable:
-            raise RobotFileError(f"transmission: {choose_from('movable joint', name, tree.movable)}")
+        if dialect == "ros":
+            check_name("transmission", "movable joint", name, tree.movable)
     motors = [Motor.on(name) for name in tree.motors if name in tree.movable]
     likely = [*independent, *beside.get("independent", [])]
     parsed = describe(tree, file, options, closures, motors=motors, likely_motors=likely)

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from framework.arrays import Array
-from framework.errors import RobotFileError, choose_from, nearest
+from framework.errors import RobotFileError, check_name, choose_from, nearest
 from framework.model.additions import AddedFrame, add_frames, fix_joint
 from framework.model.description import Closure, locked_axes
 from framework.model.placement import about, inverse, placement, to_rpy, turning
@@ -115,8 +115,7 @@ class UrdfTree(Tree):
         Raises:
             RobotFileError: there is none.
         """
-        if name not in self.links:
-            raise RobotFileError(f"{where}: {choose_from('link', name, self.links)}")
+        check_name(where, "link", name, self.links)
         return str(name)
 
     def link_of(self, frame: str) -> str:
