@@ -211,10 +211,9 @@ def read_joint(
         element.remove(axis)  # without a meaning, and some exporters write 0 0 0
     elif axis is not None:
         direction = axis_of(axis, f"{where}: <axis>")
-    limit = _limit_numbers(element, where) if kind in MOVING else {}
     try:
-        if kind in ("revolute", "prismatic"):
-            _check_limit(element, where, limit)
+        if kind in MOVING:
+            _check_limit(element, where, is_needed=kind != "continuous")
     except RobotFileError as error:
         if impossible is None:
             raise
@@ -226,25 +225,22 @@ def read_joint(
     return Joint(element, name, kind, ends[0], ends[1], origin, direction)
 
 
-def _limit_numbers(joint: ElementTree.Element, where: str) -> dict[str, float]:
-    """Return the numbers of a `<limit>`, if there is one; zero for what it does not say."""
-    return {
-        # some files mean no limit by 1.8e308
-        key: numbers(f"{where}: <limit> {key}", limit.get(key, "0"), 1, largest=math.inf)[0]
-        for limit in joint.findall("limit")[:1]
-        for key in _LIMIT
-    }
-
-
-def _check_limit(joint: ElementTree.Element, where: str, limit: Mapping[str, float]) -> None:
-    element = child_element(joint, where, "limit")
-    for key in ("effort", "velocity"):
-        attribute(element, f"{where}: <limit>", key)
-    if limit["lower"] > limit["upper"] or limit["effort"] < 0 or limit["velocity"] < 0:
-        shown = ", ".join(f"{key} {value:g}" for key, value in limit.items())
-        raise RobotFileError(
-            f"{where}: <limit>: needs lower <= upper, effort and velocity of at least zero, got {shown}"
+def _check_limit(joint: ElementTree.Element, where: str, *, is_needed: bool) -> None:
+    if is_needed:
+        given = child_element(joint, where, "limit")
+        for key in ("effort", "velocity"):
+            attribute(given, f"{where}: <limit>", key)
+    for limit in joint.findall("limit")[:1]:
+        lower, upper, effort, velocity = (
+            # some files mean no limit by 1.8e308
+            numbers(f"{where}: <limit> {key}", limit.get(key, "0"), 1, largest=math.inf)[0]
+            for key in _LIMIT
         )
+        if is_needed and (lower > upper or effort < 0 or velocity < 0):
+            raise RobotFileError(
+                f"{where}: <limit>: needs lower <= upper, effort and velocity of at least zero, got lower "
+                f"{lower:g}, upper {upper:g}, effort {effort:g}, velocity {velocity:g}"
+            )
 
 
 def check_link(link: ElementTree.Element, extent: float) -> None:

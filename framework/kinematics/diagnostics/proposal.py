@@ -158,15 +158,14 @@ def _proposed_at(known: Known, motions: _Motions, remarks: list[str], *, by_join
     if known.platform is not None:
         return Resolved(replace(description, platform=known.platform), tuple(remarks))
     for platform in _platforms(motions, description, tree):
-        robot = _robot_with(description, platform)
-        if robot is not None:
+        if _is_driven(description, platform):
             names = ", ".join(platform.names)
             remarks.append(f"platform: {names} of {platform.frame} (proposed)")
             return Resolved(replace(description, platform=platform), tuple(remarks))
     part = _part(description, tree)
     by_joint = list(_platforms_of_joints(motions, description, tree)) if by_joints else []
     for platform in by_joint:
-        if _robot_with(description, platform) is not None:
+        if _is_driven(description, platform):
             why = f"no body is moved by all of the motors{'; or ' * bool(part)}{part.removesuffix(', ')}"
             remarks.append(f"platform: the joints {', '.join(platform.names)} (proposed: {why})")
             return Resolved(replace(description, platform=platform), tuple(remarks))
@@ -385,18 +384,16 @@ def _twists(mechanism: Mechanism, data: pin.Data, frame: str) -> Array:
     return scaled_twists(mechanism, twist.reshape(6, mechanism.model.nv))
 
 
-def _robot_with(description: RobotDescription, platform: Platform) -> ParallelRobot | None:
-    """Return the robot with a platform, if all its axes move and nothing else does."""
+def _is_driven(description: RobotDescription, platform: Platform) -> bool:
+    """Whether all axes of a platform move and nothing else does."""
     try:
         robot = ParallelRobot.from_description(replace(description, platform=platform))
         mobility = mobility_of(robot)
-        stuck = platform_axes_of(robot, mobility.working - len(mobility.loose)).stuck_here
+        driven = mobility.working - len(mobility.loose)  # a loose one is idle, or nearly: see `_check_driven`
+        stuck = platform_axes_of(robot, driven).stuck_here
     except FrameworkError:
-        return None
-    driven = mobility.working - len(
-        mobility.loose
-    )  # a loose one is idle, or nearly: `_check_driven` has seen
-    return robot if robot.n == driven <= robot.n_a and not stuck else None
+        return False
+    return robot.n == driven <= robot.n_a and not stuck
 
 
 # ------------------------------------------------------------------ joints in no loop

@@ -19,6 +19,7 @@ from framework.model.urdf_elements import (
     Tree,
     declared_motors,
     local_name,
+    read_joint,
     read_tree,
 )
 from framework.model.urdf_writing import AXIS, joint_element, origin_element, remove_children
@@ -61,12 +62,14 @@ def _without_other_programs(root: ElementTree.Element, valid: Sequence[str]) -> 
 
 def merge_sharing(groups: Iterable[Iterable[str]]) -> list[list[str]]:
     """Merge groups that share members; merged ones stand where the last of them would."""
-    merged: list[list[str]] = []
+    unions: list[list[str]] = []
+    union_of: dict[str, list[str]] = {}
     for members in map(list, groups):
-        sharing = [group for group in merged if not set(group).isdisjoint(members)]
-        merged = [group for group in merged if group not in sharing]
-        merged.append(list(dict.fromkeys([*(name for group in sharing for name in group), *members])))
-    return merged
+        shared = [name for member in members for name in union_of.get(member, ())]
+        union = list(dict.fromkeys([*shared, *members]))
+        unions.append(union)
+        union_of |= dict.fromkeys(union, union)
+    return [union for union in unions if union and union_of[union[0]] is union]
 
 
 class UrdfTree(Tree):
@@ -250,10 +253,7 @@ class UrdfTree(Tree):
             )
             self.root.insert(position, element)
             position += 1
-            self.joints[name] = Joint(
-                element, name, "continuous", parent, child, origin, np.eye(3)["xyz".index(axis)]
-            )
-            self.parent_joint[child] = self.joints[name]
+            self.joints[name] = self.parent_joint[child] = read_joint(element, set(self.links))
             parent, origin = child, np.eye(4)
         return names
 
