@@ -116,6 +116,13 @@ def check_name(where: str, what: str, given: object, valid: Iterable[str]) -> No
         raise RobotFileError(f"{where}: {choose_from(what, given, valid)}")
 
 
+def check_unique(where: str, names: Sequence[str]) -> None:
+    """Raise RobotFileError for a name that is there twice; `where` starts the complaint."""
+    for name in names:
+        if names.count(name) > 1:
+            raise RobotFileError(f"{where}: duplicate {name!r}")
+
+
 _CUT = reprlib.Repr()  # cuts what nobody reads to its end
 _CUT.maxstring = _CUT.maxother = 200
 _SUGGESTED = 3  # names

@@ -117,7 +117,7 @@ def loop_rows(
         ends = (0, 0, False, coupling.turns)
         table.append((f"{coupling.name}.q", *ends, 0, 1, 1.0, 0.0, True, *coupling[1:5]))
     names, *columns = zip(*table, strict=True)
-    arrays = {
+    arrays: dict[str, Any] = {
         name: np.array(column, dtype=kind)
         for (name, kind), column in zip(_COLUMNS.items(), columns, strict=True)
     }

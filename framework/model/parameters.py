@@ -114,7 +114,7 @@ def _evaluated(expression: str, values: Mapping[str, float]) -> float:
 
 def _value(node: ast.expr, values: Mapping[str, float], place: str) -> float:
     if isinstance(node, ast.Constant) and type(node.value) in (int, float):
-        return float(node.value)
+        return float(node.value)  # type: ignore[arg-type]  # a number, and no truth value
     if isinstance(node, ast.Name):
         if node.id == "pi":
             return math.pi

@@ -35,7 +35,7 @@ def about(axis: Sequence[float] | Array, angle: float) -> Array:
     return np.asarray(np.eye(3) + math.sin(angle) * skew + (1.0 - math.cos(angle)) * skew @ skew)
 
 
-def from_rpy(rpy: Sequence[float]) -> Array:
+def from_rpy(rpy: Sequence[float] | Array) -> Array:
     """Return the rotation matrix of a URDF's roll, pitch and yaw."""
     roll, pitch, yaw = rpy
     return np.asarray(about((0, 0, 1), yaw) @ about((0, 1, 0), pitch) @ about((1, 0, 0), roll))

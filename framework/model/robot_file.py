@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from framework.errors import RobotFileError
+from framework.errors import RobotFileError, check_unique
 from framework.fields import (
     Reader,
     Table,
@@ -209,9 +209,7 @@ def _check_names(description: RobotDescription, urdf: Tree) -> None:
         "springs": [name for spring in description.springs for name in spring.coordinates],
     }
     for key, names in groups.items():
-        for name in names:
-            if names.count(name) > 1:
-                raise RobotFileError(f"{key}: duplicate {name!r}")
+        check_unique(key, names)
     for name in groups["springs"]:
         if name in urdf.joints:
             raise RobotFileError(f"springs: {name!r} is already a joint of the URDF")

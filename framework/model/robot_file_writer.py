@@ -23,7 +23,7 @@ from framework.model.description import (
     locked_axes,
 )
 from framework.model.robot_file import VERSION, read_robot_file
-from framework.model.urdf_elements import coordinates_of
+from framework.model.urdf_elements import read_tree
 from framework.output import written_together
 
 _KINDS = {locked_axes(kind): kind for kind in ("fixed", "spherical", "distance")}  # without an axis
@@ -103,9 +103,8 @@ def _actuator(actuator: Actuator) -> dict[str, Any]:
 def _joints(description: RobotDescription) -> dict[str, dict[str, float]]:
     """Return the entry `joints`: springs, damping, friction; a ball is one joint if its axes are alike."""
     written = {name: _joint(joint) for name, joint in description.joints.items()}
-    for joint in ElementTree.fromstring(description.urdf_text).findall("joint"):
-        name = joint.get("name", "")
-        names = coordinates_of(name, joint.get("type", ""))
+    for name, joint in read_tree(ElementTree.fromstring(description.urdf_text)).joints.items():
+        names = joint.coordinates
         values = [description.joints.get(coordinate) for coordinate in names]
         if len(names) > 1 and values[0] is not None and all(value == values[0] for value in values):
             written = {key: value for key, value in written.items() if key not in names}

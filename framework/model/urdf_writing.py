@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -14,8 +14,8 @@ AXIS = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
 
 
 def vector_text(values: Iterable[float]) -> str:
-    """Write numbers to their last digit."""
-    return " ".join(repr(float(value)) for value in values)
+    """Write numbers to their last digit, and zero without a sign."""
+    return " ".join(repr(float(value) + 0.0) for value in values)
 
 
 def origin_element(matrix: Array) -> ElementTree.Element:
@@ -56,7 +56,7 @@ def joint_element(
     return element
 
 
-def visual_element(shape: str, words: Mapping[str, str], place: Array) -> ElementTree.Element:
+def visual_element(shape: str, words: dict[str, str], place: Array) -> ElementTree.Element:
     """Return the `<visual>` of a primitive shape at a placement (4, 4)."""
     visual = ElementTree.Element("visual")
     visual.append(origin_element(place))

@@ -17,7 +17,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from framework.errors import RobotFileError, check_name, choose_from, short
+from framework.errors import RobotFileError, check_name, check_unique, choose_from, short
 from framework.model.description import Closure, ParsedRobot, locked_axes
 from framework.model.readers.describe import describe
 from framework.model.readers.missing_fields import Options, names_list
@@ -62,8 +62,7 @@ def read_pair(file: Path, content: Mapping[Any, Any], tree: UrdfTree, options: O
     motors = names_list("name_mot", content["name_mot"]) if "name_mot" in content else ()
     for i, name in enumerate(motors):
         check_name(f"name_mot[{i}]", "movable joint", name, tree.movable)
-        if motors.count(name) > 1:
-            raise RobotFileError(f"name_mot: duplicate {name!r}")
+    check_unique("name_mot", motors)
     return describe(tree, file, options, closures, motors=[Motor.on(name) for name in motors])
 
 
@@ -74,9 +73,8 @@ def _replace_joints(tree: UrdfTree, content: Mapping[Any, Any]) -> None:
         raise RobotFileError(
             f"joint_type: needs one entry a joint of joint_name ({len(names)}), got {len(kinds)}"
         )
+    check_unique("joint_name", names)
     for i, (name, kind) in enumerate(zip(names, kinds, strict=True)):
-        if names.count(name) > 1:
-            raise RobotFileError(f"joint_name: duplicate {name!r}")
         check_name(f"joint_name[{i}]", "joint", name, tree.joints)
         joint = tree.joints[name]
         if kind == "FIXED":

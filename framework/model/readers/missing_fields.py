@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-from framework.errors import RobotFileError, check_name, short
+from framework.errors import RobotFileError, check_name, check_unique, short
 from framework.model.description import AXES, Actuator, Platform, RobotDescription
 from framework.model.readers.urdf_tree import UrdfTree
 
@@ -114,8 +114,7 @@ def _actuators(
     by_joint = {actuator.joint: actuator for actuator in known}
     for name in motors:
         check_name("--motors", "movable joint", name, joints)
-        if list(motors).count(name) > 1:
-            raise RobotFileError(f"--motors: duplicate {name!r}")
+    check_unique("--motors", motors)
     if not motors:
         raise RobotFileError(f"--motors: needs at least one joint (valid: {_few(joints)})")
     return tuple(by_joint.get(name, Actuator(name)) for name in motors)

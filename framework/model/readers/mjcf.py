@@ -320,6 +320,7 @@ class _Model:
         for k in range(model.nactuator):
             target, kind, gear = int(model.actuator_trnid[k, 0]), model.actuator_trntype[k], self._gear(k)
             shares: Mapping[str, float] | None = None
+            acts_on: tuple[str, ...]
             name = self.name("actuator", k)
             if kind in _JOINT_MOTORS:
                 joint = self.joints[target]

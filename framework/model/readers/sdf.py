@@ -425,8 +425,8 @@ def _joint_elements(joint: _Joint, step: int) -> Iterator[ElementTree.Element]:
     """Yield the URDF's elements of a joint of the tree, from parent to child for step 1, else for -1."""
     origin, behind = joint.places[::step]
     parent, other = joint.links[::step]
-    turns = list(zip(_AXES.get(joint.kind, ()), joint.axes, strict=True))[::step]
-    for tag, axis in turns or [("", None)]:
+    turns: list[tuple[str, Array | None]] = [*zip(_AXES.get(joint.kind, ()), joint.axes, strict=True)]
+    for tag, axis in turns[::step] or [("", None)]:
         name = f"{joint.name}_2" if tag == "axis2" else joint.name
         child = f"{name}_link"
         yield ElementTree.Element("link", name=child)
@@ -445,7 +445,7 @@ def _joint_elements(joint: _Joint, step: int) -> Iterator[ElementTree.Element]:
 
 def _limits(joint: _Joint, tag: str) -> tuple[float, float] | None:
     """Return lower and upper limit [rad, m]; infinity is written in words or as a large number."""
-    where, ends = f"joint {joint.name!r}", []
+    where, ends = f"joint {joint.name!r}", list[float]()
     for end, default in (("lower", "-inf"), ("upper", "inf")):
         text = joint.element.findtext(f"{tag}/limit/{end}", default).lower()
         ends += numbers(f"{where}: <{end}>", text.replace("inf", f"{UNLIMITED:g}"), 1)

@@ -141,7 +141,7 @@ def _read_constraint(tree: UrdfTree, element: ElementTree.Element) -> Closure:
     has_two = kind == "universal" or element.find("child_axis") is not None
     axes = _axes(element, where, kind, ("parent_axis", "child_axis") if has_two else ("parent_axis",))
     if kind == "prismatic" and has_two:
-        apart = np.linalg.norm(np.cross(*axes)) / np.prod(np.linalg.norm(axes, axis=1))
+        apart = np.linalg.norm(np.cross(axes[0], axes[1])) / np.prod(np.linalg.norm(axes, axis=1))
         if apart > FILE_ROUNDING:
             raise RobotFileError(
                 f"{where}: <child_axis>: differs from <parent_axis>; a prismatic joint does not turn, so "
@@ -218,7 +218,7 @@ def read_urdf(
     ]
     independent = [joint.get("name", "") for joint in marked]
     tree = UrdfTree(root, tuple(_LOOPS))
-    loops = [(*_LOOPS[tag], element) for tag, element in zip(tree.extra_tags, tree.extra, strict=True)]
+    loops = [(*_LOOPS[local_name(element.tag)], element) for element in tree.extra]
     closures = [closure for _, read, element in loops if (closure := read(tree, element)) is not None]
     closures += _gazebo_joints(tree)
     framed = _closing_frames(tree)

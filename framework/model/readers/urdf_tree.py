@@ -89,7 +89,6 @@ class UrdfTree(Tree):
             ElementTree.SubElement(root, "link", name="world")  # Drake's, which need not be declared
         self.skipped = _without_other_programs(root, (*_PLAIN, *extra))
         self.extra = [element for element in root if local_name(element.tag) in extra]
-        self.extra_tags = [local_name(element.tag) for element in self.extra]
         self.motors = declared_motors(root)
         for element in self.extra:
             root.remove(element)
@@ -170,7 +169,7 @@ class UrdfTree(Tree):
         other kinds they are z, one may stand for both, and a kind without an axis needs none.
         """
         letters = "xy" if kind == "universal" else "zz"
-        turns = [turning(*pair) for pair in zip(letters, 2 * tuple(axes), strict=False)] or [None, None]
+        turns = [turning(*pair) for pair in zip(letters, 2 * tuple(axes), strict=False)] or 2 * [np.eye(3)]
         first, second = (
             self.frame_at(f"{name}_{suffix}", link, place @ placement(turn))
             for (suffix, link, place), turn in zip(ends, turns, strict=True)
