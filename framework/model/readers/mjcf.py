@@ -66,23 +66,23 @@ def read_mjcf(file: Path, root: ElementTree.Element, options: Options) -> Parsed
         for k, place in enumerate(_places(compiled.site_pos, compiled.site_quat))
     ]
     items = [*model.loops(tree, sites), *model.motors(), *model.left_out()]
-    motors, reference = _of(Motor, items), model.reference()
+    motors, reference = _select_kind(Motor, items), model.reference()
     return describe(
         tree,
         file,
         options,
-        _of(Closure, items),
-        couplings=_of(Coupling, items),
+        _select_kind(Closure, items),
+        couplings=_select_kind(Coupling, items),
         motors=motors,
         pulls=model.pulls(motors),
         joints=model.acting(),
         gravity=tuple(compiled.opt.gravity.tolist()),
         reference={name: value for name, value in reference.items() if name in tree.coordinates},
-        left_out=[*left_out, *_of(LeftOut, items)],
+        left_out=[*left_out, *_select_kind(LeftOut, items)],
     )._replace(dialect="mjcf")
 
 
-def _of(kind: type[T], items: Iterable[object]) -> list[T]:
+def _select_kind(kind: type[T], items: Iterable[object]) -> list[T]:
     """Return the items of a kind."""
     return [item for item in items if isinstance(item, kind)]
 

@@ -147,7 +147,7 @@ def read_sdf(file: Path, root: ElementTree.Element, options: Options) -> ParsedR
     )._replace(dialect="sdf")
 
 
-def _scoped(prefix: str, name: str) -> str:
+def _scope_name(prefix: str, name: str) -> str:
     """Return the scoped name of what is named in a model."""
     return name if name == WORLD else prefix + name
 
@@ -222,7 +222,7 @@ def _add_content(scope: Scope, model: ElementTree.Element, folder: Path, prefix:
             scope.links[name] = element
         elif tag == "frame":
             to = element.get("attached_to")
-            default = scope.attached[name] = _scoped(prefix, to) if to else base
+            default = scope.attached[name] = _scope_name(prefix, to) if to else base
         else:
             element.set("scope", prefix)
             scope.joints[name] = element
@@ -258,7 +258,7 @@ def _named(joint: ElementTree.Element, end: str) -> str:
     name = (joint.findtext(end) or "").strip()
     if not name:
         raise RobotFileError(f"joint {joint.get('name')!r}: <{end}> is missing")
-    return _scoped(joint.get("scope", ""), name)
+    return _scope_name(joint.get("scope", ""), name)
 
 
 def _pose(element: ElementTree.Element, prefix: str, default: str, where: str) -> tuple[str, Array]:
@@ -274,7 +274,7 @@ def _pose(element: ElementTree.Element, prefix: str, default: str, where: str) -
         matrix = from_quaternion(*np.roll(turn, 1))
     else:
         matrix = from_rpy(np.radians(turn) if pose.get("degrees") in ("true", "1") else turn)
-    return _scoped(prefix, to) if to else default, placement(matrix, position)
+    return _scope_name(prefix, to) if to else default, placement(matrix, position)
 
 
 # ------------------------------------------------------------------ joints
@@ -317,7 +317,7 @@ def _axis(scope: Scope, name: str, tag: str) -> Array:
     in_model = (joint.findtext(f"{tag}/use_parent_model_frame") or "").strip() in ("true", "1")
     if not within and not in_model and scope.version >= _VERSION_OF_JOINT_AXES:
         return axis
-    frame = scope.place(_scoped(joint.get("scope", ""), within or MODEL))
+    frame = scope.place(_scope_name(joint.get("scope", ""), within or MODEL))
     return np.asarray(scope.place(f"joint {name}")[:3, :3].T @ frame[:3, :3] @ axis)
 
 
