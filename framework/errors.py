@@ -112,6 +112,19 @@ def choose_from(what: str, given: object, valid: Iterable[str]) -> str:
     return f"unknown {what} {_CUT.repr(given)}{hint} (valid: {listed}{more})"
 
 
+def check_name(where: str, what: str, given: object, valid: Iterable[str]) -> None:
+    """Raise RobotFileError unless a name is one of the valid; `where` starts the complaint."""
+    if given not in valid:
+        raise RobotFileError(f"{where}: {choose_from(what, given, valid)}")
+
+
+def check_unique(where: str, names: Sequence[str]) -> None:
+    """Raise RobotFileError for a name that is there twice; `where` starts the complaint."""
+    for name in names:
+        if names.count(name) > 1:
+            raise RobotFileError(f"{where}: duplicate {name!r}")
+
+
 _CUT = reprlib.Repr()  # cuts what nobody reads to its end
 _CUT.maxstring = _CUT.maxother = 200
 _SUGGESTED = 3  # names

@@ -33,6 +33,13 @@ Rounding leaves 1e-15. At 1e-11 parts of 1e-11 of the mass count as massless, an
 highest as zero; at 1e-13 rounding of large robots comes near.
 """
 
+ALIKE_CHOICES = 1e-3
+"""Relative difference of the least singular values of two choices of motors that are alike.
+
+Mirrored choices of a symmetric robot differ by what its file rounds, 1e-6; at 1e-2 choices are called alike
+that a person tells apart by their lever arms.
+"""
+
 FILE_ROUNDING = 1e-6
 """A number of a file against the one it stands for: axes that are parallel, loops that are closed, at rest.
 

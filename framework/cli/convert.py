@@ -54,8 +54,7 @@ def _dry_friction(parsed: ParsedRobot) -> str:
     """Return each size of dry friction of joints without a motor, its unit and the joints, as text."""
     slides = {joint.get("name") for joint in parsed.urdf.findall("joint") if joint.get("type") == "prismatic"}
     joints = defaultdict[str, list[str]](list)
-    driven = {actuator.joint for actuator in parsed.description.actuators}  # theirs is planned with
     for name, acting in parsed.description.joints.items():
-        if acting.friction and name not in driven:
+        if acting.friction and name not in parsed.description.motor_joints:  # theirs is planned with
             joints[f"{acting.friction:g} {'N' if name in slides else 'N m'}"].append(name)
     return "; ".join(f"{', '.join(names)} {size} each" for size, names in joints.items())

@@ -17,7 +17,6 @@ Source: MuJoCo's documentation, chapter "XML Reference". Loops are as hard as th
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterable
 
 import numpy as np
 import pinocchio as pin
@@ -27,6 +26,7 @@ from framework.dynamics.tangent_stiffness import spring_stiffness
 from framework.export.mjcf_loops import OFF_ORIGIN, equality_axes, frame_names
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import is_ball, positions_beyond_limits
+from framework.model.urdf_writing import vector_text
 
 MIN_MASS, MIN_INERTIA = 1e-9, 1e-12  # [kg], [kg m^2] of bodies without; MuJoCo refuses less than 1e-15
 TIME_STEP = 1e-3  # [s]
@@ -51,7 +51,7 @@ def mjcf_text(robot: ParallelRobot) -> str:
         root,
         "option",
         timestep=repr(TIME_STEP),
-        gravity=_numbers(robot.model.gravity.linear),
+        gravity=vector_text(robot.model.gravity.linear),
         integrator="implicitfast",
     )
     bodies = [ElementTree.SubElement(root, "worldbody")]
@@ -62,7 +62,7 @@ def mjcf_text(robot: ParallelRobot) -> str:
     _add_loops(robot, root, bodies)
     _add_motors(robot, root)
     keys = ElementTree.SubElement(root, "keyframe")
-    ElementTree.SubElement(keys, "key", name="reference", qpos=_numbers(qpos_of(robot.model, q)))
+    ElementTree.SubElement(keys, "key", name="reference", qpos=vector_text(qpos_of(robot.model, q)))
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode") + "\n"
 
@@ -89,7 +89,7 @@ def _add_motors(robot: ParallelRobot, root: ElementTree.Element) -> None:
     for motor in robot.description.actuators:
         words = {"name": f"{motor.joint}_torque", "joint": motor.joint, "gear": repr(float(motor.gear_ratio))}
         if motor.torque_limit is not None:
-            limit = _numbers([-motor.torque_limit, motor.torque_limit])
+            limit = vector_text([-motor.torque_limit, motor.torque_limit])
             words |= {"ctrllimited": "true", "ctrlrange": limit, "forcelimited": "true", "forcerange": limit}
         ElementTree.SubElement(actuator, "motor", words)
         if motor.speed_limit is not None:
@@ -110,7 +110,7 @@ def _body(robot: ParallelRobot, data: pin.Data, j: int, parent: ElementTree.Elem
     if not is_ball(model.joints[j]):
         linear, angular = np.split(np.asarray(data.joints[j].S).ravel(), 2)  # the axis, fixed in the joint
         slides = np.linalg.norm(angular) == 0
-        joint |= {"type": "slide" if slides else "hinge", "axis": _numbers(linear if slides else angular)}
+        joint |= {"type": "slide" if slides else "hinge", "axis": vector_text(linear if slides else angular)}
     armature = model.armature.copy()
     armature[robot.actuated] += robot.rotor_inertia * robot.gear_ratio**2
     for key, value in (
@@ -124,16 +124,16 @@ def _body(robot: ParallelRobot, data: pin.Data, j: int, parent: ElementTree.Elem
             joint[key] = repr(float(value))
     for limit in robot.limits:
         if limit.joint == name and name not in ranges_left_out(robot):
-            joint |= {"limited": "true", "range": _numbers([limit.lower, limit.upper])}
+            joint |= {"limited": "true", "range": vector_text([limit.lower, limit.upper])}
     ElementTree.SubElement(body, "joint", joint)
     inertia = model.inertias[j]
     moments = _accepted(inertia.inertia)
     ElementTree.SubElement(
         body,
         "inertial",
-        pos=_numbers(inertia.lever),
+        pos=vector_text(inertia.lever),
         mass=repr(max(float(inertia.mass), MIN_MASS)),
-        fullinertia=_numbers(moments[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]),
+        fullinertia=vector_text(moments[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]),
     )
     return body
 
@@ -177,14 +177,13 @@ def _add_loops(robot: ParallelRobot, root: ElementTree.Element, bodies: list[Ele
             ElementTree.SubElement(equality, "connect", joined | hard)
     for coupling in robot.description.couplings:
         joined = {"name": coupling.name, "joint1": coupling.joint, "joint2": coupling.of}
-        polynomial = _numbers([coupling.offset, coupling.ratio, 0, 0, 0])
+        polynomial = vector_text([coupling.offset, coupling.ratio, 0, 0, 0])
         ElementTree.SubElement(equality, "joint", joined | {"polycoef": polynomial} | hard)
 
 
 def _placed(placement: pin.SE3) -> dict[str, str]:
-    place = pin.SE3ToXYZQUAT(placement)
-    return {"pos": _numbers(place[:3]), "quat": _numbers(place[[6, 3, 4, 5]])}
-
-
-def _numbers(values: Iterable[float] | Array) -> str:
-    return " ".join(repr(float(value) + 0.0) for value in values)
+    turned = pin.Quaternion(placement.rotation)
+    return {
+        "pos": vector_text(placement.translation),
+        "quat": vector_text([turned.w, turned.x, turned.y, turned.z]),
+    }

@@ -62,7 +62,7 @@ class ParallelRobot(Mechanism):
         poses = (closed.q, *nearby_configurations(mechanism, closed.q))
         attitudes = frames_at(mechanism, np.stack(poses)).rotation[:, 0]
         platform = PlatformCoordinates.of(description.platform, mechanism.model).charted(attitudes)
-        actuated = columns_of(mechanism.model, (actuator.joint for actuator in description.actuators))
+        actuated = columns_of(mechanism.model, description.motor_joints)
         passive = np.setdiff1d(mechanism.joints, actuated)
         matrices = [motion_matrix(mechanism, platform, q) for q in poses]
         singular = singular_reference(mechanism, passive, poses, matrices)
@@ -127,7 +127,7 @@ class ParallelRobot(Mechanism):
 
     @cached_property
     def actuator_names(self) -> tuple[str, ...]:
-        return tuple(actuator.joint for actuator in self.description.actuators)
+        return self.description.motor_joints
 
     @property
     def axis_units(self) -> list[str]:

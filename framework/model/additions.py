@@ -6,16 +6,17 @@ All are written into the URDF, so that everything downstream sees one tree of on
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
-from framework.errors import RobotFileError, choose_from
-from framework.model.urdf_elements import MOVING
-from framework.model.urdf_writing import AXIS, joint_element, vector_text
+from framework.errors import check_name
+from framework.model.placement import about, placement
+from framework.model.urdf_elements import MOVING, SEVERAL, Joint, read_tree
+from framework.model.urdf_writing import AXIS, joint_element, origin_element, remove_children, vector_text
 
 GROUND = "ground"
 ROOT_JOINTS = ("root_x", "root_y", "root_z", "root_rz", "root_ry", "root_rx")
@@ -70,37 +71,28 @@ def lock_joints(root: ElementTree.Element, locked: Mapping[str, float]) -> None:
     Raises:
         RobotFileError: a name is not that of a revolute, continuous or prismatic joint.
     """
-    joints = {joint.get("name", ""): joint for joint in root.findall("joint")}
-    movable = [name for name, joint in joints.items() if joint.get("type") in MOVING]
+    joints = read_tree(root).joints
+    movable = [name for name, joint in joints.items() if joint.kind in MOVING]
     for name, value in locked.items():
-        if name not in movable:
-            raise RobotFileError(f"locked.{name}: {choose_from('joint', name, movable)}")
-        _fix(joints[name], value)
+        check_name(f"locked.{name}", "joint", name, movable)
+        fix_joint(joints[name], value)
 
 
-def _fix(joint: ElementTree.Element, value: float) -> None:
-    """Make a joint fixed, its origin moved along with its coordinate."""
-    if value != 0.0:
-        found, axis = joint.find("origin"), joint.find("axis")
-        origin = found if found is not None else ElementTree.SubElement(joint, "origin")
-        place = pin.SE3(
-            pin.rpy.rpyToMatrix(_numbers(origin.get("rpy", "0 0 0"))), _numbers(origin.get("xyz", "0 0 0"))
-        )
-        direction = _numbers("1 0 0" if axis is None else axis.get("xyz", "1 0 0"))
-        motion = np.zeros(6)
-        part = slice(0, 3) if joint.get("type") == "prismatic" else slice(3, 6)
-        motion[part] = value * direction / np.linalg.norm(direction)
-        place = place * pin.exp6(motion)
-        origin.set("xyz", vector_text(place.translation))
-        origin.set("rpy", vector_text(pin.rpy.matrixToRpy(place.rotation)))
-    joint.set("type", "fixed")
-    for tag in ("axis", "limit", "mimic"):
-        for element in joint.findall(tag):
-            joint.remove(element)
-
-
-def _numbers(text: str) -> np.ndarray:
-    return np.array([float(part) for part in text.split()])
+def fix_joint(joint: Joint, *values: float) -> None:
+    """Make a joint fixed, its origin moved along with its coordinates [rad, m]."""
+    if joint.kind in SEVERAL:
+        *along, x, y, z = values
+        angle = math.hypot(x, y, z)
+        motion = placement(about((x, y, z), angle) if angle else None, along or (0.0, 0.0, 0.0))
+    elif joint.kind == "prismatic":
+        motion = placement(None, values[0] * joint.axis / np.linalg.norm(joint.axis))
+    else:
+        motion = placement(about(joint.axis, values[0]))
+    joint.origin = joint.origin @ motion
+    joint.kind = "fixed"
+    joint.element.set("type", "fixed")
+    remove_children(joint.element, "axis", "limit", "mimic", "origin")
+    joint.element.append(origin_element(joint.origin))
 
 
 def free_root(root: ElementTree.Element) -> None:

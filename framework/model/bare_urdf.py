@@ -8,11 +8,15 @@ joints with their origin, axis and limit, and each number as Python has read it.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping, Sequence
 
 from framework.model.urdf_elements import MOVING
+from framework.model.urdf_writing import vector_text
 
-_INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-_LIMIT = ("lower", "upper", "effort", "velocity")
+# attributes of numbers, by tag
+_ORIGIN = {"origin": ("xyz", "rpy")}
+_INERTIAL = {**_ORIGIN, "mass": ("value",), "inertia": ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")}
+_MOVING = {**_ORIGIN, "axis": ("xyz",), "limit": ("lower", "upper", "effort", "velocity")}
 
 
 def bare_urdf(root: ElementTree.Element) -> ElementTree.Element:
@@ -25,27 +29,24 @@ def bare_urdf(root: ElementTree.Element) -> ElementTree.Element:
         copy = ElementTree.SubElement(bare, "link", name=link.get("name", ""))
         inertial = link.find("inertial")
         if inertial is not None:
-            within = ElementTree.SubElement(copy, "inertial")
-            _copy(inertial, within, "origin", ("xyz", "rpy"))
-            _copy(inertial, within, "mass", ("value",))
-            _copy(inertial, within, "inertia", _INERTIA)
+            _copy(inertial, ElementTree.SubElement(copy, "inertial"), _INERTIAL)
     for joint in root.findall("joint"):
         copy = ElementTree.SubElement(bare, "joint", name=joint.get("name", ""), type=joint.get("type", ""))
         for end in ("parent", "child"):
             ends = joint.find(end)
             assert ends is not None  # checked by the reader
             ElementTree.SubElement(copy, end, link=ends.get("link", ""))
-        _copy(joint, copy, "origin", ("xyz", "rpy"))
-        if joint.get("type") in MOVING:
-            _copy(joint, copy, "axis", ("xyz",))
-            _copy(joint, copy, "limit", _LIMIT)
+        _copy(joint, copy, _MOVING if joint.get("type") in MOVING else _ORIGIN)
     return bare
 
 
-def _copy(source: ElementTree.Element, target: ElementTree.Element, tag: str, keys: tuple[str, ...]) -> None:
-    """Copy a child with these attributes, all of numbers, if it is there."""
-    element = source.find(tag)
-    if element is not None:
-        values = {key: element.get(key, "").split() for key in keys if key in element.attrib}
-        numbers = {key: " ".join(repr(float(part)) for part in parts) for key, parts in values.items()}
-        ElementTree.SubElement(target, tag, numbers)
+def _copy(
+    source: ElementTree.Element, target: ElementTree.Element, tables: Mapping[str, Sequence[str]]
+) -> None:
+    """Copy the children with these tags that are there, with these attributes."""
+    for tag, keys in tables.items():
+        element = source.find(tag)
+        if element is not None:
+            texts = {key: element.get(key, "").split() for key in keys if key in element.attrib}
+            numbers = {key: vector_text(map(float, parts)) for key, parts in texts.items()}
+            ElementTree.SubElement(target, tag, numbers)

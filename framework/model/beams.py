@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ElementTree
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -77,11 +77,7 @@ class Section:
     shear_z: float | None = None
 
     def __post_init__(self) -> None:
-        _positive(A=self.A, Iy=self.Iy, Iz=self.Iz, J=self.J)
-        if self.shear_y is not None:
-            _positive(shear_y=self.shear_y)
-        if self.shear_z is not None:
-            _positive(shear_z=self.shear_z)
+        _positive(**{name: value for name, value in asdict(self).items() if value is not None})
 
     @staticmethod
     def tube(outer: float, inner: float = 0.0, shear: float | None = None) -> Section:

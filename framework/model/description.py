@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -142,6 +142,26 @@ class JointDynamics:
     stiffness: float = 0.0
     rest: float = 0.0
 
+    def seen_through(self, ratio: float) -> JointDynamics:
+        """Return what acts along a coordinate whose motion times `ratio` is that of this one."""
+        square, rest = ratio * ratio, self.rest / ratio if self.stiffness else 0.0
+        friction = abs(ratio) * self.friction
+        return JointDynamics(
+            square * self.armature, square * self.damping, friction, square * self.stiffness, rest
+        )
+
+    def __add__(self, other: JointDynamics) -> JointDynamics:
+        """Return what acts where both do."""
+        stiffness = self.stiffness + other.stiffness
+        moment = self.stiffness * self.rest + other.stiffness * other.rest
+        return JointDynamics(
+            self.armature + other.armature,
+            self.damping + other.damping,
+            self.friction + other.friction,
+            stiffness,
+            moment / stiffness if stiffness else 0.0,
+        )
+
 
 @dataclass(frozen=True)
 class Coupling:
@@ -159,6 +179,17 @@ class Coupling:
     def name(self) -> str:
         """Name of its loop equation."""
         return f"{self.joint}_of_{self.of}"
+
+
+def locked_by_couplings(couplings: Iterable[Coupling], locked: Mapping[str, float]) -> dict[str, float]:
+    """Return the joints that couplings hold with locked ones, and where [rad, m]."""
+    more = {}
+    for coupling in couplings:
+        if coupling.of in locked and coupling.joint not in locked:
+            more[coupling.joint] = coupling.ratio * locked[coupling.of] + coupling.offset
+        elif coupling.joint in locked and coupling.of not in locked and coupling.ratio:
+            more[coupling.of] = (locked[coupling.joint] - coupling.offset) / coupling.ratio
+    return more
 
 
 @dataclass(frozen=True)
@@ -208,6 +239,11 @@ class RobotDescription:
     scenes: Mapping[str, Scene] = field(default_factory=dict)
     parameters: Mapping[str, float] = field(default_factory=dict)  # the values that its file was read with
     left_out: tuple[str, ...] = ()  # what acts by the file that it was converted from, and is not in this one
+
+    @property
+    def motor_joints(self) -> tuple[str, ...]:
+        """Names of the joints with a motor."""
+        return tuple(actuator.joint for actuator in self.actuators)
 
     def least_flexibility(self, flexibility: str) -> str:
         """Return the least flexibility with the springs of this one: rigid for a robot without springs.

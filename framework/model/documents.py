@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import reprlib
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Hashable, Iterator
@@ -47,12 +48,28 @@ def parse_xml(text: str) -> ElementTree.Element:
         RobotFileError: it has one (entities can grow without bound), has more than MAX_XML_ELEMENTS elements,
             or is not well-formed.
     """
+    text = text.lstrip(LEADING_BLANKS)
     try:
-        return ElementTree.fromstring(text.lstrip(LEADING_BLANKS), ElementTree.XMLParser(target=_Builder()))
+        return _parsed(text)
     except (ElementTree.ParseError, ValueError) as error:
         if isinstance(error, RobotFileError):
             raise
-        raise RobotFileError(f"not well-formed XML: {error}") from None
+        try:
+            return _parsed(_mended(text))
+        except (ElementTree.ParseError, ValueError):
+            raise RobotFileError(f"not well-formed XML: {error}") from None
+
+
+def _parsed(text: str) -> ElementTree.Element:
+    return ElementTree.fromstring(text, ElementTree.XMLParser(target=_Builder()))
+
+
+def _mended(text: str) -> str:
+    """Return an XML text with prefixes declared and comments emptied, as other parsers take them."""
+    text = re.sub(r"<!--.*?-->", lambda comment: "\n" * comment[0].count("\n"), text, flags=re.DOTALL)
+    used = set(re.findall(r"[<\s]/?([A-Za-z_][\w.-]*):[A-Za-z_][\w.-]*(?=[\s=/>])", text)) - {"xml", "xmlns"}
+    new = "".join(f' xmlns:{name}="{name}"' for name in sorted(used) if f"xmlns:{name}" not in text)
+    return re.sub(r"<[A-Za-z_][\w.:-]*", lambda tag: tag[0] + new, text, count=1)
 
 
 class _Builder(ElementTree.TreeBuilder):

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 from framework.model.description import RobotDescription
 from framework.model.urdf import check_urdf
+from framework.model.urdf_writing import remove_children
 
 BODIES = ("none", "payload", "all")
 
@@ -64,9 +65,8 @@ def with_bodies(description: RobotDescription, bodies: str) -> RobotDescription:
     root = ElementTree.fromstring(description.urdf_text)
     kept = _payload(description, root) if bodies == "payload" else frozenset[str]()
     for link in root.findall("link"):
-        inertial = link.find("inertial")
-        if inertial is not None and link.get("name") not in kept:
-            link.remove(inertial)
+        if link.get("name") not in kept:
+            remove_children(link, "inertial")
     return replace(
         description,
         urdf_text=ElementTree.tostring(root, encoding="unicode"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,6 +82,23 @@ class LoopRows(ReadOnlyArrays):
         return LoopRows(**{name: table[rows] for name, table in tables.items()}, names=names)
 
 
+_COLUMNS = {
+    "first": np.intp,
+    "second": np.intp,
+    "distance": np.bool_,
+    "rotation": np.bool_,
+    "first_axis": np.intp,
+    "second_axis": np.intp,
+    "sign": float,
+    "length": float,
+    "coupled": np.bool_,
+    "columns": np.intp,
+    "places": np.intp,
+    "ratio": float,
+    "offset": float,
+}
+
+
 class CoupledJoints(NamedTuple):
     """A coupling q_a = ratio q_b + offset with the places of its joints a and b."""
 
@@ -97,8 +114,8 @@ def loop_rows(
     closures: Sequence[Closure], frames: Sequence[str], couplings: Sequence[CoupledJoints] = ()
 ) -> LoopRows:
     """Make one row for each locked axis of each closure, and one a coupling; `frames` are the mechanism's."""
-    table: list[tuple[float, ...]] = []
-    names: list[str] = []
+    table: list[tuple[Any, ...]] = []
+    uncoupled = (False, (0, 0), (0, 0), 0.0, 0.0)
     for closure in closures:
         first, second = (frames.index(name) for name in closure.frames)
         locked = {AXES.index(axis) - 3 for axis in closure.axes if axis.startswith("r")}
@@ -106,30 +123,17 @@ def loop_rows(
             distance, rotation = axis == "distance", axis.startswith("r")
             k = 0 if distance else "xyz".index(axis[-1])
             pair = _perpendicular_pair(k, locked) if rotation else (k, 0, 1.0)
-            table.append((first, second, distance, rotation, *pair, closure.length or 1.0))
-            names.append(f"{closure.name}.{axis}")
+            ends = (first, second, distance, rotation)
+            table.append((f"{closure.name}.{axis}", *ends, *pair, closure.length or 1.0, *uncoupled))
     for coupling in couplings:  # two axes of one frame stay perpendicular, its origin where it is
-        table.append((0, 0, False, coupling.turns, 0, 1, 1.0, 1.0))
-        names.append(f"{coupling.name}.q")
-    columns = np.array(table).T
-    first_frame, second_frame, first_axis, second_axis = columns[[0, 1, 4, 5]].astype(np.intp)
-    none = [(0, 0)] * (len(table) - len(couplings))
-    return LoopRows(
-        first=first_frame,
-        second=second_frame,
-        distance=columns[2] > 0,
-        rotation=columns[3] > 0,
-        first_axis=first_axis,
-        second_axis=second_axis,
-        sign=columns[6],
-        length=columns[7],
-        coupled=np.arange(len(table)) >= len(none),
-        columns=np.array([*none, *(coupling.columns for coupling in couplings)], dtype=np.intp),
-        places=np.array([*none, *(coupling.places for coupling in couplings)], dtype=np.intp),
-        ratio=np.array([0.0] * len(none) + [coupling.ratio for coupling in couplings]),
-        offset=np.array([0.0] * len(none) + [coupling.offset for coupling in couplings]),
-        names=tuple(names),
-    )
+        ends = (0, 0, False, coupling.turns)
+        table.append((f"{coupling.name}.q", *ends, 0, 1, 1.0, 1.0, True, *coupling[1:5]))
+    names, *columns = zip(*table, strict=True)
+    arrays: dict[str, Any] = {
+        name: np.array(column, dtype=kind)
+        for (name, kind), column in zip(_COLUMNS.items(), columns, strict=True)
+    }
+    return LoopRows(**arrays, names=names)
 
 
 def _perpendicular_pair(locked_axis: int, locked: set[int]) -> tuple[int, int, float]:

@@ -16,7 +16,7 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from framework.errors import RobotFileError, choose_from, short
+from framework.errors import RobotFileError, check_name, choose_from, short
 from framework.model.documents import parse_yaml
 
 PLACEHOLDER = re.compile(r"\$\{([^{}]*)\}")
@@ -113,23 +113,17 @@ def _evaluated(expression: str, values: Mapping[str, float]) -> float:
 
 
 def _value(node: ast.expr, values: Mapping[str, float], place: str) -> float:
-    if (
-        isinstance(node, ast.Constant)
-        and isinstance(node.value, int | float)
-        and not isinstance(node.value, bool)
-    ):
-        return float(node.value)
+    if isinstance(node, ast.Constant) and type(node.value) in (int, float):
+        return float(node.value)  # type: ignore[arg-type]  # a number, and no truth value
     if isinstance(node, ast.Name):
         if node.id == "pi":
             return math.pi
-        if node.id not in values:
-            raise RobotFileError(f"{place}: {choose_from('parameter', node.id, values)}")
+        check_name(place, "parameter", node.id, values)
         return values[node.id]
     if isinstance(node, ast.BinOp | ast.UnaryOp) and type(node.op) in _OPERATORS:
         parts = (node.left, node.right) if isinstance(node, ast.BinOp) else (node.operand,)
         return _OPERATORS[type(node.op)](*(_value(part, values, place) for part in parts))
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
-        if node.func.id not in _FUNCTIONS:
-            raise RobotFileError(f"{place}: {choose_from('function', node.func.id, _FUNCTIONS)}")
+        check_name(place, "function", node.func.id, _FUNCTIONS)
         return _FUNCTIONS[node.func.id](*(_value(part, values, place) for part in node.args))
     raise RobotFileError(f"{place}: only numbers, parameters, + - * / **, parentheses and functions")

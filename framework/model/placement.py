@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+import pinocchio as pin
 
 from framework.arrays import Array
 
@@ -34,7 +35,7 @@ def about(axis: Sequence[float] | Array, angle: float) -> Array:
     return np.asarray(np.eye(3) + math.sin(angle) * skew + (1.0 - math.cos(angle)) * skew @ skew)
 
 
-def from_rpy(rpy: Sequence[float]) -> Array:
+def from_rpy(rpy: Sequence[float] | Array) -> Array:
     """Return the rotation matrix of a URDF's roll, pitch and yaw."""
     roll, pitch, yaw = rpy
     return np.asarray(about((0, 0, 1), yaw) @ about((0, 1, 0), pitch) @ about((1, 0, 0), roll))
@@ -54,14 +55,7 @@ def to_rpy(rotation: Array) -> Vector3:
 
 def from_quaternion(w: float, x: float, y: float, z: float) -> Array:
     """Return the rotation matrix of a quaternion of any length but zero."""
-    w, x, y, z = np.array([w, x, y, z]) / math.hypot(w, x, y, z)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    return np.asarray(pin.Quaternion(w, x, y, z).normalized().toRotationMatrix())
 
 
 def turning(name: str, axis: Sequence[float] | Array) -> Array:

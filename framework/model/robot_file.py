@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from framework.errors import RobotFileError
+from framework.errors import RobotFileError, check_unique
 from framework.fields import (
     Reader,
     Table,
@@ -34,14 +34,14 @@ from framework.fields import (
 )
 from framework.input import read_text
 from framework.model.additions import AddedFrame, add_frames, free_root, lock_joints
-from framework.model.description import ParsedRobot, RobotDescription, Spring
+from framework.model.description import ParsedRobot, RobotDescription, Spring, locked_by_couplings
 from framework.model.documents import LEADING_BLANKS, naming, parse_xml, parse_yaml
 from framework.model.inertia import check_inertia
 from framework.model.parameters import filled, with_parameters
 from framework.model.robot_keys import JointSpring, joint_dynamics, robot_table
 from framework.model.spring_joints import virtual_link
-from framework.model.urdf import Urdf, check_urdf, locate_urdf
-from framework.model.urdf_elements import MOVING, declared_couplings, declared_dynamics
+from framework.model.urdf import check_urdf, locate_urdf
+from framework.model.urdf_elements import MOVING, Tree, declared_couplings, declared_dynamics
 
 VERSION = 1
 
@@ -68,13 +68,19 @@ def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> Pa
     """
     tree = read_table("", content, _TREE, others=None)
     urdf_text, root, urdf = _urdf(path.parent, tree, parameters)
+    locked = tree["locked"]
     with naming(f"urdf: {tree['urdf']}"):
-        mimicked = declared_couplings(root)
-    table = robot_table(urdf, is_coupled="couplings" in content or bool(mimicked))
+        mimicked = declared_couplings(root, locked)
+    table = robot_table(urdf, is_coupled="couplings" in content or bool(mimicked), locked=tuple(locked))
     robot = read_table("", content, table, others=_TREE)
     coupled = [coupling.joint for coupling in robot["couplings"]]
     robot["couplings"] += tuple(coupling for coupling in mimicked if coupling.joint not in coupled)
-    springs, joints = robot.pop("springs"), robot.pop("joints")
+    if more := locked_by_couplings(robot["couplings"], locked):
+        return parse_robot(path, {**content, "locked": {**locked, **more}}, parameters)
+    robot["couplings"] = tuple(coupling for coupling in robot["couplings"] if coupling.joint not in locked)
+    robot["reference"] = {name: value for name, value in robot["reference"].items() if name not in locked}
+    springs = [spring for spring in robot.pop("springs") if not _is_locked(spring, locked)]
+    joints = {name: said for name, said in robot.pop("joints").items() if name not in locked}
     for spring in springs:
         if isinstance(spring, JointSpring):
             _add_spring(joints, spring)
@@ -90,6 +96,13 @@ def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> Pa
     _check_scenes(description)
     _check_names(description, urdf)
     return ParsedRobot(description, root)
+
+
+def _is_locked(spring: Spring | JointSpring, locked: Mapping[str, float]) -> bool:
+    """Whether a spring is along the motion of a locked joint."""
+    if isinstance(spring, JointSpring):
+        return spring.joint in locked
+    return spring.after in locked and not spring.motion
 
 
 def _add_spring(joints: dict[str, dict[str, float]], spring: JointSpring) -> None:
@@ -126,7 +139,7 @@ _TREE: Table = {
 
 def _urdf(
     folder: Path, tree: Mapping[str, Any], parameters: Mapping[str, float]
-) -> tuple[str, ElementTree.Element, Urdf]:
+) -> tuple[str, ElementTree.Element, Tree]:
     """Return the URDF with the robot file's changes, as text and parsed, and its names."""
     path = locate_urdf(folder, tree["urdf"])
     urdf_text = read_text(path, f"urdf: cannot read {path}", error=RobotFileError).lstrip(LEADING_BLANKS)
@@ -148,7 +161,7 @@ def _urdf(
     return ElementTree.tostring(root, encoding="unicode"), root, urdf
 
 
-def _added_frame(urdf: Urdf) -> Reader[AddedFrame]:
+def _added_frame(urdf: Tree) -> Reader[AddedFrame]:
     table = {
         "name": required(text),
         "parent": required(one_of("link", urdf.links)),
@@ -187,27 +200,25 @@ def _check_scenes(description: RobotDescription) -> None:
                 )
 
 
-def _check_names(description: RobotDescription, urdf: Urdf) -> None:
+def _check_names(description: RobotDescription, urdf: Tree) -> None:
     """Check that names are unique, and that no virtual joint takes a name of the URDF."""
     groups = {
-        "actuators": [actuator.joint for actuator in description.actuators],
+        "actuators": description.motor_joints,
         "closures": [closure.name for closure in description.closures],
         "couplings": [coupling.joint for coupling in description.couplings],
         "springs": [name for spring in description.springs for name in spring.coordinates],
     }
     for key, names in groups.items():
-        for name in names:
-            if names.count(name) > 1:
-                raise RobotFileError(f"{key}: duplicate {name!r}")
+        check_unique(key, names)
     for name in groups["springs"]:
         if name in urdf.joints:
             raise RobotFileError(f"springs: {name!r} is already a joint of the URDF")
-        if virtual_link(name) in urdf.names:
+        if virtual_link(name) in urdf.frames:
             raise RobotFileError(
                 f"springs: {name!r} needs the name {virtual_link(name)!r}, taken in the URDF"
             )
     for actuator in description.actuators:
-        kind = urdf.joints[actuator.joint]
+        kind = urdf.joints[actuator.joint].kind
         if kind not in MOVING:
             raise RobotFileError(
                 f"actuators: joint {actuator.joint!r} is {kind}; a motor needs a revolute, continuous or "

@@ -23,7 +23,7 @@ from framework.model.description import (
     locked_axes,
 )
 from framework.model.robot_file import VERSION, read_robot_file
-from framework.model.urdf_elements import coordinates_of
+from framework.model.urdf_elements import read_tree
 from framework.output import written_together
 
 _KINDS = {locked_axes(kind): kind for kind in ("fixed", "spherical", "distance")}  # without an axis
@@ -80,20 +80,15 @@ def robot_document(description: RobotDescription) -> dict[str, Any]:
         "actuators": [_actuator(actuator) for actuator in description.actuators],
         "closures": [_closure(closure) for closure in description.closures],
     }
-    springs = [spring_entry(spring) for spring in description.springs]
-    if springs:
-        document["springs"] = springs
-    if description.couplings:
-        document["couplings"] = [asdict(coupling) for coupling in description.couplings]
-    if description.joints:
-        document["joints"] = _joints(description)
-    if description.reference:
-        document["reference"] = dict(description.reference)
-    if description.scenes:
-        document["scenes"] = {name: _scene(scene) for name, scene in description.scenes.items()}
-    if description.left_out:
-        document["left_out"] = list(description.left_out)
-    return document
+    optional = {
+        "springs": [spring_entry(spring) for spring in description.springs],
+        "couplings": [asdict(coupling) for coupling in description.couplings],
+        "joints": _joints(description),
+        "reference": dict(description.reference),
+        "scenes": {name: _scene(scene) for name, scene in description.scenes.items()},
+        "left_out": list(description.left_out),
+    }
+    return document | {key: value for key, value in optional.items() if value}
 
 
 def _platform(platform: Platform) -> dict[str, Any]:
@@ -102,19 +97,14 @@ def _platform(platform: Platform) -> dict[str, Any]:
 
 
 def _actuator(actuator: Actuator) -> dict[str, Any]:
-    entry: dict[str, Any] = {"joint": actuator.joint, "gear_ratio": actuator.gear_ratio}
-    for key in ("rotor_inertia", "torque_limit", "speed_limit"):
-        if getattr(actuator, key):
-            entry[key] = getattr(actuator, key)
-    return entry
+    return {key: value for key, value in asdict(actuator).items() if value}
 
 
 def _joints(description: RobotDescription) -> dict[str, dict[str, float]]:
     """Return the entry `joints`: springs, damping, friction; a ball is one joint if its axes are alike."""
     written = {name: _joint(joint) for name, joint in description.joints.items()}
-    for joint in ElementTree.fromstring(description.urdf_text).findall("joint"):
-        name = joint.get("name", "")
-        names = coordinates_of(name, joint.get("type", ""))
+    for name, joint in read_tree(ElementTree.fromstring(description.urdf_text)).joints.items():
+        names = joint.coordinates
         values = [description.joints.get(coordinate) for coordinate in names]
         if len(names) > 1 and values[0] is not None and all(value == values[0] for value in values):
             written = {key: value for key, value in written.items() if key not in names}
@@ -148,7 +138,7 @@ def _scene(scene: Scene) -> dict[str, Any]:
     if scene.wrenches is not None:
         entry["wrenches"] = dict(scene.wrenches)
     if scene.fidelity is not None:
-        entry["fidelity"] = {"level": scene.fidelity.level, "tolerance": scene.fidelity.tolerance}
+        entry["fidelity"] = asdict(scene.fidelity)
     return entry
 
 

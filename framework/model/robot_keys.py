@@ -43,15 +43,18 @@ from framework.model.description import (
 )
 from framework.model.fidelity_levels import LEVELS_BY_NAME
 from framework.model.frame_wrench import FrameWrench
-from framework.model.urdf import Urdf
-from framework.model.urdf_elements import MOVING, SEVERAL, coordinates_of
+from framework.model.urdf_elements import SEVERAL, Tree
 
 PATH_KINDS = {"line": 2, "arc": 3, "spline": 2}  # least number of points
 
 
-def robot_table(urdf: Urdf, *, is_coupled: bool = False) -> Table:
-    """Return the keys of the robot on the tree of this URDF; couplings of joints may be its only loops."""
-    movable = [name for name, kind in urdf.joints.items() if kind in MOVING]
+def robot_table(urdf: Tree, *, is_coupled: bool = False, locked: Sequence[str] = ()) -> Table:
+    """Return the keys of the robot on the tree of this URDF; couplings of joints may be its only loops.
+
+    `locked` joints are known to all keys that say something of a joint.
+    """
+    movable = [*urdf.movable, *locked]
+    coordinates = [*urdf.coordinates, *locked]
     closure = _closure(urdf)
     return {
         "platform": required(_platform(urdf)),
@@ -59,9 +62,9 @@ def robot_table(urdf: Urdf, *, is_coupled: bool = False) -> Table:
         "closures": optional(list_of(closure), ()) if is_coupled else required(entries(closure)),
         "couplings": optional(entries(_coupling(movable)), ()),
         "springs": optional(entries(_spring(urdf, movable)), ()),
-        "joints": optional(_joints(urdf), {}),
+        "joints": optional(_joints(urdf, coordinates), {}),
         "gravity": optional(vector3, (0.0, 0.0, -9.81)),
-        "reference": optional(named(number, one_of("joint", urdf.coordinates)), {}),
+        "reference": optional(named(number, one_of("joint", coordinates)), {}),
         "scenes": optional(_scenes(urdf), {}),
         "left_out": optional(list_of(text), ()),
     }
@@ -74,22 +77,20 @@ def _axes(where: str, given: Any) -> tuple[str, ...]:
     return axes
 
 
-def _frame(urdf: Urdf) -> Reader[str]:
+def _frame(urdf: Tree) -> Reader[str]:
     """Return the link of a frame: a joint stands for its child, which moves when a spring behind it gives."""
 
     def read(where: str, given: Any) -> str:
-        name = one_of("frame", urdf.names)(where, given)
-        return name if name in urdf.links else urdf.children[name]
+        return urdf.link_of(one_of("frame", urdf.frames)(where, given))
 
     return read
 
 
-def _platform(urdf: Urdf) -> Reader[Platform]:
+def _platform(urdf: Tree) -> Reader[Platform]:
     """Return a reader of a frame with axes, or of joints, whose frame is by default the last one's link."""
-    movable = [name for name, kind in urdf.joints.items() if kind in MOVING]
     on_axes = {"frame": required(_frame(urdf)), "axes": required(_axes)}
     of_joints = {
-        "joints": required(one_or_list_of(one_of("joint", movable))),
+        "joints": required(one_or_list_of(one_of("joint", urdf.movable))),
         "frame": optional(_frame(urdf)),
     }
 
@@ -103,7 +104,7 @@ def _platform(urdf: Urdf) -> Reader[Platform]:
         joints = values["joints"]
         if not joints or len(set(joints)) < len(joints):
             raise RobotFileError(f"{below(where, 'joints')}: needs different joints, got {list(joints)}")
-        return Platform(values["frame"] or urdf.children[joints[-1]], joints=joints)
+        return Platform(values["frame"] or urdf.joints[joints[-1]].child, joints=joints)
 
     return read
 
@@ -113,7 +114,7 @@ def _limit(where: str, given: Any) -> float | None:
     return None if given is None or given == math.inf else positive(where, given)
 
 
-def _actuator(urdf: Urdf) -> Reader[Actuator]:
+def _actuator(urdf: Tree) -> Reader[Actuator]:
     table = {
         "joint": required(one_of("joint", urdf.joints)),
         "gear_ratio": optional(positive, 1.0),
@@ -124,7 +125,7 @@ def _actuator(urdf: Urdf) -> Reader[Actuator]:
     return record(table, lambda _, values: Actuator(**values))
 
 
-def _closure(urdf: Urdf) -> Reader[Closure]:
+def _closure(urdf: Tree) -> Reader[Closure]:
     """Return a reader of a closure: it locks axes, given by a kind or one by one, or keeps a distance."""
     table = {"name": required(text), "frames": required(_pair(urdf))}
     by_kind = {"kind": required(text), "axis": optional(text, "z")}
@@ -149,7 +150,7 @@ def _closure(urdf: Urdf) -> Reader[Closure]:
     return read
 
 
-def _pair(urdf: Urdf) -> Reader[tuple[str, str]]:
+def _pair(urdf: Tree) -> Reader[tuple[str, str]]:
     """Return a reader of two frames of different bodies."""
 
     def read(where: str, given: Any) -> tuple[str, str]:
@@ -191,15 +192,15 @@ _JOINT: Table = {
 }
 
 
-def _joints(urdf: Urdf) -> Reader[dict[str, dict[str, float]]]:
+def _joints(urdf: Tree, names: Sequence[str]) -> Reader[dict[str, dict[str, float]]]:
     """Return a reader of the entries of each coordinate; a joint of several stands for all of them."""
-    several = [name for name, kind in urdf.joints.items() if kind in SEVERAL]
+    several = [name for name, joint in urdf.joints.items() if joint.kind in SEVERAL]
 
     def read(where: str, given: Any) -> dict[str, dict[str, float]]:
-        joints = named(record(_JOINT, _given_only), one_of("joint", [*urdf.coordinates, *several]))
+        joints = named(record(_JOINT, _given_only), one_of("joint", [*names, *several]))
         values: dict[str, dict[str, float]] = {}
         for name, said in sorted(joints(where, given).items(), key=lambda item: item[0] not in several):
-            coordinates = coordinates_of(name, urdf.joints[name]) if name in several else (name,)
+            coordinates = urdf.joints[name].coordinates if name in several else (name,)
             if name not in urdf.joints and "armature" in said:
                 raise RobotFileError(
                     f"{below(below(where, name), 'armature')}: a ball has one for all directions; give it "
@@ -234,7 +235,7 @@ class JointSpring(NamedTuple):
     rest: float
 
 
-def _spring(urdf: Urdf, movable: Sequence[str]) -> Reader[Spring | JointSpring]:
+def _spring(urdf: Tree, movable: Sequence[str]) -> Reader[Spring | JointSpring]:
     """Return a reader of a spring behind a joint, or on a joint of the URDF."""
     virtual = {
         "name": required(text),
@@ -260,8 +261,8 @@ def _spring(urdf: Urdf, movable: Sequence[str]) -> Reader[Spring | JointSpring]:
             raise RobotFileError(
                 f"{where}.stiffness: needs one value an axis of motion ({count}), got {len(spring.stiffness)}"
             )
-        kind = urdf.joints[spring.after]
-        if not spring.motion and kind not in MOVING:
+        kind = urdf.joints[spring.after].kind
+        if not spring.motion and spring.after not in movable:
             raise RobotFileError(
                 f"{where}.motion: required, because joint {spring.after!r} is {kind} and has no "
                 f"motion of its own (valid: {', '.join(AXES)} or a list of them)"
@@ -316,7 +317,7 @@ def _scene(where: str, values: dict[str, Any]) -> Scene:
     return Scene(name="", kind=kind, points=points, **rest)
 
 
-def _wrenches(urdf: Urdf) -> Reader[dict[str, Any]]:
+def _wrenches(urdf: Tree) -> Reader[dict[str, Any]]:
     """Return a reader of wrenches by frame; a joint stands for its child."""
 
     def read(where: str, given: Any) -> dict[str, Any]:
@@ -326,7 +327,7 @@ def _wrenches(urdf: Urdf) -> Reader[dict[str, Any]]:
     return read
 
 
-def _scenes(urdf: Urdf) -> Reader[dict[str, Scene]]:
+def _scenes(urdf: Tree) -> Reader[dict[str, Scene]]:
     scene = {**_MOTION, "wrenches": optional(_wrenches(urdf))}
 
     def read(where: str, given: Any) -> dict[str, Scene]:

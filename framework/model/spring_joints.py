@@ -12,7 +12,7 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 
 from framework.model.description import Spring
-from framework.model.urdf_writing import AXIS, joint_element, no_limit
+from framework.model.urdf_writing import AXIS, joint_element, no_limit, remove_children
 
 
 def virtual_link(name: str) -> str:
@@ -29,8 +29,7 @@ def count_turns(root: ElementTree.Element) -> None:
     continuous = [joint for joint in root.findall("joint") if joint.get("type") == "continuous"]
     for joint in continuous:
         joint.set("type", "revolute")
-        for limit in joint.findall("limit"):
-            joint.remove(limit)
+        remove_children(joint, "limit")
         joint.append(no_limit())
 
 

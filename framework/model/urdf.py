@@ -1,45 +1,17 @@
-"""The URDF of a robot file: where it is, and the names in it."""
+"""The URDF of a robot file: where it is, and its tree."""
 
 from __future__ import annotations
 
 import sysconfig
 import xml.etree.ElementTree as ElementTree
-from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, files
 from pathlib import Path
 
 from framework.errors import MissingPackage, RobotFileError
 from framework.model.documents import naming
-from framework.model.urdf_elements import coordinates_of, read_tree
+from framework.model.urdf_elements import Tree, read_tree
 
 PACKAGE = "package://"
-
-
-@dataclass(frozen=True)
-class Urdf:
-    """Names in a URDF; a frame is a link or a joint."""
-
-    links: list[str]
-    joints: dict[str, str]  # type by name
-    parents: dict[str, tuple[str, str]]  # (joint, parent link) by child link
-    children: dict[str, str]  # child link by joint
-
-    @property
-    def coordinates(self) -> list[str]:
-        """Names of the coordinates of all joints that move."""
-        return [name for joint, kind in self.joints.items() for name in coordinates_of(joint, kind)]
-
-    @property
-    def names(self) -> list[str]:
-        """Names of all frames."""
-        return [*self.links, *self.joints]
-
-    def body(self, frame: str) -> str:
-        """Return the link nearest to the root that is rigidly connected to a frame: the name of its body."""
-        link = frame if frame in self.links else self.children[frame]
-        while link in self.parents and self.joints[self.parents[link][0]] == "fixed":
-            link = self.parents[link][1]
-        return link
 
 
 def locate_urdf(folder: Path, reference: str) -> Path:
@@ -76,18 +48,11 @@ def locate_urdf(folder: Path, reference: str) -> Path:
     raise RobotFileError(f"urdf: the package {package} has no file {shared}")
 
 
-def check_urdf(path: Path, root: ElementTree.Element) -> Urdf:
-    """Check a URDF and return its names; `path` is for messages.
+def check_urdf(path: Path, root: ElementTree.Element) -> Tree:
+    """Check a URDF and return its tree; `path` is for messages.
 
     Raises:
         RobotFileError: not a tree of known joint types, or a number that is none.
     """
     with naming(f"urdf: {path}"):
-        tree = read_tree(root)
-    joints = tree.joints.values()
-    return Urdf(
-        links=tree.links,
-        joints={joint.name: joint.kind for joint in joints},
-        parents={joint.child: (joint.name, joint.parent) for joint in joints},
-        children={joint.name: joint.child for joint in joints},
-    )
+        return read_tree(root)

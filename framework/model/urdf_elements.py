@@ -9,16 +9,16 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ElementTree
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from framework.arrays import Array
-from framework.errors import RobotFileError, choose_from, short
+from framework.errors import RobotFileError, check_name, choose_from, short
 from framework.model.description import Coupling
 from framework.model.inertia import ENTRIES, check_inertia, symmetric
+from framework.model.urdf_writing import no_limit, remove_children
 from framework.model.xml_reading import attribute, axis_of, child_element, numbers, origin_numbers, origin_of
 from framework.tolerances import POINT_BODY_GYRATION
 
@@ -54,12 +54,42 @@ class Joint:
         return coordinates_of(self.name, self.kind)
 
 
-class Tree(NamedTuple):
-    """The links and joints of a URDF by name, and its root link."""
+@dataclass
+class Tree:
+    """The links and joints of a URDF by name, and its root link; a frame is a link or a joint."""
 
     links: list[str]
     joints: dict[str, Joint]
     base: str
+
+    def __post_init__(self) -> None:
+        self.parent_joint = {joint.child: joint for joint in self.joints.values()}
+
+    @property
+    def frames(self) -> list[str]:
+        """Names of all frames."""
+        return [*self.links, *self.joints]
+
+    @property
+    def movable(self) -> list[str]:
+        """Names of the joints of one degree of freedom, which a motor can have."""
+        return [joint.name for joint in self.joints.values() if joint.kind in MOVING]
+
+    @property
+    def coordinates(self) -> list[str]:
+        """Names of the coordinates of all joints."""
+        return [name for joint in self.joints.values() for name in joint.coordinates]
+
+    def link_of(self, frame: str) -> str:
+        """Return the link that carries a frame."""
+        return frame if frame in self.links else self.joints[frame].child
+
+    def body(self, frame: str) -> str:
+        """Return the link nearest to the root that is rigidly connected to a frame: the name of its body."""
+        link = self.link_of(frame)
+        while link in self.parent_joint and not self.parent_joint[link].moves:
+            link = self.parent_joint[link].parent
+        return link
 
 
 def coordinates_of(name: str, kind: str) -> tuple[str, ...]:
@@ -69,8 +99,11 @@ def coordinates_of(name: str, kind: str) -> tuple[str, ...]:
     return (name,) if kind in MOVING else ()
 
 
-def read_tree(root: ElementTree.Element) -> Tree:
+def read_tree(root: ElementTree.Element, impossible: list[tuple[str, str]] | None = None) -> Tree:
     """Read the links and joints below `<robot>`.
+
+    `impossible` takes links without a possible inertia, and joints without a possible limit, by name and
+    complaint: they lose what is impossible. Without the list they are errors.
 
     Raises:
         RobotFileError: they are not a tree of known joints and possible bodies, or too many.
@@ -83,7 +116,7 @@ def read_tree(root: ElementTree.Element) -> Tree:
     if highest > MAX_TREE_ELEMENTS:
         raise RobotFileError(f"<robot>: {highest} links or joints; at most {MAX_TREE_ELEMENTS} are read")
     names = set(links)
-    joints = {j.name: j for j in (read_joint(e, names) for e in root.findall("joint"))}
+    joints = {j.name: j for j in (read_joint(e, names, impossible) for e in root.findall("joint"))}
     for joint in joints.values():
         for name in joint.coordinates:
             if joint.kind in SEVERAL and name in joints:
@@ -92,7 +125,13 @@ def read_tree(root: ElementTree.Element) -> Tree:
                 )
     extent = max((float(np.linalg.norm(joint.origin[:3, 3])) for joint in joints.values()), default=0.0)
     for link in root.findall("link"):
-        check_link(link, extent)
+        try:
+            check_link(link, extent)
+        except RobotFileError as error:
+            if impossible is None or ("<inerti" not in str(error) and "<mass>" not in str(error)):
+                raise
+            impossible.append((link.get("name", ""), str(error)))
+            remove_children(link, "inertial")
     return Tree(links, joints, _base(links, joints))
 
 
@@ -149,7 +188,9 @@ def unique_names(root: ElementTree.Element, tag: str) -> list[str]:
     return list(names)
 
 
-def read_joint(element: ElementTree.Element, links: set[str]) -> Joint:
+def read_joint(
+    element: ElementTree.Element, links: set[str], impossible: list[tuple[str, str]] | None = None
+) -> Joint:
     """Read a joint between two of these links; remove what has no meaning from the element.
 
     Raises:
@@ -158,13 +199,11 @@ def read_joint(element: ElementTree.Element, links: set[str]) -> Joint:
     name = str(element.get("name"))
     where = f"joint {name!r}"
     kind = attribute(element, where, "type")
-    if kind not in JOINT_TYPES:
-        raise RobotFileError(f"{where}: {choose_from('type', kind, JOINT_TYPES)}")
+    check_name(where, "type", kind, JOINT_TYPES)
     ends = []
     for end in ("parent", "child"):
         link = attribute(child_element(element, where, end), f"{where}: <{end}>", "link")
-        if link not in links:
-            raise RobotFileError(f"{where}: {end}: {choose_from('link', link, links)}")
+        check_name(f"{where}: {end}", "link", link, links)
         ends.append(link)
     axis = element.find("axis")
     direction = np.array([1.0, 0.0, 0.0])
@@ -172,26 +211,36 @@ def read_joint(element: ElementTree.Element, links: set[str]) -> Joint:
         element.remove(axis)  # without a meaning, and some exporters write 0 0 0
     elif axis is not None:
         direction = axis_of(axis, f"{where}: <axis>")
-    limit = element.find("limit")
-    if kind in ("revolute", "prismatic"):
-        limit = child_element(element, where, "limit")
+    try:
+        if kind in MOVING:
+            _check_limit(element, where, is_needed=kind != "continuous")
+    except RobotFileError as error:
+        if impossible is None:
+            raise
+        impossible.append((name, str(error)))
+        remove_children(element, "limit")
+        element.append(no_limit())
+    element.attrib.pop("independent", None)  # a URDF+ hint, read before
+    origin = origin_of(element.find("origin"), f"{where}: <origin>")
+    return Joint(element, name, kind, ends[0], ends[1], origin, direction)
+
+
+def _check_limit(joint: ElementTree.Element, where: str, *, is_needed: bool) -> None:
+    if is_needed:
+        given = child_element(joint, where, "limit")
         for key in ("effort", "velocity"):
-            attribute(limit, f"{where}: <limit>", key)
-    if kind in MOVING and limit is not None:
+            attribute(given, f"{where}: <limit>", key)
+    for limit in joint.findall("limit")[:1]:
         lower, upper, effort, velocity = (
             # some files mean no limit by 1.8e308
             numbers(f"{where}: <limit> {key}", limit.get(key, "0"), 1, largest=math.inf)[0]
             for key in _LIMIT
         )
-        if kind != "continuous" and (lower > upper or effort < 0 or velocity < 0):
+        if is_needed and (lower > upper or effort < 0 or velocity < 0):
             raise RobotFileError(
                 f"{where}: <limit>: needs lower <= upper, effort and velocity of at least zero, got lower "
                 f"{lower:g}, upper {upper:g}, effort {effort:g}, velocity {velocity:g}"
             )
-    if "independent" in element.attrib:
-        del element.attrib["independent"]  # a URDF+ hint, read before
-    origin = origin_of(element.find("origin"), f"{where}: <origin>")
-    return Joint(element, name, kind, ends[0], ends[1], origin, direction)
 
 
 def check_link(link: ElementTree.Element, extent: float) -> None:
@@ -255,14 +304,17 @@ def declared_dynamics(root: ElementTree.Element) -> dict[str, dict[str, float]]:
     return declared
 
 
-def declared_couplings(root: ElementTree.Element) -> list[Coupling]:
+def declared_couplings(root: ElementTree.Element, locked: Iterable[str] = ()) -> list[Coupling]:
     """Take the couplings of <mimic> out of the URDF: position = multiplier * that of the other + offset.
+
+    That may be one of the `locked` joints.
 
     Raises:
         RobotFileError: no such joint, or a number is none.
     """
     kinds = {joint.get("name", ""): joint.get("type", "") for joint in root.findall("joint")}
     movable = [name for name, kind in kinds.items() if kind in MOVING]
+    followed = [*movable, *locked]
     couplings = []
     for joint in root.findall("joint"):
         name, mimic = joint.get("name", ""), joint.find("mimic")
@@ -272,8 +324,8 @@ def declared_couplings(root: ElementTree.Element) -> list[Coupling]:
         if name not in movable:
             continue  # it was fixed
         where = f"joint {name!r}: <mimic>"
-        if mimic.get("joint") not in movable or mimic.get("joint") == name:
-            others = [other for other in movable if other != name]
+        if mimic.get("joint") not in followed or mimic.get("joint") == name:
+            others = [other for other in followed if other != name]
             raise RobotFileError(f"{where}: {choose_from('movable joint', mimic.get('joint'), others)}")
         (ratio,) = numbers(f"{where} multiplier", mimic.get("multiplier", "1"), 1)
         (offset,) = numbers(f"{where} offset", mimic.get("offset", "0"), 1)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+
+import numpy as np
 
 from framework.arrays import Array
 from framework.model.placement import to_rpy
@@ -12,8 +14,8 @@ AXIS = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
 
 
 def vector_text(values: Iterable[float]) -> str:
-    """Write numbers to their last digit."""
-    return " ".join(repr(float(value)) for value in values)
+    """Write numbers to their last digit, and zero without a sign."""
+    return " ".join(repr(float(value) + 0.0) for value in values)
 
 
 def origin_element(matrix: Array) -> ElementTree.Element:
@@ -31,9 +33,14 @@ def joint_element(
     *,
     origin: ElementTree.Element | None = None,
     axis: str | None = None,
+    limits: Sequence[float] | None = None,
     effort: str = "1e9",
 ) -> ElementTree.Element:
-    """Return a `<joint>` without limits; where URDF requires a limit, with one that nothing reaches."""
+    """Return a `<joint>`; where URDF requires limits and there are none, with some that nothing reaches.
+
+    A continuous joint with limits is a revolute one.
+    """
+    kind = "revolute" if limits and kind == "continuous" else kind
     element = ElementTree.Element("joint", name=name, type=kind)
     ElementTree.SubElement(element, "parent", link=parent)
     ElementTree.SubElement(element, "child", link=child)
@@ -42,8 +49,37 @@ def joint_element(
     if axis is not None:
         ElementTree.SubElement(element, "axis", xyz=axis)
     if kind in ("revolute", "prismatic"):
-        element.append(no_limit(effort))
+        limit = no_limit(effort)
+        if limits:
+            limit.attrib |= zip(("lower", "upper"), map(repr, limits), strict=True)
+        element.append(limit)
     return element
+
+
+def visual_element(shape: str, words: dict[str, str], place: Array) -> ElementTree.Element:
+    """Return the `<visual>` of a primitive shape at a placement (4, 4)."""
+    visual = ElementTree.Element("visual")
+    visual.append(origin_element(place))
+    ElementTree.SubElement(ElementTree.SubElement(visual, "geometry"), shape, words)
+    return visual
+
+
+def inertial_element(mass: float, centre: Array, inertia: Array) -> ElementTree.Element:
+    """Return the `<inertial>` of a body: mass [kg], centre (3,) [m], inertia (3, 3) about it [kg m^2]."""
+    inertial = ElementTree.Element("inertial")
+    ElementTree.SubElement(inertial, "origin", xyz=vector_text(centre), rpy="0 0 0")
+    ElementTree.SubElement(inertial, "mass", value=repr(float(mass)))
+    names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    pairs = zip(names, inertia[np.triu_indices(3)].tolist(), strict=True)
+    ElementTree.SubElement(inertial, "inertia", {name: repr(value) for name, value in pairs})
+    return inertial
+
+
+def remove_children(element: ElementTree.Element, *tags: str) -> None:
+    """Remove the children with these tags."""
+    for tag in tags:
+        for child in element.findall(tag):
+            element.remove(child)
 
 
 def no_limit(effort: str = "1e9") -> ElementTree.Element:

@@ -19,7 +19,7 @@ import pinocchio as pin
 from framework.arrays import Array, IntArray
 from framework.model.description import RobotDescription
 from framework.model.urdf import locate_urdf
-from framework.model.xml_reading import origin_of
+from framework.model.xml_reading import numbers, origin_of
 
 Color = tuple[float, float, float, float]
 
@@ -100,7 +100,9 @@ def _mesh(description: RobotDescription, element: ElementTree.Element) -> tuple[
     file = locate_urdf(description.file.parent, reference)  # RobotFileError is a ValueError
     if not (reference and os.path.isfile(file) and os.path.getsize(file) <= MAX_MESH_BYTES):
         raise ValueError("no mesh file")
-    mesh = coal.MeshLoader().load(os.path.abspath(file), np.array(_numbers(element.get("scale", "1 1 1"), 3)))
+    mesh = coal.MeshLoader().load(
+        os.path.abspath(file), np.array(numbers("scale", element.get("scale", "1 1 1"), 3))
+    )
     vertices = np.array(mesh.vertices(), dtype=float).reshape(-1, 3)
     triangles = [mesh.tri_indices(k) for k in range(mesh.num_tris)]
     if not (triangles and np.all(np.isfinite(vertices))):
@@ -117,19 +119,12 @@ def _color(
         color_element = materials[material.get("name")].find("color")
     if color_element is None:
         return DEFAULT_COLOR
-    red, green, blue, alpha = _numbers(color_element.get("rgba"), 4)
+    red, green, blue, alpha = numbers("rgba", color_element.get("rgba"), 4)
     return red, green, blue, alpha
 
 
-def _numbers(text: str | None, count: int) -> tuple[float, ...]:
-    values = tuple(float(part) for part in (text or "").split())
-    if len(values) != count or not np.all(np.isfinite(values)):
-        raise ValueError("no such numbers")
-    return values
-
-
 def _sizes(text: str | None, count: int) -> tuple[float, ...]:
-    values = _numbers(text, count)
+    values = numbers("size", text, count)
     if min(values) <= 0:
         raise ValueError("no size")
     return values

@@ -12,7 +12,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from framework.arrays import Array
-from framework.errors import RobotFileError, choose_from, short
+from framework.errors import RobotFileError, check_name, short
 from framework.fields import LARGEST_NUMBER
 from framework.model.description import SMALLEST_LENGTH
 from framework.model.placement import from_rpy, placement
@@ -49,13 +49,11 @@ def only(
     """Refuse children and attributes that are not known, and children given twice."""
     tags = [child.tag for child in element]
     for tag in tags:
-        if tag not in children:
-            raise RobotFileError(f"{where}: {choose_from('element', tag, children)}")
+        check_name(where, "element", tag, children)
         if tags.count(tag) > 1:
             raise RobotFileError(f"{where}: duplicate <{tag}>")
     for attribute in element.attrib:
-        if attribute not in attributes:
-            raise RobotFileError(f"{where}: {choose_from('attribute', attribute, attributes)}")
+        check_name(where, "attribute", attribute, attributes)
 
 
 def child_element(element: ElementTree.Element, where: str, tag: str) -> ElementTree.Element:

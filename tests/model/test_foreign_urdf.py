@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import xml.etree.ElementTree as ElementTree
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from framework import ParallelRobot, cli
 from framework.errors import MissingPackage, RobotFileError
 from framework.model import read_robot_file
 from framework.model.additions import lock_joints
-from framework.model.description import Coupling
+from framework.model.description import Coupling, JointDynamics
 from framework.model.urdf import locate_urdf
 from tests.conftest import REMOVED
 from tests.urdf_edits import edited
@@ -146,8 +147,7 @@ def test_a_locked_mimic_joint_mimics_no_more(write_robot):
         ({"left_elbow": "bent"}, ["locked.left_elbow", "number"]),
         ({"left_elbow": float("inf")}, ["locked.left_elbow", "finite"]),
         (["left_elbow"], ["locked", "mapping"]),
-        ({"left_motor": 1.0}, ["reference.left_motor", "unknown joint"]),
-        ({"left_elbow": -0.8}, ["reference.left_elbow", "unknown joint"]),
+        ({"left_motor": 1.0}, ["actuators: joint 'left_motor' is fixed"]),
     ],
 )
 def test_a_wrong_lock_is_refused(write_robot, locked, words):
@@ -185,3 +185,21 @@ def test_a_wrong_body_is_refused(write_robot, change, word):
     frame = {"name": "load", "parent": "left_tip", **change}
     with pytest.raises(RobotFileError, match=rf"frames\[0\]\.{word}"):
         read_robot_file(write_robot(("frames", [frame])))
+
+
+def test_a_locked_joint_is_known_to_all_that_names_it(write_robot):
+    """Its reference and springs say nothing any more; what a coupling holds with it is locked, too."""
+    description = read_robot_file(
+        write_robot(
+            ("locked", {"right_elbow": 0.5}),
+            ("reference", {"left_motor": 1.27, "right_elbow": 1.5, "left_elbow": 0.1}),
+            ("joints", {"right_elbow": {"damping": 1.0}, "left_motor": {"damping": 2.0}}),
+            ("springs", [{"joint": "right_elbow", "stiffness": 3.0}]),
+            ("couplings", [{"joint": "left_elbow", "of": "right_elbow", "ratio": -2, "offset": 0.1}]),
+        )
+    )
+    assert description.reference == {"left_motor": 1.27}
+    assert description.joints == {"left_motor": JointDynamics(damping=2.0)}
+    assert description.couplings == description.springs == ()
+    fixed = ElementTree.fromstring(description.urdf_text).findall("joint[@type='fixed']")
+    assert {"right_elbow", "left_elbow"} <= {joint.get("name") for joint in fixed}

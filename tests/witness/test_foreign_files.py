@@ -16,8 +16,10 @@ import pinocchio as pin
 import pytest
 
 from framework import ParallelRobot, simulate
+from framework.kinematics.diagnostics.proposal import propose
 from framework.kinematics.idle_turns import idle_turns
 from framework.kinematics.linearised_loops import linearised_at_reference
+from framework.model.readers.recognise import parse_any
 from tests.model.readers.foreign_files import (
     DATA,
     PLANNED,
@@ -58,11 +60,11 @@ class SameMotion:
     def qpos(self, t):
         q = self.motion.configuration(np.array([t]))
         value = dict(zip(self.names, self.plan.robot.coordinates.positions(q)[0], strict=True))
-        qpos = self.model.qpos0.copy()
+        qpos = (self.model.key_qpos[0] if self.model.nkey else self.model.qpos0).copy()
         for name, joint in self.joints.items():
             start = joint.qposadr[0]
             if name in value:
-                qpos[start] += value[name]
+                qpos[start] = self.model.qpos0[start] + value[name]
             else:
                 turn = pin.Quaternion(pin.exp3(np.array([value[name + axis] for axis in BALL_AXES])))
                 qpos[start : start + 4] = turn.w, turn.x, turn.y, turn.z
@@ -91,12 +93,13 @@ def needed_torques(motion, t):
     """Torques (n_a,) of the motors by MuJoCo."""
     model, data, robot = motion.model, motion.data, motion.plan.robot
     data.qpos[:], data.qvel[:], acceleration = motion.rates(t)
-    model.opt.disableflags = 0
+    flags = model.opt.disableflags
     mujoco.mj_forward(model, data)
     jacobian = equality_jacobian(model, data)
-    model.opt.disableflags = int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    model.opt.disableflags = flags | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
     data.qacc[:] = acceleration
     mujoco.mj_inverse(model, data)
+    model.opt.disableflags = flags
     motors = [motion.joints[name].dofadr[0] for name in robot.actuator_names]
     moved = [k for joint in motion.joints.values() for k in _columns(model, joint)]
     passive = np.setdiff1d(moved, motors)
@@ -118,6 +121,11 @@ def greatest_difference(file, *, damped):
     if not damped:
         description = undamped(description)
         model.dof_damping[:] = 0.0
+    return difference(description, model)
+
+
+def difference(description, model):
+    """The same of a description and MuJoCo's model."""
     plan = short_move(ParallelRobot.from_description(description))
     turning = idle_turns(plan.robot, linearised_at_reference(plan.robot)) is not None
     samples = round(plan.duration / DIFFERENCE_STEP) + 1
@@ -131,6 +139,31 @@ def greatest_difference(file, *, damped):
 @pytest.mark.parametrize("file", PLANNED, ids=lambda file: file.name.removesuffix(".xml"))
 def test_torques_of_a_converted_file_are_those_of_mujoco(file, damped):
     assert greatest_difference(file, damped=damped) < 1e-4
+
+
+NEW = {
+    "armature": ("<position ", '<position armature="0.03" '),
+    "damping": ("<position ", '<position damping="0.2" '),
+    "damper": ("<worldbody>", '<option><flag damper="disable"/></option><worldbody>'),
+    "spring": ("<worldbody>", '<option><flag spring="disable"/></option><worldbody>'),
+}
+
+
+@pytest.mark.parametrize(("old", "new"), NEW.values(), ids=NEW)
+def test_what_is_new_in_mujoco_4_acts_as_mujoco_has_it(tmp_path, old, new):
+    """On a five-bar whose joints are damped and sprung."""
+    text = (DATA / "five_bar_defaults.xml").read_text()
+    text = text.replace('<joint name="', '<joint damping="0.05" stiffness="0.4" springref="20" name="')
+    assert old in text
+    torques = []
+    for name, content in (("plain.xml", text), ("changed.xml", text.replace(old, new))):
+        (tmp_path / name).write_text(content)
+        description = without_dry_friction(parse_any(tmp_path / name, propose=propose).description)
+        model = mujoco.MjModel.from_xml_path(str(tmp_path / name))
+        assert difference(description, model) < 1e-6
+        plan = short_move(ParallelRobot.from_description(description))
+        torques.append(plan.torque(np.linspace(0.1, 0.9, 9)))
+    assert np.abs(torques[1] - torques[0]).max() > 1e-3 * np.abs(torques[0]).max()
 
 
 def test_armature_of_a_joint_counts_whether_or_not_it_is_chosen_as_the_motor():

@@ -60,8 +60,8 @@ def mobility_of(robot: ParallelRobot) -> Mobility:
     q = robot.reference.q
     hidden = _hidden_motions(robot, q)
     centres = centres_of_mass(robot, q) @ hidden
-    idle = _pivots(hidden @ _null_space(centres, NEARLY_AT_REST))
-    loose = _pivots(hidden @ _row_space(centres, NEARLY_AT_REST), but=idle)
+    idle = _pivots(hidden @ null_space(centres, NEARLY_AT_REST))
+    loose = _pivots(hidden @ row_space(centres, NEARLY_AT_REST), but=idle)
     return Mobility(
         _motions(robot, q).shape[1],
         tuple(map(robot.coordinates.name_of, idle)),
@@ -105,25 +105,28 @@ def _proposals(twists: list[Array], freedoms: int, stated: Sequence[str]) -> tup
     return tuple(axes for _, axes in sorted(found, key=lambda entry: entry[0])[:MAX_PROPOSALS])
 
 
-def _motions(robot: ParallelRobot, q: Array) -> Array:
-    """Compute orthonormal motions (nv, f) that the loops allow at q (nq,) [rad, lengths of the robot]."""
+def free_motions(robot: Mechanism, q: Array, rank: int) -> Array:
+    """Compute orthonormal motions (nv, f) that loops of this rank allow at q (nq,) [rad, robot lengths]."""
     right = np.linalg.svd(all_loops_matrix(robot, q)[:, robot.joints])[2]
-    rank = len(robot.structure.independent)
     motions = np.zeros((robot.model.nv, len(robot.joints) - rank))
     motions[robot.joints] = right[rank:].T
     return motions
+
+
+def _motions(robot: ParallelRobot, q: Array) -> Array:
+    return free_motions(robot, q, len(robot.structure.independent))
 
 
 def _hidden_motions(robot: ParallelRobot, q: Array) -> Array:
     """Compute orthonormal motions (nv, k) at q (nq,) with motors and platform coordinates at rest."""
     motions = _motions(robot, q)
     felt = [_platform_rates(robot, q), np.eye(robot.model.nv)[robot.actuated]]
-    return np.asarray(motions @ _null_space(np.concatenate(felt) @ motions))
+    return np.asarray(motions @ null_space(np.concatenate(felt) @ motions))
 
 
 def _stuck(robot: ParallelRobot, q: Array) -> Array:
     """Compute combinations (n, k) of platform coordinates that the motions at q (nq,) leave at rest."""
-    return _null_space((_platform_rates(robot, q) @ _motions(robot, q)).T)
+    return null_space((_platform_rates(robot, q) @ _motions(robot, q)).T)
 
 
 def _platform_rates(robot: ParallelRobot, q: Array) -> Array:
@@ -133,13 +136,12 @@ def _platform_rates(robot: ParallelRobot, q: Array) -> Array:
 
 def _frame_twists(robot: ParallelRobot, q: Array) -> Array:
     """Compute twists (6, f) of the platform's frame for the motions that the loops allow at q (nq,)."""
-    return _platform_twists(robot, q) @ _motions(robot, q)
+    return scaled_twists(robot, frames_at(robot, q[None]).jacobian[0, 0]) @ _motions(robot, q)
 
 
-def _platform_twists(robot: ParallelRobot, q: Array) -> Array:
-    """Compute twists (6, nv) of the platform's frame, in radians and lengths of the robot."""
-    twist = frames_at(robot, q[None]).jacobian[0, 0]
-    return np.asarray(twist / np.repeat([robot.length, 1.0], 3)[:, None] * robot.column_scale)
+def scaled_twists(robot: Mechanism, twists: Array) -> Array:
+    """Return twists (6, nv) of a frame in radians and lengths of the robot."""
+    return np.asarray(twists / np.repeat([robot.length, 1.0], 3)[:, None] * robot.column_scale)
 
 
 def centres_of_mass(robot: Mechanism, q: Array) -> Array:
@@ -149,7 +151,7 @@ def centres_of_mass(robot: Mechanism, q: Array) -> Array:
     parts = [np.empty((0, model.nv))]
     for joint in range(1, model.njoints):
         if model.inertias[joint].mass > 0.0:
-            twist = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL)
+            twist = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL).reshape(6, model.nv)
             parts.append(twist[:3] - pin.skew(model.inertias[joint].lever) @ twist[3:])
     return np.asarray(np.concatenate(parts) / robot.length * robot.column_scale)
 
@@ -166,13 +168,13 @@ def _in_words(stuck: Array, names: tuple[str, ...]) -> str:
     return ", ".join([*alone, f"{together} independently of each other"])
 
 
-def _null_space(matrix: Array, level: float = FILE_ROUNDING) -> Array:
+def null_space(matrix: Array, level: float = FILE_ROUNDING) -> Array:
     """Compute orthonormal columns (c, k) that a matrix (r, c) takes to less than a level."""
     _, values, right = np.linalg.svd(matrix)
     return np.asarray(right[int(np.sum(values > level)) :].T)
 
 
-def _row_space(matrix: Array, level: float = FILE_ROUNDING) -> Array:
+def row_space(matrix: Array, level: float = FILE_ROUNDING) -> Array:
     """Compute orthonormal columns (c, c - k), the complement of the null space."""
     _, values, right = np.linalg.svd(matrix, full_matrices=False)
     return np.asarray(right[: int(np.sum(values > level))].T)

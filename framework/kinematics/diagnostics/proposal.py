@@ -11,13 +11,15 @@ free along each axis, and no motion left that nothing drives.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
+from math import comb
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from scipy.linalg import qr
 
 from framework.arrays import Array
 from framework.errors import FrameworkError, NotAssembled, RobotFileError
@@ -26,20 +28,25 @@ from framework.kinematics.diagnostics.assembly_search import find_closed_pose
 from framework.kinematics.diagnostics.mobility import (
     PROPOSED_AXES_CLEARANCE,
     centres_of_mass,
+    free_motions,
     mobility_of,
+    null_space,
     platform_axes_of,
+    row_space,
+    scaled_twists,
 )
 from framework.kinematics.loop_structure import independent_rows
 from framework.kinematics.mechanism import Mechanism, columns_of, frame_of
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.rounded_loops import assembled_mechanism, rounded_gap
 from framework.kinematics.tree_model import positions_beyond_limits
-from framework.model.description import AXES, Actuator, Platform, RobotDescription
+from framework.model.description import AXES, Actuator, Closure, Platform, RobotDescription
 from framework.model.readers.missing_fields import Known, Options, Resolved
-from framework.model.readers.urdf_tree import UrdfTree
-from framework.tolerances import FILE_ROUNDING, NEARLY_AT_REST
+from framework.model.readers.urdf_tree import UrdfTree, merge_sharing
+from framework.tolerances import ALIKE_CHOICES, FILE_ROUNDING, NEARLY_AT_REST
 
 MAX_TRIED = 12  # proposals of a platform, at most
+MAX_CHOICES = 20_000  # of motors, that are compared one by one
 # parts of names that people give to what a robot works with
 NAMES_OF_TOOLS = ("effector", "tcp", "tool", "tip", "platform", "plate", "foot", "sole", "hand", "eff", "pad")
 
@@ -52,31 +59,57 @@ class _Motions(NamedTuple):
     basis: Array  # (nv, f) orthonormal, in radians and lengths of the robot
     working: Array  # (nv, w) of those that move a centre of mass
 
+    @property
+    def freedoms(self) -> int:
+        """Number of the working motions."""
+        return self.working.shape[1]
+
+    def rates(self, names: Iterable[str]) -> Array:
+        """Return rates (k, w) of joints in the working motions."""
+        return self.working[columns_of(self.mechanism.model, names)]
+
+    def independent(self, motions: Array, names: Iterable[str]) -> list[str]:
+        """Choose joints, in their order, whose rates tell motions (nv, k) apart."""
+        chosen: list[str] = []
+        for name in names:
+            rows = motions[columns_of(self.mechanism.model, [*chosen, name])]
+            if np.linalg.matrix_rank(rows, tol=PROPOSED_AXES_CLEARANCE) > len(chosen):
+                chosen.append(name)
+        return chosen
+
 
 def propose(options: Options, known: Known) -> Resolved:
     """Complete the description by platform, motors and reference where missing, with a remark on each.
 
-    Where nothing is said at all, joints in no loop that carry none (a wrist on a delta) are held, and those
-    that carry loops (the hip of a leg) where the whole cannot be planned.
+    Free bases are held, and joints in no loop that carry none (a wrist on a delta), unless the options name
+    them or the platform is on them; where nothing is said, those that carry loops (the hip of a leg), too,
+    if the whole cannot be planned.
 
     Raises:
         NotAssembled: the loops close nowhere.
         RobotFileError: nothing can be proposed; says what would do.
     """
-    if not options.is_silent:
-        return _proposed(known)
-    tails, heads = _in_no_loop(known)
+    if options.motors is None:
+        known = known._replace(chooses_motors=True)
+    bases = [joint.name for joint in known.tree.joints.values() if joint.kind == "floating"]
+    free = [name for name in bases if name in _serial(known)]
     remarks = []
+    if free:
+        known = _holding(known, free)
+        remarks.append(f"held: {', '.join(free)} (a free base, which no motor drives)")
+    tails, heads = _in_no_loop(known, options)
     if tails:
         known = _holding(known, tails)
         remarks.append(_held(tails))
+    if known.platform is not None and options.motors is not None:  # nothing is left to propose
+        return Resolved(replace(known.description, platform=known.platform), tuple(remarks))
     try:
-        resolved = _proposed(known)
+        resolved = _proposed(known, by_joints=not heads or not options.is_silent)
     except RobotFileError:
-        if not heads:
+        if not heads or not options.is_silent:
             raise
         remarks.append(_held(heads))
-        resolved = _proposed(_holding(known, heads))
+        resolved = _proposed(_holding(known, heads), by_joints=True)
     return resolved._replace(remarks=(*remarks, *resolved.remarks))
 
 
@@ -84,7 +117,7 @@ def _held(joints: Sequence[str]) -> str:
     return f"held: {', '.join(joints)} (in no loop; --motors or --platform say otherwise)"
 
 
-def _proposed(known: Known) -> Resolved:
+def _proposed(known: Known, *, by_joints: bool) -> Resolved:
     """Complete the description as `propose` does, without holding more joints.
 
     A pose of the file beyond the joints' limits is left for one within them where nothing can be proposed.
@@ -92,18 +125,20 @@ def _proposed(known: Known) -> Resolved:
     urdf = ElementTree.tostring(known.tree.root, encoding="unicode")
     known = known._replace(description=replace(known.description, urdf_text=urdf))
     try:
-        return _proposed_at(known, *_closed(known.description))
+        return _proposed_at(known, *_closed(known.description), by_joints=by_joints)
     except RobotFileError:
         within = _within_limits(known.description)
         if within is None:
             raise
-    return _proposed_at(known, *within)
+    return _proposed_at(known, *within, by_joints=by_joints)
 
 
-def _proposed_at(known: Known, motions: _Motions, remarks: list[str]) -> Resolved:
+def _proposed_at(known: Known, motions: _Motions, remarks: list[str], *, by_joints: bool) -> Resolved:
     """Complete the description at a closed pose."""
     tree = known.tree
-    if not motions.working.shape[1]:
+    if not motions.freedoms:
+        if motions.basis.shape[1] and not any(i.mass for i in list(motions.mechanism.model.inertias)[1:]):
+            raise RobotFileError("no link that moves has a mass: an inertia is missing")
         raise RobotFileError("the loops leave no freedom that moves a mass: hold fewer joints")
     mechanism = motions.mechanism
     description = replace(mechanism.description, reference=mechanism.reference_values(motions.q))
@@ -111,25 +146,42 @@ def _proposed_at(known: Known, motions: _Motions, remarks: list[str]) -> Resolve
         motors = _motors(motions, tree, known.likely_motors)
         description = replace(description, actuators=tuple(map(Actuator, motors)))
         remarks.append(f"motors: {', '.join(motors)} (proposed: nearest to the base)")
+    elif known.chooses_motors and len(description.actuators) > motions.freedoms:
+        motors = _best_motors(motions, description)
+        actuators = tuple(actuator for actuator in description.actuators if actuator.joint in motors)
+        remarks.append(
+            f"motors: {', '.join(motors)} (of {len(description.actuators)} in the file, for "
+            f"{motions.freedoms} freedoms: these tell them apart best at the reference)"
+        )
+        description = replace(description, actuators=actuators)
     _check_driven(motions, description, tree)
     if known.platform is not None:
         return Resolved(replace(description, platform=known.platform), tuple(remarks))
     for platform in _platforms(motions, description, tree):
-        robot = _robot_with(description, platform)
-        if robot is not None:
+        if _is_driven(description, platform):
             names = ", ".join(platform.names)
             remarks.append(f"platform: {names} of {platform.frame} (proposed)")
             return Resolved(replace(description, platform=platform), tuple(remarks))
+    part = _part(description, tree)
+    by_joint = list(_platforms_of_joints(motions, description, tree)) if by_joints else []
+    for platform in by_joint:
+        if _is_driven(description, platform):
+            why = f"no body is moved by all of the motors{'; or ' * bool(part)}{part.removesuffix(', ')}"
+            remarks.append(f"platform: the joints {', '.join(platform.names)} (proposed: {why})")
+            return Resolved(replace(description, platform=platform), tuple(remarks))
+    if by_joint:  # what stops this is the more precise reason
+        ParallelRobot.from_description(replace(description, platform=by_joint[-1]))
+    idle = motions.basis @ null_space(motions.working.T @ motions.basis)  # or nearly
     raise RobotFileError(
-        f"no body is moved by all of the motors {', '.join(a.joint for a in description.actuators)} along "
-        f"{motions.working.shape[1]} axes; give --platform and --axes, {_part(description, tree)}or hold "
-        f"joints ({_to_hold(motions, _idle(motions), description, tree) or '--lock'})"
+        f"no body is moved by all of the motors {', '.join(description.motor_joints)} along "
+        f"{motions.freedoms} axes; give --platform and --axes, {part}or hold "
+        f"joints ({_to_hold(motions, idle, description, tree) or '--lock'})"
     )
 
 
 def _part(description: RobotDescription, tree: UrdfTree) -> str:
     """Return the option that takes one of several parts with loops of their own, such as a leg, if any."""
-    motors = [tree.path_to_base(tree.joints[a.joint].child) for a in description.actuators]
+    motors = [tree.path_to_base(tree.joints[name].child) for name in description.motor_joints]
     pairs = [closure.frames for closure in description.closures]
     loops = [[tree.path_to_base(tree.link_of(frame)) for frame in frames] for frames in pairs]
     for joint in sorted(tree.joints.values(), key=lambda joint: len(tree.path_to_base(joint.child))):
@@ -137,21 +189,15 @@ def _part(description: RobotDescription, tree: UrdfTree) -> str:
         driven = sum(joint in path for path in motors)
         if 1 < driven < len(motors) and within == {0, 2}:
             return f"take a part of the robot (such as --base {joint.child}), "
-    first, *others = _loops_apart(description, tree) or [[]]
+    first, *others = merge_sharing(_loop_joints(tree, closure) for closure in description.closures) or [[]]
     held = [name for joints in others for name in joints]
     return f"hold the loops beside those of {first[0]} (such as --lock {' '.join(held)}), " if held else ""
 
 
-def _loops_apart(description: RobotDescription, tree: UrdfTree) -> list[list[str]]:
-    """Return the joints of loops that share some, group by group."""
-    groups: list[list[str]] = []
-    for closure in description.closures:
-        chains = tree.moving_chains(*map(tree.link_of, closure.frames))
-        joints = [joint.name for chain in chains for joint in chain]
-        sharing = [group for group in groups if set(group) & set(joints)]
-        groups = [group for group in groups if group not in sharing]
-        groups.append(list(dict.fromkeys([*(name for group in sharing for name in group), *joints])))
-    return groups
+def _loop_joints(tree: UrdfTree, closure: Closure) -> list[str]:
+    """Return the joints that move between the frames of a closure."""
+    chains = tree.moving_chains(*map(tree.link_of, closure.frames))
+    return [joint.name for chain in chains for joint in chain]
 
 
 def _within_limits(description: RobotDescription) -> tuple[_Motions, list[str]] | None:
@@ -192,86 +238,67 @@ def _closed(description: RobotDescription) -> tuple[_Motions, list[str]]:
     if any(_rank(mechanism, pose) > _rank(mechanism, q) for pose in beside):
         q = max(beside, key=lambda pose: _rank(mechanism, pose))
         remarks.append("reference: a pose beside the file's, which is on a singularity of the loops")
-    basis = _motions(mechanism, q)
-    values, right = np.linalg.svd(centres_of_mass(mechanism, q) @ basis)[1:]
-    moving = int(np.sum(values > NEARLY_AT_REST))
-    driven = columns_of(mechanism.model, (actuator.joint for actuator in description.actuators))
-    idle = basis @ right[moving:].T
-    if len(driven) and idle.shape[1]:  # what a motor turns is no idle turn
-        felt, turns = np.linalg.svd(idle[driven])[1:]
-        moved = turns[: int(np.sum(felt > NEARLY_AT_REST))].T
-        working = np.concatenate([basis @ right[:moving].T, idle @ moved], axis=1)
-    else:
-        working = basis @ right[:moving].T
-    return _Motions(mechanism, q, basis, working), remarks
+    basis = free_motions(mechanism, q, _rank(mechanism, q))
+    moves = centres_of_mass(mechanism, q) @ basis
+    idle = basis @ null_space(moves, NEARLY_AT_REST)
+    driven = idle[columns_of(mechanism.model, description.motor_joints)]  # what a motor turns is no idle turn
+    parts = basis @ row_space(moves, NEARLY_AT_REST), idle @ row_space(driven, NEARLY_AT_REST)
+    return _Motions(mechanism, q, basis, np.concatenate(parts, axis=1)), remarks
 
 
 def _rank(mechanism: Mechanism, q: Array) -> int:
     return len(independent_rows(all_loops_matrix(mechanism, q)[:, mechanism.joints]))
 
 
-def _motions(mechanism: Mechanism, q: Array) -> Array:
-    """Compute orthonormal motions (nv, f) that the loops allow at q (nq,)."""
-    right = np.linalg.svd(all_loops_matrix(mechanism, q)[:, mechanism.joints])[2]
-    rank = _rank(mechanism, q)
-    motions = np.zeros((mechanism.model.nv, len(mechanism.joints) - rank))
-    motions[mechanism.joints] = right[rank:].T
-    return motions
-
-
 def _motors(motions: _Motions, tree: UrdfTree, likely: Sequence[str]) -> list[str]:
     """Choose joints whose rates tell the working motions apart: those likely by the file, then by depth."""
     by_depth = sorted(tree.movable, key=lambda name: len(tree.path_to_base(tree.joints[name].child)))
-    chosen: list[str] = []
-    rates = np.empty((0, motions.working.shape[1]))
-    for name in dict.fromkeys([*(name for name in likely if name in by_depth), *by_depth]):
-        row = motions.working[columns_of(motions.mechanism.model, [name])]
-        more = np.concatenate([rates, row])
-        if np.linalg.matrix_rank(more, tol=PROPOSED_AXES_CLEARANCE) > len(rates):
-            chosen, rates = [*chosen, name], more
-    return chosen
+    names = dict.fromkeys([*(name for name in likely if name in by_depth), *by_depth])
+    return motions.independent(motions.working, names)
 
 
-def _undriven(motions: _Motions, description: RobotDescription) -> Array:
-    """Compute the working motions (nv, k) that no motor determines."""
-    motors = [actuator.joint for actuator in description.actuators]
-    values, right = np.linalg.svd(motions.working[columns_of(motions.mechanism.model, motors)])[1:]
-    return np.asarray(motions.working @ right[int(np.sum(values > FILE_ROUNDING)) :].T)
+def _best_motors(motions: _Motions, description: RobotDescription) -> list[str]:
+    """Choose as many of the file's motors as there are freedoms, those whose rates are conditioned best.
 
-
-def _idle(motions: _Motions) -> Array:
-    """Compute the motions (nv, k) that are none of the working ones: idle, or nearly."""
-    right = np.linalg.svd(motions.working.T @ motions.basis)[2]
-    return np.asarray(motions.basis @ right[motions.working.shape[1] :].T)
+    Raises:
+        RobotFileError: two choices are alike.
+    """
+    names, count = description.motor_joints, motions.freedoms
+    rates = motions.rates(names)  # (n_a, w)
+    if comb(len(names), count) > MAX_CHOICES:
+        order = qr(rates.T, pivoting=True)[2][:count]
+        return [names[i] for i in sorted(order)]
+    choices = list(combinations(range(len(names)), count))
+    least = np.linalg.svd(rates[np.array(choices)], compute_uv=False)[:, -1]
+    best, *others = np.argsort(-least, kind="stable")
+    if least[best] > FILE_ROUNDING and others and least[others[0]] > (1.0 - ALIKE_CHOICES) * least[best]:
+        alike = [[names[i] for i in choices[k]] for k in (best, others[0])]
+        raise RobotFileError(
+            f"{len(names)} motors for {count} freedoms, and none are better than others: give --motors "
+            f"{' '.join(alike[0])} or --motors {' '.join(alike[1])}"
+        )
+    return [names[i] for i in choices[best]]
 
 
 def _to_hold(motions: _Motions, left: Array, description: RobotDescription, tree: UrdfTree) -> str:
     """Return the option that holds motions (nv, k), by joints with springs, else far from the base."""
-    motors = [actuator.joint for actuator in description.actuators]
     springs = [name for name, acting in description.joints.items() if acting.stiffness]
-    names = [name for name in dict.fromkeys([*springs, *reversed(tree.movable)]) if name in tree.movable]
-    held: list[str] = []
-    rows = np.empty((0, left.shape[1]))
-    for name in names:
-        more = np.concatenate([rows, left[columns_of(motions.mechanism.model, [name])]])
-        if name not in motors and np.linalg.matrix_rank(more, tol=PROPOSED_AXES_CLEARANCE) > len(rows):
-            held, rows = [*held, name], more
+    names = dict.fromkeys([*springs, *reversed(tree.movable)])
+    free = [name for name in names if name in tree.movable and name not in description.motor_joints]
+    held = motions.independent(left, free)
     return f"such as --lock {' '.join(held)}" if held and len(held) == left.shape[1] else ""
 
 
 def _check_driven(motions: _Motions, description: RobotDescription, tree: UrdfTree) -> None:
     """Refuse a mechanism with motions that no motor determines, and say what would hold them."""
-    motors, left = [actuator.joint for actuator in description.actuators], _undriven(motions, description)
+    motors = description.motor_joints
+    left = motions.working @ null_space(motions.rates(motors))
     if not left.shape[1]:
         return
-    free = [joint for joint in tree.joints.values() if joint.kind == "floating"]
-    if free:
-        raise RobotFileError(
-            f"{free[0].child!r} is free and no motor drives it; take a part of the robot by --base LINK, "
-            f"such as --base {free[0].child}, or hold it by --lock {free[0].name}"
-        )
+    if not motors:
+        raise RobotFileError("no joint of one freedom says where the mechanism is: a motor needs one")
     raise RobotFileError(
-        f"{motions.working.shape[1]} freedoms and {len(motors)} motor{'s' * (len(motors) != 1)} "
+        f"{motions.freedoms} freedoms and {len(motors)} motor{'s' * (len(motors) != 1)} "
         f"({', '.join(motors)}): nothing says "
         f"how {left.shape[1]} of them go; hold joints "
         f"({_to_hold(motions, left, description, tree) or 'such as --lock or --motors'}), or name more motors"
@@ -283,12 +310,12 @@ def _check_driven(motions: _Motions, description: RobotDescription, tree: UrdfTr
 
 def _platforms(motions: _Motions, description: RobotDescription, tree: UrdfTree) -> Iterator[Platform]:
     """Yield platforms to try, the likeliest first."""
-    count, motors = motions.working.shape[1], [actuator.joint for actuator in description.actuators]
+    count, motors = motions.freedoms, description.motor_joints
     mechanism = motions.mechanism
     data = mechanism.model.createData()
     pin.computeJointJacobians(mechanism.model, data, motions.q)
     pin.updateFramePlacements(mechanism.model, data)
-    rates = np.linalg.pinv(motions.working[columns_of(mechanism.model, motors)])
+    rates = np.linalg.pinv(motions.rates(motors))
     entries: list[tuple[float, Platform]] = []
     for number, frame in enumerate(tree.frames):
         twists = _twists(mechanism, data, frame) @ motions.working  # (6, w)
@@ -301,8 +328,19 @@ def _platforms(motions: _Motions, description: RobotDescription, tree: UrdfTree)
     entries.sort(key=lambda entry: -entry[0])
     for _, platform in entries[:MAX_TRIED]:
         yield platform
-    if count == len(motors) == 1:
-        yield Platform(tree.joints[motors[-1]].child, (), tuple(motors))
+
+
+def _platforms_of_joints(
+    motions: _Motions, description: RobotDescription, tree: UrdfTree
+) -> Iterator[Platform]:
+    """Yield platforms of as many joints as freedoms, those without motors first."""
+    motors, count = description.motor_joints, motions.freedoms
+    for names in ([name for name in tree.movable if name not in motors], motors):
+        rows = motions.rates(names)
+        order = sorted(qr(rows.T, pivoting=True)[2][:count]) if len(names) >= count else []
+        if order and np.linalg.svd(rows[order], compute_uv=False)[-1] > PROPOSED_AXES_CLEARANCE:
+            chosen = tuple(names[i] for i in order)
+            yield Platform(tree.joints[chosen[-1]].child, (), chosen)
 
 
 def _of_frame(
@@ -343,39 +381,50 @@ def _twists(mechanism: Mechanism, data: pin.Data, frame: str) -> Array:
     """Compute twists (6, nv) of a frame, in radians and lengths of the robot."""
     axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
     twist = pin.getFrameJacobian(mechanism.model, data, frame_of(mechanism.model, frame), axes)
-    return np.asarray(twist / np.repeat([mechanism.length, 1.0], 3)[:, None] * mechanism.column_scale)
+    return scaled_twists(mechanism, twist.reshape(6, mechanism.model.nv))
 
 
-def _robot_with(description: RobotDescription, platform: Platform) -> ParallelRobot | None:
-    """Return the robot with a platform, if all its axes move and nothing else does."""
+def _is_driven(description: RobotDescription, platform: Platform) -> bool:
+    """Whether all axes of a platform move and nothing else does."""
     try:
         robot = ParallelRobot.from_description(replace(description, platform=platform))
         mobility = mobility_of(robot)
-        stuck = platform_axes_of(robot, mobility.working - len(mobility.loose)).stuck_here
+        driven = mobility.working - len(mobility.loose)  # a loose one is idle, or nearly: see `_check_driven`
+        stuck = platform_axes_of(robot, driven).stuck_here
     except FrameworkError:
-        return None
-    driven = mobility.working - len(
-        mobility.loose
-    )  # a loose one is idle, or nearly: `_check_driven` has seen
-    return robot if robot.n == driven <= robot.n_a and not stuck else None
+        return False
+    return robot.n == driven <= robot.n_a and not stuck
 
 
 # ------------------------------------------------------------------ joints in no loop
 
 
-def _in_no_loop(known: Known) -> tuple[list[str], list[str]]:
-    """Return moving joints that no loop needs: those that carry no loop, and those that do."""
+def _needed(known: Known) -> set[str]:
+    """Return names of the joints that loops need."""
     tree, description = known.tree, known.description
     needed = {name for coupling in description.couplings for name in (coupling.joint, coupling.of)}
     for closure in description.closures:
-        for chain in tree.moving_chains(*map(tree.link_of, closure.frames)):
-            needed.update(joint.name for joint in chain)
-    carrying = {above.name for name in needed for above in tree.path_to_base(tree.joints[name].parent)}
-    serial = [
-        joint.name
-        for joint in tree.joints.values()
-        if joint.moves and joint.kind != "floating" and joint.name not in needed
-    ]
+        needed.update(_loop_joints(tree, closure))
+    return needed
+
+
+def _serial(known: Known) -> list[str]:
+    """Return moving joints that no loop needs."""
+    needed = _needed(known)
+    return [joint.name for joint in known.tree.joints.values() if joint.moves and joint.name not in needed]
+
+
+def _in_no_loop(known: Known, options: Options) -> tuple[list[str], list[str]]:
+    """Return moving joints that no loop needs and no option: those that carry no loop, and those that do."""
+    tree = known.tree
+    asked = {*(options.motors or ()), *(options.platform_joints or ())}
+    if known.platform is not None or options.platform is not None:
+        frame = options.platform or (known.platform.frame if known.platform else "")
+        asked |= {joint.name for joint in tree.path_to_base(tree.link_of(frame))}
+    carrying = {
+        above.name for name in _needed(known) for above in tree.path_to_base(tree.joints[name].parent)
+    }
+    serial = [name for name in _serial(known) if name not in asked]
     return [name for name in serial if name not in carrying], [name for name in serial if name in carrying]
 
 

@@ -3,13 +3,10 @@
 All make the records of `framework.model.description`.
 
 Dialects
-    onshape             frames `closing_NAME_1` and `closing_NAME_2`
+    urdf                URDF, whose loops are written in many ways
     gepetto             a YAML of loops beside a URDF
-    ros_constraint      `<constraint>` in a URDF
-    loop_joint          `<loop_joint>` in a URDF
-    urdf_plus           `<loop>` and `<coupling>` in a URDF
-    mjcf/               MuJoCo's models
-    sdf                 SDFormat: recognised, and refused
+    mjcf, mujoco_model  MuJoCo's models, compiled by MuJoCo itself
+    sdf                 SDFormat
 
 What they share
     urdf_tree           a URDF with frames and closures to add

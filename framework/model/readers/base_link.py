@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from framework.errors import RobotFileError, choose_from
-from framework.model.description import Closure, Coupling
+from framework.errors import RobotFileError, check_name, choose_from
+from framework.model.description import Closure, Coupling, locked_by_couplings
 from framework.model.readers.urdf_tree import UrdfTree
 
 
@@ -18,8 +18,7 @@ def lock_all_but(tree: UrdfTree, base: str, reference: Mapping[str, float]) -> N
     Raises:
         RobotFileError: there is no such link, or it carries no joint that moves.
     """
-    if base not in tree.links:
-        raise RobotFileError(f"--base: {choose_from('link', base, tree.links)}")
+    check_name("--base", "link", base, tree.links)
     carried = {
         joint.name
         for joint in tree.joints.values()
@@ -70,22 +69,8 @@ def loops_of_the_rest(tree: UrdfTree, closures: Sequence[Closure]) -> list[Closu
 
 
 def couplings_of_the_rest(tree: UrdfTree, couplings: Sequence[Coupling]) -> list[Coupling]:
-    """Return the couplings of two joints that still move; where one is held, the other becomes held with it.
-
-    Raises:
-        RobotFileError: the joint that is held says nothing of the other, by a ratio of zero.
-    """
-    waiting = list(couplings)
-    while True:
-        half = [c for c in waiting if tree.joints[c.joint].moves != tree.joints[c.of].moves]
-        if not half:
-            return [c for c in waiting if tree.joints[c.joint].moves]
-        coupling = half[0]
-        if tree.joints[coupling.joint].moves:
-            (value,) = tree.held[coupling.of]
-            tree.fix(tree.joints[coupling.joint], coupling.ratio * value + coupling.offset)
-        elif coupling.ratio:
-            (value,) = tree.held[coupling.joint]
-            tree.fix(tree.joints[coupling.of], (value - coupling.offset) / coupling.ratio)
-        else:
-            waiting.remove(coupling)
+    """Return the couplings of two joints that still move; where one is held, hold the other with it."""
+    while more := locked_by_couplings(couplings, {name: values[0] for name, values in tree.held.items()}):
+        for name, value in more.items():
+            tree.fix(tree.joints[name], value)
+    return [c for c in couplings if tree.joints[c.joint].moves and tree.joints[c.of].moves]

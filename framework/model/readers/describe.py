@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from framework.errors import RobotFileError
+from framework.errors import FrameworkError, RobotFileError
 from framework.model.description import (
     Closure,
     Coupling,
@@ -17,9 +17,9 @@ from framework.model.description import (
     RobotDescription,
 )
 from framework.model.readers.base_link import couplings_of_the_rest, lock, lock_all_but, loops_of_the_rest
-from framework.model.readers.left_out import LeftOut, left_out_of
+from framework.model.readers.left_out import LeftOut, left_out_of, moves
 from framework.model.readers.missing_fields import Known, Options, checked_reference, completed_description
-from framework.model.readers.transmissions import Motor, actuators_of
+from framework.model.readers.transmissions import Motor, Pull, actuators_of, add_pulls
 from framework.model.readers.urdf_tree import UrdfTree
 from framework.model.robot_keys import joint_dynamics
 from framework.model.urdf_elements import declared_couplings, declared_dynamics
@@ -37,11 +37,13 @@ def describe(
     couplings: Sequence[Coupling] = (),
     platform: Platform | None = None,
     motors: Sequence[Motor] = (),
+    pulls: Iterable[Pull] = (),
     likely_motors: Sequence[str] = (),
     joints: Mapping[str, JointDynamics] | None = None,
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81),
     reference: Mapping[str, float] | None = None,
     left_out: Sequence[LeftOut] = (),
+    remarks: Sequence[str] = (),
 ) -> ParsedRobot:
     """Make the records of a tree and its loops, completed by the options; return them with the URDF.
 
@@ -52,7 +54,9 @@ def describe(
     """
     near = checked_reference(options, tree.coordinates, reference or {})
     couplings = [*couplings, *declared_couplings(tree.root)]
+    left_out = [*left_out, *(LeftOut(text, (name,), is_decisive=True) for name, text in tree.impossible)]
     if not closures and not couplings:
+        left_out_of(tree, left_out)
         raise RobotFileError("there is no loop in it: a parallel robot needs at least one closure")
     _check_closures(closures)
     if options.base is not None:
@@ -63,6 +67,7 @@ def describe(
     if not loops and not couplings:
         raise _no_loop(options, closures[0] if closures else None)
     actuators, several = actuators_of(motors, tree, couplings)
+    acting, apart = add_pulls(pulls, joints or {}, tree, couplings)
     description = RobotDescription(
         name=_name(tree.root, file),
         file=file,
@@ -71,18 +76,28 @@ def describe(
         actuators=tuple(actuators),
         closures=tuple(loops),
         couplings=tuple(couplings),
-        joints=_acting(tree, joints or {}),
+        joints=_acting(tree, acting),
         gravity=gravity,
         reference={name: value for name, value in near.items() if name in tree.coordinates},
     )
     known = Known(tree, description, platform, tuple(likely_motors))
-    resolved = completed_description(options, known)
+    left_out = [*left_out, *apart]
+    try:
+        resolved = completed_description(options, known)
+    except FrameworkError:
+        left_out_of(tree, left_out)  # the more precise reason, if there is one
+        raise
     description = replace(
         resolved.description,
         urdf_text=ElementTree.tostring(tree.root, encoding="unicode"),
         left_out=(*several, *left_out_of(tree, left_out)),
     )
-    return ParsedRobot(description, tree.root, remarks=resolved.remarks)
+    decisive = [item for item in left_out if item.is_decisive]
+    held = [item.what for item in decisive if not any(moves(tree, name) for name in item.acts_on)]
+    said = [*remarks, *(f"not used, since it does not move: {what}" for what in held)]
+    if tree.skipped:
+        said.append(f"not read, of other programs: {', '.join(f'<{tag}>' for tag in tree.skipped)}")
+    return ParsedRobot(description, tree.root, remarks=(*said, *resolved.remarks))
 
 
 def _check_closures(closures: Sequence[Closure]) -> None:

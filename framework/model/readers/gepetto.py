@@ -17,7 +17,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from framework.errors import RobotFileError, choose_from, short
+from framework.errors import RobotFileError, check_name, check_unique, choose_from, short
 from framework.model.description import Closure, ParsedRobot, locked_axes
 from framework.model.readers.describe import describe
 from framework.model.readers.missing_fields import Options, names_list
@@ -36,8 +36,7 @@ def read_pair(file: Path, content: Mapping[Any, Any], tree: UrdfTree, options: O
         RobotFileError: names the key.
     """
     for key in content:
-        if key not in KEYS:
-            raise RobotFileError(f"{short(key)}: {choose_from('key', key, KEYS)}")
+        check_name(short(key), "key", key, KEYS)
     pairs = content.get("closed_loop")
     if not isinstance(pairs, list) or not pairs:
         raise RobotFileError(f"closed_loop: needs a list of pairs of frames, got {short(pairs)}")
@@ -55,18 +54,15 @@ def read_pair(file: Path, content: Mapping[Any, Any], tree: UrdfTree, options: O
         if len(frames) != 2:
             raise RobotFileError(f"closed_loop[{i}]: needs two frames, got {short(pair)}")
         for frame in frames:
-            if frame not in tree.frames:
-                raise RobotFileError(f"closed_loop[{i}]: {choose_from('frame', frame, tree.frames)}")
+            check_name(f"closed_loop[{i}]", "frame", frame, tree.frames)
         if kind.lower() not in _KINDS:
             raise RobotFileError(f"type[{i}]: {choose_from('type', kind, _KINDS)}")
         axes = locked_axes(_KINDS[kind.lower()])
         closures.append(Closure("-".join(frames), (frames[0], frames[1]), axes))
     motors = names_list("name_mot", content["name_mot"]) if "name_mot" in content else ()
     for i, name in enumerate(motors):
-        if name not in tree.movable:
-            raise RobotFileError(f"name_mot[{i}]: {choose_from('movable joint', name, tree.movable)}")
-        if motors.count(name) > 1:
-            raise RobotFileError(f"name_mot: duplicate {name!r}")
+        check_name(f"name_mot[{i}]", "movable joint", name, tree.movable)
+    check_unique("name_mot", motors)
     return describe(tree, file, options, closures, motors=[Motor.on(name) for name in motors])
 
 
@@ -77,11 +73,9 @@ def _replace_joints(tree: UrdfTree, content: Mapping[Any, Any]) -> None:
         raise RobotFileError(
             f"joint_type: needs one entry a joint of joint_name ({len(names)}), got {len(kinds)}"
         )
+    check_unique("joint_name", names)
     for i, (name, kind) in enumerate(zip(names, kinds, strict=True)):
-        if names.count(name) > 1:
-            raise RobotFileError(f"joint_name: duplicate {name!r}")
-        if name not in tree.joints:
-            raise RobotFileError(f"joint_name[{i}]: {choose_from('joint', name, tree.joints)}")
+        check_name(f"joint_name[{i}]", "joint", name, tree.joints)
         joint = tree.joints[name]
         if kind == "FIXED":
             tree.fix(joint)

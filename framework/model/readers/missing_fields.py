@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-from framework.errors import RobotFileError, choose_from, short
+from framework.errors import RobotFileError, check_name, check_unique, short
 from framework.model.description import AXES, Actuator, Platform, RobotDescription
 from framework.model.readers.urdf_tree import UrdfTree
 
@@ -20,6 +20,7 @@ class Known(NamedTuple):
     description: RobotDescription  # its platform is the base on no axes, its motors those of the file
     platform: Platform | None = None
     likely_motors: tuple[str, ...] = ()
+    chooses_motors: bool = False  # where the file has more than the mechanism needs
 
 
 class Resolved(NamedTuple):
@@ -68,8 +69,8 @@ def completed_description(options: Options, known: Known) -> Resolved:
         motors = _actuators(options.motors, joints, description.actuators)
         description = replace(description, actuators=motors)
     frame, platform = options.platform, known.platform
-    if frame is not None and frame not in frames:
-        raise RobotFileError(f"--platform: {choose_from('frame', frame, frames)}")
+    if frame is not None:
+        check_name("--platform", "frame", frame, frames)
     if options.platform_joints is not None:
         if options.axes is not None:
             raise RobotFileError("--platform-joints: the platform has joints or --axes, not both")
@@ -82,7 +83,7 @@ def completed_description(options: Options, known: Known) -> Resolved:
         platform = Platform(frame, options.axes) if frame is not None else None
     elif frame is not None:
         platform = replace(platform, frame=frame) if platform is not None else None
-    if platform is not None and description.actuators:
+    if platform is not None and description.actuators and options.propose is None:
         return Resolved(replace(description, platform=platform))
     if options.propose is not None:
         return options.propose(options, known._replace(description=description, platform=platform))
@@ -100,25 +101,20 @@ def completed_description(options: Options, known: Known) -> Resolved:
 
 def _check_axes(option: str, kind: str, names: Sequence[str], valid: Sequence[str]) -> None:
     for name in names:
-        if name not in valid:
-            raise RobotFileError(f"{option}: {choose_from(kind, name, valid)}")
+        check_name(option, kind, name, valid)
     if len(set(names)) < len(names):
         plural = "axes" if kind == "axis" else "joints"
         raise RobotFileError(f"{option}: needs different {plural}, got {' '.join(names)}")
 
 
 def _actuators(
-    motors: Sequence[str] | None, joints: Sequence[str], known: Sequence[Actuator]
+    motors: Sequence[str], joints: Sequence[str], known: Sequence[Actuator]
 ) -> tuple[Actuator, ...]:
-    """Return the motors of the file, or those of the options with what the file knows of them."""
-    if motors is None:
-        return tuple(known)
+    """Return the motors of the options with what the file knows of them."""
     by_joint = {actuator.joint: actuator for actuator in known}
     for name in motors:
-        if name not in joints:
-            raise RobotFileError(f"--motors: {choose_from('movable joint', name, joints)}")
-        if list(motors).count(name) > 1:
-            raise RobotFileError(f"--motors: duplicate {name!r}")
+        check_name("--motors", "movable joint", name, joints)
+    check_unique("--motors", motors)
     if not motors:
         raise RobotFileError(f"--motors: needs at least one joint (valid: {_few(joints)})")
     return tuple(by_joint.get(name, Actuator(name)) for name in motors)
@@ -129,8 +125,7 @@ def checked_reference(
 ) -> dict[str, float]:
     """Return the file's reference, overridden by the options'; `coordinates` are those of all joints."""
     for name in options.reference:
-        if name not in coordinates:
-            raise RobotFileError(f"--reference: {choose_from('movable joint', name, coordinates)}")
+        check_name("--reference", "movable joint", name, coordinates)
     return {**near, **{name: float(value) for name, value in options.reference.items()}}
 
 

@@ -7,13 +7,12 @@ from __future__ import annotations
 
 import os
 import re
-import xml.etree.ElementTree as ElementTree
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from framework.errors import RobotFileError, choose_from, short
+from framework.errors import MissingPackage, RobotFileError, check_name, short
 from framework.input import read_text
 from framework.model.description import ParsedRobot, RobotDescription
 from framework.model.documents import LEADING_BLANKS, naming, parse_xml, parse_yaml
@@ -21,7 +20,6 @@ from framework.model.parameters import with_parameters
 from framework.model.readers.missing_fields import (
     Known,
     Options,
-    Propose,
     checked_reference,
     completed_description,
 )
@@ -35,8 +33,15 @@ DIALECTS = {
     "ros": "URDF with <constraint> (urdfdom pull request 264)",
     "loop_joint": "URDF with <loop_joint> (Isaac Sim)",
     "mjcf": "MuJoCo's XML with <equality>",
+    "sdf": "SDFormat, whose joints close loops",
+    "urdf": "URDF with <mimic>, <gazebo><joint>, drake:ball_constraint or loop_closures.yaml",
     "onshape": "URDF of onshape-to-robot with frames closing_NAME_1 and closing_NAME_2",
 }
+_USD = (
+    "USD is not read; write it as URDF or MJCF first, with the exporters of Isaac Sim or Newton, and declare "
+    "there the loops that they cut"
+)
+_LISTS = ("axes", "motors", "platform_joints")  # of the options
 _OWN_KEYS = ("version", "urdf", "platform", "actuators", "closures")
 
 
@@ -46,26 +51,16 @@ def read_any(file: str | Path, **options: Any) -> RobotDescription:
 
 
 def parse_any(
-    file: str | Path,
-    *,
-    platform: str | None = None,
-    axes: Sequence[str] | None = None,
-    motors: Sequence[str] | None = None,
-    reference: Mapping[str, float] | None = None,
-    base: str | None = None,
-    locked: Mapping[str, float | None] | None = None,
-    platform_joints: Sequence[str] | None = None,
-    propose: Propose | None = None,
-    parameters: Mapping[str, float] | None = None,
+    file: str | Path, *, parameters: Mapping[str, float] | None = None, **options: Any
 ) -> ParsedRobot:
     """Read a file of any dialect, recognised by its content: its description, its URDF and the dialect.
 
-    The options say what a foreign file does not, and overrule what it does: the `platform` frame and
-    its `axes` or `platform_joints`, the joints that are `motors` or `locked` [rad, m] (at the reference where
-    the value is None), and a `reference` [rad, m] where the file's zero pose is not near the wanted one. Only
-    what the link `base` of a foreign file carries moves, if one is given; all else is locked where the
-    reference of the file has it. `propose` says what is said nowhere. For a pair of Gepetto give the YAML or
-    the folder of the two.
+    The fields of `Options` say what a foreign file does not, and overrule what it does: the `platform` frame
+    and its `axes` or `platform_joints`, the joints that are `motors` or `locked` [rad, m] (at the reference
+    where the value is None), and a `reference` [rad, m] where the file's zero pose is not near the wanted
+    one. Only what the link `base` of a foreign file carries moves, if one is given; all else is locked where
+    the reference of the file has it. `propose` says what is said nowhere. For a pair of Gepetto give the YAML
+    or the folder of the two.
     `parameters` takes other values for those that a robot file of ours declares.
 
     Raises:
@@ -73,67 +68,30 @@ def parse_any(
             the records cannot hold, or leaves something out that no option says.
     """
     path = Path(file)
-    options = Options(
-        platform,
-        None if axes is None else tuple(axes),
-        None if motors is None else tuple(motors),
-        dict(reference or {}),
-        base,
-        dict(locked or {}),
-        None if platform_joints is None else tuple(platform_joints),
-        propose,
-    )
+    said: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
+    lists: dict[str, Any] = {name: tuple(said[name]) for name in _LISTS if name in said}
+    asked = Options(**said | lists)
     if os.path.isdir(path):
         path = _pair_in(path)
     text = read_text(path, f"{path}: cannot read it", error=RobotFileError)
+    if path.suffix.lower() in (".usd", ".usda", ".usdc", ".usdz") or text.startswith("#usda"):
+        raise RobotFileError(f"{path}: {_USD}")
     is_xml = text.lstrip(LEADING_BLANKS).startswith("<")
     if path.suffix.lower() in (".urdf", ".xml", ".mjcf", ".sdf") and not is_xml:
         raise RobotFileError(f"{path}: not well-formed XML: it does not begin with <")
     with naming(path):
         if not is_xml:
-            return _from_yaml(path, text, options, parameters)
+            return _from_yaml(path, text, asked, parameters)
         if parameters:
             raise RobotFileError("parameters: only robot files of ours have some")
-        return _from_xml(path, text, options)
-
-
-def _dialect_of_xml(root: ElementTree.Element) -> str:
-    from framework.model.readers import loop_joint, onshape, ros_constraint, urdf_plus
-
-    if root.tag == "sdf":
-        from framework.model.readers.sdf import raise_for_sdf
-
-        raise_for_sdf()
-    if root.tag == "mujoco":
-        return "mjcf"
-    if root.tag != "robot":
-        raise RobotFileError(f"unknown dialect: {choose_from('root element', root.tag, ('robot', 'mujoco'))}")
-    elements = {
-        "urdf+": urdf_plus.ELEMENTS,
-        "ros": ros_constraint.ELEMENTS,
-        "loop_joint": loop_joint.ELEMENTS,
-    }
-    mixed = [dialect for dialect, tags in elements.items() if any(root.find(tag) is not None for tag in tags)]
-    if len(mixed) > 1:
-        texts = " with ".join(
-            " or ".join(f"<{tag}>" for tag in elements[dialect]) + f" ({dialect})" for dialect in mixed
-        )
-        raise RobotFileError(f"mixes dialects: {texts}")
-    if mixed:
-        return mixed[0]
-    if onshape.has_closing_frames(root):
-        return "onshape"
-    UrdfTree(root)  # a mistyped element is the likelier complaint
-    raise RobotFileError(
-        "a URDF without loops: declare them in it (<loop> of URDF+, <constraint> of ROS, <loop_joint> of "
-        "Isaac Sim, links closing_X_1 and closing_X_2 of onshape-to-robot) or in a YAML file beside it "
-        "(ours, or Gepetto's with closed_loop), and give that file"
-    )
+        return _from_xml(path, text, asked)
 
 
 def _dialect_of_yaml(content: Any) -> str:
     if not isinstance(content, dict):
         raise RobotFileError(f"needs a mapping of keys, got {short(content)}")
+    if "closures" in content and not any(key in content for key in ("version", "urdf", "platform")):
+        return "loop_closures"
     if any(key in content for key in _OWN_KEYS):
         return "robot file"
     from framework.model.readers import gepetto
@@ -147,20 +105,17 @@ def _dialect_of_yaml(content: Any) -> str:
 
 
 def _from_xml(path: Path, text: str, options: Options) -> ParsedRobot:
-    from framework.model.readers import loop_joint, onshape, ros_constraint, urdf_plus
-    from framework.model.readers.mjcf.reader import read_mjcf
+    from framework.model.readers.mjcf import read_mjcf
+    from framework.model.readers.sdf import read_sdf
+    from framework.model.readers.urdf import read_urdf
 
+    readers = {"robot": read_urdf, "mujoco": read_mjcf, "sdf": read_sdf, "gazebo": read_sdf}
     root = parse_xml(text)
-    read = {
-        "mjcf": read_mjcf,
-        "loop_joint": loop_joint.read_loop_joints,
-        "urdf+": urdf_plus.read_urdf_plus,
-        "ros": ros_constraint.read_ros_constraint,
-        "onshape": onshape.read_onshape,
-    }
-    dialect = _dialect_of_xml(root)
+    check_name("unknown dialect", "root element", root.tag, readers)
     try:
-        return read[dialect](path, root, options)._replace(dialect=dialect)
+        return readers[root.tag](path, root, options)
+    except MissingPackage:
+        raise
     except RobotFileError as error:
         raise RobotFileError(f"{_line_of_element(str(error), text)}{error}") from None
 
@@ -184,12 +139,18 @@ def _from_yaml(
     if dialect == "robot file":
         return _own(parse_robot(path, content, parameters), options)
     from framework.model.readers import gepetto
+    from framework.model.readers.urdf import read_urdf, urdf_of_closures
 
+    if dialect == "loop_closures":
+        urdf = urdf_of_closures(path)
+        root = parse_xml(read_text(urdf, f"{urdf}: cannot read it", error=RobotFileError))
+        return read_urdf(urdf, root, options, content)
     urdf = _urdf_beside(path)
     try:
         tree = UrdfTree(parse_xml(read_text(urdf, f"{urdf}: cannot read it", error=RobotFileError)))
     except RobotFileError as error:
         raise RobotFileError(f"{urdf.name}: {str(error).removeprefix(f'{urdf}: ')}") from None
+    tree.impossible = [(name, f"{urdf.name}: {what}") for name, what in tree.impossible]
     return gepetto.read_pair(path, content, tree, options)._replace(dialect=dialect)
 
 

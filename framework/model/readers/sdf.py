@@ -1,17 +1,478 @@
-"""SDF is recognised and refused: no parser for it comes with what this package is built on."""
+"""SDFormat 1.4 to 1.12: the joints of a model need no tree, and those that close loops become closures.
+
+Read are models, also in a world, in a model and by `<include>` of a file beside it (`a::b` names what is
+nested); frames and poses with `relative_to` and `attached_to`; joints fixed, revolute, prismatic, universal,
+revolute2 and ball with limits, damping, friction, springs and `<mimic>`; inertias and primitive shapes. A
+joint whose parent is a `<frame>` stands in that frame, so that the loops may be open where the file has its
+links. Joints with something of their own, such as a limit, stay in the tree, others are cut first. Joints
+that a plugin names are likely motors. The file says nothing about the platform.
+
+Source: sdformat.org, "Pose frame semantics".
+"""
 
 from __future__ import annotations
 
-from framework.errors import RobotFileError
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.errors import RobotFileError, check_name, choose_from
+from framework.input import read_text
+from framework.model.description import Closure, Coupling, JointDynamics, ParsedRobot
+from framework.model.documents import naming, parse_xml
+from framework.model.inertia import ENTRIES, symmetric
+from framework.model.placement import from_quaternion, from_rpy, inverse, placement
+from framework.model.readers.describe import describe
+from framework.model.readers.left_out import LeftOut
+from framework.model.readers.missing_fields import Options
+from framework.model.readers.urdf_tree import UrdfTree, merge_sharing
+from framework.model.urdf_elements import local_name
+from framework.model.urdf_writing import (
+    inertial_element,
+    joint_element,
+    origin_element,
+    vector_text,
+    visual_element,
+)
+from framework.model.xml_reading import attribute, child_element, numbers
+
+WORLD, MODEL = "world", "__model__"
+UNLIMITED = 1e15  # [rad, m] larger ones stand for no limit
+_KINDS = {kind: kind for kind in ("fixed", "revolute", "prismatic", "universal")} | {
+    "continuous": "revolute",
+    "revolute2": "universal",
+    "ball": "spherical",
+}
+_AXES = {"universal": ("axis", "axis2"), "revolute": ("axis",), "prismatic": ("axis",)}
+_NOT_READ = ("screw", "gearbox")
+_CONSTRAINTS = {"weld_constraint": "fixed", "ball_constraint": "ball"}  # of Drake
+_OWN = ("dynamics", "limit", "mimic")  # what a joint of the tree can have, and a closure cannot
+_DYNAMICS = {
+    "damping": "damping",
+    "friction": "friction",
+    "stiffness": "spring_stiffness",
+    "rest": "spring_reference",
+}
+_SHAPES = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length")}
+_VERSION_OF_JOINT_AXES = 1.5  # before, axes were in the frame of the model
 
 
-def raise_for_sdf() -> None:
-    """Raise the error that points to a converter.
+@dataclass
+class Scope:
+    """The frames of all models, by scoped name: what each is relative to, its pose there, its body."""
+
+    version: float
+    relative: dict[str, tuple[str, Array]] = field(default_factory=lambda: {MODEL: (WORLD, np.eye(4))})
+    attached: dict[str, str] = field(default_factory=dict)
+    links: dict[str, ElementTree.Element] = field(default_factory=dict)
+    joints: dict[str, ElementTree.Element] = field(default_factory=dict)  # with their `scope`
+
+    def place(self, name: str, depth: int = 0) -> Array:
+        """Return the placement (4, 4) of a frame in the world, where the file has its links."""
+        if name == WORLD:
+            return np.eye(4)
+        if name not in self.relative:
+            raise RobotFileError(choose_from("frame", name, self.relative))
+        if depth > len(self.relative):
+            raise RobotFileError(f"frame {name!r}: is relative to itself")
+        base, pose = self.relative[name]
+        return self.place(base, depth + 1) @ pose
+
+    def link_of(self, name: str, depth: int = 0) -> str:
+        """Return the link that carries a frame."""
+        if name in self.links or name == WORLD:
+            return name
+        if name not in self.attached or depth > len(self.attached):
+            raise RobotFileError(choose_from("link or frame", name, [*self.links, *self.attached]))
+        return self.link_of(self.attached[name], depth + 1)
+
+
+class _Joint(NamedTuple):
+    """A joint, with its links, placements in them and axes there, of the parent first."""
+
+    name: str
+    element: ElementTree.Element
+    kind: str
+    links: tuple[str, str]
+    places: tuple[Array, Array]
+    axes: tuple[Array, ...]
+
+
+def read_sdf(file: Path, root: ElementTree.Element, options: Options) -> ParsedRobot:
+    """Read the description in an SDF file.
 
     Raises:
-        RobotFileError: always.
+        RobotFileError: names the element.
     """
-    raise RobotFileError(
-        "<sdf>: SDF is not read; convert it first: to MJCF with sdf2mjcf (Python package sdformat-mjcf), "
-        "then close the loops with <equality>, or to URDF, then declare the loops in a robot file"
+    (version,) = numbers("<sdf> version", root.get("version", "1.4"), 1)
+    scope = Scope(version)
+    for parent in (root, *root.findall("world")):
+        _add_models(scope, parent, file.parent, "", WORLD)
+    ends = {name: _ends(scope, name) for name in scope.joints}
+    part = _largest_part(scope, ends)
+    left_out = [
+        LeftOut(f"joint {name!r}: {joint.get('type')}: not read", (name, *ends[name]), is_decisive=True)
+        for name, joint in scope.joints.items()
+        if joint.get("type") in _NOT_READ
+    ]
+    joints = [_joint(scope, name, pair) for name, pair in ends.items() if set(pair) <= part]
+    chosen = _tree_joints(scope, joints)
+    names = [joint.name for joint in chosen]
+    tree = UrdfTree(_urdf(scope, joints, chosen, part, file.stem))
+    closures = [_closure(tree, joint) for joint in joints if joint.name not in names]
+    for joint in joints:
+        if joint.name not in names and (own := _own(joint.element, ("dynamics", "mimic"))):
+            text = f"joint {joint.name!r}: its {own}, where the loop is cut"
+            left_out.append(LeftOut(text, (joint.links[1],)))
+    apart = [name for name in scope.links if name not in part]
+    plugged = [element.text or "" for element in root.iter("joint_name")]
+    acting = {joint.name: _dynamics(joint) for joint in chosen}
+    x, y, z = numbers("<gravity>", root.findtext("world/gravity", "0 0 -9.81"), 3)
+    return describe(
+        tree,
+        file,
+        options,
+        closures,
+        couplings=[coupling for joint in chosen for coupling in _couplings(joint, names)],
+        likely_motors=[name for name in names if name.rsplit("::", 1)[-1] in plugged],
+        joints={name: joint for name, joint in acting.items() if joint != JointDynamics()},
+        gravity=(x, y, z),
+        left_out=left_out,
+        remarks=[f"not read: {', '.join(apart)}, which no joint joins with the mechanism"] if apart else [],
+    )._replace(dialect="sdf")
+
+
+def _scope_name(prefix: str, name: str) -> str:
+    """Return the scoped name of what is named in a model."""
+    return name if name == WORLD else prefix + name
+
+
+def _values(element: ElementTree.Element, where: str, defaults: Mapping[str, str]) -> list[float]:
+    """Return the number at each path below an element, or its default."""
+    return [
+        numbers(f"{where}: <{path.rsplit('/', 1)[-1]}>", element.findtext(path, default), 1)[0]
+        for path, default in defaults.items()
+    ]
+
+
+# ------------------------------------------------------------------ models and frames
+
+
+def _add_models(scope: Scope, parent: ElementTree.Element, folder: Path, prefix: str, base: str) -> None:
+    """Add the models in an element, and those that it includes."""
+    for model in parent.findall("model"):
+        _add_model(scope, model, folder, prefix, base)
+    for include in parent.findall("include"):
+        uri = (include.findtext("uri") or "").removeprefix("model://").removeprefix("file://")
+        file = next((f for f in (folder / uri, folder.parent / uri) if f.exists()), folder / uri)
+        if file.is_dir():
+            file = file / "model.sdf"
+        if not file.is_file():
+            continue  # scenery, such as a ground plane; a joint to it says what is missing
+        with naming(f"<include> {uri}"):
+            document = parse_xml(read_text(file, "cannot read it", error=RobotFileError))
+            model = child_element(document, "<sdf>", "model")
+        model.set("name", include.findtext("name") or model.get("name") or "")
+        for pose in include.findall("pose"):
+            for own in model.findall("pose"):
+                model.remove(own)
+            model.append(pose)
+        add = _add_content if include.get("merge") in ("true", "1") else _add_model
+        add(scope, model, file.parent, prefix, base)
+
+
+def _add_model(scope: Scope, model: ElementTree.Element, folder: Path, prefix: str, base: str) -> None:
+    """Add a model; names of a nested one, and of a second one of the world, begin with its own."""
+    name = attribute(model, "<model>", "name")
+    full = f"{prefix}{name}"
+    own, is_first = f"{full}::{MODEL}", base == WORLD and not prefix and not scope.links
+    inner = "" if is_first else f"{full}::"
+    relative, pose = _pose(model, prefix, base, f"model {name!r}")
+    scope.relative[own] = (relative, pose)
+    if is_first:
+        scope.relative[MODEL] = (own, np.eye(4))
+    _add_content(scope, model, folder, inner, own)
+    links = [key for key in scope.links if key.startswith(inner)]
+    canonical = model.get("canonical_link")
+    if links:
+        link = f"{inner}{canonical}" if canonical else links[0]
+        scope.attached |= dict.fromkeys((own, f"{inner}{MODEL}", full), link)
+        scope.relative.setdefault(full, (own, np.eye(4)))
+    if frame := model.get("placement_frame"):
+        within = inverse(scope.place(own)) @ scope.place(f"{inner}{frame}")
+        scope.relative[own] = (relative, pose @ inverse(within))
+
+
+def _add_content(scope: Scope, model: ElementTree.Element, folder: Path, prefix: str, base: str) -> None:
+    """Add links, frames, joints and models of a model whose frame is `base`."""
+    for element in model:
+        tag = element.tag
+        if tag not in ("link", "frame", "joint"):
+            continue
+        name = prefix + attribute(element, f"<{tag}>", "name")
+        if name in (scope.joints if tag == "joint" else scope.relative):
+            raise RobotFileError(f"duplicate {tag} {name!r}")
+        default = base
+        if tag == "link":
+            scope.links[name] = element
+        elif tag == "frame":
+            to = element.get("attached_to")
+            default = scope.attached[name] = _scope_name(prefix, to) if to else base
+        else:
+            element.set("scope", prefix)
+            scope.joints[name] = element
+            default = _named(element, "child")
+            scope.attached.setdefault(name, default)
+        pose = _pose(element, prefix, default, f"{tag} {name!r}")
+        if tag == "joint":
+            scope.relative[f"joint {name}"] = pose
+        scope.relative.setdefault(name, pose)
+    for number, element in enumerate(model):
+        if local_name(element.tag) in _CONSTRAINTS:
+            _add_constraint(scope, element, f"{local_name(element.tag)}_{number}", prefix)
+    _add_models(scope, model, folder, prefix, base)
+
+
+def _add_constraint(scope: Scope, element: ElementTree.Element, name: str, prefix: str) -> None:
+    """Add Drake's constraint of two bodies as the joint that it is: a weld, or a ball between two points."""
+    parts = {local_name(child.tag).removeprefix("ball_constraint_"): child.text for child in element}
+    joint = ElementTree.Element("joint", name=name, scope=prefix, type=_CONSTRAINTS[local_name(element.tag)])
+    for end, body, point in (("parent", "body_A", "p_AP"), ("child", "body_B", "p_BQ")):
+        frame = f"{name}_at_{end}"
+        ElementTree.SubElement(joint, end).text = frame
+        body = prefix + (parts.get(end) or parts.get(body) or "").strip()
+        at = numbers(f"{name}: {point}", parts.get(point) or "0 0 0", 3)
+        scope.relative[prefix + frame] = (body, placement(None, at))
+        scope.attached[prefix + frame] = body
+    scope.joints[prefix + name] = joint
+    scope.relative[f"joint {prefix}{name}"] = (f"{prefix}{name}_at_child", np.eye(4))
+
+
+def _named(joint: ElementTree.Element, end: str) -> str:
+    """Return the scoped name of the parent or child of a joint."""
+    name = (joint.findtext(end) or "").strip()
+    if not name:
+        raise RobotFileError(f"joint {joint.get('name')!r}: <{end}> is missing")
+    return _scope_name(joint.get("scope", ""), name)
+
+
+def _pose(element: ElementTree.Element, prefix: str, default: str, where: str) -> tuple[str, Array]:
+    """Return what the `<pose>` of an element is relative to, and the placement (4, 4)."""
+    pose = element.find("pose")
+    if pose is None:
+        return default, np.eye(4)
+    to = pose.get("relative_to") or pose.get("frame")
+    has_quaternion = pose.get("rotation_format") == "quat_xyzw"
+    count = 7 if has_quaternion else 6
+    position, turn = np.split(numbers(f"{where}: <pose>", pose.text or " 0" * count, count), [3])
+    if has_quaternion:
+        matrix = from_quaternion(*np.roll(turn, 1))
+    else:
+        matrix = from_rpy(np.radians(turn) if pose.get("degrees") in ("true", "1") else turn)
+    return _scope_name(prefix, to) if to else default, placement(matrix, position)
+
+
+# ------------------------------------------------------------------ joints
+
+
+def _ends(scope: Scope, name: str) -> tuple[str, str]:
+    """Return the links that a joint joins, parent first."""
+    joint, where = scope.joints[name], f"joint {name!r}"
+    kind = attribute(joint, where, "type")
+    check_name(where, "type", kind, (*_KINDS, *_NOT_READ))
+    with naming(where):
+        first, second = (scope.link_of(_named(joint, end)) for end in ("parent", "child"))
+    if first == second:
+        raise RobotFileError(f"{where}: joins {first!r} with itself")
+    return first, second
+
+
+def _joint(scope: Scope, name: str, links: tuple[str, str]) -> _Joint:
+    """Return a joint with placements and axes; one whose parent is a frame stands there."""
+    element = scope.joints[name]
+    kind = _KINDS.get(element.get("type", ""), "fixed")
+    in_child = scope.place(f"joint {name}")
+    parent = _named(element, "parent")
+    in_parent = scope.place(parent) if parent in scope.attached and parent not in scope.links else in_child
+    first, second = (
+        inverse(scope.place(link)) @ place for link, place in zip(links, (in_parent, in_child), strict=True)
     )
+    axes = tuple(_axis(scope, name, tag) for tag in _AXES.get(kind, ()))
+    return _Joint(name, element, kind, links, (first, second), axes)
+
+
+def _axis(scope: Scope, name: str, tag: str) -> Array:
+    """Return an axis of a joint in the joint's frame."""
+    joint, where = scope.joints[name], f"joint {name!r}: <{tag}>"
+    axis = np.array(numbers(f"{where} xyz", joint.findtext(f"{tag}/xyz", "0 0 1"), 3))
+    if not axis.any():
+        raise RobotFileError(f"{where}: the axis is zero")
+    xyz = joint.find(f"{tag}/xyz")
+    within = None if xyz is None else xyz.get("expressed_in")
+    in_model = (joint.findtext(f"{tag}/use_parent_model_frame") or "").strip() in ("true", "1")
+    if not within and not in_model and scope.version >= _VERSION_OF_JOINT_AXES:
+        return axis
+    frame = scope.place(_scope_name(joint.get("scope", ""), within or MODEL))
+    return np.asarray(scope.place(f"joint {name}")[:3, :3].T @ frame[:3, :3] @ axis)
+
+
+def _own(joint: ElementTree.Element, tags: Sequence[str] = _OWN) -> str:
+    """Return names of what a joint has that a closure cannot have."""
+    return ", ".join(tag for tag in tags for axis in joint.findall("axis") if axis.find(tag) is not None)
+
+
+def _dynamics(joint: _Joint) -> JointDynamics:
+    """Return damping, friction and spring of a joint's axis."""
+    paths = {f"axis/dynamics/{tag}": "0" for tag in _DYNAMICS.values()}
+    values = dict(zip(_DYNAMICS, _values(joint.element, f"joint {joint.name!r}", paths), strict=True))
+    return JointDynamics(**values | ({} if values["stiffness"] else {"rest": 0.0}))
+
+
+def _couplings(joint: _Joint, names: Sequence[str]) -> Iterator[Coupling]:
+    """Yield the coupling of a joint that mimics another."""
+    where = f"joint {joint.name!r}: <mimic>"
+    for mimic in joint.element.findall("axis/mimic"):
+        of = joint.element.get("scope", "") + (mimic.get("joint") or "")
+        check_name(where, "joint", of, names)
+        defaults = {"multiplier": "1", "offset": "0", "reference": "0"}
+        ratio, offset, reference = _values(mimic, where, defaults)
+        yield Coupling(joint.name, of, ratio, offset - ratio * reference)
+
+
+# ------------------------------------------------------------------ the tree and what it is cut from
+
+
+def _largest_part(scope: Scope, ends: Mapping[str, tuple[str, str]]) -> set[str]:
+    """Return the links of the part with loops, of several that with most joints."""
+    groups = merge_sharing([*([name] for name in (*scope.links, WORLD)), *ends.values()])
+    counts = []
+    for group in groups:
+        joints = [scope.joints[name] for name, pair in ends.items() if set(pair) <= set(group)]
+        mimics = sum(joint.find("axis/mimic") is not None for joint in joints)
+        counts.append((len(joints) - len(group) + 1 + mimics > 0, len(joints)))
+    if not max(counts)[1]:
+        raise RobotFileError("there is no joint in it")
+    return set(groups[counts.index(max(counts))])
+
+
+def _tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[_Joint]:
+    """Choose the joints of a tree: those with something of their own first, and balls last."""
+    mimicked = {mimic.get("joint") for joint in scope.joints.values() for mimic in joint.iter("mimic")}
+
+    def rank(joint: _Joint) -> tuple[bool, ...]:
+        is_constraint = f"{joint.name}_at_child" in scope.relative
+        leads = joint.name.rsplit("::", 1)[-1] in mimicked or bool(_own(joint.element, ("mimic",)))
+        return is_constraint, not leads, not _own(joint.element), joint.kind in ("universal", "spherical")
+
+    groups = {link: {link} for joint in joints for link in joint.links}
+    chosen = set()
+    for joint in sorted(joints, key=rank):
+        first, second = (groups[link] for link in joint.links)
+        if first is not second:
+            first |= second
+            groups |= dict.fromkeys(second, first)
+            chosen.add(joint.name)
+    return [joint for joint in joints if joint.name in chosen]
+
+
+def _urdf(
+    scope: Scope, joints: Sequence[_Joint], chosen: Sequence[_Joint], part: set[str], name: str
+) -> ElementTree.Element:
+    """Return the tree as a URDF, from the world or the first link that is nobody's child outwards."""
+    root = ElementTree.Element("robot", name=name)
+    children = {joint.links[1] for joint in joints}
+    links = [link for link in scope.links if link in part]
+    waiting = [WORLD if WORLD in part else next((link for link in links if link not in children), links[0])]
+    for link in waiting:  # which grows
+        root.append(_link(scope, link))
+        for joint in chosen:
+            if link in joint.links and not set(joint.links) <= set(waiting):
+                step = 1 if link == joint.links[0] else -1
+                root.extend(list(_joint_elements(joint, step)))
+                waiting.append(joint.links[::step][1])
+    return root
+
+
+def _link(scope: Scope, name: str) -> ElementTree.Element:
+    """Return a link with its inertia, that of SDF's default where it says none, and its primitive shapes."""
+    link = ElementTree.Element("link", name=name)
+    if name == WORLD:
+        return link
+    where, given = f"link {name!r}", scope.links[name]
+    inertial = given.find("inertial")
+    if inertial is None:
+        inertial = ElementTree.Element("inertial")
+    entries = {f"inertia/{key}": default for key, default in zip(ENTRIES, "111000", strict=True)}
+    mass, *moments = _values(inertial, where, {"mass": "1", **entries})
+    place = _pose(inertial, "", "", where)[1]
+    turn = place[:3, :3]
+    link.append(inertial_element(mass, place[:3, 3], turn @ symmetric(*moments) @ turn.T))
+    for visual in given.findall("visual"):
+        for shape, keys in _SHAPES.items():
+            geometry = visual.find(f"geometry/{shape}")
+            if geometry is not None:
+                words = {key: (geometry.findtext(key) or "1").strip() for key in keys}
+                link.append(visual_element(shape, words, _pose(visual, "", "", where)[1]))
+    return link
+
+
+def _joint_elements(joint: _Joint, step: int) -> Iterator[ElementTree.Element]:
+    """Yield the URDF's elements of a joint of the tree, from parent to child for step 1, else for -1."""
+    origin, behind = joint.places[::step]
+    parent, other = joint.links[::step]
+    turns: list[tuple[str, Array | None]] = [*zip(_AXES.get(joint.kind, ()), joint.axes, strict=True)]
+    for tag, axis in turns[::step] or [("", None)]:
+        name = f"{joint.name}_2" if tag == "axis2" else joint.name
+        child = f"{name}_link"
+        yield ElementTree.Element("link", name=child)
+        yield joint_element(
+            name,
+            "continuous" if joint.kind in ("revolute", "universal") else joint.kind,
+            parent,
+            child,
+            origin=origin_element(origin),
+            axis=None if axis is None else vector_text(step * axis),
+            limits=_limits(joint, tag) if tag else None,
+        )
+        parent, origin = child, np.eye(4)
+    yield joint_element(f"{other}_mount", "fixed", parent, other, origin=origin_element(inverse(behind)))
+
+
+def _limits(joint: _Joint, tag: str) -> tuple[float, float] | None:
+    """Return lower and upper limit [rad, m]; infinity is written in words or as a large number."""
+    where, ends = f"joint {joint.name!r}", list[float]()
+    for end, default in (("lower", "-inf"), ("upper", "inf")):
+        text = joint.element.findtext(f"{tag}/limit/{end}", default).lower()
+        ends += numbers(f"{where}: <{end}>", text.replace("inf", f"{UNLIMITED:g}"), 1)
+    lower, upper = ends
+    if max(abs(lower), abs(upper)) >= UNLIMITED:
+        return None
+    if lower > upper:
+        raise RobotFileError(f"{where}: <limit>: needs lower <= upper, got {lower:g} and {upper:g}")
+    return lower, upper
+
+
+def read_cut_joint(scope: Scope, tree: UrdfTree, element: ElementTree.Element) -> Closure:
+    """Read the closure of a joint between links of a tree; `scope` places them at zero.
+
+    Raises:
+        RobotFileError: names the joint.
+    """
+    name = attribute(element, "<joint>", "name")
+    scope.joints[name] = element
+    scope.relative[f"joint {name}"] = _pose(element, "", _named(element, "child"), f"joint {name!r}")
+    ends = _ends(scope, name)
+    if element.get("type") in _NOT_READ:
+        raise RobotFileError(f"joint {name!r}: {element.get('type')}: not read")
+    return _closure(tree, _joint(scope, name, ends))
+
+
+def _closure(tree: UrdfTree, joint: _Joint) -> Closure:
+    """Return the closure of a joint that is cut, of the joint's own kind."""
+    ends = zip("12", joint.links, joint.places, strict=True)
+    return tree.close(joint.name, joint.kind, list(ends), joint.axes)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
-from framework.model.description import Actuator, Coupling
+from framework.model.description import Actuator, Coupling, JointDynamics
+from framework.model.readers.left_out import LeftOut
 from framework.model.readers.urdf_tree import UrdfTree
 
 
@@ -16,11 +18,45 @@ class Motor(NamedTuple):
     shares: Mapping[str, float]
     gear: float = 1.0
     torque_limit: float | None = None  # motor side [N m]
+    acting: JointDynamics = JointDynamics()  # motor side, whether or not it is chosen
 
     @classmethod
     def on(cls, joint: str) -> Motor:
         """Return a motor straight on a joint."""
         return cls(joint, {joint: 1.0})
+
+
+class Pull(NamedTuple):
+    """What acts along a length: joints, each with its share in it, times a gear."""
+
+    name: str
+    shares: Mapping[str, float]
+    gear: float
+    acting: JointDynamics
+
+
+def add_pulls(
+    pulls: Iterable[Pull],
+    joints: Mapping[str, JointDynamics],
+    tree: UrdfTree,
+    couplings: Sequence[Coupling],
+) -> tuple[dict[str, JointDynamics], list[LeftOut]]:
+    """Add what acts along lengths to the joints that they follow; return these, and what follows several."""
+    sums, left_out = dict(joints), list[LeftOut]()
+    for pull in pulls:
+        if not any((pull.acting.armature, pull.acting.damping, pull.acting.friction, pull.acting.stiffness)):
+            continue
+        shares, constant = shares_of_leaders(pull.shares, tree, couplings)
+        if len(shares) > 1:
+            text = (
+                f"{pull.name}: what acts along it pulls at {' and '.join(shares)}, which move independently"
+            )
+            left_out.append(LeftOut(text, tuple(shares)))
+            continue
+        for joint, share in shares.items():
+            acting = replace(pull.acting, rest=pull.acting.rest - pull.gear * constant)
+            sums[joint] = sums.get(joint, JointDynamics()) + acting.seen_through(pull.gear * share)
+    return sums, left_out
 
 
 def actuators_of(
@@ -34,7 +70,7 @@ def actuators_of(
     actuators: dict[str, Actuator] = {}
     several = []
     for motor in motors:
-        shares = shares_of_leaders(motor.shares, tree, couplings)
+        shares, _ = shares_of_leaders(motor.shares, tree, couplings)
         if len(shares) > 1:
             several.append(f"motor {motor.name!r}: pulls at {' and '.join(shares)}, which move independently")
         for joint, share in shares.items() if len(shares) == 1 else ():
@@ -46,17 +82,21 @@ def actuators_of(
 
 def shares_of_leaders(
     shares: Mapping[str, float], tree: UrdfTree, couplings: Sequence[Coupling]
-) -> dict[str, float]:
-    """Return shares of joints as shares of those that follow no other by a coupling, held ones left out."""
+) -> tuple[dict[str, float], float]:
+    """Return shares of joints as shares of those that follow no other and move, and a constant."""
     followed = {coupling.joint: coupling for coupling in couplings}
     leaders: dict[str, float] = {}
+    constant = 0.0
     for name, value in shares.items():
         joint, share = name, value
         visited = {joint}
         while joint in followed and followed[joint].of not in visited:
+            constant += share * followed[joint].offset
             share *= followed[joint].ratio
             joint = followed[joint].of
             visited.add(joint)
         if tree.joints[joint].moves:
             leaders[joint] = leaders.get(joint, 0.0) + share
-    return leaders
+        else:
+            constant += share * tree.held.get(joint, (0.0,))[0]
+    return {joint: share for joint, share in leaders.items() if share}, constant

@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
-import math
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from framework.arrays import Array
-from framework.errors import RobotFileError, choose_from
-from framework.model.additions import AddedFrame, add_frames
-from framework.model.description import Closure
+from framework.errors import RobotFileError, check_name, choose_from, nearest
+from framework.model.additions import AddedFrame, add_frames, fix_joint
+from framework.model.description import Closure, locked_axes
 from framework.model.placement import about, inverse, placement, to_rpy, turning
 from framework.model.urdf_elements import (
     MAX_TREE_ELEMENTS,
-    MOVING,
     SEVERAL,
     Joint,
+    Tree,
     declared_motors,
     local_name,
+    read_joint,
     read_tree,
 )
-from framework.model.urdf_writing import AXIS, joint_element, origin_element
+from framework.model.urdf_writing import AXIS, joint_element, origin_element, remove_children
 from framework.model.xml_reading import attribute
 from framework.tolerances import FILE_ROUNDING
 
@@ -31,7 +31,48 @@ MAX_FREEDOMS = 1000  # freedoms of the joints in a file
 _PLAIN = ("link", "joint", "material", "gazebo", "transmission", "ros2_control", "sensor")
 
 
-class UrdfTree:
+def _without_other_programs(root: ElementTree.Element, valid: Sequence[str]) -> list[str]:
+    """Take out of a URDF what other programs put in, xacro's leftovers too; return the tags of the former.
+
+    Raises:
+        RobotFileError: an element is mistyped, or macros are not expanded.
+    """
+    skipped = []
+    arguments = ""
+    for element in list(root):
+        tag = local_name(element.tag)
+        if "xacro" in element.tag and tag in ("property", "arg", "macro"):
+            arguments += f" {element.get('name')}:={element.get('default')}" if tag == "arg" else ""
+            root.remove(element)
+        elif "xacro" not in element.tag and tag not in valid:
+            if "}" not in element.tag and nearest(tag, valid):
+                raise RobotFileError(choose_from("element", tag, valid))
+            skipped.append(tag)
+            root.remove(element)
+    for element in root.iter():
+        is_macro = "xacro" in element.tag.partition("}")[0]
+        if is_macro or any("${" in value or "$(" in value for value in element.attrib.values()):
+            raise RobotFileError(
+                f"<{local_name(element.tag)}>: expand the xacro macros first: xacro FILE{arguments} > OUT"
+            )
+        for key in [key for key in element.attrib if key.startswith("{")]:
+            del element.attrib[key]
+    return list(dict.fromkeys(skipped))
+
+
+def merge_sharing(groups: Iterable[Iterable[str]]) -> list[list[str]]:
+    """Merge groups that share members; merged ones stand where the last of them would."""
+    unions: list[list[str]] = []
+    union_of: dict[str, list[str]] = {}
+    for members in map(list, groups):
+        shared = [name for member in members for name in union_of.get(member, ())]
+        union = list(dict.fromkeys([*shared, *members]))
+        unions.append(union)
+        union_of |= dict.fromkeys(union, union)
+    return [union for union in unions if union and union_of[union[0]] is union]
+
+
+class UrdfTree(Tree):
     """A URDF whose names, joints and numbers were checked, open to small edits.
 
     `extra` are the top-level elements of the dialect; they are taken out of the URDF. Complaints name
@@ -43,26 +84,23 @@ class UrdfTree:
             raise RobotFileError(f"<{root.tag}>: the root of a URDF is <robot>")
         attribute(root, "<robot>", "name")
         self.root = root
-        valid = (*_PLAIN, *extra)
-        for element in root:
-            if element.tag.startswith("{") and "xacro" in element.tag:
-                raise RobotFileError(
-                    f"<{local_name(element.tag)}>: expand the xacro macros first (xacro FILE)"
-                )
-            if element.tag not in valid:
-                raise RobotFileError(choose_from("element", element.tag, valid))
-        self.extra = [element for element in root if element.tag in extra]
+        names = {link.get("name") for link in root.findall("link")}
+        if "world" not in names and any(end.get("link") == "world" for end in root.findall("joint/parent")):
+            ElementTree.SubElement(root, "link", name="world")  # Drake's, which need not be declared
+        self.skipped = _without_other_programs(root, (*_PLAIN, *extra))
+        self.extra = [element for element in root if local_name(element.tag) in extra]
         self.motors = declared_motors(root)
         for element in self.extra:
             root.remove(element)
-        self.links, self.joints, self.base = read_tree(root)
+        self.impossible: list[tuple[str, str]] = []  # links and joints, and what is wrong with each
+        tree = read_tree(root, self.impossible)
+        super().__init__(tree.links, tree.joints, tree.base)
         if len(self.extra) > MAX_LOOPS:
             raise RobotFileError(f"<robot>: {len(self.extra)} loops; at most {MAX_LOOPS} are read")
         if len(self.coordinates) > MAX_FREEDOMS:
             raise RobotFileError(
                 f"<robot>: joints of {len(self.coordinates)} freedoms; at most {MAX_FREEDOMS} are read"
             )
-        self.parent_joint = {joint.child: joint for joint in self.joints.values()}
         self.held: dict[str, tuple[float, ...]] = {}  # joints that were fixed, and where [rad, m]
         self._added: dict[str, str] = {}  # the link that carries each frame
 
@@ -71,17 +109,7 @@ class UrdfTree:
     @property
     def frames(self) -> list[str]:
         """Names of links, of joints and of added frames."""
-        return list(dict.fromkeys([*self.links, *self.joints, *self._added]))
-
-    @property
-    def movable(self) -> list[str]:
-        """Names of the joints of one degree of freedom, which a motor can have."""
-        return [joint.name for joint in self.joints.values() if joint.kind in MOVING]
-
-    @property
-    def coordinates(self) -> list[str]:
-        """Names of the coordinates of all joints."""
-        return [name for joint in self.joints.values() for name in joint.coordinates]
+        return list(dict.fromkeys([*super().frames, *self._added]))
 
     def link(self, where: str, name: str | None) -> str:
         """Return a link's name, if there is one.
@@ -89,15 +117,12 @@ class UrdfTree:
         Raises:
             RobotFileError: there is none.
         """
-        if name not in self.links:
-            raise RobotFileError(f"{where}: {choose_from('link', name, self.links)}")
+        check_name(where, "link", name, self.links)
         return str(name)
 
     def link_of(self, frame: str) -> str:
         """Return the link that carries a frame of the tree."""
-        if frame in self.links:
-            return frame
-        return self._added[frame] if frame in self._added else self.joints[frame].child
+        return self._added[frame] if frame in self._added else super().link_of(frame)
 
     def path_to_base(self, link: str) -> list[Joint]:
         """Return the joints from a link down to the base."""
@@ -135,6 +160,22 @@ class UrdfTree:
         """Return a frame on a link: the link's own where the placement is the identity, else one added."""
         return link if np.array_equal(where, np.eye(4)) else self.add_frame(name, link, where)
 
+    def close(
+        self, name: str, kind: str, ends: Iterable[tuple[str, str, Array]], axes: Sequence[Array] = ()
+    ) -> Closure:
+        """Return a closure of two ends: suffix of the frame, link, placement; the `axes` (3,) are in these.
+
+        Of a universal joint the first axis is x of the first frame, the second is y of the second frame. Of
+        other kinds they are z, one may stand for both, and a kind without an axis needs none.
+        """
+        letters = "xy" if kind == "universal" else "zz"
+        turns = [turning(*pair) for pair in zip(letters, 2 * tuple(axes), strict=False)] or 2 * [np.eye(3)]
+        first, second = (
+            self.frame_at(f"{name}_{suffix}", link, place @ placement(turn))
+            for (suffix, link, place), turn in zip(ends, turns, strict=True)
+        )
+        return Closure(name, (first, second), locked_axes(kind))
+
     def add_frame(self, name: str, link: str, where: Array) -> str:
         """Return a frame added to a link; its name, with underscores behind where that was taken."""
         if len(self._added) >= MAX_TREE_ELEMENTS:
@@ -160,27 +201,11 @@ class UrdfTree:
         """Hold a joint at the values [rad, m] of its coordinates, zero by default."""
         values = values or (0.0,) * len(joint.coordinates)
         self.held[joint.name] = values
-        if joint.kind in SEVERAL:
-            *along, x, y, z = values
-            angle = math.hypot(x, y, z)
-            motion = placement(about((x, y, z), angle) if angle else None, along or (0.0, 0.0, 0.0))
-        elif joint.kind == "prismatic":
-            motion = placement(None, values[0] * joint.axis / np.linalg.norm(joint.axis))
-        else:
-            motion = placement(about(joint.axis, values[0]))
-        joint.origin = joint.origin @ motion
-        joint.kind = "fixed"
-        joint.element.set("type", "fixed")
-        for tag in ("axis", "limit", "origin"):
-            for element in joint.element.findall(tag):
-                joint.element.remove(element)
-        joint.element.append(origin_element(joint.origin))
+        fix_joint(joint, *values)
 
     def replace_by_ball(self, joint: Joint) -> None:
         """Make a joint a ball."""
-        for tag in ("axis", "limit"):
-            for element in joint.element.findall(tag):
-                joint.element.remove(element)
+        remove_children(joint.element, "axis", "limit")
         joint.kind = "spherical"
         joint.element.set("type", joint.kind)
 
@@ -227,10 +252,7 @@ class UrdfTree:
             )
             self.root.insert(position, element)
             position += 1
-            self.joints[name] = Joint(
-                element, name, "continuous", parent, child, origin, np.eye(3)["xyz".index(axis)]
-            )
-            self.parent_joint[child] = self.joints[name]
+            self.joints[name] = self.parent_joint[child] = read_joint(element, set(self.links))
             parent, origin = child, np.eye(4)
         return names
 

@@ -11,6 +11,7 @@ import pytest
 from framework import Line, ParallelRobot, check_robot, plan_crossing
 from framework.errors import RobotFileError
 from framework.kinematics.diagnostics.proposal import propose
+from framework.kinematics.mechanism import Mechanism
 from framework.model.readers.recognise import parse_any
 
 DATA = Path(__file__).parents[2] / "data" / "dialects"
@@ -61,7 +62,8 @@ def proposed(folder: Path, text: str, **options):
 
 def test_a_site_between_two_ends_stands_half_way(tmp_path):
     text = FIVE_BAR.replace(
-        'name="left_tip" pos="0.25 0 0"', 'name="left_tip" fromto="0.25 0 -0.1 0.25 0 0.1"'
+        'name="left_tip" pos="0.25 0 0"',
+        'name="left_tip" type="capsule" size="0.01" fromto="0.25 0 -0.1 0.25 0 0.1"',
     )
     ends = proposed(tmp_path, text).description
     assert ends.reference == pytest.approx(proposed(tmp_path, FIVE_BAR).description.reference, abs=1e-12)
@@ -70,12 +72,12 @@ def test_a_site_between_two_ends_stands_half_way(tmp_path):
 def test_a_fluid_is_left_out_by_name(tmp_path):
     text = FIVE_BAR.replace("<option ", '<option density="1.2" viscosity="1.8e-5" ')
     assert proposed(tmp_path, text).description.left_out == (
-        "<option> density 1.2, viscosity 1.8e-5: the drag of the fluid",
+        "<option> density 1.2, viscosity 1.8e-05: the drag of the fluid",
     )
 
 
 def test_global_coordinates_are_refused_by_a_way_out(tmp_path):
-    with pytest.raises(RobotFileError, match=r"load and save the file with MuJoCo 2\.2"):
+    with pytest.raises(RobotFileError, match="load and save them in MuJoCo 2"):
         proposed(tmp_path, FIVE_BAR.replace("<compiler ", '<compiler coordinate="global" '))
 
 
@@ -99,7 +101,7 @@ def test_where_motors_do_not_drive_the_pose_of_the_file_one_within_the_limits_is
     assert all(abs(robot.description.reference[name]) > 0.5 for name in ("crank", "foot"))
 
 
-def test_of_two_five_bars_that_move_no_body_together_one_is_taken_as_the_refusal_says(tmp_path):
+def test_of_two_five_bars_that_move_no_body_together_one_is_taken_as_the_remark_says(tmp_path):
     """The left and the right one stand on carriages of one table."""
     root = ElementTree.fromstring(FIVE_BAR)
     root.remove(root.find("keyframe"))
@@ -118,8 +120,9 @@ def test_of_two_five_bars_that_move_no_body_together_one_is_taken_as_the_refusal
             elements.remove(element)
             elements.extend(_named(element, side) for side in ("a", "b"))
     text = ElementTree.tostring(root, encoding="unicode")
-    with pytest.raises(RobotFileError, match=r"such as --base table_a"):
-        proposed(tmp_path, text)
+    (remark,) = (remark for remark in proposed(tmp_path, text).remarks if remark.startswith("platform"))
+    assert "no body is moved by all of the motors" in remark
+    assert "such as --base table_a" in remark
     taken = proposed(tmp_path, text, base="table_a").description
     assert [actuator.joint for actuator in taken.actuators] == ["left_motor_a", "right_motor_a"]
 
@@ -167,16 +170,25 @@ def test_frames_place_and_class_what_they_hold(tmp_path):
     assert torques[0] == pytest.approx(torques[1], rel=1e-9)
 
 
-def test_copies_in_the_world_are_not_read_and_copies_in_a_body_are_refused(tmp_path):
-    copies = '<replicate count="5" offset="0.1 0 0"><body><freejoint/><geom size="0.01"/></body></replicate>'
-    text = FIVE_BAR.replace("<worldbody>", f"<worldbody>{copies}")
-    assert proposed(tmp_path, text).description.closures == proposed(tmp_path, FIVE_BAR).description.closures
-    inside = '<joint name="left_elbow"/>'
-    with pytest.raises(RobotFileError, match="copies in a body"):
-        proposed(tmp_path, FIVE_BAR.replace(inside, inside + copies))
+def test_copies_of_bodies_are_read_as_mujoco_makes_them(tmp_path):
+    copy = '<body name="c"><geom type="sphere" size="0.01" mass="1"/></body>'
+    copies = f'<replicate count="5" offset="0.1 0 0">{copy}</replicate>'
+    whole, at_rest, carried = (
+        Mechanism.from_description(proposed(tmp_path, text).description)
+        for text in (
+            FIVE_BAR,
+            FIVE_BAR.replace("<worldbody>", f"<worldbody>{copies}"),
+            FIVE_BAR.replace('<joint name="left_elbow"/>', f'<joint name="left_elbow"/>{copies}'),
+        )
+    )
+    moving = [
+        sum(inertia.mass for inertia in list(robot.model.inertias)[1:]) for robot in (whole, at_rest, carried)
+    ]
+    assert moving[1] - moving[0] == 0
+    assert moving[2] - moving[0] == pytest.approx(5)
 
 
-def test_of_two_legs_that_stand_on_one_body_the_other_is_held_as_the_refusal_says(tmp_path):
+def test_two_legs_that_no_body_joins_move_by_their_joints_or_one_is_held(tmp_path):
     root = ElementTree.fromstring(FIVE_BAR)
     root.remove(root.find("keyframe"))
     world = root.find("worldbody")
@@ -189,10 +201,8 @@ def test_of_two_legs_that_stand_on_one_body_the_other_is_held_as_the_refusal_say
             elements.remove(element)
             elements.extend(_named(element, side) for side in ("a", "b"))
     text = ElementTree.tostring(root, encoding="unicode")
-    with pytest.raises(
-        RobotFileError, match=r"hold the loops beside those of \w+ \(such as --lock "
-    ) as caught:
-        proposed(tmp_path, text)
-    names = str(caught.value).partition("--lock ")[2].partition(")")[0].split()
+    whole = proposed(tmp_path, text)
+    assert len(whole.description.platform.joints) == ParallelRobot.from_description(whole.description).n == 4
+    names = whole.remarks[-1].partition("--lock ")[2].partition(")")[0].split()
     taken = proposed(tmp_path, text, locked=dict.fromkeys(names)).description
     assert ParallelRobot.from_description(taken).n == 2

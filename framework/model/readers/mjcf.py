@@ -1,0 +1,422 @@
+"""MJCF, MuJoCo's XML, as MuJoCo compiles it: its bodies become a URDF, its `<equality>` the closures.
+
+Read off the compiled model: bodies with hinge, slide, ball and free joints, what acts along joints, sites as
+frames, primitive geoms as shapes, flags, motors on joints or fixed tendons with their gear, limits, armature
+and damping, the first keyframe as the reference (else the zero pose). Of `<equality>`: connect is spherical,
+weld is fixed, joint and tendon are couplings or hold a joint; MuJoCo resolves anchors at the zero pose. What
+else acts (spatial tendons, muscles, compensation of gravity) is left out by name; contact, sensors, cameras
+and shapes of meshes without a word. The file says nothing about the platform.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+import pinocchio as pin
+
+from framework.arrays import Array
+from framework.errors import RobotFileError
+from framework.model.description import Closure, Coupling, JointDynamics, ParsedRobot, locked_axes
+from framework.model.placement import from_quaternion, placement
+from framework.model.readers.describe import describe
+from framework.model.readers.left_out import LeftOut
+from framework.model.readers.missing_fields import Options
+from framework.model.readers.mujoco_model import mujoco_model
+from framework.model.readers.transmissions import Motor, Pull
+from framework.model.readers.urdf_tree import MAX_LOOPS, UrdfTree
+from framework.model.urdf_elements import SEVERAL, coordinates_of
+from framework.model.urdf_writing import (
+    inertial_element,
+    joint_element,
+    origin_element,
+    vector_text,
+    visual_element,
+)
+
+WORLD = "world"
+_KINDS = ("floating", "spherical", "prismatic", "continuous")  # by mjtJoint
+_SHAPES = {2: "sphere", 3: "cylinder", 5: "cylinder", 6: "box"}  # by mjtGeom; a capsule is drawn without ends
+_EQUALITIES = ("connect", "weld", "joint", "tendon")  # by mjtEq; more are of flexible bodies
+_JOINT_MOTORS = (0, 1)  # mjTRN_JOINT, mjTRN_JOINTINPARENT
+_ON_TENDON, _OF_JOINT, _SITE = 3, 1, 6  # mjTRN_TENDON, mjWRAP_JOINT, mjOBJ_SITE
+_DIRECT_GAINS = (0, 1, 6)  # mjtGain of motors: fixed, affine, and those of users
+_DIRECT = (0, 1, 2, 3)  # mjtDyn of motors: none, integrator, filters; not muscles and those of users
+T = TypeVar("T")
+
+
+def read_mjcf(file: Path, root: ElementTree.Element, options: Options) -> ParsedRobot:
+    """Read the description in an MJCF file.
+
+    Raises:
+        MissingPackage: MuJoCo is not installed.
+        RobotFileError: names the element.
+    """
+    _refuse_nan(root)
+    compiled, left_out = mujoco_model(file)
+    model = _Model(compiled)
+    if compiled.neq > MAX_LOOPS:
+        raise RobotFileError(f"<equality>: at most {MAX_LOOPS} equalities are read")
+    tree = UrdfTree(model.urdf(root.get("model") or "mjcf"))
+    sites = [
+        tree.add_frame(model.name("site", k) or f"site_{k}", model.bodies[compiled.site_bodyid[k]], place)
+        for k, place in enumerate(_places(compiled.site_pos, compiled.site_quat))
+    ]
+    items = [*model.loops(tree, sites), *model.motors(), *model.left_out()]
+    motors, reference = _select_kind(Motor, items), model.reference()
+    return describe(
+        tree,
+        file,
+        options,
+        _select_kind(Closure, items),
+        couplings=_select_kind(Coupling, items),
+        motors=motors,
+        pulls=model.pulls(motors),
+        joints=model.acting(),
+        gravity=tuple(compiled.opt.gravity.tolist()),
+        reference={name: value for name, value in reference.items() if name in tree.coordinates},
+        left_out=[*left_out, *_select_kind(LeftOut, items)],
+    )._replace(dialect="mjcf")
+
+
+def _select_kind(kind: type[T], items: Iterable[object]) -> list[T]:
+    """Return the items of a kind."""
+    return [item for item in items if isinstance(item, kind)]
+
+
+def _refuse_nan(root: ElementTree.Element) -> None:
+    """Refuse numbers that are none, which MuJoCo computes with."""
+    for element in root.iter():
+        for key, value in element.attrib.items():
+            if "nan" in value.lower().split():
+                raise RobotFileError(f"<{element.tag}> {key}: needs finite numbers, got {value!r}")
+
+
+def _places(positions: Array, quaternions: Array) -> Iterator[Array]:
+    """Yield a placement (4, 4) for each position (3,) and quaternion (4,)."""
+    for position, quaternion in zip(positions, quaternions, strict=True):
+        yield placement(from_quaternion(*quaternion), position)
+
+
+class _Joint(NamedTuple):
+    """A joint by its name and kind, and MuJoCo's view of it."""
+
+    name: str
+    kind: str
+    view: Any
+
+    @property
+    def has_one(self) -> bool:
+        """Whether it has one degree of freedom."""
+        return self.kind in ("prismatic", "continuous")
+
+
+class _Model:
+    """A compiled model with a name for each body and joint."""
+
+    def __init__(self, compiled: Any) -> None:
+        self.compiled = compiled
+        names = [self.name("body", k) for k in range(compiled.nbody)]
+        self.taken = {*names, ""}
+        self.bodies = [WORLD, *(names[k] or self._free_name(f"body_{k}") for k in range(1, compiled.nbody))]
+        self.joints: list[_Joint] = []
+        for j, kind in enumerate(compiled.jnt_type):
+            k = compiled.jnt_bodyid[j]
+            rank = j - compiled.body_jntadr[k]
+            name = self.name("joint", j) or f"{self.bodies[k]}_joint" + (f"_{rank + 1}" if rank else "")
+            self.joints.append(_Joint(name, _KINDS[kind], compiled.joint(j)))
+
+    def name(self, kind: str, number: int) -> str:
+        return str(getattr(self.compiled, kind)(number).name)
+
+    def _free_name(self, wanted: str) -> str:
+        name = wanted
+        while name in self.taken:
+            name += "_"
+        self.taken.add(name)
+        return name
+
+    # -------------------------------------------------------------- the tree
+
+    def urdf(self, name: str) -> ElementTree.Element:
+        """Return the bodies as a URDF: a link for each, and one between the joints of a body."""
+        model, root = self.compiled, ElementTree.Element("robot", name=name)
+        links = {}
+        for k, place in enumerate(_places(model.body_pos, model.body_quat)):
+            body, parent, offset = self.bodies[k], self.bodies[model.body_parentid[k]], place
+            joints = self.joints[model.body_jntadr[k] :][: model.body_jntnum[k]]
+            # a joint turns about a point of the body; its link stands in that point, the body's own behind it
+            for joint in joints:
+                point = joint.view.pos if joint.kind != "floating" else np.zeros(3)
+                is_last = joint is joints[-1] and not point.any()
+                child = body if is_last else self._free_name(f"{joint.name}_link")
+                root.append(_joint_element(joint, parent, child, offset @ placement(None, point)))
+                links[child] = ElementTree.SubElement(root, "link", name=child)
+                parent, offset = child, placement(None, -point)
+            if body not in links:
+                links[body] = ElementTree.SubElement(root, "link", name=body)
+                if k:
+                    mount = self._free_name(f"{body}_mount")
+                    root.append(joint_element(mount, "fixed", parent, body, origin=origin_element(offset)))
+            if k and (model.body_mass[k] or model.body_inertia[k].any()):
+                turn = from_quaternion(*model.body_iquat[k])
+                inertia = turn @ np.diag(model.body_inertia[k]) @ turn.T
+                links[body].append(inertial_element(model.body_mass[k], model.body_ipos[k], inertia))
+        for k, place in enumerate(_places(model.geom_pos, model.geom_quat)):
+            if model.geom_type[k] in _SHAPES:
+                shape = _visual(_SHAPES[model.geom_type[k]], model.geom_size[k], place)
+                links[self.bodies[model.geom_bodyid[k]]].append(shape)
+        return root
+
+    def reference(self) -> dict[str, float]:
+        """Return joint angles of the first key, from the zero pose; empty without one."""
+        model, reference = self.compiled, dict[str, float]()
+        for name, kind, view in self.joints if model.nkey else ():
+            zero, start = view.qpos0, view.qposadr.item()
+            qpos = model.key_qpos[0, start : start + zero.size]
+            values = (qpos - zero).tolist()
+            if kind in SEVERAL:
+                first, turn = (from_quaternion(*each[-4:]) for each in (zero, qpos))
+                values = pin.log3(turn).tolist()
+            if kind == "floating":  # its qpos is the pose of the body, not the way from the zero pose
+                values = [*(first.T @ (qpos[:3] - zero[:3])).tolist(), *pin.log3(first.T @ turn).tolist()]
+            reference.update(zip(coordinates_of(name, kind), values, strict=True))
+        return reference
+
+    # -------------------------------------------------------------- loops
+
+    def loops(self, tree: UrdfTree, sites: list[str]) -> Iterator[Closure | Coupling | LeftOut]:
+        """Yield the loops of the equalities, and what decides how joints move and is not read.
+
+        Joints that an equality holds become fixed in the tree.
+        """
+        model = self.compiled
+        active = np.flatnonzero(model.eq_active0).tolist()
+        for k in active:
+            kind = _EQUALITIES[model.eq_type[k]] if model.eq_type[k] < len(_EQUALITIES) else "flex"
+            ends = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
+            name = self.name("equality", k) or f"{kind}_{k + 1}"
+            if kind == "flex":
+                yield LeftOut(f"equality {name!r}: of flexible bodies", tuple(tree.coordinates), True)
+            elif kind in ("joint", "tendon"):
+                loop = self._joint_equality(tree, name, kind, ends, model.eq_data[k])
+                if loop is not None:
+                    yield loop
+            elif model.eq_objtype[k] == _SITE:
+                axes = locked_axes(_closure_kind(kind, model.eq_data[k]))
+                yield Closure(name, (sites[ends[0]], sites[ends[1]]), axes)
+            else:
+                yield self._body_equality(tree, name, kind, ends, model.eq_data[k])
+
+    def _body_equality(
+        self, tree: UrdfTree, name: str, kind: str, ends: tuple[int, int], data: Array
+    ) -> Closure:
+        """Return the closure of two bodies with the placements in them that coincide."""
+        places = [placement(None, data[:3]), placement(None, data[3:6])]
+        if kind == "weld":
+            places = [placement(from_quaternion(*data[6:10]), data[3:6]), placement(None, data[:3])]
+        bodies = [self.bodies[end] for end in ends]
+        return tree.close(name, _closure_kind(kind, data), zip("12", bodies, places, strict=True))
+
+    def _joint_equality(
+        self, tree: UrdfTree, name: str, kind: str, ends: tuple[int, int], data: Array
+    ) -> Closure | Coupling | LeftOut | None:
+        """Return the coupling of an equality of joints or tendons; a joint that is held alone becomes fixed.
+
+        Equal turns about parallel axes of one body are a closure, which all proofs know. MuJoCo's polynomial
+        is between ways from the zero pose, as ours is.
+        """
+        first, second = (self._shares(kind, end) for end in ends)
+        offset, ratio, *higher = data[:5].tolist()
+        where = f"{kind} equality {name!r}"
+        if first is None or second is None:
+            return LeftOut(f"{where}: of a spatial tendon", tuple(tree.coordinates), is_decisive=True)
+        joints = tuple(first | second)
+        if second and any(higher[:3]):
+            text = (
+                f"{where}: polycoef {' '.join(map('{:g}'.format, data[:5]))} couples {' and '.join(joints)}"
+            )
+            return LeftOut(f"{text}: only linear couplings are read", joints, is_decisive=True)
+        shares = {joint: first.get(joint, 0.0) - ratio * second.get(joint, 0.0) for joint in joints}
+        shares = {joint: share for joint, share in shares.items() if share}
+        if len(shares) > 2:
+            text = f"{where}: couples {', '.join(shares)}: only couplings of two joints are read"
+            return LeftOut(text, tuple(shares), is_decisive=True)
+        (driven, share), *others = shares.items() or [("", 0.0)]
+        if not driven or (not tree.joints[driven].moves and not others):
+            return None
+        if not others:
+            tree.fix(tree.joints[driven], offset / share)
+            return None
+        ((of, other),) = others
+        if (offset, share, other) == (0.0, 1.0, -1.0):
+            children = tree.joints[driven].child, tree.joints[of].child
+            chains = tree.moving_chains(*children)
+            if [[part.name for part in chain] for chain in chains] == [[driven], [of]]:
+                closure = tree.same_turning(name, *children)
+                if closure is not None:
+                    return closure
+        return Coupling(driven, of, -other / share, offset / share)
+
+    def _shares(self, kind: str, number: int) -> dict[str, float] | None:
+        """Return the joints of a joint or a fixed tendon with their shares; None of a spatial tendon."""
+        model = self.compiled
+        if number < 0:
+            return {}
+        if kind == "joint":
+            return {self.joints[number].name: 1.0}
+        parts = slice(model.tendon_adr[number], model.tendon_adr[number] + model.tendon_num[number])
+        if (model.wrap_type[parts] != _OF_JOINT).any():
+            return None
+        names = [self.joints[j].name for j in model.wrap_objid[parts]]
+        return dict(zip(names, model.wrap_prm[parts].tolist(), strict=True))
+
+    # -------------------------------------------------------------- what acts
+
+    def acting(self) -> dict[str, JointDynamics]:
+        """Return what acts along the coordinates."""
+        joints = dict[str, JointDynamics]()
+        for joint in self.joints:
+            view = joint.view
+            stiffness = float(view.stiffness[0]) if joint.has_one else 0.0
+            acting = JointDynamics(
+                armature=float(view.armature[0]),
+                damping=float(view.damping[0]),
+                friction=float(view.frictionloss[0]),
+                stiffness=stiffness,
+                rest=float(view.qpos_spring[0] - view.qpos0[0]) if stiffness else 0.0,
+            )
+            if min(acting.armature, acting.damping, acting.friction, acting.stiffness) < 0.0:
+                raise RobotFileError(
+                    f"joint {joint.name!r}: armature, damping, friction and stiffness must not be negative"
+                )
+            if acting != JointDynamics():
+                joints.update(dict.fromkeys(coordinates_of(joint.name, joint.kind), acting))
+        return joints
+
+    def pulls(self, motors: Iterable[Motor]) -> Iterator[Pull]:
+        """Yield what acts along motors and fixed tendons."""
+        model = self.compiled
+        for motor in motors:
+            yield Pull(f"motor {motor.name!r}", motor.shares, motor.gear, motor.acting)
+        for k, (low, high) in enumerate(model.tendon_lengthspring):
+            shares = self._shares("tendon", k)
+            acting = JointDynamics(
+                armature=float(model.tendon_armature[k]),
+                damping=float(model.tendon_damping[k]),
+                friction=float(model.tendon_frictionloss[k]),
+                stiffness=float(model.tendon_stiffness[k]) if low == high else 0.0,
+                rest=float(low - model.tendon_length0[k]),
+            )
+            if shares is not None:
+                yield Pull(f"tendon {self.name('tendon', k)!r}", shares, 1.0, acting)
+
+    def motors(self) -> Iterator[Motor | LeftOut]:
+        """Yield the motors on hinges, slides and fixed tendons of them, and others as left out."""
+        model = self.compiled
+        for k in range(model.nactuator):
+            target, kind, gear = int(model.actuator_trnid[k, 0]), model.actuator_trntype[k], self._gear(k)
+            shares: Mapping[str, float] | None = None
+            acts_on: tuple[str, ...]
+            name = self.name("actuator", k)
+            if kind in _JOINT_MOTORS:
+                joint = self.joints[target]
+                acts_on = (joint.name,)
+                shares = {joint.name: 1.0} if joint.has_one else None
+                name = name or joint.name
+            else:
+                shares = self._shares("tendon", target) if kind == _ON_TENDON else None
+                acts_on = tuple(shares or (joint.name for joint in self.joints))
+            name = name or f"actuator_{k + 1}"
+            is_direct = model.actuator_gaintype[k] in _DIRECT_GAINS and model.actuator_dyntype[k] in _DIRECT
+            if not shares or not gear or not is_direct:
+                yield LeftOut(f"motor {name!r}: no motor on a hinge or a slide", acts_on)
+                continue
+            acting = JointDynamics(float(model.actuator_armature[k]), float(model.actuator_damping[k]))
+            yield Motor(name, shares, gear, self._force_limit(k), acting)
+
+    def _gear(self, k: int) -> float:
+        return float(self.compiled.actuator_gear[k, 0])
+
+    def _force_limit(self, k: int) -> float | None:
+        """Return the least limit of a motor [N m, N], of those that are alike both ways."""
+        model = self.compiled
+        joint = int(model.actuator_trnid[k, 0])
+        ranges = [model.actuator_forcerange[k]] if model.actuator_forcelimited[k] else []
+        is_plain = not (model.actuator_gaintype[k] or model.actuator_biastype[k] or model.actuator_dyntype[k])
+        if model.actuator_ctrllimited[k] and is_plain:
+            ranges.append(model.actuator_ctrlrange[k] * model.actuator_gainprm[k, 0])
+        if model.actuator_trntype[k] in _JOINT_MOTORS and model.jnt_actfrclimited[joint]:
+            ranges.append(model.jnt_actfrcrange[joint] / abs(self._gear(k)))
+        return min((float(abs(high)) for low, high in ranges if high and low == -high), default=None)
+
+    def left_out(self) -> Iterator[LeftOut]:
+        """Yield what acts by the model and is not read, with its size."""
+        model = self.compiled
+        for name, kind, view in self.joints:
+            if kind in SEVERAL and view.stiffness[0]:
+                text = f"joint {name!r}: spring of a ball, {view.stiffness[0]:g} N m/rad"
+                yield LeftOut(text, (name,))
+            polynomials = {"damping": view.dampingpoly, "stiffness": view.stiffnesspoly}
+            for what, rows in polynomials.items():
+                values = np.atleast_2d(rows)[0]
+                if values.any():
+                    powers = " ".join(map("{:g}".format, values))
+                    yield LeftOut(f"joint {name!r} {what}: higher powers {powers}", (name,))
+        for k, body in enumerate(self.bodies):
+            if model.body_mocapid[k] >= 0:
+                yield LeftOut(f"body {body!r}: mocap, so it stands still", (body,))
+            if model.body_gravcomp[k]:
+                weight = model.body_gravcomp[k] * model.body_mass[k] * np.linalg.norm(model.opt.gravity)
+                yield LeftOut(f"body {body!r} gravcomp {model.body_gravcomp[k]:g}: {weight:.3g} N", (body,))
+        everything = tuple(joint.name for joint in self.joints)
+        for k in range(model.ntendon):
+            if acting := self._left_out_of_tendon(k):
+                touched = tuple(self._shares("tendon", k) or everything)  # a spatial one may touch any body
+                yield LeftOut(f"tendon {self.name('tendon', k)!r}: {', '.join(acting)}", touched)
+        if model.opt.density or model.opt.viscosity:
+            around = f"density {model.opt.density:g}, viscosity {model.opt.viscosity:g}"
+            yield LeftOut(f"<option> {around}: the drag of the fluid", everything)
+
+    def _left_out_of_tendon(self, k: int) -> list[str]:
+        """Return what acts along a spatial tendon, of others a spring with a slack range, and the range."""
+        model, acting = self.compiled, list[str]()
+        if self._shares("tendon", k) is None:
+            for key in ("stiffness", "damping", "frictionloss", "armature"):
+                value = getattr(model, f"tendon_{key}")[k]
+                acting += [f"{key} {value:g}"] if value else []
+        elif model.tendon_stiffness[k] and np.ptp(model.tendon_lengthspring[k]):
+            acting.append("a spring with slack")
+        if model.tendon_limited[k]:
+            acting.append("range {:g} {:g}".format(*model.tendon_range[k]))
+        return acting
+
+
+def _closure_kind(kind: str, data: Array) -> str:
+    """Return what a connect or a weld closes; one without a share of its turn holds a point."""
+    return "fixed" if kind == "weld" and data[10] else "spherical"
+
+
+def _joint_element(joint: _Joint, parent: str, child: str, origin: Array) -> ElementTree.Element:
+    view, is_limited = joint.view, joint.has_one and joint.view.limited[0]
+    return joint_element(
+        joint.name,
+        joint.kind,
+        parent,
+        child,
+        origin=origin_element(origin),
+        axis=vector_text(view.axis) if joint.has_one else None,
+        limits=(view.range - view.qpos0).tolist() if is_limited else None,
+    )
+
+
+def _visual(shape: str, size: Array, place: Array) -> ElementTree.Element:
+    """Return the URDF's `<visual>` of a primitive geom."""
+    radius, half, _ = map(float, size)
+    words = {"radius": repr(radius)} if shape != "box" else {"size": vector_text(2 * size)}
+    if shape == "cylinder":
+        words["length"] = repr(2 * half)
+    return visual_element(shape, words, place)

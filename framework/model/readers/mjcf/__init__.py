@@ -1,1 +1,0 @@
-"""The reader of MJCF, MuJoCo's XML, one file an idea. Open `reader` first."""

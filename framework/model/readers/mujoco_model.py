@@ -1,0 +1,260 @@
+"""MuJoCo's own model of an MJCF file, without what cannot be had and no motion needs.
+
+MuJoCo compiles it: defaults, classes, includes, frames, units and inertia of geoms come with that. Left out
+beforehand are plugins, textures, sensors and meshes that weigh nothing. Bodies without mass pass, and have
+none afterwards.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from framework.errors import MissingPackage, RobotFileError
+from framework.input import read_text
+from framework.model.inertia import check_inertia, symmetric
+from framework.model.readers.left_out import LeftOut
+
+# [kg], [kg m^2] what MuJoCo is told that bodies without have: it refuses less than 1e-15
+STAND_IN_MASS, STAND_IN_INERTIA = 1e-12, 1e-14
+# by flag of <option>: what it disables
+_DISABLED = {
+    "SPRING": ("jnt_stiffness", "jnt_stiffnesspoly", "tendon_stiffness"),
+    "DAMPER": ("dof_damping", "dof_dampingpoly", "tendon_damping", "actuator_damping"),
+    "FRICTIONLOSS": ("dof_frictionloss", "tendon_frictionloss"),
+    "LIMIT": ("jnt_limited", "tendon_limited"),
+    "GRAVITY": ("body_gravcomp",),
+}
+_UNUSED = ("sensors", "pairs", "excludes", "tuples", "skins", "lights", "textures", "materials")
+_PLUGIN = re.compile(r"<extension\b.*?</extension\s*>|<plugin\b[^>]*/>|<plugin\b.*?</plugin\s*>", re.DOTALL)
+
+
+class MujocoModel(NamedTuple):
+    """A compiled model, and what of its file is not in it."""
+
+    compiled: Any  # mujoco.MjModel
+    left_out: list[LeftOut]
+
+
+def mujoco_model(file: Path) -> MujocoModel:
+    """Return the compiled model of an MJCF file; bodies without mass have none in it.
+
+    Raises:
+        MissingPackage: MuJoCo is not installed.
+        RobotFileError: MuJoCo refuses the file; says what MuJoCo says.
+    """
+    try:
+        import mujoco
+    except ImportError:
+        raise MissingPackage(
+            "MJCF is read by MuJoCo itself, which is not installed: pip install "
+            "'parallel-singularity-crossing[mjcf]'",
+            package="mujoco",
+        ) from None
+    try:
+        with _without_log(mujoco), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # it computes with bodies that have next to no mass
+            return _model_of(mujoco, _parsed(mujoco, file))
+    except (ValueError, RuntimeError) as error:  # of MuJoCo, for all that it refuses
+        if isinstance(error, RobotFileError):
+            raise
+        raise RobotFileError(_one_line(str(error))) from None
+
+
+@contextmanager
+def _without_log(mujoco: Any) -> Iterator[None]:
+    """Keep MuJoCo from writing its warnings to a file where the program runs."""
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda _: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(before)
+
+
+def _model_of(mujoco: Any, spec: Any) -> MujocoModel:
+    """Return the compiled model of a specification."""
+    left_out = [*_without_unused(mujoco, spec), *_with_possible_inertias(mujoco, spec)]
+    left_out += _without_needless_meshes(mujoco, spec)
+    given = len(spec.keys[0].qpos) if spec.keys else 0
+    compiled, more = _compiled(spec)
+    if given not in (0, compiled.nq):
+        raise RobotFileError(
+            f"<key> {spec.keys[0].name!r} qpos: needs {compiled.nq} numbers, one a coordinate, got {given}"
+        )
+    _apply_flags(mujoco, compiled)
+    return MujocoModel(compiled, left_out + more)
+
+
+def _apply_flags(mujoco: Any, compiled: Any) -> None:
+    """Set to zero what the flags of the file disable; refuse a file without its loops."""
+    off = {
+        name.removeprefix("mjDSBL_")
+        for name, flag in mujoco.mjtDisableBit.__members__.items()
+        if compiled.opt.disableflags & flag
+    }
+    for name in ("EQUALITY", "CONSTRAINT"):
+        if name in off and compiled.eq_active0.any():
+            raise RobotFileError(f"<flag> {name.lower()}: disabled, so there would be no loop")
+    for name in off & _DISABLED.keys():
+        for values in _DISABLED[name]:
+            getattr(compiled, values)[:] = 0
+    if "GRAVITY" in off:
+        compiled.opt.gravity[:] = 0.0
+
+
+def _one_line(error: str) -> str:
+    """Return MuJoCo's error, its line and element in front."""
+    text = " ".join(re.sub(r"^((XML )?Error: )+", "", error).split())
+    place = re.search(r" Element (name )?'(?P<name>[^']*)'(, id \d+)?, line (?P<line>\d+)$", text)
+    if place is None:
+        return f"MuJoCo: {text}"
+    name = f"{place['name']!r}: " if place["name"] else ""
+    return f"line {place['line']}: {name}MuJoCo: {text[: place.start()]}"
+
+
+def _parsed(mujoco: Any, file: Path) -> Any:
+    """Return MuJoCo's specification of a file, of plugins that are not here without them."""
+    try:
+        return mujoco.MjSpec.from_file(str(file))
+    except ValueError as error:
+        if "plugin" not in str(error):
+            raise
+    text = _without_plugins(read_text(file, "cannot read it", error=RobotFileError))
+    spec = mujoco.MjSpec.from_string(text, include=dict(_included(file.parent, text)))
+    spec.modelfiledir = str(file.parent)
+    return spec
+
+
+def _without_plugins(text: str) -> str:
+    """Return the text of an MJCF file without plugins, its lines where they were."""
+    return _PLUGIN.sub(lambda plugin: "\n" * plugin[0].count("\n"), text)
+
+
+def _included(folder: Path, text: str) -> Iterator[tuple[str, bytes]]:
+    """Yield name and content of each file that an MJCF text includes, and those include."""
+    for name in re.findall(r"<include\s+file\s*=\s*[\"']([^\"']+)", text):
+        other = _without_plugins(
+            read_text(folder / name, f"<include> {name!r}: cannot read it", error=RobotFileError)
+        )
+        yield name, other.encode()
+        yield from _included(folder, other)
+
+
+def _without_unused(mujoco: Any, spec: Any) -> Iterator[LeftOut]:
+    """Delete what no motion needs, and actuators of plugins, which are named."""
+    for kind in _UNUSED:
+        for element in list(getattr(spec, kind)):
+            spec.delete(element)
+    for element in (*spec.geoms, *spec.sites, *spec.tendons, *spec.flexes, *spec.meshes):
+        element.material = ""
+    for site in spec.sites:
+        if site.meshname:
+            site.type, site.meshname = mujoco.mjtGeom.mjGEOM_SPHERE, ""
+    for geom in list(spec.geoms):
+        if geom.type == mujoco.mjtGeom.mjGEOM_HFIELD:
+            spec.delete(geom)
+    for hfield in list(spec.hfields):
+        spec.delete(hfield)
+    for actuator in list(spec.actuators):
+        if actuator.plugin.active:
+            yield LeftOut(f"actuator {actuator.name!r}: driven by a plugin", (actuator.target,))
+            spec.delete(actuator)
+    spec.compiler.fusestatic = False  # each body keeps its name
+    spec.compiler.LRopt.mode = mujoco.mjtLRMode.mjLRMODE_NONE  # simulates muscles, which are not read
+
+
+def _with_possible_inertias(mujoco: Any, spec: Any) -> Iterator[LeftOut]:
+    """Give impossible bodies an inertia that can be compiled; yield each, which decides how it moves."""
+    geoms_only = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+    for body in spec.bodies:
+        if not body.explicitinertial or body.compiler.inertiafromgeom == geoms_only:
+            continue
+        matrix = np.diag(body.inertia)
+        if np.isfinite(body.fullinertia[0]):
+            matrix = symmetric(*body.fullinertia)
+            body.fullinertia = [np.nan, 0, 0, 0, 0, 0]
+            moments, axes = np.linalg.eigh(matrix)
+            axes[:, 0] *= np.linalg.det(axes)
+            turn = pin.Quaternion(axes)
+            body.iquat, body.inertia = [turn.w, turn.x, turn.y, turn.z], np.maximum(moments, 0.0)
+        try:
+            if body.mass < 0:
+                raise RobotFileError(f"body {body.name!r}: has a mass of {body.mass:g} kg")
+            check_inertia(f"body {body.name!r}: inertia", matrix)
+        except RobotFileError as error:
+            yield LeftOut(f"{body.info}: {error}", (body.name,), is_decisive=True)
+            body.mass, body.inertia = max(body.mass, 0.0), np.ones(3)
+        # a thin rod's moments, rounded: MuJoCo allows the largest not a digit more than the others' sum
+        inertia = np.array(body.inertia)
+        largest = int(np.argmax(inertia))
+        inertia[largest] = min(inertia[largest], inertia.sum() - inertia[largest])
+        body.inertia = inertia
+
+
+def _without_needless_meshes(mujoco: Any, spec: Any) -> Iterator[LeftOut]:
+    """Delete meshes whose mass does not count, and those whose file is missing: yield what that decides."""
+    needed = set()
+    for geom in list(spec.geoms):
+        if not geom.meshname:
+            continue
+        body, mesh = geom.parent, spec.mesh(geom.meshname)
+        if _weighs(mujoco, geom, body):
+            name = mesh.file if mesh is not None else geom.meshname
+            folder = Path(spec.modelfiledir) / (mesh.compiler.meshdir if mesh is not None else "")
+            file = folder / (Path(name).name if spec.strippath else name)
+            if mesh is not None and (not name or file.is_file()):
+                needed.add(geom.meshname)
+                continue
+            text = (
+                f"{geom.info}: body {body.name!r}: its inertia is that of the mesh {name!r}, which is missing"
+            )
+            yield LeftOut(text, (body.name,), is_decisive=True)
+        spec.delete(geom)
+    for mesh in list(spec.meshes):
+        if mesh.name not in needed and Path(mesh.file).stem not in needed:
+            spec.delete(mesh)
+
+
+def _weighs(mujoco: Any, geom: Any, body: Any) -> bool:
+    """Whether the mass of a body takes that of a geom."""
+    rule, kinds = body.compiler.inertiafromgeom, mujoco.mjtInertiaFromGeom
+    if rule == kinds.mjINERTIAFROMGEOM_FALSE or (
+        rule == kinds.mjINERTIAFROMGEOM_AUTO and body.explicitinertial
+    ):
+        return False
+    lowest, highest = body.compiler.inertiagrouprange
+    return bool(lowest <= geom.group <= highest and geom.mass != 0.0 and geom.density != 0.0)
+
+
+def _compiled(spec: Any) -> tuple[Any, list[LeftOut]]:
+    """Compile; where a mesh cannot be, do so without meshes, and return what that decides."""
+    masses, inertias = spec.compiler.boundmass, spec.compiler.boundinertia
+    spec.compiler.boundmass = max(masses, STAND_IN_MASS)
+    spec.compiler.boundinertia = max(inertias, STAND_IN_INERTIA)
+    left_out = []
+    try:
+        model = spec.compile()
+    except ValueError as error:
+        with_meshes = [geom for geom in spec.geoms if geom.meshname]
+        if not with_meshes:
+            raise
+        for geom in with_meshes:
+            text = f"body {geom.parent.name!r}: its inertia is that of a mesh: {_one_line(str(error))}"
+            left_out.append(LeftOut(text, (geom.parent.name,), is_decisive=True))
+            spec.delete(geom)
+        for mesh in list(spec.meshes):
+            spec.delete(mesh)
+        model = spec.compile()
+    if masses < STAND_IN_MASS:
+        model.body_mass[model.body_mass <= STAND_IN_MASS] = 0.0
+    if inertias < STAND_IN_INERTIA:
+        model.body_inertia[model.body_inertia <= STAND_IN_INERTIA] = 0.0
+    return model, left_out

@@ -1,0 +1,302 @@
+"""URDFs with loops, in whichever of the ways that programs write them.
+
+URDF+ (Chignoli, Slotine, Wensing, Kim 2024); the axis is in both frames:
+
+    <loop name="tip" type="revolute">
+      <predecessor link="left_rod">  <origin xyz="0.25 0 0"/> </predecessor>
+      <successor link="right_rod">   <origin xyz="0.25 0 0"/> </successor>  <axis xyz="0 0 1"/>
+    </loop>
+    <coupling name="belt">           ratio * (angle of the predecessor) = angle of the successor
+      <predecessor link="pulley"/> <successor link="wheel"/> <ratio value="1"/>
+    </coupling>
+
+The angle of a link is the sum of the joints that carry it and not the other. Two kinds of coupling are loops
+of frames: a joint that is held, and links turned alike (ratio 1, all axes parallel). Others are refused.
+
+The proposal for ROS (urdfdom pull request 264), each axis in its own frame; a kind may end in `_joint`:
+
+    <constraint name="tip" type="spherical">
+      <parent link="left_rod"/>   <parent_origin xyz="0.25 0 0" rpy="0 0 0"/>  <parent_axis xyz="0 0 1"/>
+      <child link="right_rod"/>   <child_origin xyz="0.25 0 0"/>               <child_axis xyz="0 0 1"/>
+    </constraint>
+
+The child's axis is the parent's unless given; a universal joint has two at right angles, both needed.
+
+Isaac Sim, where the second link may be a second `<link1>`; `<fixed_frame>` is a frame:
+
+    <loop_joint name="tip" type="spherical">
+      <link1 link="left_rod" xyz="0.25 0 0" rpy="0 0 0"/>   <link2 link="right_rod" xyz="0.25 0 0"/>
+    </loop_joint>
+
+Drake's `<drake:ball_constraint>`; Gazebo's joints of SDF, `<gazebo><joint>`; `<mimic>`; pairs of links
+`closing_NAME_1` and `closing_NAME_2` of onshape-to-robot, which are points (a hinge has a second pair,
+`closing_NAME_1_z`); and loop_closures.yaml beside the URDF, the hinges that sw2robot, an exporter of CAD for
+ROS 2, has cut. Motors are the joints with a transmission or a command interface of ros2_control, else likely
+those marked `independent`; the file says nothing about the platform.
+"""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.errors import RobotFileError, check_name, choose_from
+from framework.fields import list_of, text, vector3
+from framework.input import read_text
+from framework.model.description import Closure, ParsedRobot, locked_axes
+from framework.model.documents import naming, parse_yaml
+from framework.model.placement import inverse, placement
+from framework.model.readers.describe import describe
+from framework.model.readers.missing_fields import Options
+from framework.model.readers.sdf import Scope, read_cut_joint
+from framework.model.readers.transmissions import Motor
+from framework.model.readers.urdf_tree import UrdfTree
+from framework.model.urdf_elements import MOVING, local_name
+from framework.model.xml_reading import attribute, axis_of, child_element, numbers, only, origin_of
+from framework.tolerances import FILE_ROUNDING
+
+LOOP_CLOSURES = "loop_closures.yaml"
+_ENDS = ("predecessor", "successor")
+_ORIGIN = ("xyz", "rpy")
+_ALIKE = {kind: kind for kind in ("fixed", "spherical", "revolute", "prismatic")} | {"continuous": "revolute"}
+_IN_URDF_PLUS = _ALIKE | {kind: kind for kind in ("cylindrical", "planar")}
+_IN_ROS = _IN_URDF_PLUS | {"universal": "universal", "link": "fixed"}
+_PARTS = ("parent", "parent_origin", "parent_axis", "child", "child_origin", "child_axis")
+_CLOSING = re.compile(r"closing_(?P<name>.+)_(?P<end>[12])(?P<second>_z)?")
+
+
+def _named(element: ElementTree.Element) -> tuple[str, str]:
+    """Return the name of an element, and how complaints name it."""
+    name = attribute(element, f"<{element.tag}>", "name")
+    return name, f"{element.tag} {name!r}"
+
+
+def _kind(element: ElementTree.Element, where: str, kinds: Mapping[str, str]) -> str:
+    given = attribute(element, where, "type")
+    if given.lower().removesuffix("_joint") not in kinds:
+        raise RobotFileError(f"{where}: {choose_from('type', given, kinds)}")
+    return kinds[given.lower().removesuffix("_joint")]
+
+
+def _axes(
+    element: ElementTree.Element, where: str, kind: str, tags: Sequence[str] = ("axis",)
+) -> list[Array]:
+    """Return the axes of a closure in its ends; none of kinds without an axis."""
+    if kind in ("fixed", "spherical"):
+        return []
+    return [axis_of(child_element(element, where, tag), f"{where}: <{tag}>") for tag in tags]
+
+
+def _read_loop(tree: UrdfTree, element: ElementTree.Element) -> Closure:
+    name, where = _named(element)
+    only(element, where, (*_ENDS, "axis"), ("name", "type"))
+    kind = _kind(element, where, _IN_URDF_PLUS)
+    axes = _axes(element, where, kind)
+    return tree.close(name, kind, [(end, *_end(tree, element, where, end)) for end in _ENDS], axes)
+
+
+def _read_coupling(tree: UrdfTree, element: ElementTree.Element) -> Closure | None:
+    """Read the closure of a `<coupling>`; None of one that holds a joint, which is done."""
+    name, where = _named(element)
+    only(element, where, (*_ENDS, "ratio"), ("name", "type"))
+    first, second = (_end(tree, element, where, end)[0] for end in _ENDS)
+    value = child_element(element, where, "ratio")
+    only(value, f"{where}: <ratio>", (), ("value",))
+    (ratio,) = numbers(f"{where}: <ratio>", attribute(value, f"{where}: <ratio>", "value"), 1)
+    if first == second:
+        raise RobotFileError(f"{where}: couples {first!r} with itself")
+    drivers, driven = tree.moving_chains(first, second)
+    held, others = (driven, drivers) if ratio == 0.0 or not drivers else (drivers, driven)
+    if len(held) == 1 and held[0].kind in MOVING and (ratio == 0.0 or not others):
+        tree.fix(held[0])
+        return None
+    closure = tree.same_turning(name, first, second) if ratio == 1.0 else None
+    if closure is None:
+        raise RobotFileError(
+            f"{where}: a gear of ratio {ratio:g} between {first!r} and {second!r} cannot be held by loops "
+            f"of frames (valid: ratio 1 between turns about parallel axes, or a joint that is held); "
+            f"leave the geared link out and give its motor a gear_ratio"
+        )
+    return closure
+
+
+def _end(tree: UrdfTree, element: ElementTree.Element, where: str, end: str) -> tuple[str, Array]:
+    body = child_element(element, where, end)
+    where = f"{where}: <{end}>"
+    only(body, where, ("origin",), ("link",))
+    link = tree.link(where, attribute(body, where, "link"))
+    return link, origin_of(body.find("origin"), f"{where}: <origin>")
+
+
+def _read_constraint(tree: UrdfTree, element: ElementTree.Element) -> Closure:
+    name, where = _named(element)
+    only(element, where, _PARTS, ("name", "type"))
+    kind, ends = _kind(element, where, _IN_ROS), []
+    has_two = kind == "universal" or element.find("child_axis") is not None
+    axes = _axes(element, where, kind, ("parent_axis", "child_axis") if has_two else ("parent_axis",))
+    if kind == "prismatic" and has_two:
+        apart = np.linalg.norm(np.cross(axes[0], axes[1])) / np.prod(np.linalg.norm(axes, axis=1))
+        if apart > FILE_ROUNDING:
+            raise RobotFileError(
+                f"{where}: <child_axis>: differs from <parent_axis>; a prismatic joint does not turn, so "
+                f"turn the frame by the rpy of <child_origin> instead"
+            )
+        axes = axes[:1]
+    for end in ("parent", "child"):
+        body = child_element(element, where, end)
+        only(body, f"{where}: <{end}>", (), ("link",))
+        origin = origin_of(element.find(f"{end}_origin"), f"{where}: <{end}_origin>")
+        link = tree.link(f"{where}: <{end}>", attribute(body, f"{where}: <{end}>", "link"))
+        ends.append((end, link, origin))
+    return tree.close(name, kind, ends, axes)
+
+
+def _read_fixed_frame(tree: UrdfTree, element: ElementTree.Element) -> None:
+    name, where = _named(element)
+    parent = attribute(child_element(element, where, "parent"), f"{where}: <parent>", "link")
+    origin = origin_of(element.find("origin"), f"{where}: <origin>")
+    tree.add_frame(name, tree.link(f"{where}: <parent>", parent), origin)
+
+
+def _read_loop_joint(tree: UrdfTree, element: ElementTree.Element) -> Closure:
+    name, where = _named(element)
+    for child in element:
+        check_name(where, "element", child.tag, ("link1", "link2", "axis"))
+    kind = _kind(element, where, _ALIKE)
+    axes = _axes(element, where, kind)
+    links = [child for child in element if child.tag in ("link1", "link2")]
+    if len(links) != 2:
+        raise RobotFileError(f"{where}: needs two links (<link1>, <link2>), got {len(links)}")
+    ends = []
+    for suffix, end in zip("12", links, strict=True):
+        only(end, f"{where}: <{end.tag}>", (), ("link", *_ORIGIN))
+        origin = ElementTree.Element("origin", {key: end.attrib[key] for key in _ORIGIN if key in end.attrib})
+        place = origin_of(origin, f"{where}: <{end.tag}>")
+        ends.append((suffix, tree.link(f"{where}: <{end.tag}>", end.get("link")), place))
+    return tree.close(name, kind, ends, axes)
+
+
+def _read_ball_constraint(tree: UrdfTree, element: ElementTree.Element) -> Closure:
+    parts = {local_name(child.tag).removeprefix("ball_constraint_"): child for child in element}
+    ends = []
+    for body, point in (("body_A", "p_AP"), ("body_B", "p_BQ")):
+        if missing := [key for key in (body, point) if key not in parts]:
+            raise RobotFileError(f"<ball_constraint>: {missing[0]} is missing")
+        at = numbers(f"<ball_constraint> {point}", parts[point].get("value"), 3)
+        link = tree.link(f"<ball_constraint> {body}", parts[body].get("name"))
+        ends.append((body[-1], link, placement(None, at)))
+    return tree.close(f"ball_{tree.extra.index(element) + 1}", "spherical", ends)
+
+
+# by element: the dialect and what reads it; None of what adds no closure
+_LOOPS: dict[str, tuple[str, Callable[[UrdfTree, ElementTree.Element], Closure | None]]] = {
+    "loop": ("urdf+", _read_loop),
+    "coupling": ("urdf+", _read_coupling),
+    "constraint": ("ros", _read_constraint),
+    "loop_joint": ("loop_joint", _read_loop_joint),
+    "fixed_frame": ("loop_joint", _read_fixed_frame),
+    "ball_constraint": ("urdf", _read_ball_constraint),
+}
+
+
+def read_urdf(
+    file: Path, root: ElementTree.Element, options: Options, beside: Mapping[str, Any] | None = None
+) -> ParsedRobot:
+    """Read the description in a URDF with loops; `beside` is the content of a loop_closures.yaml.
+
+    Raises:
+        RobotFileError: names the element.
+    """
+    marked = [
+        joint for joint in root.findall("joint") if joint.get("independent", "").lower() in ("true", "1")
+    ]
+    independent = [joint.get("name", "") for joint in marked]
+    tree = UrdfTree(root, tuple(_LOOPS))
+    loops = [(*_LOOPS[local_name(element.tag)], element) for element in tree.extra]
+    closures = [closure for _, read, element in loops if (closure := read(tree, element)) is not None]
+    closures += _gazebo_joints(tree)
+    framed = _closing_frames(tree)
+    beside = _loop_closures_beside(file) if beside is None else beside
+    closures += [*framed, *_listed(tree, beside)]
+    if not closures and not loops and root.find("joint/mimic") is None:
+        raise RobotFileError(
+            "a URDF without loops: declare them in it (<loop> of URDF+, <constraint> of ROS, <loop_joint> of "
+            "Isaac Sim, <mimic>, links closing_X_1 and closing_X_2 of onshape-to-robot) or in a YAML file "
+            "beside it (ours, or Gepetto's with closed_loop), and give that file"
+        )
+    dialect = loops[0][0] if loops else "onshape" if framed else "urdf"
+    for name in tree.motors:
+        if dialect == "ros":
+            check_name("transmission", "movable joint", name, tree.movable)
+    motors = [Motor.on(name) for name in tree.motors if name in tree.movable]
+    likely = [*independent, *beside.get("independent", [])]
+    parsed = describe(tree, file, options, closures, motors=motors, likely_motors=likely)
+    return parsed._replace(dialect=dialect)
+
+
+def _closing_frames(tree: UrdfTree) -> list[Closure]:
+    """Return the closures of pairs of links that end loops by their names."""
+    pairs: dict[str, dict[str, str]] = {}
+    for link in tree.links:
+        if match := _CLOSING.fullmatch(link):
+            pairs.setdefault(match["name"] + (match["second"] or ""), {})[match["end"]] = link
+    for ends in pairs.values():
+        if len(ends) < 2:
+            ((end, link),) = ends.items()
+            missing = re.sub(rf"_{end}(_z)?$", rf"_{3 - int(end)}\1", link)
+            raise RobotFileError(f"link {link!r}: the other end of its loop, {missing!r}, is missing")
+    axes = locked_axes("spherical")
+    return [Closure(name, (ends["1"], ends["2"]), axes) for name, ends in pairs.items()]
+
+
+def _gazebo_joints(tree: UrdfTree) -> list[Closure]:
+    """Return the closures of the joints that Gazebo adds to the tree."""
+    scope = Scope(version=np.inf)
+    for link in tree.links:
+        scope.links[link] = ElementTree.Element("link")
+        scope.relative[link] = ("world", tree.at_zero(link))
+    joints = [joint for joint in tree.root.findall("gazebo/joint") if joint.find("child") is not None]
+    return [read_cut_joint(scope, tree, joint) for joint in joints]
+
+
+def _loop_closures_beside(file: Path) -> Mapping[str, Any]:
+    """Return the content of a loop_closures.yaml beside a URDF or in the package around it; empty without."""
+    folder = file.parent
+    for path in (folder / LOOP_CLOSURES, *(folder.parent / name / LOOP_CLOSURES for name in ("", "config"))):
+        if path.is_file():
+            with naming(path):
+                content = parse_yaml(read_text(path, "cannot read it", error=RobotFileError))
+                return content if isinstance(content, dict) else {}
+    return {}
+
+
+def _listed(tree: UrdfTree, content: Mapping[str, Any]) -> list[Closure]:
+    """Return the hinges of a loop_closures.yaml: point and axis in the frame of the root link at zero."""
+    closures = []
+    for i, entry in enumerate(list_of(lambda _, given: dict(given))("closures", content.get("closures", []))):
+        where = f"{LOOP_CLOSURES}: closures[{i}]"
+        axis = np.array(vector3(f"{where}.axis", entry.get("axis")))
+        if not axis.any():
+            raise RobotFileError(f"{where}.axis: the axis is zero")
+        point = placement(None, vector3(f"{where}.point", entry.get("point")))
+        ends = []
+        for end in "ab":
+            link = tree.link(f"{where}.link_{end}", text(where, entry.get(f"link_{end}")))
+            ends.append((end, link, inverse(tree.at_zero(link)) @ point))
+        closures.append(tree.close(f"loop_{i + 1}", "revolute", ends, [axis]))
+    return closures
+
+
+def urdf_of_closures(path: Path) -> Path:
+    """Return the URDF that a loop_closures.yaml is of: the only one beside it or in the package."""
+    for folder in (path.parent, path.parent / "urdf", path.parent.parent / "urdf"):
+        urdfs = list(folder.glob("*.urdf"))
+        if len(urdfs) == 1:
+            return urdfs[0]
+    raise RobotFileError("a list of closures: give the URDF that they are of")

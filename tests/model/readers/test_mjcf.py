@@ -1,0 +1,172 @@
+"""MJCF as MuJoCo compiles it: what the readers of old did by themselves, or read wrongly."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from framework.errors import MissingPackage, RobotFileError
+from framework.kinematics.mechanism import Mechanism
+from framework.model.description import JointDynamics, RobotDescription
+from framework.model.readers import read_any
+
+SAID = {"platform": "one", "axes": ["x"], "motors": ["j"]}
+BODIES = (
+    '<body name="one"><joint name="j"/><geom size="0.1" mass="1"/></body>'
+    '<body name="two"><joint name="k"/><geom size="0.1" mass="1"/></body>'
+    '<body name="three"><joint name="l" type="slide"/><geom size="0.1" mass="1"/></body>'
+)
+LOOP = '<connect body1="one" anchor="0 0 0"/>'
+
+
+def read(
+    folder: Path, more: str = "", *, bodies: str = BODIES, equality: str = LOOP, **said
+) -> RobotDescription:
+    file = folder / "model.xml"
+    file.write_text(
+        f'<mujoco><compiler angle="radian"/>{more}<worldbody>{bodies}</worldbody>'
+        f"<equality>{equality}</equality></mujoco>"
+    )
+    return read_any(file, **{**SAID, **said})
+
+
+# ------------------------------------------------------------------ what acts
+
+
+def test_armature_and_damping_of_motors_act_through_their_gears(tmp_path):
+    motor = '<motor joint="j" gear="3" armature="0.5" damping="0.7"/>'
+    two = (
+        f"<actuator>{motor}{motor.replace('gear=', 'name=' + chr(34) + 'b' + chr(34) + ' gear=')}</actuator>"
+    )
+    joints = read(tmp_path, two).joints
+    assert joints == {"j": JointDynamics(armature=2 * 9 * 0.5, damping=2 * 9 * 0.7)}
+
+
+def test_what_acts_along_a_tendon_of_coupled_joints_acts_on_the_one_that_leads(tmp_path):
+    """Length q_j + 2 q_k = 5 q_j + 0.4 with q_k = 2 q_j + 0.2: the square of 5, and the rest's place."""
+    tendon = (
+        '<tendon><fixed name="t" stiffness="3" damping="0.1" frictionloss="0.2" armature="0.01" '
+        'springlength="1.4">'
+        '<joint joint="j" coef="1"/><joint joint="k" coef="2"/></fixed></tendon>'
+    )
+    coupled = LOOP + '<joint joint1="k" joint2="j" polycoef="0.2 2 0 0 0"/>'
+    description = read(tmp_path, tendon, equality=coupled)
+    (name, acting), *others = description.joints.items()
+    assert (name, others) == ("j", [])
+    np.testing.assert_allclose(
+        [acting.armature, acting.damping, acting.friction, acting.stiffness, acting.rest],
+        [25 * 0.01, 25 * 0.1, 5 * 0.2, 25 * 3, (1.4 - 0.4) / 5],
+    )
+
+
+@pytest.mark.parametrize(
+    ("flag", "gone"), [("damper", "damping"), ("spring", "stiffness"), ("frictionloss", "friction")]
+)
+def test_disabled_flags_disable(tmp_path, flag, gone):
+    bodies = BODIES.replace(
+        '<joint name="j"', '<joint name="j" damping="0.2" stiffness="3" frictionloss="0.1" armature="0.01"'
+    )
+    acting = read(tmp_path, f'<option><flag {flag}="disable"/></option>', bodies=bodies).joints["j"]
+    values = {"damping": 0.2, "stiffness": 3.0, "friction": 0.1, "armature": 0.01, gone: 0.0}
+    assert acting == JointDynamics(**values)
+
+
+def test_disabled_gravity_is_none(tmp_path):
+    assert read(tmp_path, '<option><flag gravity="disable"/></option>').gravity == (0, 0, 0)
+
+
+def test_higher_powers_and_springs_of_balls_are_named(tmp_path):
+    bodies = BODIES.replace('<joint name="j"', '<joint name="j" damping="0.2 0.5"')
+    assert read(tmp_path, bodies=bodies).left_out == ("joint 'j' damping: higher powers 0.5 0",)
+
+
+# ------------------------------------------------------------------ equalities
+
+
+@pytest.mark.parametrize(
+    ("equality", "ratio", "offset"),
+    [
+        ('<joint joint1="j" joint2="l" polycoef="0.1 2 0 0 0"/>', 2.0, 0.1),
+        ('<joint joint1="j" joint2="l"/>', 1.0, 0.0),
+        ('<tendon tendon1="both"/>', -1.5, 0.0),
+        ('<tendon tendon1="both" polycoef="0.3 0 0 0 0"/>', -1.5, 0.3),
+        ('<tendon tendon1="first" tendon2="second" polycoef="0.3 4 0 0 0"/>', 6.0, 0.3),
+    ],
+)
+def test_linear_equalities_of_joints_and_tendons_are_couplings(tmp_path, equality, ratio, offset):
+    tendons = (
+        '<tendon><fixed name="both"><joint joint="j" coef="1"/><joint joint="l" coef="1.5"/></fixed>'
+        '<fixed name="first"><joint joint="j" coef="1"/></fixed>'
+        '<fixed name="second"><joint joint="l" coef="1.5"/></fixed></tendon>'
+    )
+    (coupling,) = read(tmp_path, tendons, equality=LOOP + equality).couplings
+    assert (coupling.joint, coupling.of) == ("j", "l")
+    assert (coupling.ratio, coupling.offset) == pytest.approx((ratio, offset))
+
+
+def test_an_equality_of_one_joint_holds_it(tmp_path):
+    robot = Mechanism.from_description(
+        read(tmp_path, equality=LOOP + '<joint joint1="k" polycoef="0.2 0 0 0 0"/>')
+    )
+    assert robot.coordinates.names == ("j", "l")
+
+
+@pytest.mark.parametrize(
+    ("equality", "message"),
+    [
+        ('<joint joint1="j" joint2="k" polycoef="0 1 0.5 0 0"/>', "couples j and k: only linear couplings"),
+        ('<tendon tendon1="all"/>', "couples j, k, l: only couplings of two joints are read"),
+    ],
+)
+def test_other_equalities_are_refused_by_the_joints_that_they_couple(tmp_path, equality, message):
+    parts = "".join(f'<joint joint="{name}" coef="1"/>' for name in "jkl")
+    with pytest.raises(RobotFileError, match=message):
+        read(tmp_path, f'<tendon><fixed name="all">{parts}</fixed></tendon>', equality=LOOP + equality)
+
+
+# ------------------------------------------------------------------ what cannot be had
+
+
+MESH = '<asset><mesh name="m" file="nowhere.stl"/><texture name="t" type="2d" file="no.png"/></asset>'
+
+
+def test_missing_meshes_that_weigh_nothing_and_textures_are_no_matter(tmp_path):
+    drawn = BODIES.replace('mass="1"/></body>', 'mass="1"/><geom type="mesh" mesh="m" mass="0"/></body>', 1)
+    assert read(tmp_path, MESH, bodies=drawn).left_out == ()
+
+
+@pytest.mark.parametrize(
+    "broken", ['<geom type="mesh" mesh="m"/>', '<inertial pos="0 0 0" mass="1" diaginertia="1 1 3"/>']
+)
+def test_an_inertia_that_cannot_be_had_stops_what_moves_and_nothing_else(tmp_path, broken):
+    at_rest = f'<body name="scenery">{broken}</body>'
+    assert read(tmp_path, MESH, bodies=BODIES + at_rest).left_out == ()
+    moving = f'<body name="arm"><joint name="m"/>{broken}</body>'
+    with pytest.raises(RobotFileError, match="body 'arm': "):
+        read(tmp_path, MESH, bodies=BODIES + moving)
+    assert read(tmp_path, MESH, bodies=BODIES + moving, locked={"m": None}).left_out == ()
+
+
+def test_bodies_without_mass_have_none_unless_the_file_bounds_it(tmp_path):
+    bodies = BODIES.replace('<geom size="0.1" mass="1"/></body>', "</body>", 1)
+    free, bound = (
+        Mechanism.from_description(read(tmp_path, more, bodies=bodies)).model.inertias[1]
+        for more in ("", '<compiler boundmass="0.25" boundinertia="0.01"/>')
+    )
+    assert (free.mass, np.abs(free.inertia).max()) == (0, 0)
+    assert (bound.mass, bound.inertia[0, 0]) == (0.25, 0.01)
+
+
+def test_nothing_is_written_where_the_program_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    read(tmp_path, bodies=BODIES.replace('mass="1"', 'mass="0"'))
+    assert [path.name for path in tmp_path.iterdir()] == ["model.xml"]
+
+
+def test_without_mujoco_one_line_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(MissingPackage, match=r"pip install 'parallel-singularity-crossing\[mjcf\]'"):
+        read(tmp_path)

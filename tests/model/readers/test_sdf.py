@@ -1,0 +1,255 @@
+"""SDF: one mechanism in three formats has one plan; poses, axes and nested names mean what SDFormat says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from framework import Line, ParallelRobot, locate_singularities, plan_crossing
+from framework.errors import RobotFileError
+from framework.kinematics.diagnostics.proposal import propose
+from framework.kinematics.mechanism import Mechanism
+from framework.model.description import JointDynamics
+from framework.model.readers import read_any
+from framework.model.readers.recognise import parse_any
+
+INERTIAL = (
+    "<inertial><pose>{x} 0 0 0 0 0</pose><mass>{m}</mass><inertia><ixx>0.001</ixx><iyy>0.01</iyy>"
+    "<izz>0.01</izz></inertia></inertial>"
+)
+LENGTHS = {"left_crank": 0.25, "left_rod": 0.25, "right_crank": 0.25, "right_rod": 0.25}
+POSE = {"left_motor": 1.271863, "left_elbow": -0.83362, "right_motor": 1.083625, "right_elbow": 1.538591}
+PLACES = {"left_crank": "-0.2 0 0", "left_rod": "0.05 0 0", "right_crank": "0.2 0 0", "right_rod": "0.45 0 0"}
+JOINTS = (
+    ("left_motor", "world", "left_crank"),
+    ("left_elbow", "left_crank", "left_rod"),
+    ("right_motor", "world", "right_crank"),
+    ("right_elbow", "right_crank", "right_rod"),
+)
+
+
+def axis(more: str = "") -> str:
+    return f"<axis><xyz>0 0 1</xyz>{more}</axis>"
+
+
+def five_bar(more: str = "", tip_axis: str = axis()) -> str:
+    """A five-bar whose links lie along x: its tip is open there, and closes by its frames."""
+    links = "".join(
+        f'<link name="{name}"><pose>{place} 0 0 0</pose>{INERTIAL.format(x=0.125, m=0.5)}</link>'
+        for name, place in PLACES.items()
+    )
+    joints = "".join(
+        f'<joint name="{name}" type="revolute"><parent>{parent}</parent><child>{child}</child>'
+        f"{axis()}</joint>"
+        for name, parent, child in JOINTS
+    )
+    tips = "".join(
+        f'<frame name="{side}_tip" attached_to="{side}_rod"><pose>0.25 0 0 0 0 0</pose></frame>'
+        for side in ("left", "right")
+    )
+    tip = f"<parent>left_tip</parent><child>right_tip</child>{tip_axis}"
+    return (
+        f'<sdf version="1.9"><model name="five_bar">{links}{joints}{tips}'
+        f'<joint name="tip" type="revolute">{tip}</joint>{more}</model></sdf>'
+    )
+
+
+def five_bar_mjcf() -> str:
+    text = ""
+    for side, x in (("left", -0.2), ("right", 0.2)):
+        inertial = '<inertial pos="0.125 0 0" mass="0.5" diaginertia="0.001 0.01 0.01"/>'
+        rod = (
+            f'<body name="{side}_rod" pos="0.25 0 0"><joint name="{side}_elbow"/>{inertial}'
+            f'<site name="{side}_tip" pos="0.25 0 0"/></body>'
+        )
+        text += f'<body name="{side}_crank" pos="{x} 0 0"><joint name="{side}_motor"/>{inertial}{rod}</body>'
+    loop = '<equality><connect name="tip" site1="left_tip" site2="right_tip"/></equality>'
+    return f"<mujoco><worldbody>{text}</worldbody>{loop}</mujoco>"
+
+
+def five_bar_urdf() -> str:
+    text = '<link name="world"/>'
+    inertial = (
+        '<inertial><origin xyz="0.125 0 0"/><mass value="0.5"/>'
+        '<inertia ixx="0.001" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>'
+    )
+    for name, parent, child in JOINTS:
+        xyz = PLACES[child] if parent == "world" else "0.25 0 0"
+        text += (
+            f'<link name="{child}">{inertial}</link><joint name="{name}" type="continuous">'
+            f'<parent link="{parent}"/><child link="{child}"/><origin xyz="{xyz}"/>'
+            '<axis xyz="0 0 1"/></joint>'
+        )
+    tip = (
+        '<constraint name="tip" type="revolute_joint"><parent link="left_rod"/>'
+        '<parent_origin xyz="0.25 0 0"/><parent_axis xyz="0 0 1"/><child link="right_rod"/>'
+        '<child_origin xyz="0.25 0 0"/></constraint>'
+    )
+    return f'<robot name="five_bar">{text}{tip}</robot>'
+
+
+def test_one_mechanism_in_three_formats_has_one_plan(tmp_path):
+    said = {"axes": ["x", "y"], "motors": ["left_motor", "right_motor"], "reference": POSE}
+    plans = []
+    for name, text, platform in (
+        ("a.sdf", five_bar(), "tip_1"),
+        ("a.xml", five_bar_mjcf(), "left_tip"),
+        ("a.urdf", five_bar_urdf(), "tip_parent"),
+    ):
+        (tmp_path / name).write_text(text)
+        robot = ParallelRobot.from_description(read_any(tmp_path / name, platform=platform, **said))
+        path = Line([0.1, 0.345], [-0.05, 0.195])
+        assert len(locate_singularities(robot, path)) == 1
+        plans.append(plan_crossing(robot, path, duration=1.5, times=[1.0], speeds=[1.5]))
+    t = np.linspace(0.0, 1.5, 41)
+    peak = np.abs(plans[0].torque(t)).max()
+    for other in plans[1:]:
+        np.testing.assert_allclose(other.torque(t), plans[0].torque(t), rtol=0, atol=1e-10 * peak)
+
+
+def read(folder: Path, text: str, **said):
+    file = folder / "model.sdf"
+    file.write_text(text)
+    return parse_any(file, propose=propose, **said)
+
+
+def test_what_joins_the_loops_need_not_be_assembled(tmp_path):
+    parsed = read(tmp_path, five_bar())
+    assert parsed.dialect == "sdf"
+    assert any(remark.startswith("reference: the nearest closed pose") for remark in parsed.remarks)
+    assert [closure.name for closure in parsed.description.closures] == ["tip"]
+    assert ParallelRobot.from_description(parsed.description).n == 2
+
+
+def test_a_joint_with_something_of_its_own_is_not_where_a_loop_is_cut(tmp_path):
+    own = axis("<dynamics><damping>0.3</damping></dynamics>")
+    description = read(tmp_path, five_bar(tip_axis=own)).description
+    assert description.joints == {"tip": JointDynamics(damping=0.3)}
+    assert [closure.name for closure in description.closures] == ["right_elbow"]
+
+
+def test_mimics_limits_and_springs_are_those_of_the_joints(tmp_path):
+    more = (
+        "<dynamics><spring_stiffness>2</spring_stiffness><spring_reference>0.1</spring_reference>"
+        "<friction>0.4</friction></dynamics><limit><lower>-3</lower><upper>2</upper></limit>"
+    )
+    mimic = (
+        '<mimic joint="left_motor"><multiplier>-2</multiplier><offset>0.5</offset>'
+        "<reference>0.1</reference></mimic>"
+    )
+    text = five_bar().replace(f"<child>left_crank</child>{axis()}", f"<child>left_crank</child>{axis(more)}")
+    text = text.replace(f"<child>right_crank</child>{axis()}", f"<child>right_crank</child>{axis(mimic)}")
+    file = tmp_path / "model.sdf"
+    file.write_text(text)
+    description = read_any(file, platform="tip_1", axes=["x"], motors=["left_motor"], reference=POSE)
+    (coupling,) = description.couplings
+    assert (coupling.joint, coupling.of, coupling.ratio) == ("right_motor", "left_motor", -2)
+    assert coupling.offset == pytest.approx(0.7)
+    assert description.joints["left_motor"] == JointDynamics(friction=0.4, stiffness=2.0, rest=0.1)
+    limits = {
+        limit.joint: (limit.lower, limit.upper) for limit in Mechanism.from_description(description).limits
+    }
+    assert limits == {"left_motor": (-3, 2)}
+
+
+POSES = """<sdf version="{version}"><model name="m"><pose>9 9 9 0 0 0</pose>
+<link name="a"><pose>1 2 3 0.1 0.2 0.3</pose></link>
+<link name="b"><pose relative_to="f">0 1 0 0.5 0 0</pose></link>
+<frame name="f" attached_to="a"><pose>0 0 1 0 0 0.4</pose></frame>
+<joint name="j" type="revolute"><pose>0.1 0 0 0 0.7 0</pose><parent>a</parent><child>b</child>
+<axis><xyz{within}>1 2 3</xyz></axis></joint>
+<joint name="k" type="revolute"><parent>a</parent><child>b</child><axis><xyz>0 0 1</xyz></axis></joint>
+</model></sdf>"""
+
+
+@pytest.mark.parametrize(
+    ("version", "within", "frames"),
+    [
+        ("1.9", "", ()),
+        ("1.9", ' expressed_in="__model__"', "model"),
+        ("1.9", ' expressed_in="a"', "a"),
+        ("1.4", "", "model"),
+    ],
+)
+def test_poses_and_axes_are_relative_to_what_sdformat_says(tmp_path, version, within, frames):
+    def at(x, y, z, *rpy):
+        return pin.SE3(pin.rpy.rpyToMatrix(*rpy), np.array([x, y, z], float))
+
+    (tmp_path / "m.sdf").write_text(POSES.format(version=version, within=within))
+    description = read_any(tmp_path / "m.sdf", platform="b", axes=["rx"], motors=["j"])
+    robot = Mechanism.from_description(description)
+    a = at(1, 2, 3, 0.1, 0.2, 0.3)
+    b = a * at(0, 0, 1, 0, 0, 0.4) * at(0, 1, 0, 0.5, 0, 0)
+    joint = b * at(0.1, 0, 0, 0, 0.7, 0)
+    turned = {"": joint, "a": a, "model": pin.SE3.Identity()}[frames or ""]
+    direction = turned.rotation @ np.array([1.0, 2.0, 3.0]) / np.sqrt(14)
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, pin.neutral(robot.model))
+    in_a = data.oMf[robot.model.getFrameId("a")]
+    np.testing.assert_allclose(
+        (in_a.inverse() * data.oMf[robot.model.getFrameId("b")]).homogeneous,
+        (a.inverse() * b).homogeneous,
+        atol=1e-15,
+    )
+    pin.computeJointJacobians(robot.model, data, pin.neutral(robot.model))
+    twist = pin.getFrameJacobian(
+        robot.model, data, robot.model.getFrameId("b"), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    ).reshape(6)
+    expected = a.rotation.T @ direction
+    np.testing.assert_allclose(twist[3:], expected, atol=1e-15)
+    arm = a.rotation.T @ (b.translation - joint.translation)
+    np.testing.assert_allclose(twist[:3], np.cross(expected, arm), atol=1e-15)
+
+
+def test_nested_models_are_included_from_beside_the_file(tmp_path):
+    (tmp_path / "arm").mkdir()
+    (tmp_path / "arm" / "model.sdf").write_text(
+        '<sdf version="1.9"><model name="arm"><link name="1"/></model></sdf>'
+    )
+    joint = '<joint name="{}" type="{}"><parent>base</parent><child>{}</child></joint>'
+    text = (
+        '<sdf version="1.9"><world name="w"><model name="m"><link name="base"/>'
+        "<include><uri>model://arm</uri><name>left</name><pose>0 0 2 0 0 0</pose></include>"
+        "<include><uri>arm</uri><name>right</name></include>"
+        + joint.format("j", "revolute", "left::1")
+        + joint.format("k", "revolute", "right::1")
+        + '<joint name="l" type="ball"><parent>left::1</parent><child>right::1</child></joint>'
+        + "</model></world></sdf>"
+    )
+    (tmp_path / "w.sdf").write_text(text)
+    description = read_any(tmp_path / "w.sdf", platform="left::1", axes=["rz"], motors=["j"])
+    robot = Mechanism.from_description(description)
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, pin.neutral(robot.model))
+    np.testing.assert_allclose(data.oMf[robot.model.getFrameId("left::1")].translation, [0, 0, 2])
+    assert description.closures[0].axes == ("x", "y", "z")
+
+
+def test_comments_and_prefixes_that_xml_forbids_are_mended(tmp_path):
+    text = five_bar("<!-- a -- b --><gz:thing gz:of='1'/>")
+    assert read(tmp_path, text).description.closures[0].name == "tip"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('name="tip" type="revolute"', 'name="tip" type="screw"', "joint 'tip': screw: not read"),
+        ('name="tip" type="revolute"', 'name="tip" type="hinge"', "joint 'tip': unknown type 'hinge'"),
+        ("<child>right_tip</child>", "<child>tip_2</child>", "joint 'tip': unknown link or frame 'tip_2'"),
+        ("<child>right_tip</child>", "", "joint 'tip': <child> is missing"),
+        ('attached_to="left_rod"', 'attached_to="left_tip"', "left_tip"),
+        ("<xyz>0 0 1</xyz>", "<xyz>0 0 0</xyz>", "the axis is zero"),
+        ("<mass>0.5</mass>", "<mass>heavy</mass>", "link 'left_crank': <mass>: needs finite numbers"),
+        ("<ixx>0.001</ixx>", "<ixx>-1</ixx>", "link 'left_crank': <inertia>: has the principal moments"),
+        ('<link name="left_rod">', '<link name="left_crank">', "duplicate link 'left_crank'"),
+    ],
+)
+def test_a_malformed_model_gives_one_line(tmp_path, old, new, message):
+    text = five_bar()
+    assert old in text
+    with pytest.raises(RobotFileError, match=message) as caught:
+        read(tmp_path, text.replace(old, new, 1))
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,217 @@
+"""URDFs as they are found: mimics, joints of Gazebo, macros, other programs' elements, impossible bodies."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from framework import ParallelRobot
+from framework.errors import RobotFileError
+from framework.kinematics.assembly import all_loops_matrix
+from framework.kinematics.diagnostics.proposal import propose
+from framework.model.description import locked_axes
+from framework.model.readers import read_any
+from framework.model.readers.recognise import parse_any
+from tests.model.readers.foreign_files import short_move
+from tests.model.readers.test_sdf import five_bar_urdf
+
+DATA = Path(__file__).parents[2] / "data" / "dialects"
+TIP = ("left_rod", "right_rod")
+
+
+def link(name: str, more: str = "") -> str:
+    return (
+        f'<link name="{name}"><inertial><origin xyz="0.1 0 0"/><mass value="1"/><inertia ixx="0.01" '
+        f'iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial>{more}</link>'
+    )
+
+
+def joint(name: str, parent: str, child: str, more: str = "") -> str:
+    return (
+        f'<joint name="{name}" type="continuous"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="0.2 0 0"/><axis xyz="0 0 1"/>{more}</joint>'
+    )
+
+
+def fingers(more: str = "", head: str = "") -> str:
+    """Three fingers, each of which follows the one before."""
+    return (
+        f'<robot name="fingers"{head}><link name="palm"/>{link("a")}{link("b")}{link("c")}'
+        + joint("ja", "palm", "a")
+        + joint("jb", "palm", "b", '<mimic joint="ja" multiplier="-2" offset="0.1"/>')
+        + joint("jc", "palm", "c", '<mimic joint="jb" multiplier="0.5"/>')
+        + f"{more}</robot>"
+    )
+
+
+def read(folder: Path, text: str, name: str = "robot.urdf", **said):
+    (folder / name).write_text(text)
+    return parse_any(folder / name, propose=propose, **said)
+
+
+def test_chains_of_mimics_are_couplings_that_plan(tmp_path):
+    parsed = read(tmp_path, fingers(), motors=["ja"])
+    found = {c.joint: (c.of, c.ratio, c.offset) for c in parsed.description.couplings}
+    assert found == {"jb": ("ja", -2, 0.1), "jc": ("jb", 0.5, 0)}
+    plan = short_move(ParallelRobot.from_description(parsed.description))
+    assert plan.certificate.max_residual_torque < 1e-9 * max(plan.peak_torque.values())
+
+
+def test_a_held_joint_holds_what_mimics_it(tmp_path):
+    more = link("d") + joint("jd", "palm", "d", '<mimic joint="ja"/>')
+    with pytest.raises(RobotFileError, match="--lock: no loop moves any more"):
+        read(tmp_path, fingers(more), locked={"jc": 0.0})
+
+
+BALL = (
+    '<drake:ball_constraint xmlns:drake="d"><drake:ball_constraint_body_A name="left_rod"/>'
+    '<drake:ball_constraint_p_AP value="0.25 0 0"/><drake:ball_constraint_body_B name="right_rod"/>'
+    '<drake:ball_constraint_p_BQ value="0.25 0 0"/></drake:ball_constraint>'
+)
+
+
+def without_loop() -> str:
+    text = five_bar_urdf()
+    return text[: text.index("<constraint")] + "</robot>"
+
+
+def test_ball_constraints_of_drake_are_balls(tmp_path):
+    for text in (BALL, BALL.replace(' xmlns:drake="d"', "")):
+        (closure,) = read(
+            tmp_path, without_loop().replace("</robot>", f"{text}</robot>")
+        ).description.closures
+        assert closure.axes == locked_axes("spherical")
+
+
+def test_joints_of_gazebo_close_loops_where_the_links_are_at_zero(tmp_path):
+    text = (
+        fingers()
+        .replace('<mimic joint="jb" multiplier="0.5"/>', "")
+        .replace("-2", "1")
+        .replace('0.1"/>', '0"/>')
+    )
+    gazebo = (
+        '<gazebo><joint name="pin" type="revolute"><parent>a</parent><child>c</child>'
+        "<pose>0.3 0 0 0 0 0</pose>"
+        "<axis><xyz>0 0 1</xyz></axis></joint></gazebo>"
+    )
+    description = read(tmp_path, text.replace("</robot>", f"{gazebo}</robot>")).description
+    (closure,) = description.closures
+    assert (closure.name, closure.axes) == ("pin", locked_axes("revolute"))
+
+
+def test_loop_closures_beside_a_urdf_are_hinges(tmp_path):
+    text = without_loop().replace('name="world"', 'name="base_link"').replace('"world"', '"base_link"')
+    listed = (
+        "closures:\n- {link_a: left_rod, link_b: right_rod, point: [0.3, 0, 0], axis: [0, 0, 2]}\n"
+        "dependent: [left_elbow, right_elbow]\nindependent: [left_motor, right_motor]\n"
+    )
+    (tmp_path / "loop_closures.yaml").write_text(listed)
+    one = read(tmp_path, text).description
+    two = parse_any(tmp_path / "loop_closures.yaml", propose=propose).description
+    for description in (one, two):
+        (closure,) = description.closures
+        assert closure.axes == locked_axes("revolute")
+        assert [actuator.joint for actuator in description.actuators] == ["left_motor", "right_motor"]
+
+
+# ------------------------------------------------------------------ what does not matter, and what does
+
+
+XACRO = ' xmlns:xacro="http://www.ros.org/wiki/xacro"'
+
+
+def test_leftovers_of_xacro_are_no_matter(tmp_path):
+    more = '<xacro:property name="a" value="1"/><xacro:arg name="b" default="2"/><xacro:macro name="m"/>'
+    text = fingers(more, XACRO).replace('name="ja" type', 'xacro:note="x" name="ja" type')
+    assert len(read(tmp_path, text).description.couplings) == 2
+    assert len(read(tmp_path, text.replace(XACRO, "")).description.couplings) == 2
+
+
+@pytest.mark.parametrize("more", ['<xacro:finger side="left"/>', '<link name="${side}_finger"/>'])
+def test_macros_are_named_with_the_command_that_expands_them(tmp_path, more):
+    text = fingers(f'<xacro:arg name="constraints" default="false"/>{more}', XACRO)
+    with pytest.raises(RobotFileError, match=r"xacro FILE constraints:=false > OUT"):
+        read(tmp_path, text)
+
+
+def test_elements_of_other_programs_are_named_and_no_matter(tmp_path):
+    parsed = read(tmp_path, fingers("<mujoco><compiler/></mujoco><drake:proximity/>"))
+    assert "not read, of other programs: <mujoco>, <proximity>" in parsed.remarks
+    with pytest.raises(RobotFileError, match="unknown element 'lnik'; did you mean 'link'"):
+        read(tmp_path, fingers('<lnik name="a"/>'))
+
+
+@pytest.mark.parametrize("broken", ['ixx="-1"', 'ixx=""'])
+def test_an_impossible_body_stops_what_moves_and_is_a_remark_where_it_does_not(tmp_path, broken):
+    bad = link("tool").replace('ixx="0.01"', broken)
+    fixed = '<joint name="m" type="fixed"><parent link="palm"/><child link="tool"/></joint>'
+    parsed = read(tmp_path, fingers(bad + fixed))
+    assert any("does not move: link 'tool': " in remark for remark in parsed.remarks)
+    with pytest.raises(RobotFileError, match="link 'tool': "):
+        read(tmp_path, fingers(bad + fixed.replace('"palm"', '"a"')))
+
+
+def test_an_impossible_limit_stops_what_moves(tmp_path):
+    limit = '<limit lower="1" upper="0" effort="1" velocity="1"/>'
+    more = link("d") + joint("jd", "a", "d", limit).replace("continuous", "revolute")
+    assert any(
+        "joint 'jd'" in remark for remark in read(tmp_path, fingers(more)).remarks
+    )  # in no loop, so held
+    with pytest.raises(RobotFileError, match="joint 'jd': <limit>"):
+        read(tmp_path, fingers(more), motors=["ja", "jd"])
+
+
+# ------------------------------------------------------------------ motors, free bases
+
+
+def with_motors(text: str, *names: str) -> str:
+    motors = "".join(f'<joint name="{name}"/>' for name in names)
+    return text.replace("</robot>", f"<transmission>{motors}</transmission></robot>")
+
+
+POSE = {"left_motor": 1.271863, "left_elbow": -0.83362, "right_motor": 1.083625, "right_elbow": 1.538591}
+
+
+def test_of_motors_on_all_joints_those_are_taken_that_tell_the_freedoms_apart_best(tmp_path):
+    parsed = read(tmp_path, with_motors(five_bar_urdf(), *POSE), reference=POSE)
+    (remark,) = (remark for remark in parsed.remarks if remark.startswith("motors"))
+    assert "of 4 in the file, for 2 freedoms" in remark
+    chosen = tuple(actuator.joint for actuator in parsed.description.actuators)
+    said = {"platform": "tip_parent", "axes": ["x", "y"], "reference": POSE}
+    gains = {}  # of the motors' rates at the fastest motion of all joints of length 1
+    for pair in combinations(POSE, 2):
+        robot = ParallelRobot.from_description(read_any(tmp_path / "robot.urdf", motors=pair, **said))
+        loops = all_loops_matrix(robot, robot.reference.q)
+        motions = np.linalg.svd(loops)[2][np.linalg.matrix_rank(loops, tol=1e-9) :].T
+        gains[pair] = np.linalg.svd(motions[robot.actuated], compute_uv=False)[-1]
+    assert max(gains, key=gains.get) == chosen
+
+
+def test_motors_that_are_alike_are_left_to_a_person():
+    with pytest.raises(RobotFileError, match="none are better than others: give --motors j"):
+        parse_any(DATA / "two_cranks.xml", propose=propose)
+
+
+def test_a_free_base_is_held_with_one_line(tmp_path):
+    root = '<joint name="root" type="floating"><parent link="ground"/><child link="palm"/></joint>'
+    text = fingers('<link name="ground"/>' + root)
+    parsed = read(tmp_path, text)
+    assert "held: root (a free base, which no motor drives)" in parsed.remarks
+
+
+def test_serial_joints_beside_the_mechanism_are_held_with_a_platform_too(tmp_path):
+    more = link("d") + joint("jd", "palm", "d")
+    for said in ({}, {"motors": ["ja"]}):
+        parsed = read(tmp_path, fingers(more), platform_joints=["jb"], **said)
+        assert any(remark.startswith("held: jd") for remark in parsed.remarks)
+        assert ParallelRobot.from_description(parsed.description).n == 1
+
+
+def test_usd_is_named_with_a_way_out(tmp_path):
+    (tmp_path / "a.usda").write_text("#usda 1.0\n")
+    with pytest.raises(RobotFileError, match="USD is not read; write it as URDF or MJCF"):
+        read_any(tmp_path / "a.usda")
