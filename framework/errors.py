@@ -10,7 +10,7 @@ Two families, told apart because the reader acts differently on them:
 from __future__ import annotations
 
 import reprlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from difflib import get_close_matches
 from typing import Any, Self
@@ -112,7 +112,7 @@ def choose_from(what: str, given: object, valid: Iterable[str]) -> str:
     return f"unknown {what} {_CUT.repr(given)}{hint} (valid: {listed}{more})"
 
 
-def check_name(where: str, what: str, given: object, valid: Iterable[str]) -> None:
+def check_name(where: str, what: str, given: object, valid: Collection[str]) -> None:
     """Raise RobotFileError unless a name is one of the valid; `where` starts the complaint."""
     if given not in valid:
         raise RobotFileError(f"{where}: {choose_from(what, given, valid)}")

@@ -42,7 +42,7 @@ class CorrectedLaw:
         return self.law.duration
 
     def __call__(self, t: ArrayLike, order: int = 0) -> Array:
-        return np.asarray(self.law(t, order) + self.correction(t, order))
+        return self.law(t, order) + self.correction(t, order)
 
 
 @dataclass(frozen=True, eq=False)

@@ -69,7 +69,7 @@ class Slopes(NamedTuple):
     def at(self, size: int) -> Array:
         """At `size` nodes of all panels, (panels size, f, d)."""
         values = chebyshev.chebvander(nodes(size), self.series.shape[1] - 1) @ self.series
-        return np.asarray(values.reshape(len(self.series) * size, -1, self.directions))
+        return values.reshape(len(self.series) * size, -1, self.directions)
 
 
 class LinearBalance(NamedTuple):

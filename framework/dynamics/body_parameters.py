@@ -75,7 +75,7 @@ def link_axes(model: pin.Model, j: int) -> pin.SE3:
 
 def link_parameters(model: pin.Model, j: int) -> Array:
     """Return the ten inertial parameters of what joint j carries, about its origin on the link's axes."""
-    return np.asarray(link_axes(model, j).actInv(model.inertias[j]).toDynamicParameters())
+    return link_axes(model, j).actInv(model.inertias[j]).toDynamicParameters()
 
 
 def pseudo_inertia(parameters: Array) -> Array:
@@ -107,4 +107,4 @@ def of_pseudo_inertia(matrix: Array) -> Array:
 def moved_parameters(placement: pin.SE3) -> Array:
     """Return the matrix (10, 10) that expresses ten parameters of one frame in another, at `placement`."""
     move = np.asarray(placement.homogeneous)
-    return np.asarray(of_pseudo_inertia(move @ pseudo_inertia(np.eye(10)) @ move.T).T)
+    return of_pseudo_inertia(move @ pseudo_inertia(np.eye(10)) @ move.T).T

@@ -81,4 +81,4 @@ def moving_with(
 
 def spring_scale(robot: ParallelRobot) -> Array:
     """Length of the robot for springs that stretch, 1 for those that turn (n_e,)."""
-    return np.asarray(robot.column_scale[robot.elastic])
+    return robot.column_scale[robot.elastic]

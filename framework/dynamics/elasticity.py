@@ -311,7 +311,7 @@ class _Iteration:
         scale, stiffness = spring_scale(self.branch.robot), self.branch.robot.stiffness
         caused = np.abs(here.caused)
         largest, force = float((caused / scale).max()), float((caused * stiffness * scale).max())
-        return np.asarray(np.maximum(1.0 / (scale * largest), stiffness * scale / force))
+        return np.maximum(1.0 / (scale * largest), stiffness * scale / force)
 
     def _result(self, here: Pass, deflections: TimeFunction) -> DeflectionSolution:
         return DeflectionSolution(

@@ -65,7 +65,7 @@ def wrench_slope(robot: ParallelRobot, screws: Array, applied: AppliedWrench) ->
     else:
         slide = screws[..., :3] + cross(screws[..., 3:], applied.origin[:, None])  # (T, nv, 3) of the frame
         moved = screws[..., 3:] @ cross(slide, w[:, None, :3]).swapaxes(1, 2)
-    return np.asarray((turned * columns.before.T + moved) * carried * carried[:, None])
+    return (turned * columns.before.T + moved) * carried * carried[:, None]
 
 
 def force_changes(
@@ -79,4 +79,4 @@ def force_changes(
     curved = loop_curvature(robot, robot.loops, motion.linearised.frames, multipliers)
     dq, dv, da = changes
     by_q = (slopes.by_q - curved).swapaxes(1, 2)
-    return np.asarray(dq @ by_q + dv @ slopes.by_v.swapaxes(1, 2) + da @ slopes.mass)
+    return dq @ by_q + dv @ slopes.by_v.swapaxes(1, 2) + da @ slopes.mass

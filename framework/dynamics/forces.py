@@ -167,7 +167,7 @@ def least_motor_torques(robot: ParallelRobot, matrix: Array, wrenches: Array) ->
     """
     arm = robot.platform_scale[:, None]
     directions, triangle = np.linalg.qr((arm * matrix).swapaxes(1, 2))  # of the torques that hold a wrench
-    return np.asarray(directions @ solve(triangle.swapaxes(1, 2), arm * wrenches))
+    return directions @ solve(triangle.swapaxes(1, 2), arm * wrenches)
 
 
 def motor_torque(robot: ParallelRobot, motion: Motion, joint_torque: Array) -> Array:

@@ -374,7 +374,7 @@ def _tails(
 
 def _torque_rounding(robot: ParallelRobot, duration: float) -> Array:
     """What rounding makes of motor torques (n_a,) [N m] that are zero, as at constant speed."""
-    return np.asarray(1e-15 * robot.mass * (robot.length / duration) ** 2 / np.abs(robot.gear_ratio))
+    return 1e-15 * robot.mass * (robot.length / duration) ** 2 / np.abs(robot.gear_ratio)
 
 
 def _end_speed(robot: ParallelRobot, state: DeflectionSolution) -> float:

@@ -71,7 +71,7 @@ def spring_units(robot: ParallelRobot) -> Array:
     """Deflections (n_e,) [rad, m] that store alike; that of the softest spring is 1 or a robot length."""
     scale = robot.column_scale[robot.elastic]
     compliance = 1.0 / (robot.stiffness * scale**2)
-    return np.asarray(scale * np.sqrt(compliance / compliance.max(initial=0.0)))
+    return scale * np.sqrt(compliance / compliance.max(initial=0.0))
 
 
 def balance_along(
@@ -133,7 +133,7 @@ def _unheld(robot: ParallelRobot, balance: LoadedBalance, loaded: Loaded) -> Arr
     """What of the load the multipliers of the balance do not hold (T, f)."""
     columns, units = _locked(robot)
     held = matvec(_loops(robot, loaded.motion).swapaxes(1, 2), balance.multipliers)
-    return np.asarray(loaded.load[:, columns] * units - held)
+    return loaded.load[:, columns] * units - held
 
 
 def _shifted(robot: ParallelRobot, balance: LoadedBalance, direction: Course, sign: float) -> Loaded:
@@ -189,9 +189,9 @@ def _locked(robot: ParallelRobot) -> tuple[IntArray, Array]:
 def _loops(robot: ParallelRobot, motion: Motion) -> Array:
     """Independent loop equations (T, m, f) along those columns, in their units."""
     columns, units = _locked(robot)
-    return np.asarray(motion.linearised.closures[:, :, columns] * _row_weights(robot)[:, None] * units)
+    return motion.linearised.closures[:, :, columns] * _row_weights(robot)[:, None] * units
 
 
 def _row_weights(robot: ParallelRobot) -> Array:
     """What makes the loop equations (m,) of unit size."""
-    return np.asarray(np.where(robot.loops.rotation, 1.0, 1.0 / robot.length) / robot.structure.row_sizes)
+    return np.where(robot.loops.rotation, 1.0, 1.0 / robot.length) / robot.structure.row_sizes

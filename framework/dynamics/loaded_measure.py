@@ -52,7 +52,7 @@ def loaded_tangent(result: InverseDynamics, t: Array) -> Array:
     changes = slopes_along(robot, balance, steps) / DEFLECTION_STEP  # (T, f, n_e)
     Y = balance.Y
     stiffness = float((robot.stiffness * units**2).max())
-    return np.asarray(Y[len(t) // 2].T @ Y @ (Y.swapaxes(1, 2) @ changes) / stiffness)
+    return Y[len(t) // 2].T @ Y @ (Y.swapaxes(1, 2) @ changes) / stiffness
 
 
 def loaded_point(result: InverseDynamics, time: float) -> LoadedPoint | None:

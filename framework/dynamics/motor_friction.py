@@ -26,7 +26,7 @@ def motor_friction(robot: ParallelRobot, friction: str) -> Array:
     """Return the dry friction (n_a,) [N m or N], motor side, that is planned with: "driven" or "none"."""
     if friction == "none":
         return np.zeros(robot.n_a)
-    return np.asarray(robot.joint_friction[robot.actuated] / np.abs(robot.gear_ratio))
+    return robot.joint_friction[robot.actuated] / np.abs(robot.gear_ratio)
 
 
 def signs(speeds: Array) -> Array:

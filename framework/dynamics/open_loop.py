@@ -77,7 +77,7 @@ def repelling_rates(result: InverseDynamics, times: Array) -> Array:
         NotAssembled: the loops do not close beside the path.
     """
     squares = np.linalg.eigvals(error_dynamics(result, times).own)
-    return np.asarray(np.sqrt(squares.astype(complex)).real.max(axis=1))
+    return np.sqrt(squares.astype(complex)).real.max(axis=1)
 
 
 def open_loop_error(dynamics: ErrorDynamics, times: Array, lacking: Array) -> Array:

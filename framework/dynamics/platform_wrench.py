@@ -34,15 +34,15 @@ class PlatformWrench(NamedTuple):
 
     def along(self, twist: Array) -> Array:
         """Return the force (T,) asked for along a twist (n,) or (T, n)."""
-        return np.asarray(np.sum(self.asked * twist, axis=1))
+        return np.sum(self.asked * twist, axis=1)
 
     def lacking(self, torque: Array) -> Array:
         """Return what motor torques (T, n_a) lack of it, W - G' tau (T, n)."""
-        return np.asarray(self.asked - np.einsum("tan,ta->tn", self.motor_speed, torque))
+        return self.asked - np.einsum("tan,ta->tn", self.motor_speed, torque)
 
     def reach(self, twist: Array, torque_limit: Array) -> Array:
         """Return the largest force (T,) along a twist (n,) or (T, n), torques within limits (n_a,)."""
-        return np.asarray(np.abs(_applied(self.motor_speed, twist)) @ torque_limit)
+        return np.abs(_applied(self.motor_speed, twist)) @ torque_limit
 
     def band(self, twist: Array, torque_limit: Array) -> Array:
         """Return the least and the largest force (T, 2) along a twist that is left for the bodies.
@@ -59,11 +59,11 @@ class PlatformWrench(NamedTuple):
         Their convex hull is what the motors can give.
         """
         corners = np.array(list(product((-1.0, 1.0), repeat=len(torque_limit)))) * torque_limit
-        return np.asarray(np.einsum("ca,tan->tcn", corners, self.motor_speed))
+        return np.einsum("ca,tan->tcn", corners, self.motor_speed)
 
 
 def _applied(matrix: Array, twist: Array) -> Array:
-    return np.asarray(np.einsum("tan,tn->ta", matrix, np.broadcast_to(twist, (len(matrix), matrix.shape[2]))))
+    return np.einsum("tan,tn->ta", matrix, np.broadcast_to(twist, (len(matrix), matrix.shape[2])))
 
 
 def motor_speeds(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array, Array]:

@@ -295,4 +295,4 @@ def _platform_inertia(robot: ParallelRobot, motion: Motion) -> Array:
     mass = upper + np.triu(upper, 1).swapaxes(1, 2)
     mass[:, robot.actuated, robot.actuated] += robot.rotor_inertia * robot.gear_ratio**2
     rates = motor_speeds(robot, motion.linearised)[1]  # (T, nv, n)
-    return np.asarray(rates.swapaxes(1, 2) @ mass @ rates)
+    return rates.swapaxes(1, 2) @ mass @ rates

@@ -95,7 +95,7 @@ class InverseDynamics(ReadOnlyArrays):
             return self.motor_angles(t, order)
         times = np.asarray(t, dtype=float)
         accelerations = self.robot.gear_ratio * self.motion(times.ravel()).a[:, self.robot.actuated]
-        return np.asarray(accelerations.reshape(*times.shape, -1))
+        return accelerations.reshape(*times.shape, -1)
 
     def deflection(self, t: ArrayLike, order: int = 0) -> Array:
         """Evaluate deflections of the springs [m, rad] or their time derivatives, (T, n_e)."""

@@ -131,7 +131,7 @@ def tangent_stiffness(
     curved = np.zeros((len(q), count, count))
     curved[:, first, second] = 0.5 * (drift - diagonal[:, first] - diagonal[:, second])
     curved[:, second, first] = curved[:, first, second]
-    return np.asarray(matmul(steps.swapaxes(1, 2), pulled) - curved)
+    return matmul(steps.swapaxes(1, 2), pulled) - curved
 
 
 def _factored(J: Array) -> tuple[Array, Array, Array]:

@@ -146,7 +146,7 @@ class HighestLevel:
             one.dynamics.torque_without_friction(np.minimum(self.times, one.duration))
             for one in (plan, reference)
         ]
-        return np.asarray((np.abs(torques[0] - torques[1]) / self.peak).max(axis=1))
+        return (np.abs(torques[0] - torques[1]) / self.peak).max(axis=1)
 
     def _simulated(self, level: Level, plan: CrossingPlan) -> Comparison:
         """Simulate the torques of a plan in the highest model.
@@ -201,7 +201,7 @@ class HighestLevel:
         """Return the distance (T,) of the platform at q (T, nq) from x (T, n), in path lengths."""
         robot = self.plan.robot
         off = robot.platform.residual(frames_at(robot, q), x) * coordinate_sizes(robot)
-        return np.asarray(np.linalg.norm(off, axis=1) / self.length)
+        return np.linalg.norm(off, axis=1) / self.length
 
 
 def plan_of_level(description: RobotDescription, level: Level, reference: CrossingPlan) -> CrossingPlan:

@@ -85,7 +85,7 @@ class Attitude(ReadOnlyArrays):
 
     def unwrap(self, x: Array, near: Array) -> Array:
         """Compute coordinates (T, k) of the same attitudes next to `near` (k,) or (T, k)."""
-        return np.asarray(x + 2 * np.pi * np.round((near - x) / (2 * np.pi)))
+        return x + 2 * np.pi * np.round((near - x) / (2 * np.pi))
 
 
 def attitude_about(axes: IntArray) -> Attitude:
@@ -132,7 +132,7 @@ class DirectionChart(Attitude):
         shift, step = cross(turn, u), 1j * COMPLEX_STEP
         swung = cross(dw, u) + cross(w, shift)
         rates = self.direction_couples(u + step * shift, cross(w, u) + step * swung)[1]
-        return np.asarray(rates.imag / COMPLEX_STEP)
+        return rates.imag / COMPLEX_STEP
 
 
 @dataclass(frozen=True, eq=False)

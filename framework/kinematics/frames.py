@@ -42,7 +42,7 @@ class FrameStack(NamedTuple):
         linear, angular = self.screws[:, None, :, :3], self.screws[:, None, :, 3:]
         at_origin = linear + cross(angular, self.position[:, :, None])
         both = np.concatenate([at_origin, np.broadcast_to(angular, at_origin.shape)], axis=3)
-        return np.asarray((both * self.carried[:, :, None]).swapaxes(2, 3))
+        return (both * self.carried[:, :, None]).swapaxes(2, 3)
 
 
 class FrameMotions(NamedTuple):
@@ -133,7 +133,7 @@ def difference(mechanism: Mechanism, start: Array, q: Array) -> Array:
     """Compute tangent vectors (..., nv) from configurations start (..., nq) to q (..., nq), broadcast."""
     model = mechanism.model
     if model.nq == model.nv:
-        return np.asarray(q - start)
+        return q - start
     pairs = np.broadcast_arrays(start, q)
     flat = (np.ascontiguousarray(part).reshape(-1, model.nq) for part in pairs)
     ways = [pin.difference(model, first, end) for first, end in zip(*flat, strict=True)]
@@ -165,7 +165,7 @@ def along_joints_slope(mechanism: Mechanism, start: Array, q: Array, stiffness: 
     model = mechanism.model
     if model.nq == model.nv:
         return np.broadcast_to(np.diag(stiffness), (len(q), model.nv, model.nv))
-    return np.asarray(stiffness[:, None] * _difference_slopes(mechanism, start, q))
+    return stiffness[:, None] * _difference_slopes(mechanism, start, q)
 
 
 def difference_rates(mechanism: Mechanism, start: Array, q: Array, v: Array) -> Array:

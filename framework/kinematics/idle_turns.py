@@ -37,12 +37,12 @@ class IdleTurns:
         """Return rates (..., T, nv) with the turns added for which rows rates = right (T, k)."""
         missing = right - np.einsum("tkv,...tv->...tk", self.rows, rates)
         turns = np.linalg.solve(self.rows @ self.ways, missing[..., None])[..., 0]
-        return np.asarray(rates + np.einsum("tvk,...tk->...tv", self.ways, turns))
+        return rates + np.einsum("tvk,...tk->...tv", self.ways, turns)
 
     def rows_rate(self, robot: ParallelRobot, linearised: LinearisedLoops, jacobian_rate: Array) -> Array:
         """Compute the time derivative (T, k, nv) of the rows for that of dF/dq (T, n + m, nv)."""
         rates = _following(robot, linearised, jacobian_rate @ self.ways)
-        return np.asarray(rates.transpose(0, 2, 1) * self.weights)
+        return rates.transpose(0, 2, 1) * self.weights
 
 
 def idle_turns(robot: ParallelRobot, linearised: LinearisedLoops) -> IdleTurns | None:
@@ -59,7 +59,7 @@ def idle_turns(robot: ParallelRobot, linearised: LinearisedLoops) -> IdleTurns |
 
 def driven_turns(robot: ParallelRobot) -> IntArray:
     """Return those of the robot's idle columns whose turns balls drive; the others are held still."""
-    return np.asarray(robot.structure.idle[_weights(robot).any(axis=1)])
+    return robot.structure.idle[_weights(robot).any(axis=1)]
 
 
 @lru_cache(maxsize=16)

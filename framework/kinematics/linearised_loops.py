@@ -48,7 +48,7 @@ class LinearisedLoops:
     @property
     def gap(self) -> Array:
         """Largest loop equation (T,) [m or rad], of all of them."""
-        return np.asarray(np.abs(self.loops.residual).max(axis=1, initial=0.0))
+        return np.abs(self.loops.residual).max(axis=1, initial=0.0)
 
     @cached_property
     def jacobian(self) -> Array:

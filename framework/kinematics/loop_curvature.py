@@ -72,4 +72,4 @@ def _products(a: Array, b: Array) -> Array:
     """Compute sums of a_i . b_j over rows or frames, (T, nv, nv), of vectors (T, rows, nv, 3)."""
     count, _, nv, _ = a.shape
     left = a.transpose(0, 2, 1, 3).reshape(count, nv, -1)
-    return np.asarray(left @ b.transpose(0, 1, 3, 2).reshape(count, -1, nv))
+    return left @ b.transpose(0, 1, 3, 2).reshape(count, -1, nv)

@@ -39,7 +39,7 @@ def passive_matrix(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
 def clearance(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
     """Compute the least singular values (T,) of P: 0 at Type 2, infinite without passive joints."""
     values = np.linalg.svd(passive_matrix(robot, linearised), compute_uv=False)
-    return np.asarray(values.min(axis=1, initial=np.inf))
+    return values.min(axis=1, initial=np.inf)
 
 
 def near_type_2(robot: ParallelRobot, linearised: LinearisedLoops, level: float) -> IntArray:
@@ -96,7 +96,7 @@ def lost_equations(robot: ParallelRobot, linearised: LinearisedLoops, level: flo
     """
     values = np.linalg.svd(scaled_loops(robot, linearised)[:, :, robot.moving], compute_uv=False)
     largest = np.maximum(values.max(axis=1, initial=0.0), 1.0)
-    return np.asarray(np.sum(values < level * largest[:, None], axis=1))
+    return np.sum(values < level * largest[:, None], axis=1)
 
 
 def instantaneous_motions(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:

@@ -137,7 +137,7 @@ def row_pivots(matrix: Array) -> IntArray:
     """Order the rows of a matrix, each the farthest from the span of those before it."""
     from scipy.linalg import qr
 
-    return np.asarray(qr(matrix.T, mode="r", pivoting=True)[1])
+    return qr(matrix.T, mode="r", pivoting=True)[1]
 
 
 def _row_sizes(loops: Array) -> Array:

@@ -47,7 +47,7 @@ def keeps_sign(before: tuple[Array, Array], after: tuple[Array, Array]) -> BoolA
     A determinant of which no more than rounding is left has no sign.
     """
     (sign, size), (later_sign, later_size) = before, after
-    return np.asarray((later_sign == sign) & (later_size - size > np.log(DETERMINANT_LOST)))
+    return (later_sign == sign) & (later_size - size > np.log(DETERMINANT_LOST))
 
 
 def keeps_assembly_mode(before: LinearisedLoops, after: LinearisedLoops) -> BoolArray:
@@ -135,4 +135,4 @@ def leg_determinants(robot: ParallelRobot, linearised: LinearisedLoops) -> Array
 
 def leg_signs(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
     """Return the working mode: the sign (T, legs) of each leg's determinant; 0 on a Type 1 singularity."""
-    return np.asarray(np.sign(leg_determinants(robot, linearised)))
+    return np.sign(leg_determinants(robot, linearised))

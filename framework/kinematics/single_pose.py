@@ -67,7 +67,7 @@ class SinglePose:
         rates[1:] = carried_along(motions, rates[0])
         rates[2] += turned(motions[0], rates[1])
         a, b = row_factors(rows, rates)
-        return np.asarray(rows.weight * (a[2] * b[0] + 2.0 * a[1] * b[1] + a[0] * b[2]).sum(axis=1))
+        return rows.weight * (a[2] * b[0] + 2.0 * a[1] * b[1] + a[0] * b[2]).sum(axis=1)
 
     def frame_stack(self, q: Array) -> FrameStack:
         """Return the frames of the last `place` or `move` at q (nq,), as a stack of one."""

@@ -84,7 +84,7 @@ def _along(model: pin.Model, j: int) -> Array:
     """Return the direction (3,) of the centre of mass behind joint j, or else of its farthest frame."""
     inertia = model.inertias[j]
     if inertia.mass > 0 and np.linalg.norm(inertia.lever) > CENTRE_DISTANCE:
-        return np.asarray(inertia.lever)
+        return inertia.lever
     frames = [frame.placement.translation for frame in model.frames if frame.parentJoint == j]
     farthest = max(frames, key=np.linalg.norm)
     return farthest if np.linalg.norm(farthest) > CENTRE_DISTANCE else np.array([0.0, 0.0, 1.0])
@@ -186,7 +186,7 @@ def shares_beyond_limits(limits: Sequence[JointLimit], q: Array) -> Array:
     lower, upper = (np.array([limit[k] for limit in limits]) for k in (2, 3))
     slack = SAME_PLACE * np.maximum(np.abs(lower), np.abs(upper))
     beyond = np.maximum(lower - q[..., place], q[..., place] - upper)
-    return np.asarray(np.where(beyond > slack, beyond, 0.0) / np.maximum(upper - lower, slack))
+    return np.where(beyond > slack, beyond, 0.0) / np.maximum(upper - lower, slack)
 
 
 def positions_beyond_limits(limits: Sequence[JointLimit], q: Array) -> dict[str, str]:

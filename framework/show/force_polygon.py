@@ -143,7 +143,7 @@ def _check_alike(films: Sequence[Film]) -> None:
 def eye_twist(films: Sequence[Film]) -> Array:
     """Return t_s (n,) at the singular instant of the first film; all films are projected on it."""
     first = films[0]
-    return np.asarray(first.t_s[first.frame_at(first.instants[0].time)])
+    return first.t_s[first.frame_at(first.instants[0].time)]
 
 
 _COMPARED_S = np.linspace(0.0, 1.0, 7)

@@ -44,7 +44,7 @@ class Projection(NamedTuple):
 
     def __call__(self, points: Array) -> Array:
         """Return the places (..., 2) of points (..., 3)."""
-        return np.asarray(points @ np.stack([self.right, self.up], axis=1))
+        return points @ np.stack([self.right, self.up], axis=1)
 
 
 class Sight(NamedTuple):
@@ -95,7 +95,7 @@ def tilted(toward: Array) -> Array:
     """Return the direction (3,) of an eye a little aside of the normal of a planar robot."""
     aside = np.array([0.0, -1.0, 0.0]) if abs(toward[2]) > 0.7 else np.array([0.5, 0.0, 0.8])
     direction = toward + FLAT_VIEW_SLOPE * aside
-    return np.asarray(direction / np.linalg.norm(direction))
+    return direction / np.linalg.norm(direction)
 
 
 def _best_direction(points: Array, nodes: IntArray, normal: Array | None, wanted: Wanted | None) -> Array:
@@ -113,7 +113,7 @@ def _best_direction(points: Array, nodes: IntArray, normal: Array | None, wanted
         scores *= np.sqrt(_across(np.diff(wanted.path, axis=0), directions))
         if wanted.normal is not None:
             scores *= np.sqrt(np.abs(directions @ wanted.normal))
-    return np.asarray(directions[int(np.argmax(scores))])
+    return directions[int(np.argmax(scores))]
 
 
 def _candidates(normal: Array | None) -> tuple[Array, Array]:
@@ -156,7 +156,7 @@ def _seen(areas: IntArray) -> Array:
     weight = np.sqrt(moving.max(axis=0))
     share = np.exp(np.log(share) @ weight / weight.sum())
     filled = moving.sum(axis=1) / areas.sum(axis=1)
-    return np.asarray(share * np.sqrt(filled))
+    return share * np.sqrt(filled)
 
 
 def _across(arrows: Array, directions: Array) -> Array:
@@ -164,4 +164,4 @@ def _across(arrows: Array, directions: Array) -> Array:
     length = np.linalg.norm(arrows, axis=1)
     along = directions @ arrows.T
     seen = np.sqrt(np.clip(length**2 - along**2, 0.0, None)).sum(axis=1)
-    return np.asarray(seen / length.sum() if length.sum() > LEAST_DIVISOR else np.ones(len(directions)))
+    return seen / length.sum() if length.sum() > LEAST_DIVISOR else np.ones(len(directions))

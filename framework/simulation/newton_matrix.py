@@ -80,4 +80,4 @@ class NewtonMatrix:
 
 def _matvec(matrices: Array, vectors: Array) -> Array:
     """Compute the products (s, a) of matrices (s, a, b) and vectors (s, b)."""
-    return np.asarray((matrices @ vectors[..., None])[..., 0])
+    return (matrices @ vectors[..., None])[..., 0]

@@ -54,7 +54,7 @@ def _springs(stack: RobotStack, q: Array) -> Array:
     if not stack.stiffness.any():
         return np.zeros_like(stack.rest)
     robot = stack.robots[0]
-    return np.asarray(stack.stiffness * (difference(robot, robot.neutral, q) - stack.rest))
+    return stack.stiffness * (difference(robot, robot.neutral, q) - stack.rest)
 
 
 def _implicit(mass: Array, stack: RobotStack, by_spring: float, by_damping: float) -> Array:

@@ -100,7 +100,7 @@ class DualProgram:
         factor += (mu[:, None] * series.squared_speed.coefficients).sum(axis=2) @ _ELEVATED.T
         factor -= found.least @ _ELEVATED_LINE.T
         error = (np.abs(x).max(axis=1) * series.per_z.error).sum(axis=1)
-        return np.asarray(factor.min(axis=1) - error - (mu * series.squared_speed.error).sum(axis=1))
+        return factor.min(axis=1) - error - (mu * series.squared_speed.error).sum(axis=1)
 
     # ------------------------------------------------------------------ the program
 
@@ -242,14 +242,14 @@ class DualProgram:
     def _speed_unit(self) -> Array:
         """The units (n,) of mu."""
         largest = self.series.squared_speed.coefficients.max(axis=(0, 1))
-        return np.asarray(self.unit / np.where(largest > 0.0, largest, 1.0))
+        return self.unit / np.where(largest > 0.0, largest, 1.0)
 
     @cached_property
     def _slowness(self) -> Array:
         """1 / s' (k, 2) over the duration near the ends of each cell, where s' ~ (s (1 - s))^(1/2)."""
         low, high = self.series.edges[:-1, None], self.series.edges[1:, None]
         s = low + (high - low) * np.array([0.25, 0.75])
-        return np.asarray(1.0 / (np.pi * np.sqrt(s * (1.0 - s))))
+        return 1.0 / (np.pi * np.sqrt(s * (1.0 - s)))
 
     @cached_property
     def _columns(self) -> list[IntArray]:

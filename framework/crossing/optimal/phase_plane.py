@@ -72,7 +72,7 @@ class DeflectionsOnPath(NamedTuple):
         if order == 1:
             return first
         u = 0.5 * self.law.squared_speed(sigma, 1)[:, None]
-        return np.asarray((self.in_time(t, 2) - first * u) / z)
+        return (self.in_time(t, 2) - first * u) / z
 
 
 class AffineInSpeed(NamedTuple):
@@ -94,7 +94,7 @@ class Demand(NamedTuple):
         """Return torques (M, n_a) of dry friction of this size (n_a,), or at combinations `take` (R, M)."""
         if self.direction is None:
             return np.zeros((len(self.speed if take is None else take), len(size)))
-        return np.asarray(size * signs(self.direction if take is None else take @ self.direction))
+        return size * signs(self.direction if take is None else take @ self.direction)
 
 
 def demand(
@@ -133,7 +133,7 @@ def _direction(branch: Branch, s: Array, three: Motion) -> Array | None:
     x = branch.path(s)
     closed = ClosedStack(three.q[: len(s)], x, linearised_at(robot, three.q[: len(s)], x))
     motion = motion_at(robot, closed, branch.path(s, 1), 0.0 * x)
-    return np.asarray(robot.gear_ratio * motion.v[:, robot.actuated])
+    return robot.gear_ratio * motion.v[:, robot.actuated]
 
 
 def _linearised_forces(

@@ -236,4 +236,4 @@ def find_exceeded_places(program: SpeedProgram, found: Speed, bounds: Bounds) ->
     over = rows.used_share(found.y, allowed)
     padded = np.pad(over, 1, constant_values=-np.inf)
     highest = (over >= padded[:-2]) & (over >= padded[2:])
-    return np.asarray(between[highest & (over > 1.0)])
+    return between[highest & (over > 1.0)]

@@ -86,7 +86,7 @@ class _Group:
     def equations(self, u: Array) -> Array:
         """Compute the loop equations (m,), in lengths of the robot and radians."""
         weights = np.where(self.rows.rotation, 1.0, 1.0 / self.mechanism.length)
-        return np.asarray(weights * loop_equations(self.rows, self._frames(u)).residual[0])
+        return weights * loop_equations(self.rows, self._frames(u)).residual[0]
 
     def gap(self, u: Array) -> Array:
         """Compute the loop equations, then the vectors between directions that are to be the same."""

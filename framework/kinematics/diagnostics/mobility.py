@@ -121,7 +121,7 @@ def _hidden_motions(robot: ParallelRobot, q: Array) -> Array:
     """Compute orthonormal motions (nv, k) at q (nq,) with motors and platform coordinates at rest."""
     motions = _motions(robot, q)
     felt = [_platform_rates(robot, q), np.eye(robot.model.nv)[robot.actuated]]
-    return np.asarray(motions @ null_space(np.concatenate(felt) @ motions))
+    return motions @ null_space(np.concatenate(felt) @ motions)
 
 
 def _stuck(robot: ParallelRobot, q: Array) -> Array:
@@ -141,7 +141,7 @@ def _frame_twists(robot: ParallelRobot, q: Array) -> Array:
 
 def scaled_twists(robot: Mechanism, twists: Array) -> Array:
     """Return twists (6, nv) of a frame in radians and lengths of the robot."""
-    return np.asarray(twists / np.repeat([robot.length, 1.0], 3)[:, None] * robot.column_scale)
+    return twists / np.repeat([robot.length, 1.0], 3)[:, None] * robot.column_scale
 
 
 def centres_of_mass(robot: Mechanism, q: Array) -> Array:
@@ -153,7 +153,7 @@ def centres_of_mass(robot: Mechanism, q: Array) -> Array:
         if model.inertias[joint].mass > 0.0:
             twist = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL).reshape(6, model.nv)
             parts.append(twist[:3] - pin.skew(model.inertias[joint].lever) @ twist[3:])
-    return np.asarray(np.concatenate(parts) / robot.length * robot.column_scale)
+    return np.concatenate(parts) / robot.length * robot.column_scale
 
 
 def _in_words(stuck: Array, names: tuple[str, ...]) -> str:
@@ -171,13 +171,13 @@ def _in_words(stuck: Array, names: tuple[str, ...]) -> str:
 def null_space(matrix: Array, level: float = FILE_ROUNDING) -> Array:
     """Compute orthonormal columns (c, k) that a matrix (r, c) takes to less than a level."""
     _, values, right = np.linalg.svd(matrix)
-    return np.asarray(right[int(np.sum(values > level)) :].T)
+    return right[int(np.sum(values > level)) :].T
 
 
 def row_space(matrix: Array, level: float = FILE_ROUNDING) -> Array:
     """Compute orthonormal columns (c, c - k), the complement of the null space."""
     _, values, right = np.linalg.svd(matrix, full_matrices=False)
-    return np.asarray(right[: int(np.sum(values > level))].T)
+    return right[: int(np.sum(values > level))].T
 
 
 def _pivots(motions: Array, but: tuple[int, ...] = ()) -> tuple[int, ...]:
