@@ -78,7 +78,7 @@ def loop_wrenches(rows: LoopRows, frames: FrameStack) -> LoopWrenches:
 
 def _of_frames(rows: LoopRows, frames: FrameStack) -> LoopWrenches:
     """Compute the loop equations between frames as wrenches."""
-    e, d = first_axes(rows, frames), displacements(rows, frames)
+    e, d = first_axes(rows, frames), row_displacements(rows, frames)
     if rows.only_translations:
         return LoopWrenches(dot(e, d), _stacked_wrenches(rows, e, d))
     w = second_axes(rows, frames) * rows.sign[:, None]
@@ -113,7 +113,7 @@ def wrench_rates(rows: LoopRows, frames: FrameStack, twists: Array) -> Array:
 
 def closure_drift(rows: LoopRows, frames: FrameStack, motions: FrameMotions) -> Array:
     """Compute the second time derivative (T, m) of the loop equations when joint accelerations are zero."""
-    e, d = first_axes(rows, frames), displacements(rows, frames)
+    e, d = first_axes(rows, frames), row_displacements(rows, frames)
     first = motions.rates.take(rows.first, axis=2)  # twists and drifts, (2, T, m, 6)
     apart = motions.rates.take(rows.second, axis=2) - first
     # all as seen from the first frame, where e rests: p2 moves with `velocity` and `acceleration`
@@ -149,7 +149,7 @@ def first_axes(rows: LoopRows, frames: FrameStack) -> Array:
     return frames.rotation.swapaxes(2, 3)[:, rows.first, rows.first_axis]
 
 
-def displacements(rows: LoopRows, frames: FrameStack) -> Array:
+def row_displacements(rows: LoopRows, frames: FrameStack) -> Array:
     """Compute p2 - p1 of every row, (T, m, 3)."""
     return frames.position[:, rows.second] - frames.position[:, rows.first]
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from framework.arrays import Array
-from framework.kinematics.closures import displacements, first_axes, second_axes
+from framework.kinematics.closures import first_axes, row_displacements, second_axes
 from framework.kinematics.frame_variations import tree_columns
 from framework.kinematics.frames import FrameStack
 from framework.kinematics.mechanism import Mechanism
@@ -28,7 +28,7 @@ def loop_curvature(mechanism: Mechanism, rows: LoopRows, frames: FrameStack, mul
     turn1 = turns[:, rows.first]  # (T, m, nv, 3)
     slide = slides[:, rows.second] - slides[:, rows.first]
     e = first_axes(rows, frames)[:, :, None]  # (T, m, 1, 3)
-    d = displacements(rows, frames)[:, :, None]
+    d = row_displacements(rows, frames)[:, :, None]
     swing = cross(turn1, e)  # (T, m, nv, 3) how e turns
     load = multipliers[:, :, None]  # (T, m, 1)
     turning, distance = rows.rotation[:, None], rows.distance[:, None]

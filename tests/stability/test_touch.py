@@ -26,6 +26,7 @@ from framework import (
 from framework.singularity.points_on_path import search_path
 from framework.singularity.type2 import singularity_measure
 from tests.oracles import naive
+from tests.oracles.equations_of_motion import defects
 from tests.oracles.planar import cross, exact, legs, mp, rods_cross, without_rotors
 from tests.singularity.test_points_on_path import locus, locus_tangent
 
@@ -145,9 +146,21 @@ def test_no_torque_is_certified_across_a_near_miss_and_the_refusal_says_where(ga
     """A stretch of 1e-6 in s lies between two nodes: the tail alone would be 7e-12 and prove it."""
     missing, _ = level(gap, across=False)
     with pytest.raises(NotConverged, match=r"at s = 0\.5.*misses a singularity by \|g\| =") as caught:
-        plan_crossing(without_rotors(), missing, duration=1.5)
+        plan_crossing(without_rotors(), missing, duration=1.5, law="polynomial")
     assert caught.value.s == pytest.approx(0.5, abs=1e-7)
     np.testing.assert_allclose(caught.value.platform, missing(0.5), atol=1e-7)
+
+
+def test_a_law_that_is_certified_across_a_near_miss_has_the_forces_of_the_motion_there():
+    """By symmetry the law of least peak asks nothing along t_s where the path just misses the locus."""
+    robot, (missing, _) = without_rotors(), level(0.01, across=False)
+    plan = plan_crossing(robot, missing, duration=1.5, law="optimal")
+    away = np.array([0.0, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2])
+    t = 0.75 + np.concatenate([-away, away])
+    assert np.abs(plan.law(t[:1]) - 0.5).max() < 1e-9
+    motion = plan.dynamics.motion(t)
+    left = defects(robot, q=motion.q, v=motion.v, a=motion.a, torque=plan.torque(t), x=plan.platform(t))
+    assert left.force < 1e-9
 
 
 @pytest.mark.slow

@@ -105,7 +105,7 @@ def _proposals(twists: list[Array], freedoms: int, stated: Sequence[str]) -> tup
     return tuple(axes for _, axes in sorted(found, key=lambda entry: entry[0])[:MAX_PROPOSALS])
 
 
-def free_motions(robot: Mechanism, q: Array, rank: int) -> Array:
+def find_free_motions(robot: Mechanism, q: Array, rank: int) -> Array:
     """Compute orthonormal motions (nv, f) that loops of this rank allow at q (nq,) [rad, robot lengths]."""
     right = np.linalg.svd(all_loops_matrix(robot, q)[:, robot.joints])[2]
     motions = np.zeros((robot.model.nv, len(robot.joints) - rank))
@@ -114,7 +114,7 @@ def free_motions(robot: Mechanism, q: Array, rank: int) -> Array:
 
 
 def _motions(robot: ParallelRobot, q: Array) -> Array:
-    return free_motions(robot, q, len(robot.structure.independent))
+    return find_free_motions(robot, q, len(robot.structure.independent))
 
 
 def _hidden_motions(robot: ParallelRobot, q: Array) -> Array:

@@ -28,7 +28,7 @@ from framework.kinematics.diagnostics.assembly_search import find_closed_pose
 from framework.kinematics.diagnostics.mobility import (
     PROPOSED_AXES_CLEARANCE,
     centres_of_mass,
-    free_motions,
+    find_free_motions,
     mobility_of,
     null_space,
     platform_axes_of,
@@ -238,7 +238,7 @@ def _closed(description: RobotDescription) -> tuple[_Motions, list[str]]:
     if any(_rank(mechanism, pose) > _rank(mechanism, q) for pose in beside):
         q = max(beside, key=lambda pose: _rank(mechanism, pose))
         remarks.append("reference: a pose beside the file's, which is on a singularity of the loops")
-    basis = free_motions(mechanism, q, _rank(mechanism, q))
+    basis = find_free_motions(mechanism, q, _rank(mechanism, q))
     moves = centres_of_mass(mechanism, q) @ basis
     idle = basis @ null_space(moves, NEARLY_AT_REST)
     driven = idle[columns_of(mechanism.model, description.motor_joints)]  # what a motor turns is no idle turn
