@@ -152,7 +152,7 @@ class BalanceEquations:
         s, rate, acceleration = clock.motion((clock.edges[:-1, None] + half * (nodes(2 * N) + 1.0)).ravel())
         per = np.repeat(1.0 / half, 2 * N)
         r, a = (per * rate)[:, None], (per * acceleration)[:, None]
-        values = np.asarray(chebyshev.chebvander(nodes(2 * N), N - 1))
+        values = chebyshev.chebvander(nodes(2 * N), N - 1)
         value, slope, bend = (
             np.tile(basis, (panels, 1))
             for basis in (values, values @ derivative_matrix(N), values @ derivative_matrix(N, 2))

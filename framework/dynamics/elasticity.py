@@ -128,7 +128,7 @@ def given_deflections(
         NotAssembled: they tear the loops.
     """
     deflections = known(grid.times)
-    motion = moving_with(branch, grid, law, deflections)
+    motion = moving_with(branch, grid.times, law, deflections)
     forces, change = forces_in_balance(branch.robot, motion, deflections[0])
     caused = -forces.spring_force / branch.robot.stiffness
     return DeflectionSolution(grid, law, motion, forces, grid.fit(deflections[0]), caused, change=change)

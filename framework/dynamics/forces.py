@@ -114,7 +114,7 @@ def _rnea(robot: ParallelRobot, model: pin.Model, motion: JointMotion) -> Array:
 def spring_torques(robot: ParallelRobot, q: Array) -> Array:
     """Compute torques (T, nv) of the springs on joints of the URDF."""
     turned = difference(robot, robot.neutral, q)
-    springs = np.asarray(robot.joint_stiffness * (turned - robot.joint_rest), dtype=float)
+    springs = robot.joint_stiffness * (turned - robot.joint_rest)
     return along_joints(robot, robot.neutral, q, springs)
 
 

@@ -20,7 +20,7 @@ from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.dynamics.dynamics_derivatives import loop_multipliers
 from framework.dynamics.force_changes import force_changes, force_slopes
 from framework.dynamics.forces import tree_forces
-from framework.dynamics.forward_dynamics import equations_of, forward_dynamics
+from framework.dynamics.forward_dynamics import forward_dynamics
 from framework.errors import InvalidInput
 from framework.kinematics.frames import frame_motions
 from framework.kinematics.inverse_kinematics import require_square
@@ -85,7 +85,7 @@ def forward_derivatives(
     r = tree_forces(robot, motion)
     multipliers = loop_multipliers(robot, motion.linearised, r, np.atleast_2d(instant.joint_torque))
     changed = force_changes(robot, motion, force_slopes(robot, motion), multipliers, changes)
-    changed += equations_of(robot).rotors * changes.a
+    changed += robot.rotors * changes.a
     changed[..., robot.elastic] += robot.stiffness * changes.q[..., robot.elastic]
     d, size = n + robot.n_e, n + len(others)
     units = np.broadcast_to(np.eye(size), (len(motion.q), size, size))

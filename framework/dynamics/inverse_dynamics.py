@@ -13,7 +13,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from framework.arrays import Array
 from framework.dynamics.certificate import Certificate
@@ -312,7 +311,7 @@ def _result(
         q = without_spin(robot, branch.origin, q, branch.path(s))
     u = difference(robot, branch.origin, q)
     offsets = grid.fit(u)
-    turned = difference(robot, pin.neutral(robot.model), branch.origin[None]) + u
+    turned = difference(robot, robot.neutral, branch.origin[None]) + u
     motor = grid.fit(robot.gear_ratio * turned[:, robot.actuated])
     deflections = state.deflections
     return InverseDynamics(
@@ -347,13 +346,7 @@ def _result(
 def _with_neglected(branch: Branch, state: DeflectionSolution, result: InverseDynamics) -> InverseDynamics:
     """The result whose certificate has looked at all rows and joints, between the nodes too."""
     left_out = measure_neglected(branch, state, result)
-    certificate = replace(
-        result.certificate,
-        max_closure_error=left_out.closure_error,
-        max_residual_torque=left_out.residual_torque,
-        rounded_gap=left_out.rounded_gap,
-    )
-    return replace(result, certificate=certificate)
+    return replace(result, certificate=replace(result.certificate, **left_out._asdict()))
 
 
 def _tail(function: TimeFunction, rounding: Array) -> float:

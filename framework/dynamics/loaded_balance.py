@@ -27,7 +27,7 @@ from framework.arrays import Array, IntArray
 from framework.dynamics.forces import Forces, tree_forces
 from framework.dynamics.tangent_stiffness import moving_columns
 from framework.kinematics.external_wrenches import ExternalWrenches
-from framework.kinematics.frames import difference, integrate
+from framework.kinematics.frames import difference, integrate, integrate_columns
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.linearised_loops import ClosedStack
 from framework.kinematics.motion_rates import Motion, joint_rates, motion_at
@@ -152,9 +152,8 @@ def _loaded(
     robot: ParallelRobot, course: Course, near: Array, wrenches: ExternalWrenches, stiffer: float
 ) -> Loaded:
     """Close the loops along a course and compute the loads."""
-    step = np.zeros((len(near), robot.model.nv))
-    step[:, robot.elastic] = course.l - difference(robot, robot.neutral, near)[:, robot.elastic]
-    closed = close_loops(robot, course.x, integrate(robot, near, step))
+    lacking = course.l - difference(robot, robot.neutral, near)[:, robot.elastic]
+    closed = close_loops(robot, course.x, integrate_columns(robot, near, robot.elastic, lacking))
     return _loads(robot, course, closed, wrenches, stiffer)
 
 

@@ -62,7 +62,7 @@ def error_dynamics(result: InverseDynamics, times: Array) -> ErrorDynamics:
     steps = DIFFERENCE_STEP * robot.platform_scale
     rates, units = np.full(robot.n, 1.0 / result.duration) * robot.platform_scale, np.ones(robot.n)
     inertia = slope(lambda move: lacking(on_path, dx, ddx + move), units)
-    forced = np.asarray(-np.linalg.inv(inertia), dtype=float)
+    forced = np.asarray(-np.linalg.inv(inertia))
     return ErrorDynamics(
         forced,
         forced @ slope(lambda move: lacking(on_path, dx + move, ddx), rates),

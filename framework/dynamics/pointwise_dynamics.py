@@ -32,7 +32,7 @@ from framework.dynamics.reactions import (
     under_wrenches,
 )
 from framework.dynamics.torque_at_singularity import forces_through_singularity
-from framework.errors import SingularPose, point
+from framework.errors import SingularPose
 from framework.kinematics.frames import frame_motions
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, assembled_at
@@ -260,8 +260,7 @@ def require_hold(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) ->
 def type2_pose(robot: ParallelRobot, x: Array, torque: str) -> SingularPose:
     """Return the error for a platform x (n,) that the motors do not hold; `torque` goes on about torque."""
     return SingularPose(
-        f"{robot.name}: at {', '.join(robot.axis_names)} = {point(x)} the motors do not "
-        f"hold the robot (Type 2): torque {torque}",
+        f"{robot.name}: at {robot.place(x)} the motors do not hold the robot (Type 2): torque {torque}",
         platform=x,
     )
 

@@ -38,11 +38,11 @@ from framework.tolerances import EXPORT_ROUNDING, HELD_IDLE, LOOP_GAP
 
 
 class Neglected(NamedTuple):
-    """The largest of what is left out, over all instants."""
+    """The largest of what is left out, over all instants; named as in the certificate."""
 
-    closure_error: float  # of all loop equations and of the platform [m or rad]
+    max_closure_error: float  # of all loop equations and of the platform [m or rad]
     # that joints but idle ones would have to give beside motors and springs [N m or N]
-    residual_torque: float
+    max_residual_torque: float
     rounded_gap: float  # of the loop equations that repeat others but for rounding [m or rad]
 
 
@@ -61,8 +61,8 @@ def measure_neglected(branch: Branch, state: DeflectionSolution, result: Inverse
     residual = _residual_torques(robot, motion, _joint_torques(state, times))
     residual[:, robot.structure.idle] = 0.0  # see `check_idle_joints`
     return Neglected(
-        closure_error=max(float(np.abs(gap).max(initial=0.0)) for gap in gaps),
-        residual_torque=float(np.abs(residual).max(initial=0.0)),
+        max_closure_error=max(float(np.abs(gap).max(initial=0.0)) for gap in gaps),
+        max_residual_torque=float(np.abs(residual).max(initial=0.0)),
         rounded_gap=_rounded_gap(robot, state.motion.q),
     )
 

@@ -8,7 +8,7 @@ from framework.arrays import Array
 from framework.dynamics.elasticity import DeflectionSolution
 from framework.dynamics.forces import tree_forces
 from framework.dynamics.result import InverseDynamics, SingularityCrossing
-from framework.errors import NoLaw, UnboundedTorque, point
+from framework.errors import NoLaw, UnboundedTorque
 from framework.kinematics.continuation.tracking import Branch, escaping
 from framework.kinematics.linearised_loops import ClosedStack, linearised_at
 from framework.kinematics.loop_matrices import type2_matrix
@@ -178,10 +178,10 @@ def check_bounded(robot: ParallelRobot, crossings: tuple[SingularityCrossing, ..
     worst = max(crossings, key=lambda crossing: crossing.residual, default=None)
     if worst is None or worst.residual <= allowed:
         return
-    unit = "N" if np.any(np.abs(worst.twist[robot.translations]) > 0) else "N m"
+    unit = "N" if np.any(worst.twist[robot.translations]) else "N m"
     raise UnboundedTorque(
         f"{robot.name}: unbounded torque at t = {worst.time:.9g} s, s = {worst.s:.12g}, "
-        f"{', '.join(robot.axis_names)} = {point(worst.platform)}: a Type 2 singularity with "
+        f"{robot.place(worst.platform)}: a Type 2 singularity with "
         f"t_s . W_p = {worst.wrench:.6g} {unit} where condition (8) asks for zero",
         time=worst.time,
         s=worst.s,

@@ -67,19 +67,10 @@ def moving_columns(robot: ParallelRobot) -> IntArray:
     return np.concatenate([robot.elastic, robot.following])
 
 
-def spring_stiffness(robot: ParallelRobot) -> Array:
-    """Return the stiffness (nv,) of virtual and real springs along the joints."""
-    stiffness = np.array(robot.joint_stiffness, dtype=float)
-    stiffness[robot.elastic] += robot.stiffness
-    return stiffness
-
-
 def spring_forces(robot: ParallelRobot, q: Array) -> Array:
     """Compute dV/dq (T, nv) of all springs."""
     turned = difference(robot, robot.neutral, q)
-    springs = robot.joint_stiffness * (turned - robot.joint_rest)
-    springs[:, robot.elastic] += robot.stiffness * turned[:, robot.elastic]
-    return along_joints(robot, robot.neutral, q, springs)
+    return along_joints(robot, robot.neutral, q, robot.all_stiffness * (turned - robot.joint_rest))
 
 
 def balance(robot: ParallelRobot, q: Array, load: Load) -> Balance:
@@ -122,7 +113,7 @@ def tangent_stiffness(
     multipliers = solve(R, matvec(range_.swapaxes(1, 2), forces)) * weights
     weight = np.array([pin.computeGeneralizedGravityDerivatives(model, data, row) for row in q])
     weight = 0.5 * (weight + weight.swapaxes(1, 2))[:, columns[:, None], columns] * load.share[:, None, None]
-    pulled = spring_stiffness(robot)[columns][:, None] * steps + matmul(weight, steps)
+    pulled = robot.all_stiffness[columns][:, None] * steps + matmul(weight, steps)
     first, second = np.triu_indices(count)
     v = np.zeros((len(q), len(first), model.nv))
     v[:, :, columns] = (steps[:, :, first] + steps[:, :, second]).swapaxes(1, 2)
@@ -154,12 +145,7 @@ def _drift(
 ) -> Array:
     """Compute v' (lambda . c" + w . x") v (T, p) for joint rates v (T, p, nv)."""
     count = v.shape[1]
-    stack = frames._replace(
-        position=np.repeat(frames.position, count, axis=0),
-        rotation=np.repeat(frames.rotation, count, axis=0),
-        screws=np.repeat(frames.screws, count, axis=0),
-        q=np.repeat(q, count, axis=0),
-    )
+    stack = frames.at(np.repeat(np.arange(len(q)), count))
     motions = frame_motions(robot, stack, stack.q, v.reshape(-1, v.shape[2]))
     loops = closure_drift(robot.loops, stack, motions).reshape(*v.shape[:2], -1)
     platform = robot.platform.drift(stack, motions).reshape(*v.shape[:2], -1)

@@ -20,7 +20,7 @@ import numpy as np
 from framework.arrays import Array
 from framework.dynamics.forces import Forces, balanced_forces, tree_forces
 from framework.dynamics.reactions import under_wrenches
-from framework.errors import NotAssembled, SingularPose, point
+from framework.errors import NotAssembled, SingularPose
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.linearised_loops import ClosedStack
@@ -57,7 +57,7 @@ def forces_through_singularity(
         SingularPose: it is a singularity of another kind; condition (8) does not hold (`wrench` is then
             t_s . W_p); the motion does not cross the locus there; the torques near by cannot be resolved.
     """
-    where = f"{robot.name}: at {', '.join(robot.axis_names)} = {point(closed.x[0])}"
+    where = f"{robot.name}: at {robot.place(closed.x[0])}"
     uncontrolled = uncontrolled_motion(robot, closed.linearised)
     if uncontrolled.kind != "type_2" or uncontrolled.corank > 1:
         several = f"a Type 2 singularity with {uncontrolled.corank} uncontrolled motions"
