@@ -45,9 +45,10 @@ def tree_regressor(robot: Mechanism, motion: JointMotion, bodies: IntArray | Non
     for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
         regressor[k] = pin.computeJointTorqueRegressor(model, data, q, v, a)[:, used]
     turned = _turned_axes(robot)
-    for i in (i for i, body in enumerate(bodies) if int(body) in turned):
-        columns = slice(10 * i, 10 * i + 10)
-        regressor[..., columns] = regressor[..., columns] @ turned[int(bodies[i])]
+    for i, body in enumerate(bodies.tolist()):
+        if body in turned:
+            columns = slice(10 * i, 10 * i + 10)
+            regressor[..., columns] = regressor[..., columns] @ turned[body]
     return regressor
 
 

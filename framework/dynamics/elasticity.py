@@ -172,7 +172,8 @@ class _Iteration:
         ratio, last = GOOD_CONTRACTION, (here, np.inf)
         while True:
             following = self.grid.resolved(here.caused)
-            lacking = self.grid.values(_difference(following, here.function))[0]
+            step = following.coefficients - here.function.coefficients
+            lacking = self.grid.values(TimeFunction(self.grid.edges, step))[0]
             inner, outer = self._share(lacking, here), self._share(here.residual - lacking, here)
             if np.isfinite(last[1]):
                 ratio = inner / last[1]
@@ -325,7 +326,3 @@ class _Iteration:
             change=self._share(here.residual, here),
             obstacle=self.obstacle,
         )
-
-
-def _difference(one: TimeFunction, other: TimeFunction) -> TimeFunction:
-    return TimeFunction(one.edges, one.coefficients - other.coefficients)

@@ -74,6 +74,7 @@ def finite_difference_torques(
 
 
 def _differences(values: Array, times: Array) -> tuple[Array, Array]:
-    first = np.gradient(values, times, axis=0, edge_order=2) if values.size else values
-    second = np.gradient(first, times, axis=0, edge_order=2) if values.size else values
-    return first, second
+    if not values.size:
+        return values, values
+    first = np.gradient(values, times, axis=0, edge_order=2)
+    return first, np.gradient(first, times, axis=0, edge_order=2)

@@ -151,6 +151,17 @@ def balanced_forces(robot: ParallelRobot, linearised: LinearisedLoops, r: Array)
     return Forces(torque, r[:, robot.elastic] - held)
 
 
+def carried_forces(robot: ParallelRobot, linearised: LinearisedLoops, r: Array, joint_torque: Array) -> Array:
+    """Compute what of the open tree's forces r (T, nv) joint torques (T, n_a) leave to the loops.
+
+    Multipliers (T, n + m): the wrench that would have to hold the platform, and of the independent loop
+    equations lambda, r - S tau_joint = J' lambda.
+    """
+    left = r.take(robot.moving, axis=1)
+    left[:, : robot.n_a] -= joint_torque
+    return linearised.factors.solve_transposed(left)
+
+
 def _motor_share(robot: ParallelRobot, matrix: Array, wrench: Array) -> Array:
     """Solve matrix (T, n, n_a) @ torque = wrench (T, n) for joint torques (T, n_a)."""
     if robot.n_a > robot.n:

@@ -15,7 +15,7 @@ import numpy as np
 
 from framework.arrays import Array, ArrayLike
 from framework.dynamics.forces import Forces, tree_forces
-from framework.dynamics.pointwise_dynamics import Instant, instant_of
+from framework.dynamics.pointwise_dynamics import Instant, entry_of, instant_of
 from framework.dynamics.reactions import given_wrenches, stacked_rows, under_wrenches
 from framework.errors import InvalidInput
 from framework.kinematics.closures import scaled
@@ -70,17 +70,15 @@ def forward_dynamics(
     solution = accelerations(equations, closed.q, rates, torques, applied)
     motion = replace(at_rest, a=solution.a)
     r = tree_forces(robot, motion)
-    rotors = robot.rotor_inertia * robot.gear_ratio**2 * solution.a[:, robot.actuated]
+    rotors = (robot.rotors * solution.a)[:, robot.actuated]
     forces = Forces(
         robot.gear_ratio * torques - rotors,
         -robot.stiffness * robot.coordinates.positions(closed.q)[:, robot.elastic],
     )
-    single = np.ndim(getattr(q, "q", q)) == 1
-    entry = 0 if single else slice(None)
+    entry = entry_of(q)
     determined = np.where(solution.undetermined, np.nan, solution.a)
-    return replace(
-        instant_of(robot, motion, r, forces, single=single), torque=torques[entry], a=determined[entry]
-    )
+    instant = instant_of(robot, motion, r, forces, entry)
+    return replace(instant, torque=torques[entry], a=determined[entry])
 
 
 def equations_of(robot: ParallelRobot) -> EquationsOfMotion:
