@@ -62,8 +62,8 @@ def _turned_axes(robot: Mechanism) -> dict[int, Array]:
 def link_of(model: pin.Model, j: int) -> str:
     """Return the name of the link that joint j carries: the first of those fixed to it."""
     body = pin.FrameType.BODY
-    names = [str(frame.name) for frame in model.frames if frame.parentJoint == j and frame.type == body]
-    return names[0] if names else str(model.names[j])
+    names = (frame.name for frame in model.frames if frame.parentJoint == j and frame.type == body)
+    return str(next(names, model.names[j]))
 
 
 def link_axes(model: pin.Model, j: int) -> pin.SE3:
@@ -107,5 +107,5 @@ def of_pseudo_inertia(matrix: Array) -> Array:
 
 def moved_parameters(placement: pin.SE3) -> Array:
     """Return the matrix (10, 10) that expresses ten parameters of one frame in another, at `placement`."""
-    move = np.asarray(placement.homogeneous)
+    move = placement.homogeneous
     return of_pseudo_inertia(move @ pseudo_inertia(np.eye(10)) @ move.T).T

@@ -58,7 +58,7 @@ def tree_forces(robot: ParallelRobot, motion: JointMotion) -> Array:
     felt = _as_felt(robot, motion)
     forces = _rnea(robot, robot.model, felt)
     if robot.joint_stiffness.any():
-        forces += spring_torques(robot, felt.q)
+        forces += spring_torques(robot, felt.q, robot.joint_stiffness)
     if robot.is_damped:
         forces += robot.joint_damping * felt.v
     return _less(forces, motion.wrenches)
@@ -74,7 +74,7 @@ def static_forces(robot: ParallelRobot, q: Array, wrenches: tuple[AppliedWrench,
     for k in range(len(q)):
         forces[k] = pin.computeGeneralizedGravity(robot.model, data, q[k])
     if robot.joint_stiffness.any():
-        forces += spring_torques(robot, q)
+        forces += spring_torques(robot, q, robot.joint_stiffness)
     return _less(forces, wrenches)
 
 
@@ -111,11 +111,10 @@ def _rnea(robot: ParallelRobot, model: pin.Model, motion: JointMotion) -> Array:
     return forces
 
 
-def spring_torques(robot: ParallelRobot, q: Array) -> Array:
-    """Compute torques (T, nv) of the springs on joints of the URDF."""
+def spring_torques(robot: ParallelRobot, q: Array, stiffness: Array) -> Array:
+    """Compute torques (T, nv) of springs of this stiffness (nv,): those on joints of the URDF, or all."""
     turned = difference(robot, robot.neutral, q)
-    springs = robot.joint_stiffness * (turned - robot.joint_rest)
-    return along_joints(robot, robot.neutral, q, springs)
+    return along_joints(robot, robot.neutral, q, stiffness * (turned - robot.joint_rest))
 
 
 def joint_forces(robot: ParallelRobot, motion: Motion) -> Forces:

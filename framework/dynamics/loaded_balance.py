@@ -193,4 +193,4 @@ def _loops(robot: ParallelRobot, motion: Motion) -> Array:
 
 def _row_weights(robot: ParallelRobot) -> Array:
     """What makes the loop equations (m,) of unit size."""
-    return np.where(robot.loops.rotation, 1.0, 1.0 / robot.length) / robot.structure.row_sizes
+    return 1.0 / robot.loop_lengths / robot.structure.row_sizes

@@ -20,6 +20,7 @@ import numpy as np
 import pinocchio as pin
 
 from framework.arrays import Array
+from framework.dynamics.body_parameters import link_of
 from framework.dynamics.certificate import Certificate
 from framework.dynamics.elasticity import DeflectionSolution
 from framework.dynamics.forces import carried_forces, tree_forces
@@ -123,10 +124,7 @@ def _remedy(robot: ParallelRobot, column: int) -> str:
             f"it a motor, or leave out the inertia behind it"
         )
     frame = model.frames[model.getFrameId(model.names[joint], pin.FrameType.JOINT)]
-    child = next(
-        link for link in model.frames if link.parentJoint == joint and link.type == pin.FrameType.BODY
-    )
-    ends = f"[{model.frames[frame.parentFrame].name}, {child.name}]"
+    ends = f"[{model.frames[frame.parentFrame].name}, {link_of(model, joint)}]"
     return (
         f"lock {robot.coordinates.name_of(column)} (--lock of `crossing convert`), or that turn of the ball "
         f"{model.names[joint]} by a closure {{frames: {ends}, axes: [rz]}} (or "

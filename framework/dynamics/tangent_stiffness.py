@@ -17,9 +17,10 @@ import numpy as np
 import pinocchio as pin
 
 from framework.arrays import Array, ArrayLike, IntArray
+from framework.dynamics.forces import spring_torques
 from framework.errors import InvalidInput, finite_numbers
 from framework.kinematics.closures import closure_drift, scaled
-from framework.kinematics.frames import FrameStack, along_joints, difference, frame_motions, frames_at
+from framework.kinematics.frames import FrameStack, frame_motions, frames_at
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import scratch_of
@@ -67,19 +68,13 @@ def moving_columns(robot: ParallelRobot) -> IntArray:
     return np.concatenate([robot.elastic, robot.following])
 
 
-def spring_forces(robot: ParallelRobot, q: Array) -> Array:
-    """Compute dV/dq (T, nv) of all springs."""
-    turned = difference(robot, robot.neutral, q)
-    return along_joints(robot, robot.neutral, q, robot.all_stiffness * (turned - robot.joint_rest))
-
-
 def balance(robot: ParallelRobot, q: Array, load: Load) -> Balance:
     """Compute how far configurations q (T, nq), whose loops need not be closed, are from balance."""
     columns = moving_columns(robot)
     lengths = robot.column_scale[columns]
     linearised = linearised_at(robot, q, robot.platform.coordinates(frames_at(robot, q)))
     J = scaled(robot, linearised.closures, robot.loops.rotation)[:, :, columns]
-    residual = linearised.residual[:, robot.n :] * np.where(robot.loops.rotation, 1.0, 1.0 / robot.length)
+    residual = linearised.residual[:, robot.n :] * (1.0 / robot.loop_lengths)
     range_, R, null = _factored(J)
     closing = -matvec(range_, solve(R.swapaxes(1, 2), residual))
     steps = np.concatenate([null, closing[:, :, None]], axis=2)
@@ -104,13 +99,12 @@ def tangent_stiffness(
     """Compute d2V/dq2 - lambda . d2c/dq2 - w . d2x/dq2 (T, p, p) along `steps` (T, f, p) at q (T, nq)."""
     model, data = robot.model, scratch_of(robot).data
     columns, count = moving_columns(robot), steps.shape[2]
-    weights = np.where(robot.loops.rotation, 1.0, 1.0 / robot.length)
     lengths = robot.column_scale[columns]
     J = scaled(robot, linearised.closures, robot.loops.rotation)[:, :, columns]
     at_rest, drive = _forces(robot, linearised, q, load)
     forces = (at_rest + load.share[:, None] * drive)[:, columns] * lengths
     range_, R, _ = _factored(J)
-    multipliers = solve(R, matvec(range_.swapaxes(1, 2), forces)) * weights
+    multipliers = solve(R, matvec(range_.swapaxes(1, 2), forces)) * (1.0 / robot.loop_lengths)
     weight = np.array([pin.computeGeneralizedGravityDerivatives(model, data, row) for row in q])
     weight = 0.5 * (weight + weight.swapaxes(1, 2))[:, columns[:, None], columns] * load.share[:, None, None]
     pulled = robot.all_stiffness[columns][:, None] * steps + matmul(weight, steps)
@@ -137,7 +131,7 @@ def _forces(robot: ParallelRobot, linearised: LinearisedLoops, q: Array, load: L
     model, data = robot.model, scratch_of(robot).data
     weight = np.array([pin.computeGeneralizedGravity(model, data, row) for row in q])
     wrench = matvec(linearised.platform.swapaxes(1, 2), np.broadcast_to(load.w, (len(q), robot.n)))
-    return spring_forces(robot, q) - load.before, load.before + weight - wrench
+    return spring_torques(robot, q, robot.all_stiffness) - load.before, load.before + weight - wrench
 
 
 def _drift(

@@ -14,6 +14,7 @@ its series, as along a whole plan; how fast the coefficients fall is the certifi
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from math import factorial
 
 import numpy as np
 
@@ -123,13 +124,11 @@ def _half_panel(robot: ParallelRobot, motion: Motion, jerk: Array) -> float:
     if not np.any(sizes[0]):
         return float("inf")
     largest = [float(np.abs(size).max(initial=0.0)) for size in sizes]
-    factorials = (1.0, 2.0, 6.0)
-    times = [
-        (factorial * MAX_JOINT_TRAVEL / size) ** (1 / order)
-        for order, (size, factorial) in enumerate(zip(largest, factorials, strict=True), start=1)
+    return min(
+        (factorial(order) * MAX_JOINT_TRAVEL / size) ** (1 / order)
+        for order, size in enumerate(largest, start=1)
         if size > 0
-    ]
-    return min(times)
+    )
 
 
 def _crossing_instant(
