@@ -90,9 +90,7 @@ class LinearBalance(NamedTuple):
         sizes[:scalars_from] = np.maximum(sizes[:scalars_from], np.median(sizes[:scalars_from]))
         sizes[sizes == 0.0] = 1.0  # a scalar that changes nothing
         balance, rest = balance / sizes, rest / sizes
-        normal = balance.T @ balance
-        normal[np.diag_indices(len(normal))] += WEAK_COLUMN**2
-        factor = cho_factor(normal)
+        factor = cho_factor(balance.T @ balance + WEAK_COLUMN**2 * np.eye(len(sizes)))
         return LinearBalance(balance, rest, sizes, factor, cho_solve(factor, rest.T))
 
     def step(self, state: BalanceState) -> Step:

@@ -18,8 +18,8 @@ from framework.dynamics.forces import Forces, tree_forces
 from framework.dynamics.pointwise_dynamics import Instant, entry_of, instant_of
 from framework.dynamics.reactions import given_wrenches, stacked_rows, under_wrenches
 from framework.errors import InvalidInput
-from framework.kinematics.closures import scaled
 from framework.kinematics.linearised_loops import ClosedStack, assembled_at
+from framework.kinematics.loop_matrices import scaled_loops
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.linalg.ordered_sums import matvec
@@ -94,7 +94,7 @@ def _equations(robot: ParallelRobot, thread: int) -> EquationsOfMotion:
 def _check_rates(robot: ParallelRobot, closed: ClosedStack, v: Array) -> None:
     """Refuse joint rates (T, nv) under which the loop equations open."""
     speeds = v / robot.column_scale
-    opening = matvec(scaled(robot, closed.linearised.closures, robot.loops.rotation), speeds)
+    opening = matvec(scaled_loops(robot, closed.linearised), speeds)
     left = np.abs(opening).max(axis=1, initial=0.0)
     wrong = np.flatnonzero(left > FILE_ROUNDING * np.abs(speeds).max(axis=1, initial=0.0))
     if len(wrong):

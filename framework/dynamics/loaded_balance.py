@@ -25,7 +25,7 @@ import numpy as np
 
 from framework.arrays import Array, IntArray
 from framework.dynamics.forces import Forces, tree_forces
-from framework.dynamics.tangent_stiffness import moving_columns
+from framework.dynamics.tangent_stiffness import factored, moving_columns
 from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.frames import difference, integrate, integrate_columns
 from framework.kinematics.inverse_kinematics import close_loops
@@ -172,9 +172,8 @@ def _balanced(robot: ParallelRobot, loaded: Loaded) -> tuple[Array, Array, Array
     """The load (T, f) along what moves while the motors are locked, the loops' multipliers, and Y."""
     columns, units = _locked(robot)
     J, load = _loops(robot, loaded.motion), loaded.load[:, columns] * units
-    m = J.shape[1]
-    Q, R = np.linalg.qr(J.swapaxes(1, 2), mode="complete")
-    return load, solve(R[:, :m], matvec(Q[:, :, :m].swapaxes(1, 2), load)), Q[:, :, m:]
+    range_, R, null = factored(J)
+    return load, solve(R, matvec(range_.swapaxes(1, 2), load)), null
 
 
 def _locked(robot: ParallelRobot) -> tuple[IntArray, Array]:

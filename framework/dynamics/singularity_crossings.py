@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from framework.arrays import Array
@@ -23,14 +25,13 @@ from framework.singularity.points_on_path import SingularPoint
 from framework.singularity.type2 import UNCROSSABLE, escaping_motions, uncontrolled_motion
 from framework.tolerances import SAME_PLACE, STOP_AT_CROSSING
 
-NO_INSTANTS: Array = np.empty(0)
 LAW_ROOT_ROUNDING = 1e-12  # in s, of what a law leaves at its roots
 MAX_POLISHINGS, ROOT_LEFT = 3, 1e-15  # Newton steps to a root of the law, unless so little of s is left
 SAMPLES = 17  # of a motion, for the size of its forces
 EDGE_CLEARANCE = 0.1  # of a panel: an edge nearer to a crossing than this is a node too near to it
 
 
-def panel_edges(branch: Branch, law: MotionLaw, clear_of: Array = NO_INSTANTS) -> Array:
+def panel_edges(branch: Branch, law: MotionLaw, clear_of: Iterable[float] = ()) -> Array:
     """Return the ends of the motion and of the law's panels, and the instants of the branch's knots.
 
     Every edge is a node. Where a panel of the law ends on one of the instants `clear_of` [s], it ends beside

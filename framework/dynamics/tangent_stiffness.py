@@ -19,9 +19,10 @@ import pinocchio as pin
 from framework.arrays import Array, ArrayLike, IntArray
 from framework.dynamics.forces import spring_torques
 from framework.errors import InvalidInput, finite_numbers
-from framework.kinematics.closures import closure_drift, scaled
+from framework.kinematics.closures import closure_drift
 from framework.kinematics.frames import FrameStack, frame_motions, frames_at
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
+from framework.kinematics.loop_matrices import scaled_loops
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import scratch_of
 from framework.linalg.ordered_sums import matmul, matvec, solve
@@ -73,9 +74,9 @@ def balance(robot: ParallelRobot, q: Array, load: Load) -> Balance:
     columns = moving_columns(robot)
     lengths = robot.column_scale[columns]
     linearised = linearised_at(robot, q, robot.platform.coordinates(frames_at(robot, q)))
-    J = scaled(robot, linearised.closures, robot.loops.rotation)[:, :, columns]
+    J = scaled_loops(robot, linearised)[:, :, columns]
     residual = linearised.residual[:, robot.n :] * (1.0 / robot.loop_lengths)
-    range_, R, null = _factored(J)
+    range_, R, null = factored(J)
     closing = -matvec(range_, solve(R.swapaxes(1, 2), residual))
     steps = np.concatenate([null, closing[:, :, None]], axis=2)
     at_rest, drive = _forces(robot, linearised, q, load)
@@ -100,10 +101,10 @@ def tangent_stiffness(
     model, data = robot.model, scratch_of(robot).data
     columns, count = moving_columns(robot), steps.shape[2]
     lengths = robot.column_scale[columns]
-    J = scaled(robot, linearised.closures, robot.loops.rotation)[:, :, columns]
+    J = scaled_loops(robot, linearised)[:, :, columns]
     at_rest, drive = _forces(robot, linearised, q, load)
     forces = (at_rest + load.share[:, None] * drive)[:, columns] * lengths
-    range_, R, _ = _factored(J)
+    range_, R, _ = factored(J)
     multipliers = solve(R, matvec(range_.swapaxes(1, 2), forces)) * (1.0 / robot.loop_lengths)
     weight = np.array([pin.computeGeneralizedGravityDerivatives(model, data, row) for row in q])
     weight = 0.5 * (weight + weight.swapaxes(1, 2))[:, columns[:, None], columns] * load.share[:, None, None]
@@ -119,7 +120,7 @@ def tangent_stiffness(
     return matmul(steps.swapaxes(1, 2), pulled) - curved
 
 
-def _factored(J: Array) -> tuple[Array, Array, Array]:
+def factored(J: Array) -> tuple[Array, Array, Array]:
     """Factor J' = Q R, J (T, m, f): m columns of Q, R (T, m, m), and the other columns, J's null space."""
     Q, R = np.linalg.qr(J.swapaxes(1, 2), mode="complete")
     count = J.shape[1]

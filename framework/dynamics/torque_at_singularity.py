@@ -30,7 +30,7 @@ from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.chebyshev import TimeGrid, coefficients, evaluate, tail
 from framework.singularity.bordered_system import root_of_g
-from framework.singularity.type2 import UNCROSSABLE, Uncontrolled, uncontrolled_motion
+from framework.singularity.type2 import UNCROSSABLE, uncontrolled_motion
 from framework.tolerances import CONDITION_RESIDUAL, RANK_LOST, TORQUE_TAIL
 
 MAX_ROOT_OFFSET = 0.01  # of half a panel, from the singular pose to the root of g: one farther off is another
@@ -156,7 +156,7 @@ def _crossing_instant(
 
 def _check_condition(robot: ParallelRobot, motion: Motion, forces: Array, where: str) -> None:
     """Refuse a motion (T = 1) that violates condition (8), with the forces (nv,) of its open tree."""
-    uncontrolled: Uncontrolled = uncontrolled_motion(robot, motion.linearised)
+    uncontrolled = uncontrolled_motion(robot, motion.linearised)
     terms = forces * uncontrolled.motion
     # a motion without forces has terms of rounding alone: what holds its masses on circles is a size, too
     rate, escape = (float(np.abs(v / robot.column_scale).max()) for v in (motion.v, uncontrolled.motion))
