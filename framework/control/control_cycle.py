@@ -273,5 +273,5 @@ class ControlCycle:
         if robot.is_damped:
             force = force + robot.joint_damping * self.v
         if self._sprung:
-            force = force + spring_torques(robot, self.q[None])[0]
+            force = force + spring_torques(robot, self.q[None], robot.joint_stiffness)[0]
         return force @ self.T / robot.gear_ratio

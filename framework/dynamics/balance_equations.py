@@ -90,9 +90,7 @@ class LinearBalance(NamedTuple):
         sizes[:scalars_from] = np.maximum(sizes[:scalars_from], np.median(sizes[:scalars_from]))
         sizes[sizes == 0.0] = 1.0  # a scalar that changes nothing
         balance, rest = balance / sizes, rest / sizes
-        normal = balance.T @ balance
-        normal[np.diag_indices(len(normal))] += WEAK_COLUMN**2
-        factor = cho_factor(normal)
+        factor = cho_factor(balance.T @ balance + WEAK_COLUMN**2 * np.eye(len(sizes)))
         return LinearBalance(balance, rest, sizes, factor, cho_solve(factor, rest.T))
 
     def step(self, state: BalanceState) -> Step:
@@ -152,7 +150,7 @@ class BalanceEquations:
         s, rate, acceleration = clock.motion((clock.edges[:-1, None] + half * (nodes(2 * N) + 1.0)).ravel())
         per = np.repeat(1.0 / half, 2 * N)
         r, a = (per * rate)[:, None], (per * acceleration)[:, None]
-        values = np.asarray(chebyshev.chebvander(nodes(2 * N), N - 1))
+        values = chebyshev.chebvander(nodes(2 * N), N - 1)
         value, slope, bend = (
             np.tile(basis, (panels, 1))
             for basis in (values, values @ derivative_matrix(N), values @ derivative_matrix(N, 2))

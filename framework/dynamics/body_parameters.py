@@ -45,9 +45,10 @@ def tree_regressor(robot: Mechanism, motion: JointMotion, bodies: IntArray | Non
     for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
         regressor[k] = pin.computeJointTorqueRegressor(model, data, q, v, a)[:, used]
     turned = _turned_axes(robot)
-    for i in (i for i, body in enumerate(bodies) if int(body) in turned):
-        columns = slice(10 * i, 10 * i + 10)
-        regressor[..., columns] = regressor[..., columns] @ turned[int(bodies[i])]
+    for i, body in enumerate(bodies.tolist()):
+        if body in turned:
+            columns = slice(10 * i, 10 * i + 10)
+            regressor[..., columns] = regressor[..., columns] @ turned[body]
     return regressor
 
 
@@ -61,8 +62,8 @@ def _turned_axes(robot: Mechanism) -> dict[int, Array]:
 def link_of(model: pin.Model, j: int) -> str:
     """Return the name of the link that joint j carries: the first of those fixed to it."""
     body = pin.FrameType.BODY
-    names = [str(frame.name) for frame in model.frames if frame.parentJoint == j and frame.type == body]
-    return names[0] if names else str(model.names[j])
+    names = (frame.name for frame in model.frames if frame.parentJoint == j and frame.type == body)
+    return str(next(names, model.names[j]))
 
 
 def link_axes(model: pin.Model, j: int) -> pin.SE3:
@@ -106,5 +107,5 @@ def of_pseudo_inertia(matrix: Array) -> Array:
 
 def moved_parameters(placement: pin.SE3) -> Array:
     """Return the matrix (10, 10) that expresses ten parameters of one frame in another, at `placement`."""
-    move = np.asarray(placement.homogeneous)
+    move = placement.homogeneous
     return of_pseudo_inertia(move @ pseudo_inertia(np.eye(10)) @ move.T).T

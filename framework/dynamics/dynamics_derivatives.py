@@ -20,10 +20,15 @@ import numpy as np
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.dynamics.body_parameters import body_parameters, tree_regressor
 from framework.dynamics.force_changes import force_changes, force_slopes
-from framework.dynamics.forces import balanced_forces, least_motor_torques, motor_torque, tree_forces
+from framework.dynamics.forces import (
+    balanced_forces,
+    carried_forces,
+    least_motor_torques,
+    motor_torque,
+    tree_forces,
+)
 from framework.dynamics.platform_wrench import motor_speeds
 from framework.dynamics.pointwise_dynamics import prescribed_motion, require_hold
-from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.motion_changes import (
     MotionSteps,
     coordinate_steps,
@@ -79,7 +84,7 @@ def dynamics_derivatives(
     require_hold(robot, motion.linearised, prescribed.x)
     r = tree_forces(robot, motion)
     joint_torque = balanced_forces(robot, motion.linearised, r).joint_torque
-    multipliers = loop_multipliers(robot, motion.linearised, r, joint_torque)
+    multipliers = carried_forces(robot, motion.linearised, r, joint_torque)[:, robot.n :]
     steps = coordinate_steps(robot, (prescribed.x, prescribed.dx, prescribed.ddx))
     changes = motion_changes(robot, motion, steps)
     changed = force_changes(robot, motion, force_slopes(robot, motion), multipliers, changes)
@@ -90,7 +95,7 @@ def dynamics_derivatives(
     rotors = robot.rotor_inertia * robot.gear_ratio
     slopes = slopes + (rotors * changes.a[..., robot.actuated]).swapaxes(1, 2)
     along_bodies = rates.swapaxes(1, 2) @ tree_regressor(robot, motion)
-    entry, n = 0 if prescribed.single else slice(None), robot.n
+    entry, n = prescribed.entry, robot.n
     return DynamicsDerivatives(
         torque=motor_torque(robot, motion, joint_torque)[entry],
         torque_x=slopes[entry, ..., :n],
@@ -99,15 +104,6 @@ def dynamics_derivatives(
         regressor=_motor_shares(robot, speeds, along_bodies)[entry],
         parameters=body_parameters(robot)[0],
     )
-
-
-def loop_multipliers(
-    robot: ParallelRobot, linearised: LinearisedLoops, r: Array, joint_torque: Array
-) -> Array:
-    """Compute lambda (T, m) of the independent loop equations, r - S tau_joint = J' lambda."""
-    left = r.take(robot.moving, axis=1)
-    left[:, : robot.n_a] -= joint_torque
-    return linearised.factors.solve_transposed(left)[:, robot.n :]
 
 
 def _motor_shares(robot: ParallelRobot, speeds: Array, wrenches: Array) -> Array:

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-
 from framework.arrays import Array
 from framework.dynamics.forces import Forces, joint_forces
 from framework.kinematics.continuation.tracking import Branch
-from framework.kinematics.frames import integrate
+from framework.kinematics.frames import integrate, integrate_columns
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.motion_rates import Motion, joint_rates, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -53,30 +51,28 @@ def moving(
 ) -> tuple[Array, Motion]:
     """Deflections (T, n_e) and all coordinates at the nodes."""
     values = grid.values(function)
-    return values[0], moving_with(branch, grid, law, values, before)
+    return values[0], moving_with(branch, grid.times, law, values, before)
 
 
 def moving_with(
     branch: Branch,
-    grid: TimeGrid,
+    times: Array,
     law: MotionLaw,
     deflections: tuple[Array, Array, Array],
     before: Pass | None = None,
 ) -> Motion:
-    """All coordinates at the nodes with deflections (T, n_e) and two time derivatives of them."""
+    """All coordinates at instants (T,) with deflections (T, n_e) and two time derivatives of them."""
     robot, (q_e, *rates) = branch.robot, deflections
-    s = orders_of(law, grid.times)
+    s = orders_of(law, times)
     x, dx, ddx = along(branch.path, s)
     if before is None:
-        step = np.zeros((len(x), robot.model.nv))
-        step[:, robot.elastic] = q_e
-        near = integrate(robot, branch.guess(s[0]), step)
+        near = integrate_columns(robot, branch.guess(s[0]), robot.elastic, q_e)
     else:  # along the tangent, by the factors that are there already
         linearised = before.motion.linearised
         ahead = -robot.platform.residual(linearised.frames, x)
         near = integrate(robot, before.motion.q, joint_rates(robot, linearised, ahead, q_e - before.q_e))
     closed = close_loops(robot, x, near)
-    return branch.loaded(motion_at(robot, closed, dx, ddx, *(rates if robot.n_e else ())), s[0])
+    return branch.loaded(motion_at(robot, closed, dx, ddx, *rates), s[0])
 
 
 def spring_scale(robot: ParallelRobot) -> Array:

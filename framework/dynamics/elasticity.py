@@ -128,7 +128,7 @@ def given_deflections(
         NotAssembled: they tear the loops.
     """
     deflections = known(grid.times)
-    motion = moving_with(branch, grid, law, deflections)
+    motion = moving_with(branch, grid.times, law, deflections)
     forces, change = forces_in_balance(branch.robot, motion, deflections[0])
     caused = -forces.spring_force / branch.robot.stiffness
     return DeflectionSolution(grid, law, motion, forces, grid.fit(deflections[0]), caused, change=change)
@@ -172,7 +172,8 @@ class _Iteration:
         ratio, last = GOOD_CONTRACTION, (here, np.inf)
         while True:
             following = self.grid.resolved(here.caused)
-            lacking = self.grid.values(_difference(following, here.function))[0]
+            step = following.coefficients - here.function.coefficients
+            lacking = self.grid.values(TimeFunction(self.grid.edges, step))[0]
             inner, outer = self._share(lacking, here), self._share(here.residual - lacking, here)
             if np.isfinite(last[1]):
                 ratio = inner / last[1]
@@ -325,7 +326,3 @@ class _Iteration:
             change=self._share(here.residual, here),
             obstacle=self.obstacle,
         )
-
-
-def _difference(one: TimeFunction, other: TimeFunction) -> TimeFunction:
-    return TimeFunction(one.edges, one.coefficients - other.coefficients)

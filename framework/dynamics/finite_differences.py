@@ -13,16 +13,15 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array
+from framework.dynamics.elastic_pass import moving_with
 from framework.dynamics.forces import joint_forces
 from framework.dynamics.inverse_dynamics import checked_geometry
 from framework.errors import InvalidInput
 from framework.kinematics.continuation.tracking import Branch, track_path
-from framework.kinematics.frames import integrate
-from framework.kinematics.inverse_kinematics import close_loops
-from framework.kinematics.motion_rates import Motion, motion_at
+from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.motion.law import MotionLaw, is_number, orders_of
-from framework.motion.path import Path, along
+from framework.motion.law import MotionLaw, is_number
+from framework.motion.path import Path
 
 
 class FiniteDifferenceTorques(NamedTuple):
@@ -61,11 +60,11 @@ def finite_difference_torques(
     branch = track_path(robot, path) if branch is None else branch
     times = np.linspace(0.0, law.duration, samples)
     q_e = np.zeros((samples, robot.n_e))
-    motion = _motion(branch, law, times, q_e)
+    motion = moving_with(branch, times, law, (q_e, q_e, q_e))  # at rest
     forces = joint_forces(robot, motion)
     for done in range(passes if robot.n_e and geometry == "deformed" else min(robot.n_e, 1)):
         q_e = -forces.spring_force / robot.stiffness
-        motion = _motion(branch, law, times, q_e)
+        motion = moving_with(branch, times, law, (q_e, *_differences(q_e, times)))
         if geometry == "deformed" and done < passes - 1:
             forces = joint_forces(robot, motion)
     angle = robot.gear_ratio * robot.actuated_coordinates(motion.q)
@@ -74,17 +73,8 @@ def finite_difference_torques(
     return FiniteDifferenceTorques(times, torque, angle, q_e, motion)
 
 
-def _motion(branch: Branch, law: MotionLaw, times: Array, q_e: Array) -> Motion:
-    robot = branch.robot
-    s = orders_of(law, times)
-    x, dx, ddx = along(branch.path, s)
-    step = np.zeros((len(times), robot.model.nv))
-    step[:, robot.elastic] = q_e
-    closed = close_loops(robot, x, integrate(robot, branch.guess(s[0]), step))
-    return branch.loaded(motion_at(robot, closed, dx, ddx, *_differences(q_e, times)), s[0])
-
-
 def _differences(values: Array, times: Array) -> tuple[Array, Array]:
-    first = np.gradient(values, times, axis=0, edge_order=2) if values.size else values
-    second = np.gradient(first, times, axis=0, edge_order=2) if values.size else values
-    return first, second
+    if not values.size:
+        return values, values
+    first = np.gradient(values, times, axis=0, edge_order=2)
+    return first, np.gradient(first, times, axis=0, edge_order=2)

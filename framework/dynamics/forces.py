@@ -58,7 +58,7 @@ def tree_forces(robot: ParallelRobot, motion: JointMotion) -> Array:
     felt = _as_felt(robot, motion)
     forces = _rnea(robot, robot.model, felt)
     if robot.joint_stiffness.any():
-        forces += spring_torques(robot, felt.q)
+        forces += spring_torques(robot, felt.q, robot.joint_stiffness)
     if robot.is_damped:
         forces += robot.joint_damping * felt.v
     return _less(forces, motion.wrenches)
@@ -74,7 +74,7 @@ def static_forces(robot: ParallelRobot, q: Array, wrenches: tuple[AppliedWrench,
     for k in range(len(q)):
         forces[k] = pin.computeGeneralizedGravity(robot.model, data, q[k])
     if robot.joint_stiffness.any():
-        forces += spring_torques(robot, q)
+        forces += spring_torques(robot, q, robot.joint_stiffness)
     return _less(forces, wrenches)
 
 
@@ -111,11 +111,10 @@ def _rnea(robot: ParallelRobot, model: pin.Model, motion: JointMotion) -> Array:
     return forces
 
 
-def spring_torques(robot: ParallelRobot, q: Array) -> Array:
-    """Compute torques (T, nv) of the springs on joints of the URDF."""
+def spring_torques(robot: ParallelRobot, q: Array, stiffness: Array) -> Array:
+    """Compute torques (T, nv) of springs of this stiffness (nv,): those on joints of the URDF, or all."""
     turned = difference(robot, robot.neutral, q)
-    springs = np.asarray(robot.joint_stiffness * (turned - robot.joint_rest), dtype=float)
-    return along_joints(robot, robot.neutral, q, springs)
+    return along_joints(robot, robot.neutral, q, stiffness * (turned - robot.joint_rest))
 
 
 def joint_forces(robot: ParallelRobot, motion: Motion) -> Forces:
@@ -149,6 +148,17 @@ def balanced_forces(robot: ParallelRobot, linearised: LinearisedLoops, r: Array)
     multipliers[:, : robot.n] = 0.0  # nobody holds the platform
     held = linearised.equations.elastic.transposed_times(linearised.entries, multipliers)
     return Forces(torque, r[:, robot.elastic] - held)
+
+
+def carried_forces(robot: ParallelRobot, linearised: LinearisedLoops, r: Array, joint_torque: Array) -> Array:
+    """Compute what of the open tree's forces r (T, nv) joint torques (T, n_a) leave to the loops.
+
+    Multipliers (T, n + m): the wrench that would have to hold the platform, and of the independent loop
+    equations lambda, r - S tau_joint = J' lambda.
+    """
+    left = r.take(robot.moving, axis=1)
+    left[:, : robot.n_a] -= joint_torque
+    return linearised.factors.solve_transposed(left)
 
 
 def _motor_share(robot: ParallelRobot, matrix: Array, wrench: Array) -> Array:

@@ -17,15 +17,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays
-from framework.dynamics.dynamics_derivatives import loop_multipliers
 from framework.dynamics.force_changes import force_changes, force_slopes
-from framework.dynamics.forces import tree_forces
-from framework.dynamics.forward_dynamics import equations_of, forward_dynamics
+from framework.dynamics.forces import carried_forces, tree_forces
+from framework.dynamics.forward_dynamics import forward_dynamics
+from framework.dynamics.pointwise_dynamics import entry_of
 from framework.errors import InvalidInput
-from framework.kinematics.frames import frame_motions
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.motion_changes import coordinate_steps, motion_changes, solved_rates
-from framework.kinematics.motion_rates import Motion
+from framework.kinematics.motion_rates import Motion, platform_twists
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.platform import CoordinateRates
 
@@ -83,9 +82,10 @@ def forward_derivatives(
     others = np.concatenate([robot.elastic, robot.structure.idle])
     changes = motion_changes(robot, motion, coordinate_steps(robot, x, others))
     r = tree_forces(robot, motion)
-    multipliers = loop_multipliers(robot, motion.linearised, r, np.atleast_2d(instant.joint_torque))
+    joint_torque = np.atleast_2d(instant.joint_torque)
+    multipliers = carried_forces(robot, motion.linearised, r, joint_torque)[:, robot.n :]
     changed = force_changes(robot, motion, force_slopes(robot, motion), multipliers, changes)
-    changed += equations_of(robot).rotors * changes.a
+    changed += robot.rotors * changes.a
     changed[..., robot.elastic] += robot.stiffness * changes.q[..., robot.elastic]
     d, size = n + robot.n_e, n + len(others)
     units = np.broadcast_to(np.eye(size), (len(motion.q), size, size))
@@ -100,7 +100,7 @@ def forward_derivatives(
     motor[..., :d] += joint[..., :d]
     motor[..., d : 2 * d] += joint[..., size : size + d]
     answers = answers[:, :d]
-    entry = 0 if instant.q.ndim == 1 else slice(None)
+    entry = entry_of(q)
     return ForwardDerivatives(
         acceleration=np.concatenate([x[2], motion.a[:, robot.elastic]], axis=1)[entry],
         acceleration_y=answers[entry, ..., :d],
@@ -115,13 +115,11 @@ def forward_derivatives(
 
 def platform_rates_of(robot: ParallelRobot, motion: Motion) -> CoordinateRates:
     """Compute x, dx, ddx (T, n) of a motion."""
-    platform, frames = robot.platform, motion.linearised.frames
-    x = platform.coordinates(frames)
-    drift = platform.drift(frames, frame_motions(robot, frames, motion.q, motion.v))
-    jacobian = motion.linearised.platform
-    twist, twist_rate = (np.einsum("tnv,tv->tn", jacobian, part) for part in (motion.v, motion.a))
+    platform = robot.platform
+    x = platform.coordinates(motion.linearised.frames)
+    twist, twist_rate = platform_twists(robot, motion)
     by_rates = platform.rate_matrix(x)
-    dx = np.linalg.solve(by_rates, twist[..., None])[..., 0]
+    dx = np.asarray(np.linalg.solve(by_rates, twist[..., None])[..., 0])
     quadratic = platform.twist(x, dx)[1]
-    ddx = np.linalg.solve(by_rates, (twist_rate + drift - quadratic)[..., None])[..., 0]
+    ddx = np.asarray(np.linalg.solve(by_rates, (twist_rate - quadratic)[..., None])[..., 0])
     return x, dx, ddx

@@ -15,11 +15,11 @@ import numpy as np
 
 from framework.arrays import Array, ArrayLike
 from framework.dynamics.forces import Forces, tree_forces
-from framework.dynamics.pointwise_dynamics import Instant, instant_of
+from framework.dynamics.pointwise_dynamics import Instant, entry_of, instant_of
 from framework.dynamics.reactions import given_wrenches, stacked_rows, under_wrenches
 from framework.errors import InvalidInput
-from framework.kinematics.closures import scaled
 from framework.kinematics.linearised_loops import ClosedStack, assembled_at
+from framework.kinematics.loop_matrices import scaled_loops
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.linalg.ordered_sums import matvec
@@ -70,17 +70,15 @@ def forward_dynamics(
     solution = accelerations(equations, closed.q, rates, torques, applied)
     motion = replace(at_rest, a=solution.a)
     r = tree_forces(robot, motion)
-    rotors = robot.rotor_inertia * robot.gear_ratio**2 * solution.a[:, robot.actuated]
+    rotors = (robot.rotors * solution.a)[:, robot.actuated]
     forces = Forces(
         robot.gear_ratio * torques - rotors,
         -robot.stiffness * robot.coordinates.positions(closed.q)[:, robot.elastic],
     )
-    single = np.ndim(getattr(q, "q", q)) == 1
-    entry = 0 if single else slice(None)
+    entry = entry_of(q)
     determined = np.where(solution.undetermined, np.nan, solution.a)
-    return replace(
-        instant_of(robot, motion, r, forces, single=single), torque=torques[entry], a=determined[entry]
-    )
+    instant = instant_of(robot, motion, r, forces, entry)
+    return replace(instant, torque=torques[entry], a=determined[entry])
 
 
 def equations_of(robot: ParallelRobot) -> EquationsOfMotion:
@@ -96,7 +94,7 @@ def _equations(robot: ParallelRobot, thread: int) -> EquationsOfMotion:
 def _check_rates(robot: ParallelRobot, closed: ClosedStack, v: Array) -> None:
     """Refuse joint rates (T, nv) under which the loop equations open."""
     speeds = v / robot.column_scale
-    opening = matvec(scaled(robot, closed.linearised.closures, robot.loops.rotation), speeds)
+    opening = matvec(scaled_loops(robot, closed.linearised), speeds)
     left = np.abs(opening).max(axis=1, initial=0.0)
     wrong = np.flatnonzero(left > FILE_ROUNDING * np.abs(speeds).max(axis=1, initial=0.0))
     if len(wrong):

@@ -13,7 +13,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from framework.arrays import Array
 from framework.dynamics.certificate import Certificate
@@ -235,7 +234,7 @@ def resolve(
             if certificate.change > tolerance and (known is not None or stalled(changes)):
                 break
             continue
-        result = _with_neglected(branch, state, result)
+        result = replace(result, certificate=measure_neglected(branch, state, result))
         closed = result.certificate.max_closure_error <= LOOP_GAP * max(branch.robot.length, 1.0)
         if left <= tolerance and closed and _law_is_resolved(state.law, grid):
             unseen = unseen_near_miss(searched, state, result)
@@ -312,7 +311,7 @@ def _result(
         q = without_spin(robot, branch.origin, q, branch.path(s))
     u = difference(robot, branch.origin, q)
     offsets = grid.fit(u)
-    turned = difference(robot, pin.neutral(robot.model), branch.origin[None]) + u
+    turned = difference(robot, robot.neutral, branch.origin[None]) + u
     motor = grid.fit(robot.gear_ratio * turned[:, robot.actuated])
     deflections = state.deflections
     return InverseDynamics(
@@ -344,18 +343,6 @@ def _result(
     )
 
 
-def _with_neglected(branch: Branch, state: DeflectionSolution, result: InverseDynamics) -> InverseDynamics:
-    """The result whose certificate has looked at all rows and joints, between the nodes too."""
-    left_out = measure_neglected(branch, state, result)
-    certificate = replace(
-        result.certificate,
-        max_closure_error=left_out.closure_error,
-        max_residual_torque=left_out.residual_torque,
-        rounded_gap=left_out.rounded_gap,
-    )
-    return replace(result, certificate=certificate)
-
-
 def _tail(function: TimeFunction, rounding: Array) -> float:
     """The tail of the components (k,) that are more than rounding."""
     size = np.abs(function.coefficients).max(axis=(0, 1))
@@ -366,15 +353,12 @@ def _tails(
     robot: ParallelRobot, grid: TimeGrid, here: Pass | DeflectionSolution, torques: TimeFunction
 ) -> float:
     """The tail of the motors' torques, or of the deflections that the forces cause if that is larger."""
+    # what rounding makes of motor torques (n_a,) [N m] that are zero, as at constant speed
+    rounding = 1e-15 * robot.mass * (robot.length / here.law.duration) ** 2 / np.abs(robot.gear_ratio)
     return max(
-        _tail(torques, _torque_rounding(robot, here.law.duration)),
+        _tail(torques, rounding),
         _tail(grid.fit(here.caused), 1e-14 * robot.column_scale[robot.elastic]),
     )
-
-
-def _torque_rounding(robot: ParallelRobot, duration: float) -> Array:
-    """What rounding makes of motor torques (n_a,) [N m] that are zero, as at constant speed."""
-    return 1e-15 * robot.mass * (robot.length / duration) ** 2 / np.abs(robot.gear_ratio)
 
 
 def _end_speed(robot: ParallelRobot, state: DeflectionSolution) -> float:

@@ -31,4 +31,4 @@ class KnownDeflections(NamedTuple):
             for derivative in (np.eye(size), derivative_matrix(size), derivative_matrix(size, 2))
         )
         r, a = (per * rate)[:, None], (per * acceleration)[:, None]
-        return np.asarray(value), np.asarray(slope * r), np.asarray(bend * r**2 + slope * a)
+        return value, slope * r, bend * r**2 + slope * a

@@ -25,9 +25,9 @@ import numpy as np
 
 from framework.arrays import Array, IntArray
 from framework.dynamics.forces import Forces, tree_forces
-from framework.dynamics.tangent_stiffness import moving_columns
+from framework.dynamics.tangent_stiffness import factored, moving_columns
 from framework.kinematics.external_wrenches import ExternalWrenches
-from framework.kinematics.frames import difference, integrate
+from framework.kinematics.frames import difference, integrate, integrate_columns
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.linearised_loops import ClosedStack
 from framework.kinematics.motion_rates import Motion, joint_rates, motion_at
@@ -152,9 +152,8 @@ def _loaded(
     robot: ParallelRobot, course: Course, near: Array, wrenches: ExternalWrenches, stiffer: float
 ) -> Loaded:
     """Close the loops along a course and compute the loads."""
-    step = np.zeros((len(near), robot.model.nv))
-    step[:, robot.elastic] = course.l - difference(robot, robot.neutral, near)[:, robot.elastic]
-    closed = close_loops(robot, course.x, integrate(robot, near, step))
+    lacking = course.l - difference(robot, robot.neutral, near)[:, robot.elastic]
+    closed = close_loops(robot, course.x, integrate_columns(robot, near, robot.elastic, lacking))
     return _loads(robot, course, closed, wrenches, stiffer)
 
 
@@ -173,9 +172,8 @@ def _balanced(robot: ParallelRobot, loaded: Loaded) -> tuple[Array, Array, Array
     """The load (T, f) along what moves while the motors are locked, the loops' multipliers, and Y."""
     columns, units = _locked(robot)
     J, load = _loops(robot, loaded.motion), loaded.load[:, columns] * units
-    m = J.shape[1]
-    Q, R = np.linalg.qr(J.swapaxes(1, 2), mode="complete")
-    return load, solve(R[:, :m], matvec(Q[:, :, :m].swapaxes(1, 2), load)), Q[:, :, m:]
+    range_, R, null = factored(J)
+    return load, solve(R, matvec(range_.swapaxes(1, 2), load)), null
 
 
 def _locked(robot: ParallelRobot) -> tuple[IntArray, Array]:
@@ -194,4 +192,4 @@ def _loops(robot: ParallelRobot, motion: Motion) -> Array:
 
 def _row_weights(robot: ParallelRobot) -> Array:
     """What makes the loop equations (m,) of unit size."""
-    return np.where(robot.loops.rotation, 1.0, 1.0 / robot.length) / robot.structure.row_sizes
+    return 1.0 / robot.loop_lengths / robot.structure.row_sizes

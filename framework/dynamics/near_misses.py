@@ -16,7 +16,6 @@ from framework.dynamics.forces import joint_forces
 from framework.dynamics.residuals import checked_motion
 from framework.dynamics.result import InverseDynamics
 from framework.dynamics.singularity_crossings import instants
-from framework.errors import point
 from framework.kinematics.loop_matrices import type2_matrix
 from framework.singularity.piecewise_measure import extremum_near
 from framework.singularity.points_on_path import SearchedPath
@@ -64,6 +63,6 @@ def near_miss_sentence(searched: SearchedPath, miss: NearMiss) -> str:
     """Return the sentence about a near miss: its place, its distance and the remedy."""
     robot, x = searched.branch.robot, searched.branch.path(miss.s)
     return (
-        f"at s = {miss.s:.9g}, {', '.join(robot.axis_names)} = {point(x)} the path misses a singularity by "
+        f"at s = {miss.s:.9g}, {robot.place(x)} the path misses a singularity by "
         f"|g| = {abs(miss.g):.2g}: move it across the locus, or farther off"
     )

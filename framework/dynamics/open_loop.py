@@ -62,7 +62,7 @@ def error_dynamics(result: InverseDynamics, times: Array) -> ErrorDynamics:
     steps = DIFFERENCE_STEP * robot.platform_scale
     rates, units = np.full(robot.n, 1.0 / result.duration) * robot.platform_scale, np.ones(robot.n)
     inertia = slope(lambda move: lacking(on_path, dx, ddx + move), units)
-    forced = np.asarray(-np.linalg.inv(inertia), dtype=float)
+    forced = np.asarray(-np.linalg.inv(inertia))
     return ErrorDynamics(
         forced,
         forced @ slope(lambda move: lacking(on_path, dx + move, ddx), rates),
@@ -111,7 +111,7 @@ def open_loop_growth(result: InverseDynamics) -> float:
     """
     times = np.linspace(0.0, result.duration, GROWTH_INSTANTS)
     rate = repelling_rates(result, times)
-    exponent = float(np.sum(0.5 * (rate[1:] + rate[:-1]) * np.diff(times)))
+    exponent = float(np.trapezoid(rate, times))
     if exponent <= MIN_EXPONENT:
         return 1.0
     return float(2.0 * (np.cosh(min(exponent, MAX_EXPONENT)) - 1.0) / exponent**2)

@@ -42,7 +42,8 @@ class PlatformWrench(NamedTuple):
 
     def reach(self, twist: Array, torque_limit: Array) -> Array:
         """Return the largest force (T,) along a twist (n,) or (T, n), torques within limits (n_a,)."""
-        return np.abs(_applied(self.motor_speed, twist)) @ torque_limit
+        speeds = np.einsum("tan,tn->ta", self.motor_speed, np.broadcast_to(twist, self.asked.shape))
+        return np.abs(speeds) @ torque_limit
 
     def band(self, twist: Array, torque_limit: Array) -> Array:
         """Return the least and the largest force (T, 2) along a twist that is left for the bodies.
@@ -60,10 +61,6 @@ class PlatformWrench(NamedTuple):
         """
         corners = np.array(list(product((-1.0, 1.0), repeat=len(torque_limit)))) * torque_limit
         return np.einsum("ca,tan->tcn", corners, self.motor_speed)
-
-
-def _applied(matrix: Array, twist: Array) -> Array:
-    return np.einsum("tan,tn->ta", matrix, np.broadcast_to(twist, (len(matrix), matrix.shape[2])))
 
 
 def motor_speeds(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array, Array]:

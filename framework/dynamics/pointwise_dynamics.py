@@ -32,12 +32,11 @@ from framework.dynamics.reactions import (
     under_wrenches,
 )
 from framework.dynamics.torque_at_singularity import forces_through_singularity
-from framework.errors import SingularPose, point
-from framework.kinematics.frames import frame_motions
+from framework.errors import SingularPose
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, assembled_at
 from framework.kinematics.loop_matrices import clearance, near_type_2
-from framework.kinematics.motion_rates import Motion, motion_at
+from framework.kinematics.motion_rates import Motion, motion_at, platform_twists
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.pinocchio_memory import scratch_of
 from framework.kinematics.velocity_matrices import VelocityMatrices, matrices_and_rates
@@ -115,15 +114,12 @@ class Instant(ReadOnlyArrays):
     @cached_property
     def platform_velocity(self) -> Array:
         """v (n,), see `kinematics.platform`: (linear, angular) of a frame, and not dx if it turns freely."""
-        return self._shown(np.einsum("tnv,tv->tn", self._motion.linearised.platform, self._motion.v))
+        return self._shown(platform_twists(self.robot, self._motion)[0])
 
     @cached_property
     def platform_acceleration(self) -> Array:
         """Time derivative (n,) of `platform_velocity`."""
-        motion = self._motion
-        motions = frame_motions(self.robot, motion.linearised.frames, motion.q, motion.v)
-        drift = self.robot.platform.drift(motion.linearised.frames, motions)
-        return self._shown(np.einsum("tnv,tv->tn", motion.linearised.platform, motion.a) + drift)
+        return self._shown(platform_twists(self.robot, self._motion)[1])
 
     @property
     def velocity_matrices(self) -> VelocityMatrices:
@@ -212,7 +208,7 @@ def dynamics_at(
         )
         for stack, alone in zip(forces, limit, strict=True):
             stack[k] = alone[0]
-    return instant_of(robot, motion, r, forces, single=prescribed.single)
+    return instant_of(robot, motion, r, forces, prescribed.entry)
 
 
 class PrescribedMotion(NamedTuple):
@@ -223,7 +219,7 @@ class PrescribedMotion(NamedTuple):
     ddx: Array  # (T, n)
     motion: Motion
     wrenches: Wrenches
-    single: bool  # one configuration was given, not a stack
+    entry: int | slice  # of what is told: the only one if one configuration was given, all of a stack
 
 
 def prescribed_motion(
@@ -246,8 +242,12 @@ def prescribed_motion(
     rate, acceleration = given_rates("dx", dx, robot.n, count), given_rates("ddx", ddx, robot.n, count)
     applied = given_wrenches(robot, wrenches, count)
     motion = under_wrenches(robot, motion_at(robot, closed, rate, acceleration), applied)
-    single = np.ndim(getattr(q, "q", q)) == 1
-    return PrescribedMotion(closed.x, rate, acceleration, motion, applied, single)
+    return PrescribedMotion(closed.x, rate, acceleration, motion, applied, entry_of(q))
+
+
+def entry_of(q: ArrayLike) -> int | slice:
+    """Return the index of what is told of given configurations q (nq,), or (T, nq)."""
+    return 0 if np.ndim(getattr(q, "q", q)) == 1 else slice(None)
 
 
 def require_hold(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> None:
@@ -260,16 +260,14 @@ def require_hold(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) ->
 def type2_pose(robot: ParallelRobot, x: Array, torque: str) -> SingularPose:
     """Return the error for a platform x (n,) that the motors do not hold; `torque` goes on about torque."""
     return SingularPose(
-        f"{robot.name}: at {', '.join(robot.axis_names)} = {point(x)} the motors do not "
-        f"hold the robot (Type 2): torque {torque}",
+        f"{robot.name}: at {robot.place(x)} the motors do not hold the robot (Type 2): torque {torque}",
         platform=x,
     )
 
 
-def instant_of(robot: ParallelRobot, motion: Motion, r: Array, forces: Forces, *, single: bool) -> Instant:
+def instant_of(robot: ParallelRobot, motion: Motion, r: Array, forces: Forces, entry: int | slice) -> Instant:
     """Return the instant, or the stack of instants, of a motion with its forces."""
     freeze((motion, r))
-    entry = 0 if single else slice(None)
     return Instant(
         robot=robot,
         q=motion.q[entry],
@@ -293,6 +291,6 @@ def _platform_inertia(robot: ParallelRobot, motion: Motion) -> Array:
     model, data = robot.model, scratch_of(robot).data
     upper = np.triu([pin.crba(model, data, q) for q in motion.q])
     mass = upper + np.triu(upper, 1).swapaxes(1, 2)
-    mass[:, robot.actuated, robot.actuated] += robot.rotor_inertia * robot.gear_ratio**2
+    mass += np.diag(robot.rotors)
     rates = motor_speeds(robot, motion.linearised)[1]  # (T, nv, n)
     return rates.swapaxes(1, 2) @ mass @ rates

@@ -14,14 +14,16 @@ X is the platform's Jacobian and w a wrench that would have to hold it; [X; J] i
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 
 from framework.arrays import Array
+from framework.dynamics.body_parameters import link_of
+from framework.dynamics.certificate import Certificate
 from framework.dynamics.elasticity import DeflectionSolution
-from framework.dynamics.forces import tree_forces
+from framework.dynamics.forces import carried_forces, tree_forces
 from framework.dynamics.result import InverseDynamics
 from framework.errors import LoadedJoint, NotAssembled
 from framework.kinematics.continuation.tracking import Branch
@@ -29,6 +31,7 @@ from framework.kinematics.frames import integrate
 from framework.kinematics.linearised_loops import ClosedStack, linearised_at
 from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.placements import carried_axis
 from framework.kinematics.rounded_loops import rounded_gap
 from framework.kinematics.tree_model import is_ball
 from framework.motion.chebyshev import evaluate_together
@@ -37,17 +40,10 @@ from framework.motion.path import along
 from framework.tolerances import EXPORT_ROUNDING, HELD_IDLE, LOOP_GAP
 
 
-class Neglected(NamedTuple):
-    """The largest of what is left out, over all instants."""
-
-    closure_error: float  # of all loop equations and of the platform [m or rad]
-    # that joints but idle ones would have to give beside motors and springs [N m or N]
-    residual_torque: float
-    rounded_gap: float  # of the loop equations that repeat others but for rounding [m or rad]
-
-
-def measure_neglected(branch: Branch, state: DeflectionSolution, result: InverseDynamics) -> Neglected:
+def measure_neglected(branch: Branch, state: DeflectionSolution, result: InverseDynamics) -> Certificate:
     """Look at all loop equations and all joints of a motion, at its nodes and half-way between them.
+
+    Return the certificate with what was found.
 
     Raises:
         NotAssembled: a loop equation that was dropped at the reference is open on a node.
@@ -60,9 +56,10 @@ def measure_neglected(branch: Branch, state: DeflectionSolution, result: Inverse
     gaps = (on_nodes, closed.linearised.loops.residual, closed.linearised.residual[:, : robot.n])
     residual = _residual_torques(robot, motion, _joint_torques(state, times))
     residual[:, robot.structure.idle] = 0.0  # see `check_idle_joints`
-    return Neglected(
-        closure_error=max(float(np.abs(gap).max(initial=0.0)) for gap in gaps),
-        residual_torque=float(np.abs(residual).max(initial=0.0)),
+    return replace(
+        result.certificate,
+        max_closure_error=max(float(np.abs(gap).max(initial=0.0)) for gap in gaps),
+        max_residual_torque=float(np.abs(residual).max(initial=0.0)),
         rounded_gap=_rounded_gap(robot, state.motion.q),
     )
 
@@ -119,9 +116,7 @@ def check_idle_joints(branch: Branch, state: DeflectionSolution, result: Inverse
 def _remedy(robot: ParallelRobot, column: int) -> str:
     """Return the advice on how to hold this coordinate, or to have nothing to hold."""
     model = robot.model
-    joint = next(
-        k for k in range(1, model.njoints) if 0 <= column - model.joints[k].idx_v < model.joints[k].nv
-    )
+    joint = carried_axis(robot, column).joint
     if not is_ball(model.joints[joint]):
         name = robot.coordinates.name_of(column)
         return (
@@ -129,10 +124,7 @@ def _remedy(robot: ParallelRobot, column: int) -> str:
             f"it a motor, or leave out the inertia behind it"
         )
     frame = model.frames[model.getFrameId(model.names[joint], pin.FrameType.JOINT)]
-    child = next(
-        link for link in model.frames if link.parentJoint == joint and link.type == pin.FrameType.BODY
-    )
-    ends = f"[{model.frames[frame.parentFrame].name}, {child.name}]"
+    ends = f"[{model.frames[frame.parentFrame].name}, {link_of(model, joint)}]"
     return (
         f"lock {robot.coordinates.name_of(column)} (--lock of `crossing convert`), or that turn of the ball "
         f"{model.names[joint]} by a closure {{frames: {ends}, axes: [rz]}} (or "
@@ -195,9 +187,7 @@ def _residual_torques(robot: ParallelRobot, motion: Motion, torque: Array) -> Ar
     A wrench on the platform is given by the joints that carry it; springs are left out.
     """
     forces, columns, idle = tree_forces(robot, motion), robot.moving, robot.structure.idle
-    load = forces[:, columns].copy()
-    load[:, : robot.n_a] -= torque
-    multipliers = motion.linearised.factors.solve_transposed(load[None])[0]  # w and lambda
+    multipliers = carried_forces(robot, motion.linearised, forces, torque)  # w and lambda
     residual = np.zeros_like(forces)
     residual[:, columns] = np.einsum(
         "tn,tnv->tv", multipliers[:, : robot.n], motion.linearised.platform[:, :, columns]

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from framework.arrays import Array
 from framework.dynamics.elasticity import DeflectionSolution
 from framework.dynamics.forces import tree_forces
 from framework.dynamics.result import InverseDynamics, SingularityCrossing
-from framework.errors import NoLaw, UnboundedTorque, point
+from framework.errors import NoLaw, UnboundedTorque
 from framework.kinematics.continuation.tracking import Branch, escaping
 from framework.kinematics.linearised_loops import ClosedStack, linearised_at
 from framework.kinematics.loop_matrices import type2_matrix
@@ -23,14 +25,13 @@ from framework.singularity.points_on_path import SingularPoint
 from framework.singularity.type2 import UNCROSSABLE, escaping_motions, uncontrolled_motion
 from framework.tolerances import SAME_PLACE, STOP_AT_CROSSING
 
-NO_INSTANTS: Array = np.empty(0)
 LAW_ROOT_ROUNDING = 1e-12  # in s, of what a law leaves at its roots
 MAX_POLISHINGS, ROOT_LEFT = 3, 1e-15  # Newton steps to a root of the law, unless so little of s is left
 SAMPLES = 17  # of a motion, for the size of its forces
 EDGE_CLEARANCE = 0.1  # of a panel: an edge nearer to a crossing than this is a node too near to it
 
 
-def panel_edges(branch: Branch, law: MotionLaw, clear_of: Array = NO_INSTANTS) -> Array:
+def panel_edges(branch: Branch, law: MotionLaw, clear_of: Iterable[float] = ()) -> Array:
     """Return the ends of the motion and of the law's panels, and the instants of the branch's knots.
 
     Every edge is a node. Where a panel of the law ends on one of the instants `clear_of` [s], it ends beside
@@ -178,10 +179,10 @@ def check_bounded(robot: ParallelRobot, crossings: tuple[SingularityCrossing, ..
     worst = max(crossings, key=lambda crossing: crossing.residual, default=None)
     if worst is None or worst.residual <= allowed:
         return
-    unit = "N" if np.any(np.abs(worst.twist[robot.translations]) > 0) else "N m"
+    unit = "N" if np.any(worst.twist[robot.translations]) else "N m"
     raise UnboundedTorque(
         f"{robot.name}: unbounded torque at t = {worst.time:.9g} s, s = {worst.s:.12g}, "
-        f"{', '.join(robot.axis_names)} = {point(worst.platform)}: a Type 2 singularity with "
+        f"{robot.place(worst.platform)}: a Type 2 singularity with "
         f"t_s . W_p = {worst.wrench:.6g} {unit} where condition (8) asks for zero",
         time=worst.time,
         s=worst.s,

@@ -17,10 +17,12 @@ import numpy as np
 import pinocchio as pin
 
 from framework.arrays import Array, ArrayLike, IntArray
+from framework.dynamics.forces import spring_torques
 from framework.errors import InvalidInput, finite_numbers
-from framework.kinematics.closures import closure_drift, scaled
-from framework.kinematics.frames import FrameStack, along_joints, difference, frame_motions, frames_at
+from framework.kinematics.closures import closure_drift
+from framework.kinematics.frames import FrameStack, frame_motions, frames_at
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
+from framework.kinematics.loop_matrices import scaled_loops
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import scratch_of
 from framework.linalg.ordered_sums import matmul, matvec, solve
@@ -67,29 +69,14 @@ def moving_columns(robot: ParallelRobot) -> IntArray:
     return np.concatenate([robot.elastic, robot.following])
 
 
-def spring_stiffness(robot: ParallelRobot) -> Array:
-    """Return the stiffness (nv,) of virtual and real springs along the joints."""
-    stiffness = np.array(robot.joint_stiffness, dtype=float)
-    stiffness[robot.elastic] += robot.stiffness
-    return stiffness
-
-
-def spring_forces(robot: ParallelRobot, q: Array) -> Array:
-    """Compute dV/dq (T, nv) of all springs."""
-    turned = difference(robot, robot.neutral, q)
-    springs = robot.joint_stiffness * (turned - robot.joint_rest)
-    springs[:, robot.elastic] += robot.stiffness * turned[:, robot.elastic]
-    return along_joints(robot, robot.neutral, q, springs)
-
-
 def balance(robot: ParallelRobot, q: Array, load: Load) -> Balance:
     """Compute how far configurations q (T, nq), whose loops need not be closed, are from balance."""
     columns = moving_columns(robot)
     lengths = robot.column_scale[columns]
     linearised = linearised_at(robot, q, robot.platform.coordinates(frames_at(robot, q)))
-    J = scaled(robot, linearised.closures, robot.loops.rotation)[:, :, columns]
-    residual = linearised.residual[:, robot.n :] * np.where(robot.loops.rotation, 1.0, 1.0 / robot.length)
-    range_, R, null = _factored(J)
+    J = scaled_loops(robot, linearised)[:, :, columns]
+    residual = linearised.residual[:, robot.n :] * (1.0 / robot.loop_lengths)
+    range_, R, null = factored(J)
     closing = -matvec(range_, solve(R.swapaxes(1, 2), residual))
     steps = np.concatenate([null, closing[:, :, None]], axis=2)
     at_rest, drive = _forces(robot, linearised, q, load)
@@ -113,16 +100,15 @@ def tangent_stiffness(
     """Compute d2V/dq2 - lambda . d2c/dq2 - w . d2x/dq2 (T, p, p) along `steps` (T, f, p) at q (T, nq)."""
     model, data = robot.model, scratch_of(robot).data
     columns, count = moving_columns(robot), steps.shape[2]
-    weights = np.where(robot.loops.rotation, 1.0, 1.0 / robot.length)
     lengths = robot.column_scale[columns]
-    J = scaled(robot, linearised.closures, robot.loops.rotation)[:, :, columns]
+    J = scaled_loops(robot, linearised)[:, :, columns]
     at_rest, drive = _forces(robot, linearised, q, load)
     forces = (at_rest + load.share[:, None] * drive)[:, columns] * lengths
-    range_, R, _ = _factored(J)
-    multipliers = solve(R, matvec(range_.swapaxes(1, 2), forces)) * weights
+    range_, R, _ = factored(J)
+    multipliers = solve(R, matvec(range_.swapaxes(1, 2), forces)) * (1.0 / robot.loop_lengths)
     weight = np.array([pin.computeGeneralizedGravityDerivatives(model, data, row) for row in q])
     weight = 0.5 * (weight + weight.swapaxes(1, 2))[:, columns[:, None], columns] * load.share[:, None, None]
-    pulled = spring_stiffness(robot)[columns][:, None] * steps + matmul(weight, steps)
+    pulled = robot.all_stiffness[columns][:, None] * steps + matmul(weight, steps)
     first, second = np.triu_indices(count)
     v = np.zeros((len(q), len(first), model.nv))
     v[:, :, columns] = (steps[:, :, first] + steps[:, :, second]).swapaxes(1, 2)
@@ -134,7 +120,7 @@ def tangent_stiffness(
     return matmul(steps.swapaxes(1, 2), pulled) - curved
 
 
-def _factored(J: Array) -> tuple[Array, Array, Array]:
+def factored(J: Array) -> tuple[Array, Array, Array]:
     """Factor J' = Q R, J (T, m, f): m columns of Q, R (T, m, m), and the other columns, J's null space."""
     Q, R = np.linalg.qr(J.swapaxes(1, 2), mode="complete")
     count = J.shape[1]
@@ -146,7 +132,7 @@ def _forces(robot: ParallelRobot, linearised: LinearisedLoops, q: Array, load: L
     model, data = robot.model, scratch_of(robot).data
     weight = np.array([pin.computeGeneralizedGravity(model, data, row) for row in q])
     wrench = matvec(linearised.platform.swapaxes(1, 2), np.broadcast_to(load.w, (len(q), robot.n)))
-    return spring_forces(robot, q) - load.before, load.before + weight - wrench
+    return spring_torques(robot, q, robot.all_stiffness) - load.before, load.before + weight - wrench
 
 
 def _drift(
@@ -154,12 +140,7 @@ def _drift(
 ) -> Array:
     """Compute v' (lambda . c" + w . x") v (T, p) for joint rates v (T, p, nv)."""
     count = v.shape[1]
-    stack = frames._replace(
-        position=np.repeat(frames.position, count, axis=0),
-        rotation=np.repeat(frames.rotation, count, axis=0),
-        screws=np.repeat(frames.screws, count, axis=0),
-        q=np.repeat(q, count, axis=0),
-    )
+    stack = frames.at(np.repeat(np.arange(len(q)), count))
     motions = frame_motions(robot, stack, stack.q, v.reshape(-1, v.shape[2]))
     loops = closure_drift(robot.loops, stack, motions).reshape(*v.shape[:2], -1)
     platform = robot.platform.drift(stack, motions).reshape(*v.shape[:2], -1)

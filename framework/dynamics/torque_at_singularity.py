@@ -14,13 +14,14 @@ its series, as along a whole plan; how fast the coefficients fall is the certifi
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from math import factorial
 
 import numpy as np
 
 from framework.arrays import Array
 from framework.dynamics.forces import Forces, balanced_forces, tree_forces
 from framework.dynamics.reactions import under_wrenches
-from framework.errors import NotAssembled, SingularPose, point
+from framework.errors import NotAssembled, SingularPose
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.linearised_loops import ClosedStack
@@ -29,7 +30,7 @@ from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.chebyshev import TimeGrid, coefficients, evaluate, tail
 from framework.singularity.bordered_system import root_of_g
-from framework.singularity.type2 import UNCROSSABLE, Uncontrolled, uncontrolled_motion
+from framework.singularity.type2 import UNCROSSABLE, uncontrolled_motion
 from framework.tolerances import CONDITION_RESIDUAL, RANK_LOST, TORQUE_TAIL
 
 MAX_ROOT_OFFSET = 0.01  # of half a panel, from the singular pose to the root of g: one farther off is another
@@ -57,7 +58,7 @@ def forces_through_singularity(
         SingularPose: it is a singularity of another kind; condition (8) does not hold (`wrench` is then
             t_s . W_p); the motion does not cross the locus there; the torques near by cannot be resolved.
     """
-    where = f"{robot.name}: at {', '.join(robot.axis_names)} = {point(closed.x[0])}"
+    where = f"{robot.name}: at {robot.place(closed.x[0])}"
     uncontrolled = uncontrolled_motion(robot, closed.linearised)
     if uncontrolled.kind != "type_2" or uncontrolled.corank > 1:
         several = f"a Type 2 singularity with {uncontrolled.corank} uncontrolled motions"
@@ -123,13 +124,11 @@ def _half_panel(robot: ParallelRobot, motion: Motion, jerk: Array) -> float:
     if not np.any(sizes[0]):
         return float("inf")
     largest = [float(np.abs(size).max(initial=0.0)) for size in sizes]
-    factorials = (1.0, 2.0, 6.0)
-    times = [
-        (factorial * MAX_JOINT_TRAVEL / size) ** (1 / order)
-        for order, (size, factorial) in enumerate(zip(largest, factorials, strict=True), start=1)
+    return min(
+        (factorial(order) * MAX_JOINT_TRAVEL / size) ** (1 / order)
+        for order, size in enumerate(largest, start=1)
         if size > 0
-    ]
-    return min(times)
+    )
 
 
 def _crossing_instant(
@@ -157,7 +156,7 @@ def _crossing_instant(
 
 def _check_condition(robot: ParallelRobot, motion: Motion, forces: Array, where: str) -> None:
     """Refuse a motion (T = 1) that violates condition (8), with the forces (nv,) of its open tree."""
-    uncontrolled: Uncontrolled = uncontrolled_motion(robot, motion.linearised)
+    uncontrolled = uncontrolled_motion(robot, motion.linearised)
     terms = forces * uncontrolled.motion
     # a motion without forces has terms of rounding alone: what holds its masses on circles is a size, too
     rate, escape = (float(np.abs(v / robot.column_scale).max()) for v in (motion.v, uncontrolled.motion))

@@ -8,8 +8,9 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.dynamics.forces import tree_forces
+from framework.dynamics.platform_wrench import motor_speeds
 from framework.dynamics.result import InverseDynamics
-from framework.kinematics.motion_rates import Motion, joint_rates
+from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.singularity.type2 import sign_along, singularity_measure, twist_norm
 
@@ -32,11 +33,7 @@ class WrenchCurves(NamedTuple):
 def wrench_curves(robot: ParallelRobot, motion: Motion) -> WrenchCurves:
     """Compute g, t_s, W_p and t_s . W_p along a motion in time."""
     forces = tree_forces(robot, motion)
-    still = np.zeros((len(forces), robot.n_e))
-    wrench = np.empty((len(forces), robot.n))
-    for k, axis in enumerate(np.eye(robot.n)):
-        rates = joint_rates(robot, motion.linearised, np.broadcast_to(axis, wrench.shape), still)
-        wrench[:, k] = np.sum(rates * forces, axis=1)
+    wrench = np.einsum("tvn,tv->tn", motor_speeds(robot, motion.linearised)[1], forces)
     measure = singularity_measure(robot, motion.linearised)
     twist = np.einsum("tnv,tv->tn", motion.linearised.platform, measure.motion)
     nearest = int(np.argmin(np.abs(measure.g)))

@@ -22,7 +22,6 @@ import numpy as np
 import pinocchio as pin
 
 from framework.arrays import Array
-from framework.dynamics.tangent_stiffness import spring_stiffness
 from framework.export.mjcf_loops import OFF_ORIGIN, equality_axes, frame_names
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import is_ball, positions_beyond_limits
@@ -115,7 +114,7 @@ def _body(robot: ParallelRobot, data: pin.Data, j: int, parent: ElementTree.Elem
     armature[robot.actuated] += robot.rotor_inertia * robot.gear_ratio**2
     for key, value in (
         ("armature", armature[column]),
-        ("stiffness", spring_stiffness(robot)[column]),
+        ("stiffness", robot.all_stiffness[column]),
         ("springref", robot.joint_rest[column]),
         ("damping", robot.joint_damping[column]),
         ("frictionloss", robot.joint_friction[column]),

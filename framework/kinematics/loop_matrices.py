@@ -58,7 +58,7 @@ def near_type_2(robot: ParallelRobot, linearised: LinearisedLoops, level: float)
 
 def equation_sizes(robot: ParallelRobot) -> Array:
     """Compute the characteristic scale (n + m,) of each equation [m or rad], the platform's first."""
-    loops = np.where(robot.loops.rotation, 1.0, robot.length) * robot.structure.row_sizes
+    loops = robot.loop_lengths * robot.structure.row_sizes
     return np.concatenate([robot.platform_scale, loops])
 
 

@@ -103,10 +103,17 @@ def without_elastic_rates(robot: ParallelRobot, q: Array, v: Array, a: Array) ->
     """Compute the motion of the same platform at the same deflections, as if these did not change."""
     frames = frames_at(robot, q)
     linearised = linearised_at(robot, q, robot.platform.coordinates(frames))
-    drift = robot.platform.drift(frames, frame_motions(robot, frames, q, v))
-    twist, dtwist = (np.einsum("tnv,tv->tn", linearised.platform, rates) for rates in (v, a))
+    twists = platform_twists(robot, Motion(q, v, a, linearised))
     still = np.zeros((len(q), robot.n_e))
-    return _motion_of_twist(robot, q, linearised, (twist, dtwist + drift), (still, still))
+    return _motion_of_twist(robot, q, linearised, twists, (still, still))
+
+
+def platform_twists(robot: ParallelRobot, motion: Motion) -> tuple[Array, Array]:
+    """Compute the platform's twist v and its time derivative, each (T, n), of a motion."""
+    frames, jacobian = motion.linearised.frames, motion.linearised.platform
+    drift = robot.platform.drift(frames, frame_motions(robot, frames, motion.q, motion.v))
+    twist, rate = (np.einsum("tnv,tv->tn", jacobian, rates) for rates in (motion.v, motion.a))
+    return twist, rate + drift
 
 
 def _motion_of_twist(

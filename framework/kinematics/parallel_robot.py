@@ -167,10 +167,15 @@ class ParallelRobot(Mechanism):
         """Characteristic scale of each of `rows`, (rows,): length of the robot [m], or 1 for rotations."""
         return read_only(np.where(self.rows.rotation, 1.0, self.length))
 
+    @property
+    def loop_lengths(self) -> Array:
+        """Those of the independent loop equations, (m,)."""
+        return self.row_lengths[self.structure.independent]
+
     @cached_property
     def passive_scale(self) -> Array:
         """Factors (m, n_p) that make the passive columns of the loop equations dimensionless."""
-        rows = self.row_lengths[self.structure.independent] * self.structure.row_sizes
+        rows = self.loop_lengths * self.structure.row_sizes
         return read_only(self.column_scale[self.following] / rows[:, None])
 
     def actuated_coordinates(self, q: Array) -> Array:

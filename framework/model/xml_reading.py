@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterable
+from collections.abc import Collection
 
 import numpy as np
 
@@ -44,7 +44,7 @@ def numbers(
 
 
 def only(
-    element: ElementTree.Element, where: str, children: Iterable[str], attributes: Iterable[str]
+    element: ElementTree.Element, where: str, children: Collection[str], attributes: Collection[str]
 ) -> None:
     """Refuse children and attributes that are not known, and children given twice."""
     tags = [child.tag for child in element]

@@ -19,13 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from framework.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays, select
+from framework.dynamics.forces import spring_torques
 from framework.dynamics.tangent_stiffness import (
     Balance,
     Load,
     balance,
     given_wrench,
     moving_columns,
-    spring_forces,
     tangent_stiffness,
 )
 from framework.kinematics.continuation.turning_point import (
@@ -121,7 +121,7 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
         InvalidInput: a robot without springs; a wrench without a potential.
     """
     require_springs(robot)
-    load = Load(given_wrench(robot, wrench), np.zeros(len(q)), spring_forces(robot, q))
+    load = Load(given_wrench(robot, wrench), np.zeros(len(q)), spring_torques(robot, q, robot.all_stiffness))
     unloaded = balance(robot, q, load)
     current = _Points(q.copy(), load.share, _tangents(unloaded.H, unloaded.drive, unloaded.null)[0])
     step, reason = np.full(len(q), MAX_STEP), np.full(len(q), LoadReason.NOT_CONVERGED, dtype=np.uint8)

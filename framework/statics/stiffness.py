@@ -33,7 +33,6 @@ from framework.dynamics.tangent_stiffness import (
     balance,
     given_wrench,
     moving_columns,
-    spring_stiffness,
     tangent_stiffness,
 )
 from framework.errors import InvalidInput, NotConverged
@@ -87,7 +86,7 @@ def compliant_motions(robot: ParallelRobot, linearised: LinearisedLoops, q: Arra
     count = loops.shape[1]
     null = np.linalg.qr(loops.swapaxes(1, 2), mode="complete")[0][:, :, count:]
     Z = null * robot.column_scale[columns][:, None]
-    stiffness = spring_stiffness(robot)[columns]
+    stiffness = robot.all_stiffness[columns]
     mass = mass_matrices(robot, q)[:, columns[:, None], columns]
     transposed = Z.swapaxes(1, 2)
     return CompliantMotions(
