@@ -121,6 +121,6 @@ def _planned_multipliers(reference: Reference) -> Array:
     r = tree_forces(robot, motion)
     n = robot.gear_ratio
     r[:, robot.actuated] -= n * (reference.torque - robot.rotor_inertia * n * motion.a[:, robot.actuated])
-    J = scaled(robot, motion.linearised.closures, robot.loops.rotation)
+    J = scaled_loops(robot, motion.linearised)
     transposed = np.linalg.pinv(J.transpose(0, 2, 1))  # (K, m, nv)
     return (transposed @ (r * robot.column_scale)[..., None])[..., 0]
