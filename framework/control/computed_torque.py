@@ -24,6 +24,7 @@ from framework.errors import InvalidInput
 from framework.kinematics.closures import closure_drift, loop_equations, scaled
 from framework.kinematics.external_wrenches import AppliedWrench
 from framework.kinematics.frames import frame_motions, frames_at
+from framework.kinematics.loop_matrices import scaled_loops
 from framework.linalg.ordered_sums import matvec, solve
 
 
