@@ -15,6 +15,7 @@ from framework.cli.capacity import capacity_text
 from framework.crossing.capacity import largest_load
 from framework.crossing.scenes import scene_path
 from framework.kinematics.external_wrenches import ExternalWrenches
+from framework.tolerances import LIMIT_MARGIN
 
 LIMIT = 0.2  # [N m]
 PUSH = {"left_tip": (0.0, -1.0, 0.0, 0.0, 0.0, 0.0)}
@@ -56,7 +57,7 @@ def test_the_ends_carry_what_they_rest_on():
     assert max(found.plan.peak_torque.values()) <= LIMIT
     assert found.plan.certificate.tail < 1e-9
     assert found.plan.request.wrenches == {"left_tip": [0, -found.multiple, 0, 0, 0, 0]}
-    assert found.refusal.evidence.least.torque_peak > 1.0
+    assert found.refusal.evidence.least.torque_peak > 1.0 - LIMIT_MARGIN  # of which so much is left free
 
 
 @pytest.mark.slow
