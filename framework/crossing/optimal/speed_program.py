@@ -337,7 +337,8 @@ class SpeedProgram:
             largest = np.inf if bounds.peak is None else bounds.peak / units.torque
             limited = bool(np.isfinite(limit[motor]))
             if bounds.torque_limits and limited and goal != "limits":
-                largest = min(largest, bounds.share * limit[motor] / unit)
+                rest = np.abs(offset[[0, len(self.xi) - 1]]).max()  # at the ends, whatever the law
+                largest = min(largest, max(bounds.share * limit[motor], min(rest, limit[motor])) / unit)
             torque = AffineRows({"y": matrix / (unit * scale)}, offset / unit)
             if goal == "peak_torque" or (goal == "limits" and limited):
                 rows += _within(torque, None, bounds.share if goal == "limits" else 1.0)
