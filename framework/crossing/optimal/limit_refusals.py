@@ -32,8 +32,7 @@ def refuse_law(problem: LawProblem, none: NoneFound) -> NoLaw | NotConverged:
     least = find_least_limits(problem)
     if holding is None and not none.infeasible and least.torque_peak is None and least.speed_peak is None:
         return NotConverged(
-            f"{robot.name}: no optimal law was found on {cells} cells: {none.status}"
-            f"{_nearest_end(task, none)}",
+            f"{robot.name}: no optimal law was found on {cells} cells: {none.status}",
             residual=np.inf,
         )
     quickest = None
@@ -94,15 +93,6 @@ def _find_quickest(problem: LawProblem) -> float | None:
     free = problem._replace(task=problem.task._replace(specification=specification))
     best = find_best_law(free.with_goal("time"))
     return best.law.duration if isinstance(best, Best) else None
-
-
-def _nearest_end(task: Task, none: NoneFound) -> str:
-    """Return in words how near a crossing is to an end of the path."""
-    crossings = none.program.problem.crossings
-    if not len(crossings):
-        return ""
-    away = task.phi(np.minimum(crossings, 1.0 - crossings)).min()
-    return f"; the crossing nearest to an end of the path is {float(away):.2g} of it away"
 
 
 def _overloaded_at_rest(problem: LawProblem) -> HoldingTorque | None:
