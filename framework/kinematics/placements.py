@@ -35,7 +35,7 @@ def platform_positions(robot: ParallelRobot, poses: Array) -> Array:
     return frame_origins(robot, poses, robot.frames[0])
 
 
-def platform_twists(robot: ParallelRobot, q: Array, v: Array) -> Array:
+def platform_frame_twists(robot: ParallelRobot, q: Array, v: Array) -> Array:
     """Compute twists (F, 6) of the platform's frame in base axes for its velocities v (F, n) at q (F, nq)."""
     return robot.platform.frame_twist(frames_at(robot, q), v)
 

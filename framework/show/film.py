@@ -24,8 +24,8 @@ from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import (
     joint_poses,
+    platform_frame_twists,
     platform_positions,
-    platform_twists,
     platform_wrenches,
 )
 from framework.motion.law import MotionLaw
@@ -80,7 +80,7 @@ class Film:
     @cached_property
     def twists(self) -> Array:
         """The twists (F, 6) of the platform's frame that t_s is, in base axes."""
-        return platform_twists(self.robot, self.q, self.t_s)
+        return platform_frame_twists(self.robot, self.q, self.t_s)
 
     @cached_property
     def demands(self) -> Array:

@@ -12,7 +12,7 @@ from framework.dynamics.platform_wrench import hold_at
 from framework.errors import InvalidInput, NotAssembled
 from framework.kinematics.continuation.forward_kinematics import motors_are_free
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.placements import joint_poses, platform_positions, platform_twists
+from framework.kinematics.placements import joint_poses, platform_frame_twists, platform_positions
 from framework.locus.drawn_locus import locus_curves
 from framework.output import Document
 from framework.show.captions import asked as kind_of_hold
@@ -166,7 +166,7 @@ def _loose_sentence(robot: ParallelRobot, loose: LooseMotion) -> str:
 
 def _document(robot: ParallelRobot, pose: JoggedPose) -> Document:
     poses = joint_poses(robot, pose.q[None])
-    twist = platform_twists(robot, pose.q[None], pose.twist[None])[0]
+    twist = platform_frame_twists(robot, pose.q[None], pose.twist[None])[0]
     return _hold(robot, pose) | {
         "q": pose.q.tolist(),
         "poses": floats(poses),

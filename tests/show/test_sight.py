@@ -9,7 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
-from framework.kinematics.placements import joint_poses, platform_positions, platform_twists
+from framework.kinematics.placements import joint_poses, platform_frame_twists, platform_positions
 from framework.locus.drawn_locus import locus_patch
 from framework.show.drawing import draw_robot
 from framework.show.sight import film_sight
@@ -60,7 +60,7 @@ def test_the_base_of_a_hexapod_hides_no_leg_and_fills_less_than_its_picture(sigh
 def test_path_and_t_s_lie_across_the_sight(sights, name):
     film, sight = sights[name]
     q = film.q[film.telling_frame][None]
-    twist = platform_twists(film.robot, q, film.t_s[film.telling_frame][None])[0]
+    twist = platform_frame_twists(film.robot, q, film.t_s[film.telling_frame][None])[0]
     arrow = twist[:3] if len(film.robot.platform.sliding) else twist[3:]
     assert np.linalg.norm(sight.onto(arrow)) > 0.7 * np.linalg.norm(arrow)
     steps = np.diff(platform_positions(film.robot, joint_poses(film.robot, film.q)), axis=0)
