@@ -110,9 +110,10 @@ def _search_smooth(search: SmoothSearch, near: Speed | None = None) -> Best | No
     """
     duration, valued = search.program.problem.specification.duration, search.program
     best: Best | None = None
+    search = search.limit_duration()
     try:
         for _ in range(MAX_ROW_ROUNDS + 1):
-            found = search.find_smoothest() if duration is None else search.find_lasting(duration, near)
+            found = search.find_smoothest(near) if duration is None else search.find_lasting(duration, near)
             if isinstance(found, Speed):
                 best, near = _make_best(search, found), found
                 exceeded = find_exceeded_places(search.program, found, search.bounds)
@@ -123,7 +124,8 @@ def _search_smooth(search: SmoothSearch, near: Speed | None = None) -> Best | No
             least = found if search.program is valued else solve_least_cost(search.program, search.units)
             if isinstance(least, NoneFound):
                 return best or found
-            search, near, valued = search._replace(least=least[0], units=least[1]), None, search.program
+            search = search._replace(least=least[0], units=least[1]).limit_duration()
+            near, valued = None, search.program
     except InvalidInput as reason:  # z comes too near to zero
         return best or NoneFound(search.program, str(reason))
     return best or NoneFound(search.program, "limits are exceeded between the points")
@@ -142,4 +144,4 @@ def _make_best(search: SmoothSearch, found: Speed) -> Best:
         program.problem.task.stretch.at,
         tuple(program.basis.cells),
     )
-    return Best(law, search, program.speed(y))
+    return Best(law, search, program.speed(y)._replace(floor=found.floor))

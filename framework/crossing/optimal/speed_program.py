@@ -26,6 +26,7 @@ from scipy import sparse
 from framework.arrays import Array, BoolArray, IntArray, read_only
 from framework.crossing.optimal.optimal_task import Task
 from framework.crossing.optimal.phase_plane import Deflections, Demand, SquaredSpeed, demand
+from framework.crossing.optimal.sampled_demand import SampledDemand
 from framework.crossing.specification import Specification
 from framework.motion.cone_program import Affine, AffineRows, ConeProgram, Unsolved, solve_cone_program
 from framework.motion.exact_duration import SpeedSpace
@@ -47,6 +48,7 @@ class LawProblem(NamedTuple):
     conditions: (k, 4), constant + per_z z + per_u u + per_du u' = 0.
     deflections: of the springs along the path, if any.
     before: the squared speed about which damping is linearised, if any.
+    sampled: the demand along the path, if it was resolved.
     weighing: the `reference`, where that is not of the limits.
     degree: of z as one Chebyshev series, which deflections need; None for splines.
     """
@@ -56,13 +58,16 @@ class LawProblem(NamedTuple):
     conditions: Array
     deflections: Deflections | None = None
     before: SquaredSpeed | None = None
+    sampled: SampledDemand | None = None
     weighing: Array | None = None
     degree: int | None = None
 
     def demand(self, sigma: Array) -> Demand:
         """Compute torques and speeds of the motors at sigma (M,)."""
         task = self.task
-        return demand(task.branch, task.phi, sigma, self.deflections, task.geometry, self.before)
+        if self.sampled is not None:
+            return self.sampled.evaluate(task.phi, sigma)
+        return demand(task.branch, task.phi, sigma, self.deflections, task.geometry)
 
     def basis_on(self, cells: Array) -> SpeedBasis:
         """Return the basis of z: splines on cells (k + 1,), or the series of the degree."""
@@ -146,7 +151,8 @@ class Speed(NamedTuple):
     """A squared speed by its coefficients y (n,) [1/s^2], and what it costs.
 
     duration [s]; peak of torques over the reference, and of motor speeds over their limits, at the rows;
-    energy [s] of torques over the reference; value: the least duration [s] by the solver's own quadrature.
+    energy [s] of torques over the reference; value: the least duration [s] by the solver's own quadrature;
+    floor [1/s^2]: below which coefficients were not sought.
     """
 
     y: Array
@@ -155,6 +161,7 @@ class Speed(NamedTuple):
     peak_speed: float
     energy: float
     value: float = np.nan
+    floor: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -325,7 +332,7 @@ class SpeedProgram:
             return optimum
         y = self.meet_conditions(optimum.unknowns["y"] / scale)
         value = float(inside @ optimum.unknowns["v"]) * units.time if goal == "time" else np.nan
-        return self.speed(y, value)
+        return self.speed(y, value)._replace(floor=floor)
 
     def _limit_rows(self, goal: str, bounds: Bounds, units: Units) -> list[AffineRows]:
         """Return bounds of torques and squared speeds as rows that may not be negative."""
@@ -391,10 +398,11 @@ def motor_rows(problem: LawProblem, basis: SpeedBasis, conditions: Affine, xi: A
     asked = problem.demand(sigma)
     z = basis.matrix(xi)
     u = sparse.diags_array(0.5 * task.stretch(sigma, 1)) @ basis.matrix(xi, 1)
-    constant = asked.torque.constant + asked.friction(specification.friction)
+    affine = asked.linearise_damping(None if problem.before is None else problem.before(sigma))
+    constant = affine.constant + asked.friction(specification.friction)
     torques = []
     for motor in range(constant.shape[1]):
-        per_z, per_u = (sparse.diags_array(part[:, motor]) for part in asked.torque[1:])
+        per_z, per_u = (sparse.diags_array(part[:, motor]) for part in affine[1:])
         torques.append(Affine(sparse.csr_array(per_z @ z + per_u @ u), constant[:, motor].copy()))
     for place in np.unique(problem.places):
         near = np.abs(xi - place) < POLE_WIDTH

@@ -22,7 +22,8 @@ from framework.crossing.optimal.optimal_task import (
     crossing_places,
     other_law,
 )
-from framework.crossing.optimal.phase_plane import Deflections, SquaredSpeed, demand
+from framework.crossing.optimal.phase_plane import Deflections, SquaredSpeed
+from framework.crossing.optimal.sampled_demand import sample_demand
 from framework.crossing.optimal.speed_program import POLE_WIDTH, LawProblem, condition_rows
 from framework.errors import InvalidInput, NotConverged
 from framework.motion.exact_duration import SpeedSpace
@@ -111,7 +112,8 @@ def problem_of(
     before: SquaredSpeed | None = None,
 ) -> LawProblem:
     """Return the problem of a task, damping linearised about the squared speed of a law before."""
-    return LawProblem(task, *conditions_at(task, places, deflections, before), deflections, before)
+    sampled = sample_demand(task) if deflections is None else None
+    return LawProblem(task, *conditions_at(task, places, deflections, before), deflections, before, sampled)
 
 
 def _found_or_refused(problem: LawProblem, found: Best | NoneFound) -> Best:
@@ -131,13 +133,9 @@ def _tangent_error(problem: LawProblem, best: Best) -> float:
     xi = best.program.xi
     beside = np.abs(xi[:, None] - problem.places).min(axis=1, initial=np.inf) < POLE_WIDTH
     sigma = task.stretch.inverse(xi[~beside][1:-1])
-    with_damping, without = (
-        demand(task.branch, task.phi, sigma, problem.deflections, task.geometry, speed).torque.constant
-        for speed in (before, None)
-    )
     root = np.sqrt(before(sigma))
     z = best.law.squared_speed(sigma)
-    off = 2.0 * (with_damping - without) / root[:, None] * (np.sqrt(z) - 0.5 * (root + z / root))[:, None]
+    off = problem.demand(sigma).damping * (np.sqrt(z) - 0.5 * (root + z / root))[:, None]
     return float(np.abs(off / best.reference).max(initial=0.0)) / best.peak
 
 

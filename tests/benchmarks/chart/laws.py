@@ -134,7 +134,7 @@ class _Unloaded(LawProblem):
     def demand(self, sigma: Array) -> Demand:
         step = self.task.phi
         torque = AffineInSpeed(np.zeros((len(sigma), 1)), step(sigma, 2)[:, None], step(sigma, 1)[:, None])
-        return Demand(torque=torque, speed=step(sigma, 1)[:, None])
+        return Demand(torque, 0.0 * torque.constant, step(sigma, 1)[:, None])
 
 
 def _optimal(setting: Setting) -> Callable[[], TimedLaw]:
