@@ -10,13 +10,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from framework.arrays import Array
+from framework.crossing.optimal.law_problem import LawProblem
 from framework.crossing.optimal.least_cost import NoneFound, cost_of, find_least_cost, solve_least_cost
 from framework.crossing.optimal.smooth_search import SmoothSearch, find_exceeded_places
-from framework.crossing.optimal.speed_program import LawProblem, Speed, SpeedProgram
+from framework.crossing.optimal.speed_program import Speed, SpeedProgram
 from framework.errors import InvalidInput
 from framework.motion.optimal_law import OptimalLaw
+from framework.tolerances import SMOOTHNESS_COST
 
-COST_SHARE = 4e-3  # of the least cost, which smoothness may take
 MAX_ROW_ROUNDS = 3  # of solving with rows where a limit was exceeded between the points
 LIMIT_TIGHTENING = 1e-5  # share of a limit that is left free when it was exceeded
 
@@ -56,7 +57,7 @@ class Best(NamedTuple):
 
 
 def find_best_law(
-    problem: LawProblem, cells: Array | None = None, *, share: float = COST_SHARE
+    problem: LawProblem, cells: Array | None = None, *, share: float = SMOOTHNESS_COST
 ) -> Best | NoneFound:
     """Find the smoothest law whose cost is within a share of the least.
 

@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array, BoolArray
-from framework.crossing.optimal.speed_program import Bounds, LawProblem, Speed, SpeedProgram, Units
+from framework.crossing.optimal.law_problem import LawProblem
+from framework.crossing.optimal.speed_program import Bounds, Speed, SpeedProgram, Units
 from framework.motion.cone_program import Unsolved
 from framework.tolerances import LIMIT_MARGIN
 

@@ -14,8 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array, BoolArray
+from framework.crossing.optimal.law_problem import motor_rows
 from framework.crossing.optimal.least_cost import NoneFound, solve_least_cost
-from framework.crossing.optimal.speed_program import Bounds, Speed, SpeedProgram, Units, motor_rows
+from framework.crossing.optimal.speed_program import Bounds, Speed, SpeedProgram, Units
 from framework.motion.cone_program import Unsolved
 from framework.tolerances import LIMIT_MARGIN, SAME_PLACE, SQUARED_SPEED_FLOORS
 

@@ -12,7 +12,8 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.crossing.condition import CrossingPoint
-from framework.crossing.optimal.best_law import COST_SHARE, Best, adapt_law, find_best_law, resume_law
+from framework.crossing.optimal.best_law import Best, adapt_law, find_best_law, resume_law
+from framework.crossing.optimal.law_problem import POLE_WIDTH, LawProblem, condition_rows
 from framework.crossing.optimal.least_cost import NoneFound
 from framework.crossing.optimal.limit_refusals import refuse_law
 from framework.crossing.optimal.optimal_task import (
@@ -24,11 +25,10 @@ from framework.crossing.optimal.optimal_task import (
 )
 from framework.crossing.optimal.phase_plane import Deflections, SquaredSpeed
 from framework.crossing.optimal.sampled_demand import sample_demand
-from framework.crossing.optimal.speed_program import POLE_WIDTH, LawProblem, condition_rows
 from framework.errors import InvalidInput, NotConverged
 from framework.motion.exact_duration import SpeedSpace
 from framework.motion.optimal_law import OptimalLaw
-from framework.tolerances import DAMPING_TORQUE_ERROR
+from framework.tolerances import DAMPING_TORQUE_ERROR, SMOOTHNESS_COST
 
 MAX_TANGENTS = 20  # of damping linearised about the previous law
 MAX_CONDITION_STEPS = 4  # of Newton's method, from a law that nearly meets condition (8)
@@ -52,7 +52,7 @@ def find_law(
     *,
     deflections: Deflections | None = None,
     cells: Array | None = None,
-    share: float = COST_SHARE,
+    share: float = SMOOTHNESS_COST,
     degree: int | None = None,
 ) -> Best:
     """Find the best law through these places, with deflections along the path if they are known.

@@ -20,8 +20,8 @@ from scipy.interpolate import KroghInterpolator
 
 from framework.arrays import Array, ArrayLike
 from framework.crossing.optimal.best_law import Best, find_best_law
+from framework.crossing.optimal.law_problem import LawProblem
 from framework.crossing.optimal.phase_plane import AffineInSpeed, Demand
-from framework.crossing.optimal.speed_program import LawProblem
 from framework.crossing.specification import Specification
 from framework.errors import NoLaw
 from framework.motion.law import Condition, Law

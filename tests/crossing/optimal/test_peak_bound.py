@@ -14,10 +14,10 @@ import robots
 from framework import Line, ParallelRobot, plan_crossing
 from framework.crossing.crossing_points import PathToCross
 from framework.crossing.optimal import path_series, peak_bound
+from framework.crossing.optimal.law_problem import LawProblem
 from framework.crossing.optimal.optimal_task import Task
 from framework.crossing.optimal.peak_bound import bound_duration, bound_peak, prove_no_law
 from framework.crossing.optimal.phase_plane import AffineInSpeed, Demand, demand
-from framework.crossing.optimal.speed_program import LawProblem
 from framework.crossing.request import Request
 from framework.crossing.scenes import scene_path
 from framework.crossing.specification import Specification, specification_of
