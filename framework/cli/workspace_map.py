@@ -76,6 +76,7 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         "platform point whose nearest singular pose is looked for, its margin [m, rad]",
         nargs="+",
     )
+    add_number(group, "--within", "R", "how far it is looked for, half a robot's length by default [m, rad]")
     add_executor(parser)
     add_out(
         parser,
@@ -199,7 +200,7 @@ def _write(workspace: WorkspaceMap, path: Path | None, folder: FilePath) -> None
 def _margin(options: Namespace, robot: ParallelRobot) -> NearestSingularPose | None:
     if options.nearest is None:
         return None
-    return nearest_singular_pose(robot, assemble(robot, options.nearest).q)
+    return nearest_singular_pose(robot, assemble(robot, options.nearest).q, within=options.within)
 
 
 def _report(workspace: WorkspaceMap, margin: NearestSingularPose | None) -> Report:
@@ -227,6 +228,7 @@ def _report(workspace: WorkspaceMap, margin: NearestSingularPose | None) -> Repo
             coordinates = zip(robot.axis_names, margin.x, strict=True)
             place = ", ".join(f"{name} = {value + 0.0:.6g}" for name, value in coordinates)
             lines.append(f"    at {place}; t_s {point(margin.twist)}")
-        entry = {key: getattr(margin, key) for key in ("status", "distance", "at_least", "unit", "within")}
+        keys = ("status", "distance", "at_least", "leg_end", "unit", "within")
+        entry = {key: getattr(margin, key) for key in keys}
         document["nearest_singular_pose"] = entry | {"platform": margin.x, "twist": margin.twist}
     return document, "\n".join(lines)
