@@ -27,6 +27,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import positions_beyond_limits, shares_beyond_limits
 from framework.motion.law import PlannedLaw
 from framework.motion.path import Path
+from framework.motion.peaks import peak_sizes
 from framework.singularity.points_on_path import SingularPoint
 from framework.tolerances import SAME_PLACE
 
@@ -127,11 +128,11 @@ class CrossingPlan:
         v = self.dynamics.velocity(t, order)
         return v if np.ndim(t) else v[0]
 
-    @property
+    @cached_property
     def peak_torque(self) -> dict[str, float]:
         """Largest |torque| [N m] of each motor, by joint."""
-        times = np.linspace(0.0, self.duration, PEAK_SAMPLES)
-        peaks = np.abs(self.torque(times)).max(axis=0)
+        edges, size = self.dynamics.torques.edges, self.dynamics.torques.coefficients.shape[1]
+        peaks = peak_sizes(self.torque, edges, size)
         return dict(zip(self.robot.actuator_names, map(float, peaks), strict=True))
 
     @property

@@ -107,9 +107,10 @@ def _find_gentlest(problem: LawProblem, none: NoneFound, share: float) -> Best |
 def _search_smooth(search: SmoothSearch, near: Speed | None = None) -> Best | NoneFound:
     """Find the smooth law, with rows wherever a limit was exceeded between the points.
 
-    Where these raise the least cost by more than the share, that is sought again.
+    Where these, or tighter limits, raise the least cost by more than the share, that is sought again.
     """
-    duration, valued = search.program.problem.specification.duration, search.program
+    duration = search.program.problem.specification.duration
+    sought_again: SpeedProgram | None = None
     best: Best | None = None
     search = search.limit_duration()
     try:
@@ -122,11 +123,13 @@ def _search_smooth(search: SmoothSearch, near: Speed | None = None) -> Best | No
                     return best
                 search = search._replace(program=search.program.extend(exceeded))
                 continue
-            least = found if search.program is valued else solve_least_cost(search.program, search.units)
+            if search.program is sought_again:
+                return best or found
+            least = solve_least_cost(search.program, search.units, kept=search.kept)
             if isinstance(least, NoneFound):
                 return best or found
             search = search._replace(least=least[0], units=least[1]).limit_duration()
-            near, valued = None, search.program
+            near, sought_again = None, search.program
     except InvalidInput as reason:  # z comes too near to zero
         return best or NoneFound(search.program, str(reason))
     return best or NoneFound(search.program, "limits are exceeded between the points")
