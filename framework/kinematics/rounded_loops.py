@@ -14,7 +14,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.errors import NotAssembled
-from framework.kinematics.assembly import Closing, all_loops_matrix, close_reference
+from framework.kinematics.assembly import Closing, all_loops_matrix, close_reference, nearby_configurations
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.frames import frames_at
 from framework.kinematics.loop_structure import numerical_rank, row_pivots
@@ -34,16 +34,25 @@ class AssembledMechanism(NamedTuple):
 def assembled_mechanism(mechanism: Mechanism) -> AssembledMechanism:
     """Close the loops at the reference, rows left aside that repeat others but for rounding.
 
+    A drawing may be assembled to the last digit where it was drawn, and locked there by its rounding: rows
+    that repeat others at poses nearby, too, are left aside.
+
     Raises:
         NotAssembled: they do not close, and rounding is not why; see `close_reference`.
     """
     try:
-        return AssembledMechanism(mechanism, close_reference(mechanism))
+        closing = close_reference(mechanism)
     except NotAssembled as failure:
         kept = _without_rounded_rows(mechanism, failure.q)
         if kept is None:
             raise
-    return AssembledMechanism(kept, close_reference(kept))
+        return AssembledMechanism(kept, close_reference(kept))
+    matrix = all_loops_matrix(mechanism, closing.q)[:, mechanism.joints]
+    if numerical_rank(matrix) > numerical_rank(matrix, ROUNDED_ROW):
+        kept = _without_rounded_rows(mechanism, closing.q)
+        if kept is not None and _is_rounded_nearby(mechanism, kept, closing.q):
+            return AssembledMechanism(kept, closing)
+    return AssembledMechanism(mechanism, closing)
 
 
 def rounded_gap(mechanism: Mechanism, q: Array) -> float:
@@ -56,12 +65,26 @@ def rounded_gap(mechanism: Mechanism, q: Array) -> float:
 def _without_rounded_rows(mechanism: Mechanism, q: Array) -> Mechanism | None:
     """Return the mechanism without rows that repeat others but for rounding at q (nq,), None without such."""
     rows = mechanism.rows
-    weights = np.where(rows.rotation, 1.0, 1.0 / mechanism.length)
-    gap = np.abs(weights * loop_equations(rows, frames_at(mechanism, q[None])).residual[0]).max()
     matrix = all_loops_matrix(mechanism, q)[:, mechanism.joints]
     rank = numerical_rank(matrix, ROUNDED_ROW)
-    if gap > EXPORT_ROUNDING or rank == len(rows.names):
+    if _gap(mechanism, q) > EXPORT_ROUNDING or rank == len(rows.names):
         return None
     order = row_pivots(matrix)
     kept, others = np.sort(order[:rank]), np.sort(order[rank:])
     return replace(mechanism, rows=rows.take(kept), rounded=rows.take(others))
+
+
+def _is_rounded_nearby(mechanism: Mechanism, kept: Mechanism, q: Array) -> bool:
+    """Whether the rows that `kept` leaves aside repeat its own at the poses that it reaches nearby."""
+    poses = nearby_configurations(kept, q)
+    ranks = [
+        numerical_rank(all_loops_matrix(mechanism, pose)[:, mechanism.joints], ROUNDED_ROW) for pose in poses
+    ]
+    return set(ranks) == {len(kept.rows.names)} and max(_gap(mechanism, pose) for pose in poses) <= EXPORT_ROUNDING
+
+
+def _gap(mechanism: Mechanism, q: Array) -> float:
+    """Compute by how much the rows are open at most at q (nq,) [robot lengths or rad]."""
+    rows = mechanism.rows
+    weights = np.where(rows.rotation, 1.0, 1.0 / mechanism.length)
+    return float(np.abs(weights * loop_equations(rows, frames_at(mechanism, q[None])).residual[0]).max())
