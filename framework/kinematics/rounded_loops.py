@@ -80,7 +80,10 @@ def _is_rounded_nearby(mechanism: Mechanism, kept: Mechanism, q: Array) -> bool:
     ranks = [
         numerical_rank(all_loops_matrix(mechanism, pose)[:, mechanism.joints], ROUNDED_ROW) for pose in poses
     ]
-    return set(ranks) == {len(kept.rows.names)} and max(_gap(mechanism, pose) for pose in poses) <= EXPORT_ROUNDING
+    return (
+        set(ranks) == {len(kept.rows.names)}
+        and max(_gap(mechanism, pose) for pose in poses) <= EXPORT_ROUNDING
+    )
 
 
 def _gap(mechanism: Mechanism, q: Array) -> float:

@@ -24,6 +24,7 @@ from scipy.linalg import qr
 from framework.arrays import Array
 from framework.errors import FrameworkError, NotAssembled, RobotFileError
 from framework.kinematics.assembly import all_loops_matrix, nearby_configurations
+from framework.kinematics.closures import loop_equations
 from framework.kinematics.diagnostics.assembly_search import find_closed_pose
 from framework.kinematics.diagnostics.mobility import (
     PROPOSED_AXES_CLEARANCE,
@@ -35,6 +36,7 @@ from framework.kinematics.diagnostics.mobility import (
     row_space,
     scaled_twists,
 )
+from framework.kinematics.frames import frames_at
 from framework.kinematics.loop_structure import independent_rows
 from framework.kinematics.mechanism import Mechanism, columns_of, frame_of
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -58,6 +60,7 @@ class _Motions(NamedTuple):
     q: Array  # (nq,)
     basis: Array  # (nv, f) orthonormal, in radians and lengths of the robot
     working: Array  # (nv, w) of those that move a centre of mass
+    remarks: tuple[str, ...]  # on the pose
 
     @property
     def freedoms(self) -> int:
@@ -78,12 +81,22 @@ class _Motions(NamedTuple):
         return chosen
 
 
+class _Undriven(RobotFileError):
+    """Motions that no motor determines, and `joints` that hold them in the pose of the `remarks`."""
+
+    def __init__(self, message: str, motions: _Motions, joints: Sequence[str], why: str) -> None:
+        super().__init__(message)
+        self.joints = joints
+        self.reference = motions.mechanism.reference_values(motions.q)
+        self.remarks = (*motions.remarks, f"held: {', '.join(joints)} ({why}; --motors says otherwise)")
+
+
 def propose(options: Options, known: Known) -> Resolved:
     """Complete the description by platform, motors and reference where missing, with a remark on each.
 
     Free bases are held, and joints in no loop that carry none (a wrist on a delta), unless the options name
     them or the platform is on them; where nothing is said, those that carry loops (the hip of a leg), too,
-    if the whole cannot be planned.
+    if the whole cannot be planned; and springs and idle turns that no motor drives.
 
     Raises:
         NotAssembled: the loops close nowhere.
@@ -105,16 +118,29 @@ def propose(options: Options, known: Known) -> Resolved:
         return Resolved(replace(known.description, platform=known.platform), tuple(remarks))
     try:
         resolved = _proposed(known, by_joints=not heads or not options.is_silent)
-    except RobotFileError:
-        if not heads or not options.is_silent:
+    except RobotFileError as error:
+        if heads and options.is_silent:
+            remarks.append(_held(heads))
+            resolved = _proposed_driven(_holding(known, heads))
+        elif isinstance(error, _Undriven):
+            resolved = _proposed_driven(known)
+        else:
             raise
-        remarks.append(_held(heads))
-        resolved = _proposed(_holding(known, heads), by_joints=True)
     return resolved._replace(remarks=(*remarks, *resolved.remarks))
 
 
 def _held(joints: Sequence[str]) -> str:
     return f"held: {', '.join(joints)} (in no loop; --motors or --platform say otherwise)"
+
+
+def _proposed_driven(known: Known) -> Resolved:
+    """Complete the description as `_proposed` does; hold what no motor drives where that may be."""
+    try:
+        return _proposed(known, by_joints=True)
+    except _Undriven as loose:
+        description = replace(known.description, reference=loose.reference)
+        resolved = _proposed(_holding(known._replace(description=description), loose.joints), by_joints=True)
+        return resolved._replace(remarks=(*loose.remarks, *resolved.remarks))
 
 
 def _proposed(known: Known, *, by_joints: bool) -> Resolved:
@@ -125,17 +151,17 @@ def _proposed(known: Known, *, by_joints: bool) -> Resolved:
     urdf = ElementTree.tostring(known.tree.root, encoding="unicode")
     known = known._replace(description=replace(known.description, urdf_text=urdf))
     try:
-        return _proposed_at(known, *_closed(known.description), by_joints=by_joints)
+        return _proposed_at(known, _closed(known.description), by_joints=by_joints)
     except RobotFileError:
         within = _within_limits(known.description)
         if within is None:
             raise
-    return _proposed_at(known, *within, by_joints=by_joints)
+    return _proposed_at(known, within, by_joints=by_joints)
 
 
-def _proposed_at(known: Known, motions: _Motions, remarks: list[str], *, by_joints: bool) -> Resolved:
+def _proposed_at(known: Known, motions: _Motions, *, by_joints: bool) -> Resolved:
     """Complete the description at a closed pose."""
-    tree = known.tree
+    tree, remarks = known.tree, [*motions.remarks]
     if not motions.freedoms:
         if motions.basis.shape[1] and not any(i.mass for i in list(motions.mechanism.model.inertias)[1:]):
             raise RobotFileError("no link that moves has a mass: an inertia is missing")
@@ -171,11 +197,9 @@ def _proposed_at(known: Known, motions: _Motions, remarks: list[str], *, by_join
             return Resolved(replace(description, platform=platform), tuple(remarks))
     if by_joint:  # what stops this is the more precise reason
         ParallelRobot.from_description(replace(description, platform=by_joint[-1]))
-    idle = motions.basis @ null_space(motions.working.T @ motions.basis)  # or nearly
     raise RobotFileError(
         f"no body is moved by all of the motors {', '.join(description.motor_joints)} along "
-        f"{motions.freedoms} axes; give --platform and --axes, {part}or hold "
-        f"joints ({_to_hold(motions, idle, description, tree) or '--lock'})"
+        f"{motions.freedoms} axes; {part}give --platform and --axes"
     )
 
 
@@ -200,25 +224,25 @@ def _loop_joints(tree: UrdfTree, closure: Closure) -> list[str]:
     return [joint.name for chain in chains for joint in chain]
 
 
-def _within_limits(description: RobotDescription) -> tuple[_Motions, list[str]] | None:
+def _within_limits(description: RobotDescription) -> _Motions | None:
     """Return `_closed` at the nearest closed pose within the joints' limits; None if there is no other."""
     mechanism = Mechanism.from_description(description)
     if not positions_beyond_limits(mechanism.limits, mechanism.q_near[None]):
         return None
     try:
         pose = find_closed_pose(mechanism)
-        within, more = _closed(replace(description, reference=mechanism.reference_values(pose.q)))
+        within = _closed(replace(description, reference=mechanism.reference_values(pose.q)))
     except NotAssembled:
         return None
     remark = (
         f"reference: the nearest closed pose within the joints' limits, {pose.joint} {pose.moved} from the "
         f"file's, from which nothing can be proposed"
     )
-    return within, [remark, *more]
+    return within._replace(remarks=(remark, *within.remarks))
 
 
-def _closed(description: RobotDescription) -> tuple[_Motions, list[str]]:
-    """Return the mechanism at the closed regular pose nearest to its reference, and remarks."""
+def _closed(description: RobotDescription) -> _Motions:
+    """Return the mechanism at the closed regular pose nearest to its reference."""
     mechanism, remarks = Mechanism.from_description(description), list[str]()
     try:
         mechanism, closing = assembled_mechanism(mechanism)
@@ -226,12 +250,13 @@ def _closed(description: RobotDescription) -> tuple[_Motions, list[str]]:
         if mechanism.rounded.names:
             gap = rounded_gap(mechanism, q[None])
             remarks.append(f"rounded and overconstrained by {gap:.2g} m: see `crossing check`")
-    except NotAssembled as failure:
+    except NotAssembled:
         pose = find_closed_pose(mechanism)
         q = pose.q
+        equations = loop_equations(mechanism.rows, frames_at(mechanism, mechanism.q_near[None]))
         remarks.append(
             f"reference: the nearest closed pose, {pose.joint} {pose.moved} from the file's, whose loops "
-            f"are {failure.residual:.2g} m or rad open"
+            f"are {np.abs(equations.residual).max():.2g} m or rad open"
         )
         mechanism = replace(mechanism, q_near=q)
     beside = nearby_configurations(mechanism, q)
@@ -243,7 +268,7 @@ def _closed(description: RobotDescription) -> tuple[_Motions, list[str]]:
     idle = basis @ null_space(moves, NEARLY_AT_REST)
     driven = idle[columns_of(mechanism.model, description.motor_joints)]  # what a motor turns is no idle turn
     parts = basis @ row_space(moves, NEARLY_AT_REST), idle @ row_space(driven, NEARLY_AT_REST)
-    return _Motions(mechanism, q, basis, np.concatenate(parts, axis=1)), remarks
+    return _Motions(mechanism, q, basis, np.concatenate(parts, axis=1), tuple(remarks))
 
 
 def _rank(mechanism: Mechanism, q: Array) -> int:
@@ -280,29 +305,43 @@ def _best_motors(motions: _Motions, description: RobotDescription) -> list[str]:
     return [names[i] for i in choices[best]]
 
 
-def _to_hold(motions: _Motions, left: Array, description: RobotDescription, tree: UrdfTree) -> str:
-    """Return the option that holds motions (nv, k), by joints with springs, else far from the base."""
+def _to_hold(motions: _Motions, left: Array, description: RobotDescription, tree: UrdfTree) -> list[str]:
+    """Return joints that hold all of motions (nv, k): with springs first, else far from the base."""
     springs = [name for name, acting in description.joints.items() if acting.stiffness]
     names = dict.fromkeys([*springs, *reversed(tree.movable)])
     free = [name for name in names if name in tree.movable and name not in description.motor_joints]
     held = motions.independent(left, free)
-    return f"such as --lock {' '.join(held)}" if held and len(held) == left.shape[1] else ""
+    return held if len(held) == left.shape[1] else []
 
 
 def _check_driven(motions: _Motions, description: RobotDescription, tree: UrdfTree) -> None:
-    """Refuse a mechanism with motions that no motor determines, and say what would hold them."""
+    """Refuse a mechanism with motions that no motor determines, and say what would hold them.
+
+    Raises:
+        _Undriven: with joints to hold, if they have springs, or a body that all motors move stands still.
+        RobotFileError: there are none such.
+    """
     motors = description.motor_joints
-    left = motions.working @ null_space(motions.rates(motors))
+    left = motions.working @ null_space(motions.rates(motors))  # (nv, k)
     if not left.shape[1]:
         return
     if not motors:
         raise RobotFileError("no joint of one freedom says where the mechanism is: a motor needs one")
-    raise RobotFileError(
+    names = _to_hold(motions, left, description, tree)
+    advice = f"hold joints (such as --lock {' '.join(names)}), or name" if names else "name"
+    message = (
         f"{motions.freedoms} freedoms and {len(motors)} motor{'s' * (len(motors) != 1)} "
-        f"({', '.join(motors)}): nothing says "
-        f"how {left.shape[1]} of them go; hold joints "
-        f"({_to_hold(motions, left, description, tree) or 'such as --lock or --motors'}), or name more motors"
+        f"({', '.join(motors)}): nothing says how {left.shape[1]} of them go; {advice} more motors"
     )
+    if names and all(name in description.joints and description.joints[name].stiffness for name in names):
+        raise _Undriven(message, motions, names, "springs that no motor drives, as if rigid")
+    driven = motions.working @ np.linalg.pinv(motions.rates(motors))  # (nv, n_a)
+    for _, twists in _twists_of_frames(motions, tree) if names else ():
+        moved = np.linalg.norm(twists @ driven, axis=0)
+        if np.all(moved > FILE_ROUNDING) and np.abs(twists @ left).max() < FILE_ROUNDING:
+            why = "no motor drives them, and what all motors move stands still when they turn"
+            raise _Undriven(message, motions, names, why)
+    raise RobotFileError(message)
 
 
 # ------------------------------------------------------------------ the platform
@@ -311,14 +350,10 @@ def _check_driven(motions: _Motions, description: RobotDescription, tree: UrdfTr
 def _platforms(motions: _Motions, description: RobotDescription, tree: UrdfTree) -> Iterator[Platform]:
     """Yield platforms to try, the likeliest first."""
     count, motors = motions.freedoms, description.motor_joints
-    mechanism = motions.mechanism
-    data = mechanism.model.createData()
-    pin.computeJointJacobians(mechanism.model, data, motions.q)
-    pin.updateFramePlacements(mechanism.model, data)
     rates = np.linalg.pinv(motions.rates(motors))
     entries: list[tuple[float, Platform]] = []
-    for number, frame in enumerate(tree.frames):
-        twists = _twists(mechanism, data, frame) @ motions.working  # (6, w)
+    for number, (frame, of_joints) in enumerate(_twists_of_frames(motions, tree)):
+        twists = of_joints @ motions.working  # (6, w)
         by_motor = np.linalg.norm(twists @ rates, axis=0)
         if not np.all(by_motor > FILE_ROUNDING):
             continue
@@ -377,11 +412,16 @@ def _turns_about_a_point(twists: Array) -> bool:
     )
 
 
-def _twists(mechanism: Mechanism, data: pin.Data, frame: str) -> Array:
-    """Compute twists (6, nv) of a frame, in radians and lengths of the robot."""
+def _twists_of_frames(motions: _Motions, tree: UrdfTree) -> Iterator[tuple[str, Array]]:
+    """Yield each frame with its twists (6, nv), in radians and lengths of the robot."""
+    mechanism = motions.mechanism
+    data = mechanism.model.createData()
+    pin.computeJointJacobians(mechanism.model, data, motions.q)
+    pin.updateFramePlacements(mechanism.model, data)
     axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-    twist = pin.getFrameJacobian(mechanism.model, data, frame_of(mechanism.model, frame), axes)
-    return scaled_twists(mechanism, twist.reshape(6, mechanism.model.nv))
+    for frame in tree.frames:
+        twist = pin.getFrameJacobian(mechanism.model, data, frame_of(mechanism.model, frame), axes)
+        yield frame, scaled_twists(mechanism, twist.reshape(6, mechanism.model.nv))
 
 
 def _is_driven(description: RobotDescription, platform: Platform) -> bool:

@@ -52,14 +52,17 @@ def test_rounded_and_overconstrained_rings_say_by_how_much_they_are_open():
     assert 1e-9 < plan.certificate.rounded_gap < of_ten_numbers
 
 
-def test_a_leg_on_a_trunk_that_floats_is_refused_whole():
-    with pytest.raises(RobotFileError, match="free"):
-        parse_any(DATA / "sprung_leg.xml", propose=propose)
-
-
-def test_one_motor_for_three_freedoms_is_refused_by_the_names_of_what_is_loose():
-    with pytest.raises(RobotFileError, match=r"--lock"):
-        parse_any(DATA / "gripper_on_a_tendon.xml", propose=propose)
+@pytest.mark.parametrize(
+    ("name", "springs"),
+    [("sprung_leg.xml", "shin, heel"), ("gripper_on_a_tendon.xml", "right_spring_link, left_spring_link")],
+)
+def test_springs_that_no_motor_drives_are_held_as_the_options_would_hold_them(name, springs):
+    """An expert locks them by name; proposed alone, and said, the same joints are left to move."""
+    (file,) = (file for file in PLANNED if file.name == name)
+    parsed, locked = parse_any(DATA / name, propose=propose), file.description()
+    assert any(remark.startswith(f"held: {springs} (springs") for remark in parsed.remarks)
+    assert parsed.description.motor_joints == locked.motor_joints
+    assert parsed.description.reference.keys() == locked.reference.keys()
 
 
 def unlike_about_one_axis(description):
