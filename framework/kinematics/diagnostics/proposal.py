@@ -48,6 +48,7 @@ from framework.model.readers.urdf_tree import UrdfTree, merge_sharing
 from framework.tolerances import ALIKE_CHOICES, FILE_ROUNDING, NEARLY_AT_REST
 
 MAX_TRIED = 12  # proposals of a platform, at most
+MAX_SHOWN = 6  # joints that a message names
 MAX_CHOICES = 20_000  # of motors, that are compared one by one
 # parts of names that people give to what a robot works with
 NAMES_OF_TOOLS = ("effector", "tcp", "tool", "tip", "platform", "plate", "foot", "sole", "hand", "eff", "pad")
@@ -163,9 +164,7 @@ def _proposed_at(known: Known, motions: _Motions, *, by_joints: bool) -> Resolve
     """Complete the description at a closed pose."""
     tree, remarks = known.tree, [*motions.remarks]
     if not motions.freedoms:
-        if motions.basis.shape[1] and not any(i.mass for i in list(motions.mechanism.model.inertias)[1:]):
-            raise RobotFileError("no link that moves has a mass: an inertia is missing")
-        raise RobotFileError("the loops leave no freedom that moves a mass: hold fewer joints")
+        raise _no_freedom(motions, known)
     mechanism = motions.mechanism
     description = replace(mechanism.description, reference=mechanism.reference_values(motions.q))
     if not description.actuators:
@@ -203,6 +202,18 @@ def _proposed_at(known: Known, motions: _Motions, *, by_joints: bool) -> Resolve
     )
 
 
+def _no_freedom(motions: _Motions, known: Known) -> RobotFileError:
+    """Return the error where no motion of the loops moves a mass."""
+    if motions.basis.shape[1] and not any(i.mass for i in list(motions.mechanism.model.inertias)[1:]):
+        return RobotFileError("no link that moves has a mass: an inertia is missing")
+    names = sorted(_needed(known))
+    shown = ", ".join(names[:MAX_SHOWN]) + (
+        f" and {len(names) - MAX_SHOWN} more" if names[MAX_SHOWN:] else ""
+    )
+    remedy = "; hold fewer joints" if known.tree.held else ""
+    return RobotFileError(f"the loops leave no freedom that moves a mass to their joints {shown}{remedy}")
+
+
 def _part(description: RobotDescription, tree: UrdfTree) -> str:
     """Return the option that takes one of several parts with loops of their own, such as a leg, if any."""
     motors = [tree.path_to_base(tree.joints[name].child) for name in description.motor_joints]
@@ -214,7 +225,8 @@ def _part(description: RobotDescription, tree: UrdfTree) -> str:
         if 1 < driven < len(motors) and within == {0, 2}:
             return f"take a part of the robot (such as --base {joint.child}), "
     first, *others = merge_sharing(_loop_joints(tree, closure) for closure in description.closures) or [[]]
-    held = [name for joints in others for name in joints]
+    beside = [name for joints in others for name in joints]
+    held = [name for name in beside if name in description.motor_joints] or beside
     return f"hold the loops beside those of {first[0]} (such as --lock {' '.join(held)}), " if held else ""
 
 
@@ -266,7 +278,9 @@ def _closed(description: RobotDescription) -> _Motions:
     basis = find_free_motions(mechanism, q, _rank(mechanism, q))
     moves = centres_of_mass(mechanism, q) @ basis
     idle = basis @ null_space(moves, NEARLY_AT_REST)
-    driven = idle[columns_of(mechanism.model, description.motor_joints)]  # what a motor turns is no idle turn
+    coupled = {name for coupling in description.couplings for name in (coupling.joint, coupling.of)}
+    turned = [*description.motor_joints, *coupled]  # what a motor or a thread turns is no idle turn
+    driven = idle[columns_of(mechanism.model, turned)]
     parts = basis @ row_space(moves, NEARLY_AT_REST), idle @ row_space(driven, NEARLY_AT_REST)
     return _Motions(mechanism, q, basis, np.concatenate(parts, axis=1), tuple(remarks))
 

@@ -2,7 +2,8 @@
 
 Read are models, also in a world, in a model and by `<include>` of a file beside it (`a::b` names what is
 nested); frames and poses with `relative_to` and `attached_to`; joints fixed, revolute, prismatic, universal,
-revolute2 and ball with limits, damping, friction, springs and `<mimic>`; inertias and primitive shapes. A
+revolute2, ball and screw with limits, damping, friction, springs and `<mimic>`; inertias and primitive
+shapes. A screw is a turn and a coupled slide; where it closes a loop, these end in a link without mass. A
 joint whose parent is a `<frame>` stands in that frame, so that the loops may be open where the file has its
 links. Joints with something of their own, such as a limit, stay in the tree, others are cut first. Joints
 that a plugin names are likely motors. The file says nothing about the platform.
@@ -43,13 +44,13 @@ from framework.model.xml_reading import attribute, child_element, numbers
 
 WORLD, MODEL = "world", "__model__"
 UNLIMITED = 1e15  # [rad, m] larger ones stand for no limit
-_KINDS = {kind: kind for kind in ("fixed", "revolute", "prismatic", "universal")} | {
+_KINDS = {kind: kind for kind in ("fixed", "revolute", "prismatic", "universal", "screw")} | {
     "continuous": "revolute",
     "revolute2": "universal",
     "ball": "spherical",
 }
-_AXES = {"universal": ("axis", "axis2"), "revolute": ("axis",), "prismatic": ("axis",)}
-_NOT_READ = ("screw", "gearbox")
+_AXES = dict.fromkeys(("revolute", "prismatic", "screw"), ("axis",)) | {"universal": ("axis", "axis2")}
+_NOT_READ = ("gearbox",)
 _CONSTRAINTS = {"weld_constraint": "fixed", "ball_constraint": "ball"}  # of Drake
 _OWN = ("dynamics", "limit", "mimic")  # what a joint of the tree can have, and a closure cannot
 _DYNAMICS = {
@@ -102,6 +103,16 @@ class _Joint(NamedTuple):
     places: tuple[Array, Array]
     axes: tuple[Array, ...]
 
+    def motions(self) -> list[tuple[str, str, Array | None, str]]:
+        """Return name, kind, axis and the element's tag of each motion of one freedom, from the parent."""
+        if self.kind == "screw":
+            (axis,) = self.axes
+            return [(self.name, "continuous", axis, ""), (f"{self.name}_slide", "prismatic", axis, "")]
+        kind = "continuous" if self.kind in ("revolute", "universal") else self.kind
+        names = (self.name, f"{self.name}_2")
+        turns = zip(names, self.axes, _AXES.get(self.kind, ()), strict=False)
+        return [(name, kind, axis, tag) for name, axis, tag in turns] or [(self.name, kind, None, "")]
+
 
 def read_sdf(file: Path, root: ElementTree.Element, options: Options) -> ParsedRobot:
     """Read the description in an SDF file.
@@ -123,22 +134,24 @@ def read_sdf(file: Path, root: ElementTree.Element, options: Options) -> ParsedR
     joints = [_joint(scope, name, pair) for name, pair in ends.items() if set(pair) <= part]
     chosen = _tree_joints(scope, joints)
     names = [joint.name for joint in chosen]
+    cut = [joint for joint in joints if joint.name not in names]
     tree = UrdfTree(_urdf(scope, joints, chosen, part, file.stem))
-    closures = [_closure(tree, joint) for joint in joints if joint.name not in names]
-    for joint in joints:
-        if joint.name not in names and (own := _own(joint.element, ("dynamics", "mimic"))):
-            text = f"joint {joint.name!r}: its {own}, where the loop is cut"
+    closures = [_closure(tree, joint) for joint in cut]
+    screws = [joint for joint in joints if joint.kind == "screw"]
+    for joint in cut:
+        if joint not in screws and (_dynamics(joint) != JointDynamics() or _own(joint.element, ("mimic",))):
+            text = f"joint {joint.name!r}: what acts along it and what it mimics, where the loop is cut"
             left_out.append(LeftOut(text, (joint.links[1],)))
     apart = [name for name in scope.links if name not in part]
     plugged = [element.text or "" for element in root.iter("joint_name")]
-    acting = {joint.name: _dynamics(joint) for joint in chosen}
+    acting = {joint.name: _dynamics(joint) for joint in joints if joint in chosen or joint in screws}
     x, y, z = numbers("<gravity>", root.findtext("world/gravity", "0 0 -9.81"), 3)
     return describe(
         tree,
         file,
         options,
         closures,
-        couplings=[coupling for joint in chosen for coupling in _couplings(joint, names)],
+        couplings=[*map(_thread, screws), *(pair for joint in chosen for pair in _couplings(joint, names))],
         likely_motors=[name for name in names if name.rsplit("::", 1)[-1] in plugged],
         joints={name: joint for name, joint in acting.items() if joint != JointDynamics()},
         gravity=(x, y, z),
@@ -344,6 +357,16 @@ def _couplings(joint: _Joint, names: Sequence[str]) -> Iterator[Coupling]:
         yield Coupling(joint.name, of, ratio, offset - ratio * reference)
 
 
+def _thread(joint: _Joint) -> Coupling:
+    """Return the coupling of a screw's slide with its turn; positive pitches are right-handed."""
+    where, element = f"joint {joint.name!r}", joint.element
+    (left_handed,) = numbers(f"{where}: <thread_pitch>", element.findtext("thread_pitch", "0"), 1)  # [rad/m]
+    (pitch,) = numbers(f"{where}: <screw_thread_pitch>", element.findtext("screw_thread_pitch", "1"), 1)
+    if element.find("screw_thread_pitch") is None and left_handed:
+        return Coupling(f"{joint.name}_slide", joint.name, -1.0 / left_handed)
+    return Coupling(f"{joint.name}_slide", joint.name, pitch / (2.0 * np.pi))
+
+
 # ------------------------------------------------------------------ the tree and what it is cut from
 
 
@@ -367,7 +390,8 @@ def _tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[_Joint]:
     def rank(joint: _Joint) -> tuple[bool, ...]:
         is_constraint = f"{joint.name}_at_child" in scope.relative
         leads = joint.name.rsplit("::", 1)[-1] in mimicked or bool(_own(joint.element, ("mimic",)))
-        return is_constraint, not leads, not _own(joint.element), joint.kind in ("universal", "spherical")
+        is_last = joint.kind in ("universal", "spherical")
+        return joint.kind == "screw", is_constraint, not leads, not _own(joint.element), is_last
 
     groups = {link: {link} for joint in joints for link in joint.links}
     chosen = set()
@@ -393,8 +417,15 @@ def _urdf(
         for joint in chosen:
             if link in joint.links and not set(joint.links) <= set(waiting):
                 step = 1 if link == joint.links[0] else -1
-                root.extend(list(_joint_elements(joint, step)))
-                waiting.append(joint.links[::step][1])
+                root.extend(_joint_elements(joint, step))
+                origin = origin_element(inverse(joint.places[::step][1]))
+                other = joint.links[::step][1]
+                stub = f"{joint.motions()[::step][-1][0]}_link"
+                root.append(joint_element(f"{other}_mount", "fixed", stub, other, origin=origin))
+                waiting.append(other)
+    for joint in joints:
+        if joint.kind == "screw" and joint not in chosen:
+            root.extend(_joint_elements(joint, 1))
     return root
 
 
@@ -422,17 +453,17 @@ def _link(scope: Scope, name: str) -> ElementTree.Element:
 
 
 def _joint_elements(joint: _Joint, step: int) -> Iterator[ElementTree.Element]:
-    """Yield the URDF's elements of a joint of the tree, from parent to child for step 1, else for -1."""
-    origin, behind = joint.places[::step]
-    parent, other = joint.links[::step]
-    turns: list[tuple[str, Array | None]] = [*zip(_AXES.get(joint.kind, ()), joint.axes, strict=True)]
-    for tag, axis in turns[::step] or [("", None)]:
-        name = f"{joint.name}_2" if tag == "axis2" else joint.name
+    """Yield the URDF's elements of a joint's motions, from parent to child for step 1, else for -1.
+
+    Behind each motion stands a link without mass, at the place of the joint.
+    """
+    origin, parent = joint.places[::step][0], joint.links[::step][0]
+    for name, kind, axis, tag in joint.motions()[::step]:
         child = f"{name}_link"
         yield ElementTree.Element("link", name=child)
         yield joint_element(
             name,
-            "continuous" if joint.kind in ("revolute", "universal") else joint.kind,
+            kind,
             parent,
             child,
             origin=origin_element(origin),
@@ -440,7 +471,6 @@ def _joint_elements(joint: _Joint, step: int) -> Iterator[ElementTree.Element]:
             limits=_limits(joint, tag) if tag else None,
         )
         parent, origin = child, np.eye(4)
-    yield joint_element(f"{other}_mount", "fixed", parent, other, origin=origin_element(inverse(behind)))
 
 
 def _limits(joint: _Joint, tag: str) -> tuple[float, float] | None:
@@ -467,12 +497,16 @@ def read_cut_joint(scope: Scope, tree: UrdfTree, element: ElementTree.Element) -
     scope.joints[name] = element
     scope.relative[f"joint {name}"] = _pose(element, "", _named(element, "child"), f"joint {name!r}")
     ends = _ends(scope, name)
-    if element.get("type") in _NOT_READ:
+    if element.get("type") in (*_NOT_READ, "screw"):
         raise RobotFileError(f"joint {name!r}: {element.get('type')}: not read")
     return _closure(tree, _joint(scope, name, ends))
 
 
 def _closure(tree: UrdfTree, joint: _Joint) -> Closure:
-    """Return the closure of a joint that is cut, of the joint's own kind."""
+    """Return the closure of a joint that is cut, of the joint's own kind; a screw's stub is fixed."""
+    if joint.kind == "screw":
+        stub = f"{joint.name}_slide_link", np.eye(4)
+        pair = (("1", *stub), ("2", joint.links[1], joint.places[1]))
+        return tree.close(f"{joint.name}_end", "fixed", pair)
     ends = zip("12", joint.links, joint.places, strict=True)
     return tree.close(joint.name, joint.kind, list(ends), joint.axes)

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 from framework import ParallelRobot, check_robot, simulate
-from framework.errors import LoadedJoint, RobotFileError
+from framework.errors import LoadedJoint
 from framework.kinematics.diagnostics.proposal import propose
 from framework.kinematics.mechanism import Mechanism
 from framework.model.description import Closure

@@ -228,6 +228,38 @@ def test_nested_models_are_included_from_beside_the_file(tmp_path):
     assert description.closures[0].axes == ("x", "y", "z")
 
 
+@pytest.mark.parametrize(
+    ("thread", "lead"),
+    [
+        ("<screw_thread_pitch>0.01</screw_thread_pitch>", 0.01),
+        ("<thread_pitch>-400</thread_pitch>", np.pi / 200),
+    ],
+)
+def test_a_jack_lifts_its_nut_by_the_lead_of_its_screw(tmp_path, thread, lead):
+    """The nut of a right-handed screw sinks when it turns about z; its weight gives the torque."""
+    mass, links = 2.0, ("base", "shaft", "nut")
+    text = (
+        '<sdf version="1.10"><model name="jack"><static>false</static>'
+        + "".join(f'<link name="{n}">{INERTIAL.format(x=0, m=mass)}</link>' for n in links)
+        + "".join(
+            f'<joint name="{name}" type="{kind}"><parent>{parent}</parent><child>{child}</child>{axis()}'
+            f"{more}</joint>"
+            for name, kind, parent, child, more in (
+                ("motor", "revolute", "base", "shaft", ""),
+                ("guide", "prismatic", "base", "nut", ""),
+                ("thread", "screw", "shaft", "nut", thread),
+            )
+        )
+        + "</model></sdf>"
+    )
+    description = read(tmp_path, text, motors=["motor"], platform_joints=["guide"]).description
+    robot = ParallelRobot.from_description(description)
+    plan = plan_crossing(robot, Line([0.0], [0.01]), duration=1.0)
+    turned = plan.motor_angle(np.array([0.0, 1.0]))[:, 0]
+    np.testing.assert_allclose(np.diff(turned), -0.01 / lead * 2 * np.pi, rtol=1e-9)
+    np.testing.assert_allclose(plan.torque(np.zeros(1)), -mass * 9.81 * lead / (2 * np.pi), rtol=1e-9)
+
+
 def test_comments_and_prefixes_that_xml_forbids_are_mended(tmp_path):
     text = five_bar("<!-- a -- b --><gz:thing gz:of='1'/>")
     assert read(tmp_path, text).description.closures[0].name == "tip"
@@ -236,7 +268,7 @@ def test_comments_and_prefixes_that_xml_forbids_are_mended(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('name="tip" type="revolute"', 'name="tip" type="screw"', "joint 'tip': screw: not read"),
+        ('name="tip" type="revolute"', 'name="tip" type="gearbox"', "joint 'tip': gearbox: not read"),
         ('name="tip" type="revolute"', 'name="tip" type="hinge"', "joint 'tip': unknown type 'hinge'"),
         ("<child>right_tip</child>", "<child>tip_2</child>", "joint 'tip': unknown link or frame 'tip_2'"),
         ("<child>right_tip</child>", "", "joint 'tip': <child> is missing"),
