@@ -22,7 +22,7 @@ import pinocchio as pin
 from scipy.linalg import qr
 
 from framework.arrays import Array
-from framework.errors import FrameworkError, NotAssembled, RobotFileError
+from framework.errors import FrameworkError, NotAssembled, RobotFileError, SingularReference
 from framework.kinematics.assembly import all_loops_matrix, nearby_configurations
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.diagnostics.assembly_search import find_closed_pose
@@ -153,6 +153,13 @@ def _proposed(known: Known, *, by_joints: bool) -> Resolved:
     known = known._replace(description=replace(known.description, urdf_text=urdf))
     try:
         return _proposed_at(known, _closed(known.description), by_joints=by_joints)
+    except SingularReference as singular:
+        beside = _closed(replace(known.description, reference=singular.poses[0]))
+        remarks = (
+            *beside.remarks,
+            "reference: a pose beside the file's, which is on a singularity of the loops",
+        )
+        return _proposed_at(known, beside._replace(remarks=remarks), by_joints=by_joints)
     except RobotFileError:
         within = _within_limits(known.description)
         if within is None:
@@ -210,8 +217,7 @@ def _no_freedom(motions: _Motions, known: Known) -> RobotFileError:
     shown = ", ".join(names[:MAX_SHOWN]) + (
         f" and {len(names) - MAX_SHOWN} more" if names[MAX_SHOWN:] else ""
     )
-    remedy = "; hold fewer joints" if known.tree.held else ""
-    return RobotFileError(f"the loops leave no freedom that moves a mass to their joints {shown}{remedy}")
+    return RobotFileError(f"the loops leave no freedom that moves a mass to their joints {shown}")
 
 
 def _part(description: RobotDescription, tree: UrdfTree) -> str:

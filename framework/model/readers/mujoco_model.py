@@ -175,7 +175,8 @@ def _with_possible_inertias(mujoco: Any, spec: Any) -> Iterator[LeftOut]:
     """Give impossible bodies an inertia that can be compiled; yield each, which decides how it moves."""
     geoms_only = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
     for body in spec.bodies:
-        if not body.explicitinertial or body.compiler.inertiafromgeom == geoms_only:
+        is_mended = body.compiler.balanceinertia or body.compiler.inertiafromgeom == geoms_only  # by MuJoCo
+        if not body.explicitinertial or is_mended:
             continue
         matrix = np.diag(body.inertia)
         if np.isfinite(body.fullinertia[0]):
