@@ -109,7 +109,7 @@ class _Motion:
         undeformed = fuller.first_pass
         deflections = fuller.grid.fit(undeformed.caused)
         deformed = one_pass(fuller.searched.branch, fuller.grid, rigid.law, deflections, undeformed)
-        return cls(rigid, fuller, deformed, fuller.torque(fuller.moved(undeformed.caused)))
+        return cls(rigid, fuller, deformed, fuller.torque(fuller.compute_pass(undeformed.caused)))
 
     def errors(self, payload: CrossingPlan | None) -> dict[str, LevelError]:
         """Compute the error of each level but the highest; without a plan the payload's is missing."""
@@ -152,7 +152,7 @@ class _Motion:
             return LevelError(0.0, 0.0)
         still = replace(robot, elastic_inertia=False)
         fuller = FullerModel.of(self.rigid.dynamics, still)
-        torque = fuller.torque(fuller.moved(self.fuller.first_pass.caused))
+        torque = fuller.torque(fuller.compute_pass(self.fuller.first_pass.caused))
         return self._error(
             torque, platform_wrench(robot, motion).asked - platform_wrench(still, motion).asked
         )

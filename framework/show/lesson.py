@@ -97,7 +97,7 @@ def _series(crossing: PlanarCrossing, onto: Projection) -> dict[str, Array]:
 
 def _columns(crossing: PlanarCrossing, s: Array, onto: Projection) -> dict[str, Array]:
     """Return what the page evaluates, at s (M,), each (M, ...)."""
-    robot, samples = crossing.robots["off"], crossing.at(s)
+    robot, samples = crossing.robots["off"], crossing.sample(s)
     forward, back = (np.stack([_poses(robot, q, onto) for q in samples.q_aside[:, side]]) for side in (0, 1))
     along_axes = (forward - back) / (2.0 * STEP_ASIDE * robot.length)  # (2, M, k)
     axes = _plane(robot, np.eye(2), onto)  # the platform's axes on the paper, orthogonal
