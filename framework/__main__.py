@@ -18,10 +18,10 @@ def main() -> int:
     with interruptible():
         try:
             with uninterrupted():  # compiled modules do not bear an exception while they are imported
-                from framework.cli import interrupted
                 from framework.cli import main as command_line
+                from framework.cli import report_interruption
         except KeyboardInterrupt as stop:
-            code = interrupted(stop, sys.argv[1:])
+            code = report_interruption(stop, sys.argv[1:])
         else:
             code = command_line()
     for number in SIGNALS:  # what has been said stands: only the interpreter is left to end

@@ -41,7 +41,7 @@ class Progress:
         self.end()
 
     def start(self, doing: str, total: float = math.inf, unit: str = "") -> Callable[[float], None]:
-        """Say what is done from now on; returns the function to call with the number done of that total."""
+        """Name the current work; return the function to call with the number done of `total`."""
         self._doing, self._total, self._unit = doing, total, unit
         self._done, self._since = 0.0, time.monotonic()
         return self._advance
@@ -56,7 +56,7 @@ class Progress:
 
     @property
     def sentence(self) -> str:
-        """What is done, how much of it, and since when."""
+        """The current work, the share done and the time taken."""
         seconds = time.monotonic() - self._since
         if self._done and math.isfinite(self._total):
             left = seconds * (self._total / self._done - 1.0)
