@@ -43,7 +43,7 @@ def take_level(options: Namespace) -> ChosenLevel | None:
     """
     if options.flexibility != AUTO:
         return None
-    from framework.fidelity.chosen_level import kept_level, options_of_level, predicted_level
+    from framework.fidelity.chosen_level import options_of_level, predict_level, scene_level
 
     if options.geometry is not None:
         raise InvalidInput(
@@ -54,9 +54,9 @@ def take_level(options: Namespace) -> ChosenLevel | None:
     requested, description = request(options, robot), robot.description
     typed = motion_options(options, robot)
     typed.pop("keep_limits", None)
-    chosen = None if typed or options.scene is None else kept_level(description, options.scene)
+    chosen = None if typed or options.scene is None else scene_level(description, options.scene)
     if chosen is None:
-        chosen = predicted_level(description, options.scene or requested.path, **typed)
+        chosen = predict_level(description, options.scene or requested.path, **typed)
     for key, value in options_of_level(description, chosen.level).items():
         if key != "smoothness" or options.smoothness is None:
             setattr(options, key, value)

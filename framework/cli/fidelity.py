@@ -72,7 +72,7 @@ def _report_study(options: Namespace) -> tuple[FidelityStudy, Document, str]:
     progress = options.progress.start("planning and simulating", len(LEVELS), "levels")
     motion = options.scene or path
     study = fidelity_study(robot, motion, tolerance=tolerance, progress=progress, **typed)
-    document, text, kept = study.to_dict(), fidelity_text(study), study.kept
+    document, text, kept = study.to_dict(), fidelity_text(study), study.scene_entry
     if kept is None or options.scene is None or typed:
         return study, document, text
     line = f"fidelity: {{level: {kept['level']}, tolerance: {kept['tolerance']:g}}}"

@@ -27,7 +27,7 @@ from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, linearised_at
 from framework.kinematics.loop_matrices import type2_matrix
 from framework.kinematics.motion_rates import Motion, joint_rates, motion_at
-from framework.motion.path import along
+from framework.motion.path import time_derivatives
 from framework.singularity.bordered_system import root_of_g
 from framework.singularity.points_on_path import SingularPoint
 from framework.singularity.type2 import least_held, sign_along, uncontrolled_motion
@@ -220,7 +220,7 @@ def _unit_motions(
     if deflection is not None:
         elastic[0, 2:], elastic[1, 2] = deflection.rate, deflection.acceleration
     speeds, accelerations = np.array([0.0, 1.0, 0.0, pace, -pace]), np.eye(5)[0]
-    x, dx, ddx = along(branch.path, [np.full(5, place.s), speeds, accelerations])
+    x, dx, ddx = time_derivatives(branch.path, [np.full(5, place.s), speeds, accelerations])
     stack = linearised.at(np.zeros(5, dtype=np.intp))
     return motion_at(robot, ClosedStack(stack.frames.q, x, stack), dx, ddx, *elastic)
 
