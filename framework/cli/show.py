@@ -65,13 +65,13 @@ def run(options: Namespace) -> Report:
 
 def _report_file(file: str, page: str | bytes, films: list[Film], *, chosen: bool) -> Report:
     """Write a page to a file and report its scenes; `chosen`: a scene was chosen for want of a name."""
-    from framework.show.captions import parts, said
+    from framework.show.captions import display_name, parts
 
     path = FilePath(file)
     write_file(path, page)
     size = path.stat().st_size
     scenes = ", ".join(f"{film.name or 'the motion asked for'} ({parts(film)})" for film in films)
-    text = f"{said(films[0].robot.name)}, {scenes}: written to {path} ({size / 1e6:.2f} MB)"
+    text = f"{display_name(films[0].robot.name)}, {scenes}: written to {path} ({size / 1e6:.2f} MB)"
     if chosen:
         text = f"no scene given: filmed {films[0].name}\n{text}"
     entries = [

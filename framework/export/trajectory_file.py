@@ -20,6 +20,7 @@ from framework.fields import (
     number,
     one_of,
     read_table,
+    record,
     required,
     text,
 )
@@ -55,7 +56,7 @@ def _seconds(where: str, given: Any) -> float:
 
 
 _HEADER: Table = {
-    "stamp": required(lambda where, given: read_table(where, given, _DURATION)),
+    "stamp": required(record(_DURATION)),
     "frame_id": required(one_of("side", FRAME_IDS)),
 }
 _POINT: Table = {
@@ -63,9 +64,9 @@ _POINT: Table = {
     "time_from_start": required(_seconds),
 }
 _MESSAGE: Table = {
-    "header": required(lambda where, given: read_table(where, given, _HEADER)),
+    "header": required(record(_HEADER)),
     "joint_names": required(entries(text)),
-    "points": required(entries(lambda where, given: read_table(where, given, _POINT))),
+    "points": required(entries(record(_POINT))),
 }
 
 
