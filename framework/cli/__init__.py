@@ -35,7 +35,7 @@ import sys
 from collections.abc import Sequence
 
 from framework.cli.commands import parser_of
-from framework.interruption import Heard, Terminated, exit_code, interruptible, uninterrupted
+from framework.interruption import Heard, Terminated, defer_signals, exit_code, interruptible
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -59,10 +59,10 @@ def report_interruption(stop: KeyboardInterrupt, arguments: Sequence[str]) -> in
 def _run(arguments: Sequence[str], heard: Heard) -> int:
     """Parse and run; import numpy and its users only after --help is answered."""
     try:
-        with uninterrupted():  # compiled modules do not bear an exception while they are imported
+        with defer_signals():  # compiled modules do not bear an exception while they are imported
             parser = parser_of(arguments)
         options = parser.parse_args(arguments)
-        with uninterrupted():
+        with defer_signals():
             from framework.cli.running import run
         return run(options, heard, arguments)
     except Exception as error:  # noqa: BLE001 - any other error is a fault of the program

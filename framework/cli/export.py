@@ -26,8 +26,8 @@ from framework.export.joint_trajectory import (
     DEFAULT_SAMPLES,
     SAMPLE_RANGE,
     SIDES,
+    describe_side,
     joint_trajectory,
-    side_told,
 )
 from framework.export.mjcf import START, mjcf_text, ranges_left_out
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -105,9 +105,9 @@ def run(options: Namespace) -> Report:
         if as_json:
             text = json.dumps(message, indent=2) + "\n"
         else:
-            text = f"# {side_told(plan, side)}\n" + yaml.safe_dump(message, sort_keys=False)
+            text = f"# {describe_side(plan, side)}\n" + yaml.safe_dump(message, sort_keys=False)
         description = f"a joint trajectory of {len(message['points'])} points over {plan.duration:g} s"
-        lines.append(f"  {side_told(plan, side)}")
+        lines.append(f"  {describe_side(plan, side)}")
     write_file(file, text, option="--out")
     document = {
         "robot": robot.name,

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from framework.cli.console import printable
-from framework.interruption import uninterrupted
+from framework.interruption import defer_signals
 
 FIRST, INTERVAL = 1.0, 0.2  # s
 ERASE = "\r\x1b[K"
@@ -49,7 +49,7 @@ class Progress:
     def end(self) -> None:
         """Remove the line, for good."""
         if self._thread is not None:
-            with uninterrupted():
+            with defer_signals():
                 self._ended.set()
                 self._thread.join()
             self._thread = None

@@ -31,7 +31,7 @@ from framework.control.study import KeptRuns, Study, run_study
 from framework.control.study_setup import FILE, StudySetup, load_study, versions
 from framework.control.variation import Spread
 from framework.errors import FrameworkError, InvalidInput
-from framework.fields import Table, list_of, mapping, named, read_table, required, text, whole
+from framework.fields import Table, list_of, mapping, mapping_of, read_table, required, text, whole
 from framework.model.documents import naming
 from framework.output import Document, json_text
 from framework.parallel.tasks import executor_of
@@ -284,7 +284,7 @@ def _write(setup: StudySetup, studies: list[Study], document: Document, folder: 
 _STUDY: Table = {"controller": required(text), "failures": required(list_of(mapping))}
 _RUNS: Table = {
     "runs": required(whole),
-    "versions": required(named(text)),
+    "versions": required(mapping_of(text)),
     "studies": required(list_of(lambda where, study: read_table(where, study, _STUDY, others=None))),
 }
 OF_A_REPLAY = (

@@ -22,7 +22,7 @@ from framework.crossing.timing import CrossingTime
 from framework.dynamics.certificate import Certificate
 from framework.dynamics.loaded_measure import LoadedPoint, loaded_point
 from framework.dynamics.result import InverseDynamics, SingularityCrossing
-from framework.errors import told_apart
+from framework.errors import format_distinct
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import positions_beyond_limits, shares_beyond_limits
 from framework.motion.law import PlannedLaw
@@ -172,7 +172,7 @@ class CrossingPlan:
             for motor, size, unit, s in rows:
                 limit = getattr(motor, f"{what}_limit")
                 if limit is not None and size > limit:
-                    peak, bound = told_apart(size, limit)
+                    peak, bound = format_distinct(size, limit)
                     yield motor.joint, f"{what} {peak} {unit} of {bound} at s = {s:.4g}"
 
     def _position_excesses(self) -> Iterator[tuple[str, str]]:

@@ -33,7 +33,7 @@ from framework.fields import (
     Table,
     anything,
     list_of,
-    named,
+    mapping_of,
     not_negative,
     number,
     one_of,
@@ -130,8 +130,8 @@ _PLAN: Table = {
     ),
     "law": required(_read_law),
     "crossings": required(list_of(record(_CROSSING))),
-    "peak_torque": required(named(not_negative)),
-    "exceeded": required(named(text)),
+    "peak_torque": required(mapping_of(not_negative)),
+    "exceeded": required(mapping_of(text)),
     "neglected_friction": required(text_or_empty),
     "neglected": optional(list_of(record(_NEGLECTED)), ()),
     "certificate": required(record(_CERTIFICATE, lambda _, values: Certificate(**values))),
@@ -351,9 +351,9 @@ def read_document(file: FilePath, command: str) -> dict[str, Any]:
 
 
 def _find_robot(stated: dict[str, Any], file: FilePath, named: str | FilePath | None) -> ParallelRobot:
-    """Load the robot of `named` if given, else of the robot file that the plan states."""
+    """Load the robot of `mapping_of` if given, else of the robot file that the plan states."""
     if named is not None:
-        place = robot_file_of(str(named))
+        place = robot_file_of(str(mapping_of))
     else:
         entries, name = catalogue(), stated["robot_file"]
         place = entries[name].file if name in entries else file.parent / name

@@ -79,7 +79,7 @@ def read_joint_trajectory(file: str | Path) -> TrajectoryFile:
     """
     content = read_text(file, f"{file}: cannot read it", error=RobotFileError)
     with naming(file):
-        message = read_table("", _parsed(content), _MESSAGE)
+        message = read_table("", _parse(content), _MESSAGE)
         names, points = message["joint_names"], message["points"]
         if len(set(names)) < len(names):
             raise RobotFileError(f"joint_names: needs different names, got {', '.join(names)}")
@@ -102,7 +102,7 @@ def read_joint_trajectory(file: str | Path) -> TrajectoryFile:
     return TrajectoryFile(side, before, names, times, *columns)
 
 
-def _parsed(content: str) -> Any:
+def _parse(content: str) -> Any:
     try:
         if content.lstrip().startswith("{"):
             return json.loads(content)

@@ -10,7 +10,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.crossing.specification import Specification
-from framework.errors import told_apart
+from framework.errors import format_distinct
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.tolerances import LIMIT_MARGIN
 
@@ -110,7 +110,7 @@ class HoldingTorque:
 
 
 def _ratio_text(ratio: float | None) -> str:
-    return "" if ratio is None else told_apart(ratio, 1.0)[0]
+    return "" if ratio is None else format_distinct(ratio, 1.0)[0]
 
 
 @dataclass(frozen=True, eq=False)
