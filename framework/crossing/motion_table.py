@@ -22,7 +22,7 @@ MIN_SAMPLES, MAX_SAMPLES = 2, 10_000_000
 
 
 class Column(NamedTuple):
-    """A column by its name, plain letters and underscores, its SI unit and what it is."""
+    """A column: its name of plain letters and underscores, its SI unit, its description."""
 
     name: str
     unit: str

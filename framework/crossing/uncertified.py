@@ -19,7 +19,7 @@ from framework.singularity.points_on_path import search_path
 
 @dataclass(frozen=True, eq=False)
 class UncertifiedMotion:
-    """The law that was refused with `reason`, and torques of the rigid robot as they come."""
+    """A law refused with `reason`, and unproved samples of the rigid robot's torques."""
 
     robot: ParallelRobot  # rigid: at the pole springs would tear the loops
     path: Path
@@ -32,7 +32,7 @@ class UncertifiedMotion:
 def plan_or_sample(
     robot: ParallelRobot, request: Request, *, samples: int
 ) -> CrossingPlan | UncertifiedMotion:
-    """Plan a motion, or sample it where that has a pole; the path is tracked and searched once.
+    """Plan a motion, or sample its torques that have a pole; search the path once.
 
     Args:
         samples: how many, equidistant in time.

@@ -13,7 +13,7 @@ from framework.kinematics.motion_rates import Motion, joint_rates, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.chebyshev import TimeFunction, TimeGrid
 from framework.motion.law import MotionLaw, orders_of
-from framework.motion.path import along
+from framework.motion.path import time_derivatives
 
 
 class Pass(NamedTuple):
@@ -64,7 +64,7 @@ def moving_with(
     """All coordinates at instants (T,) with deflections (T, n_e) and two time derivatives of them."""
     robot, (q_e, *rates) = branch.robot, deflections
     s = orders_of(law, times)
-    x, dx, ddx = along(branch.path, s)
+    x, dx, ddx = time_derivatives(branch.path, s)
     if before is None:
         near = integrate_columns(robot, branch.guess(s[0]), robot.elastic, q_e)
     else:  # along the tangent, by the factors that are there already

@@ -36,7 +36,7 @@ from framework.kinematics.rounded_loops import rounded_gap
 from framework.kinematics.tree_model import is_ball
 from framework.motion.chebyshev import evaluate_together
 from framework.motion.law import orders_of
-from framework.motion.path import along
+from framework.motion.path import time_derivatives
 from framework.tolerances import EXPORT_ROUNDING, HELD_IDLE, LOOP_GAP
 
 
@@ -145,7 +145,7 @@ def checked_motion(branch: Branch, result: InverseDynamics, times: Array) -> tup
     With rigid geometry that is the robot's without deflections.
     """
     robot, s = branch.robot, orders_of(result.law, times)
-    x, dx, ddx = along(branch.path, s)
+    x, dx, ddx = time_derivatives(branch.path, s)
     offsets, *rates = evaluate_together((result.offsets, *result.deflection_rates), times)
     q = integrate(robot, result.origin, offsets)
     closed = ClosedStack(q, x, linearised_at(robot, q, x))

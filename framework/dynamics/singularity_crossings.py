@@ -19,7 +19,7 @@ from framework.kinematics.motion_rates import motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.chebyshev import TimeGrid, real_roots
 from framework.motion.law import MotionLaw, PlannedLaw, orders_of
-from framework.motion.path import along
+from framework.motion.path import time_derivatives
 from framework.singularity.bordered_system import root_of_g
 from framework.singularity.points_on_path import SingularPoint
 from framework.singularity.type2 import UNCROSSABLE, escaping_motions, uncontrolled_motion
@@ -97,7 +97,7 @@ def rigid_crossings(
                 f"{robot.name}: the motion stands still on a Type 2 singularity at t = {t:.6g} s, s = "
                 f"{singular.s:.6g}: a stop on the locus can never be crossed; shift the path's end or the law"
             )
-    x, dx, ddx = along(branch.path, s)
+    x, dx, ddx = time_derivatives(branch.path, s)
     # only the size of the forces is wanted of the samples: a guess will do
     q = np.concatenate([*(singular.q[None] for _, singular in met), branch.guess(s[0][count:])])
     closed = ClosedStack(q, x, linearised_at(robot, q, x))

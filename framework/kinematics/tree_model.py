@@ -23,7 +23,7 @@ import numpy as np
 import pinocchio as pin
 
 from framework.arrays import Array
-from framework.errors import told_apart
+from framework.errors import format_distinct
 from framework.model.placement import turning
 from framework.model.urdf_elements import SEVERAL
 from framework.tolerances import SAME_PLACE
@@ -205,5 +205,5 @@ def positions_beyond_limits(limits: Sequence[JointLimit], q: Array) -> dict[str,
 
 
 def _beyond(position: float, limit: float, unit: str) -> str:
-    reached, allowed = told_apart(position, limit, 6)
+    reached, allowed = format_distinct(position, limit, 6)
     return f"{reached} {unit} of {allowed}"

@@ -14,7 +14,7 @@ from framework.crossing.optimal.rest_of_springs import check_rest
 from framework.crossing.optimal.undeformed_law import find_law
 from framework.crossing.plan import plan_request
 from framework.crossing.polynomial import polynomial_motion
-from framework.crossing.refusals.explanation import check_limits, explained
+from framework.crossing.refusals.explanation import check_limits, with_explanation
 from framework.crossing.refusals.turning_back import check_advance
 from framework.crossing.refusals.uncrossable_points import check_crossable, check_one_condition_each
 from framework.crossing.timing import choose_timing
@@ -51,7 +51,7 @@ from framework.singularity.points_on_path import search_path
 
 
 class Reason(NamedTuple):
-    """A reason to refuse a plan: what does not hold, the error raised, and the functions that decide it."""
+    """A reason to refuse a plan: its sentence, the error raised, the functions that decide."""
 
     why: str
     error: type[NoAnswer]
@@ -108,7 +108,7 @@ MOTION = (  # under either law, or one of the user's own
     _reason("a joint is loaded that nothing holds", LoadedJoint, check_idle_joints),
 )
 PLAN = (
-    _reason("neither law is found; says what either lacks", NoLaw, plan_request, explained),
+    _reason("neither law is found; says what either lacks", NoLaw, plan_request, with_explanation),
     _reason("neither law is resolved; says what either lacks", NotConverged, plan_request),
     _reason("limits are left that were to be kept", LimitsExceeded, check_limits),
 )
