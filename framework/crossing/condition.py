@@ -133,7 +133,7 @@ def crossing_point(
 
 def imposed_point(branch: Branch, s: float) -> CrossingPoint:
     """Return a point of the path treated as singular whether it is or not, as rounded data would have it."""
-    closed = branch.closed(s)
+    closed = branch.close(s)
     kind, twist, motion, _ = uncontrolled_motion(branch.robot, closed.linearised)
     return _oriented(branch, s, closed, twist, motion, kind)
 
@@ -194,12 +194,12 @@ def coefficients_at(branch: Branch, place: CrossingPoint, deflection: Deflection
         pace = _equal_pace(branch, place, linearised, deflection.rate)
     speeds, accelerations = np.array([0.0, 1.0, 0.0, pace, -pace]), np.eye(5)[0]
     same = np.zeros(5, dtype=np.intp)
-    closed = ClosedStack(linearised.frames.q[same], x[same], linearised.at(same))
+    closed = ClosedStack(linearised.frames.q[same], x[same], linearised.select(same))
     _, dx, ddx = along(branch.path, [np.full(5, place.s), speeds, accelerations])
     motion = motion_at(robot, closed, dx, ddx, *elastic)
     inertial = inertial_forces(robot, motion) * place.motion  # (5, nv) terms of sums
     damping = robot.joint_damping * motion.v * place.motion
-    wrenches = branch.wrenches.at(robot, linearised.frames, np.array([place.s]))
+    wrenches = branch.wrenches.evaluate(robot, linearised.frames, np.array([place.s]))
     gamma = static_forces(robot, place.q[None], wrenches)[0] * place.motion
     rate = float(np.abs(motion.v[1] / robot.column_scale).max())
     terms = np.array([inertial[0], inertial[1], gamma, damping[1]])

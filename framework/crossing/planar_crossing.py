@@ -69,10 +69,10 @@ class PlanarCrossing(NamedTuple):
     def at(self, s: Array) -> CrossingSamples:
         """Compute all at places s (M,), ascending, none of them the crossing itself."""
         robot, branch = self.robots["off"], self.searched.branch
-        closed = branch.closed(s)
+        closed = branch.close(s)
         measure, twist = _measured(robot, closed)
         nearest = int(np.argmin(np.abs(measure.g)))
-        _, twist_there = _measured(robot, branch.closed(np.array([self.point.s])))
+        _, twist_there = _measured(robot, branch.close(np.array([self.point.s])))
         size = twist_norm(robot, twist_there[0]) * sign_along(twist[nearest], branch.path(s, 1)[nearest])
         speeds = motor_speeds(robot, closed.linearised)[0]
         step = STEP_ASIDE * robot.length
@@ -93,7 +93,7 @@ class PlanarCrossing(NamedTuple):
 
     def _forces(self, robot: ParallelRobot, s: Array, g: Array, motion: Array) -> AskedForces:
         branch = self.searched.branch
-        closed = branch.closed(s)
+        closed = branch.close(s)
         slope, bend = branch.path(s, 1), branch.path(s, 2)
         parts = (
             static_forces(robot, closed.q),

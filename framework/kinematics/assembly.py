@@ -9,10 +9,10 @@ import numpy as np
 
 from framework.arrays import LEAST_DIVISOR, Array, IntArray, ReadOnlyArrays
 from framework.errors import NotAssembled, finite_numbers
-from framework.kinematics.closures import loop_equations, scaled, turned_over
+from framework.kinematics.closures import find_turned_over, loop_equations, scale_jacobian
 from framework.kinematics.frames import difference, frames_at, integrate
 from framework.kinematics.mechanism import Mechanism, columns_of
-from framework.kinematics.mistaken_units import more_than_a_turn
+from framework.kinematics.mistaken_units import remark_on_turns
 from framework.tolerances import BRANCHES_MEET, CLOSED_LOOP, RANK_ROUNDING, REFERENCE_MOVE
 
 MAX_NEWTON_STEP = 0.5  # [rad or lengths of the robot] that one Newton step may move a joint
@@ -76,8 +76,8 @@ def close_reference(mechanism: Mechanism) -> Closing:
     if closing is None or closing.worst > CLOSED_LOOP:
         closing = _close(mechanism, mechanism.q_near, mechanism.joints)
     if closing.worst > CLOSED_LOOP:
-        raise _left_open(mechanism, closing)
-    turned = turned_over(mechanism, frames_at(mechanism, closing.q[None]))
+        raise _open_error(mechanism, closing)
+    turned = find_turned_over(mechanism, frames_at(mechanism, closing.q[None]))
     if turned is not None:
         raise _not_assembled(
             mechanism,
@@ -102,7 +102,7 @@ def _close(mechanism: Mechanism, start: Array, free: IntArray) -> Closing:
     while iterations < MAX_ITERATIONS and reduced > ROUNDING_GAP:
         iterations += 1
         loops = loop_equations(rows, frames_at(mechanism, q))
-        jacobian = scaled(mechanism, loops.jacobian, rows.rotation)[0][:, free]
+        jacobian = scale_jacobian(mechanism, loops.jacobian, rows.rotation)[0][:, free]
         joint = -np.linalg.lstsq(jacobian, weights * loops.residual[0], rcond=RANK_ROUNDING)[0]
         step = np.zeros((1, mechanism.model.nv))
         step[0, free] = joint * min(1.0, MAX_NEWTON_STEP / max(np.abs(joint).max(), LEAST_DIVISOR)) * lengths
@@ -118,7 +118,7 @@ def _close(mechanism: Mechanism, start: Array, free: IntArray) -> Closing:
     return Closing(q[0], float(left.max()), float((weights * left).max()), iterations)
 
 
-def _left_open(mechanism: Mechanism, closing: Closing) -> NotAssembled:
+def _open_error(mechanism: Mechanism, closing: Closing) -> NotAssembled:
     """Return the error for loops that stay open."""
     rows = mechanism.rows
     left = np.abs(loop_equations(rows, frames_at(mechanism, closing.q[None])).residual[0])
@@ -150,7 +150,7 @@ def _check_near(mechanism: Mechanism, closing: Closing, given: IntArray) -> None
 
 
 def _not_assembled(mechanism: Mechanism, what: str, closing: Closing) -> NotAssembled:
-    turns = more_than_a_turn(mechanism, mechanism.description.reference)
+    turns = remark_on_turns(mechanism, mechanism.description.reference)
     return NotAssembled(f"{mechanism.name}: {what}{turns}", q=closing.q, residual=closing.residual)
 
 
@@ -189,4 +189,4 @@ def all_loops_matrix(mechanism: Mechanism, q: Array) -> Array:
     """Compute the Jacobian (rows, nv) of all loop equations at q (nq,), without dimension."""
     rows = mechanism.rows
     jacobian = loop_equations(rows, frames_at(mechanism, q[None])).jacobian
-    return scaled(mechanism, jacobian, rows.rotation)[0]
+    return scale_jacobian(mechanism, jacobian, rows.rotation)[0]

@@ -70,13 +70,13 @@ def loop_wrenches(rows: LoopRows, frames: FrameStack) -> LoopWrenches:
     L: d/dt (d.d - L^2) / 2L = (d / L).(v2 - v1): the force d / L. Rotation: d/dt u.w =
     (w x u).(w2 - w1): the couple w x u.
     """
-    loops = _of_frames(rows, frames)
+    loops = _frame_wrenches(rows, frames)
     if rows.has_couplings:
         loops.residual[:, rows.coupled] = rows.coupling_residual(frames.q)
     return loops
 
 
-def _of_frames(rows: LoopRows, frames: FrameStack) -> LoopWrenches:
+def _frame_wrenches(rows: LoopRows, frames: FrameStack) -> LoopWrenches:
     """Compute the loop equations between frames as wrenches."""
     e, d = first_axes(rows, frames), row_displacements(rows, frames)
     if rows.only_translations:
@@ -159,7 +159,7 @@ def second_axes(rows: LoopRows, frames: FrameStack) -> Array:
     return frames.rotation.swapaxes(2, 3)[:, rows.second, rows.second_axis]
 
 
-def scaled(mechanism: Mechanism, matrix: Array, turning: NDArray[np.bool_]) -> Array:
+def scale_jacobian(mechanism: Mechanism, matrix: Array, turning: NDArray[np.bool_]) -> Array:
     """Make a matrix (..., m, nv) dimensionless: metres in lengths of the mechanism.
 
     `turning` (m,) tells the rows that are angles. Conditioning and singularity are judged on this, so a
@@ -188,7 +188,7 @@ def direction_slopes(directions: LockedDirections, stack: FrameStack) -> Array:
     return np.asarray(change(directions.second) - change(directions.first))
 
 
-def turned_over(mechanism: Mechanism, frames: FrameStack) -> str | None:
+def find_turned_over(mechanism: Mechanism, frames: FrameStack) -> str | None:
     """Return the name of a closure whose equations may hold, T = 1, but in a pose that is turned over."""
     directions = mechanism.directions
     lengths = np.linalg.norm(direction_gaps(directions, frames)[0], axis=1)

@@ -43,7 +43,7 @@ class AppliedWrench(NamedTuple):
     @property
     def at_origin(self) -> Array:
         """The wrench (T, 6) at its frame's origin, base axes."""
-        return moved_wrench(self.wrench, -self.origin)
+        return move_wrench(self.wrench, -self.origin)
 
 
 @dataclass(frozen=True)
@@ -88,21 +88,21 @@ class ExternalWrenches:
         """The wrenches by frame, as a robot file or plan.json has them."""
         return {entry.frame: entry.document for entry in self.entries}
 
-    def at(self, mechanism: Mechanism, frames: FrameStack, s: Array) -> tuple[AppliedWrench, ...]:
+    def evaluate(self, mechanism: Mechanism, frames: FrameStack, s: Array) -> tuple[AppliedWrench, ...]:
         """Compute the wrenches at T configurations, whose frames are given, at path coordinates s (T,)."""
-        wrenches = self.on_base_axes(mechanism, frames, s)
+        wrenches = self.evaluate_on_base_axes(mechanism, frames, s)
         return tuple(
             applied_wrench(mechanism, frames, entry.frame, wrenches[entry.frame], turns=entry.turns)
             for entry in self.entries
         )
 
-    def on_base_axes(self, mechanism: Mechanism, frames: FrameStack, s: Array) -> dict[str, Array]:
+    def evaluate_on_base_axes(self, mechanism: Mechanism, frames: FrameStack, s: Array) -> dict[str, Array]:
         """Compute the same by frame, (T, 6) at its origin on base axes."""
         wrenches = {}
         for entry in self.entries:
             wrench = entry(s)
             if entry.turns:
-                rotation = _placed(mechanism, frames, frame_of(mechanism.model, entry.frame))[1]
+                rotation = _frame_pose(mechanism, frames, frame_of(mechanism.model, entry.frame))[1]
                 wrench = matvec(rotation[:, None], wrench.reshape(-1, 2, 3)).reshape(-1, 6)
             wrenches[entry.frame] = wrench
         return wrenches
@@ -151,22 +151,22 @@ def applied_wrench(
         turns: whether it turns on with its frame.
     """
     index = frame_of(mechanism.model, frame)
-    position, _ = _placed(mechanism, frames, index)
-    wrench = moved_wrench(np.broadcast_to(np.asarray(wrench, dtype=float), (len(position), 6)), position)
+    position, _ = _frame_pose(mechanism, frames, index)
+    wrench = move_wrench(np.broadcast_to(np.asarray(wrench, dtype=float), (len(position), 6)), position)
     joint = int(mechanism.model.frames[index].parentJoint)
     carried = carriers(mechanism.model, np.array([joint]))[0]
     generalised = matvec(frames.screws, wrench) * carried
     return AppliedWrench(frame, joint, read_only(wrench), read_only(generalised), read_only(position), turns)
 
 
-def moved_wrench(wrench: Array, arm: Array) -> Array:
+def move_wrench(wrench: Array, arm: Array) -> Array:
     """Move wrenches (..., 6) from a point to the place from which an arm (..., 3) leads there."""
     moved = wrench.copy()
     moved[..., 3:] += cross(arm, wrench[..., :3])
     return moved
 
 
-def _placed(mechanism: Mechanism, frames: FrameStack, index: int) -> tuple[Array, Array]:
+def _frame_pose(mechanism: Mechanism, frames: FrameStack, index: int) -> tuple[Array, Array]:
     """Compute origins (T, 3) and rotations (T, 3, 3) of one frame of pinocchio's."""
     if index in mechanism.frames:
         k = mechanism.frames.index(index)

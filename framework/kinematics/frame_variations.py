@@ -88,8 +88,8 @@ class TreeMotion:
         bodies = scratch_of(mechanism).bodies
         twist, acceleration = V[:, bodies], A[:, bodies]
         placed = np.concatenate([frames.rotation.swapaxes(2, 3), frames.position[:, :, None]], axis=2)
-        rate = carried_along(twist, placed)
-        second = carried_along(acceleration, placed) + turned(twist, rate)
+        rate = move_frames(twist, placed)
+        second = move_frames(acceleration, placed) + turn_vectors(twist, rate)
         moved = np.concatenate([S, once, twice], axis=2)
         rates = FrameRates(placed, rate, second)
         return TreeMotion(columns, frames, v, moved, own, twist, acceleration, rates)
@@ -107,9 +107,14 @@ class TreeMotion:
         dV = once + bracket(phi, V) + carried @ quicker
         dA = twice + bracket(once, V) + bracket(phi, A) + carried @ sooner
         value, rate = self.rates.value[:, None], self.rates.rate[:, None]
-        moved = carried_along(phi, value)
-        moved_rate = carried_along(dV, value) + turned(V, moved)
-        moved_second = carried_along(dA, value) + turned(A, moved) + turned(dV, rate) + turned(V, moved_rate)
+        moved = move_frames(phi, value)
+        moved_rate = move_frames(dV, value) + turn_vectors(V, moved)
+        moved_second = (
+            move_frames(dA, value)
+            + turn_vectors(A, moved)
+            + turn_vectors(dV, rate)
+            + turn_vectors(V, moved_rate)
+        )
         return FrameVariation(phi, dV, dA, FrameRates(moved, moved_rate, moved_second))
 
 
@@ -131,13 +136,13 @@ def row_variation(rows: LoopRows, motion: TreeMotion, variation: FrameVariation)
     return rows.weight * once, rows.weight * twice
 
 
-def turned(twist: Array, vectors: Array) -> Array:
+def turn_vectors(twist: Array, vectors: Array) -> Array:
     """Compute w x c for twists (..., F, 6) and vectors c (..., F, 4, 3)."""
     return cross(twist[..., None, 3:], vectors)
 
 
-def carried_along(twist: Array, placed: Array) -> Array:
+def move_frames(twist: Array, placed: Array) -> Array:
     """Compute the velocities (..., F, 4, 3) of axes and origins under twists (..., F, 6) about the base."""
-    moved = turned(twist, placed)
+    moved = turn_vectors(twist, placed)
     moved[..., 3, :] += twist[..., :3]
     return moved

@@ -30,7 +30,7 @@ class FrameStack(NamedTuple):
     carried: Array  # (F, nv) 1 where the joint carries the frame, else 0
     q: Array  # (T, nq) the configurations
 
-    def at(self, k: int | slice | IntArray) -> FrameStack:
+    def select(self, k: int | slice | IntArray) -> FrameStack:
         """Return the frames of one configuration, T = 1, or of some."""
         here = slice(k, k + 1) if isinstance(k, int) else k
         position, rotation, screws, carried, q = self
@@ -61,7 +61,7 @@ class FrameMotions(NamedTuple):
         return self.rates[1]
 
     @staticmethod
-    def at_origins(spatial: Array, position: Array) -> FrameMotions:
+    def from_spatial(spatial: Array, position: Array) -> FrameMotions:
         """Make them of twists and spatial accelerations (2, T, F, 6) at the base's origin, overwritten."""
         spatial[..., :3] += cross(spatial[..., 3:], position)
         spatial[1, ..., :3] += cross(spatial[0, ..., 3:], spatial[0, ..., :3])
@@ -106,7 +106,7 @@ def frame_motions(mechanism: Mechanism, frames: FrameStack, q: Array, v: Array) 
         scratch.update()
         twist[k] = velocities
         drift[k] = accelerations
-    return FrameMotions.at_origins(moving.take(scratch.bodies, axis=2), frames.position)
+    return FrameMotions.from_spatial(moving.take(scratch.bodies, axis=2), frames.position)
 
 
 def integrate(mechanism: Mechanism, q: Array, step: Array) -> Array:
@@ -146,7 +146,7 @@ def _difference_slopes(mechanism: Mechanism, start: Array, q: Array) -> Array:
     return np.array([pin.dDifference(mechanism.model, start, row, pin.ArgumentPosition.ARG1) for row in rows])
 
 
-def along_joints(mechanism: Mechanism, start: Array, q: Array, force: Array) -> Array:
+def forces_on_joints(mechanism: Mechanism, start: Array, q: Array, force: Array) -> Array:
     """Compute generalised forces (T, nv) at q (T, nq) of forces (T, nv) along `difference` from `start`.
 
     The same but for balls, whose rotation vectors are no coordinates of their angular velocity.
@@ -157,8 +157,8 @@ def along_joints(mechanism: Mechanism, start: Array, q: Array, force: Array) -> 
     return matvec(_difference_slopes(mechanism, start, q).swapaxes(1, 2), force)
 
 
-def along_joints_slope(mechanism: Mechanism, start: Array, q: Array, stiffness: Array) -> Array:
-    """Compute the derivative (T, nv, nv) of `along_joints` of forces stiffness (nv,) times `difference`.
+def forces_on_joints_slope(mechanism: Mechanism, start: Array, q: Array, stiffness: Array) -> Array:
+    """Compute the derivative (T, nv, nv) of `forces_on_joints` of forces stiffness (nv,) times `difference`.
 
     A ball has the same stiffness about all axes: what it gives is that times its rotation vector.
     """

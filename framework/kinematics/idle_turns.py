@@ -33,7 +33,7 @@ class IdleTurns:
     rows: Array  # (T, k, nv): a motion v is free along the turns where rows v = 0
     weights: Array  # G (k, nv) of each turn; zero where it is held still
 
-    def freed(self, rates: Array, right: Array | float = 0.0) -> Array:
+    def add_turns(self, rates: Array, right: Array | float = 0.0) -> Array:
         """Return rates (..., T, nv) with the turns added for which rows rates = right (T, k)."""
         missing = right - np.einsum("tkv,...tv->...tk", self.rows, rates)
         turns = np.linalg.solve(self.rows @ self.ways, missing[..., None])[..., 0]

@@ -7,7 +7,7 @@ particular Type 2 singularities do not trouble it.
 What spins idly between two balls is fixed by none of these equations. Planning holds the rate of such a spin
 at zero about axes that move along; the angle that this comes to depends on the way there, steps of Newton's
 method included, and so is no smooth function of time to the last digits. Where configurations are to be
-interpolated (`without_spin`), each has the angle whose rotation vector from the start of the branch has no
+interpolated (`remove_idle_spin`), each has the angle whose rotation vector from the start of the branch has no
 component along the axis: no force feels the difference, as no centre of mass moves.
 """
 
@@ -120,7 +120,7 @@ def idle_balls(robot: ParallelRobot) -> IntArray:
     return np.intersect1d(robot.structure.idle, columns).astype(np.intp)
 
 
-def without_spin(robot: ParallelRobot, origin: Array, q: Array, x: Array) -> Array:
+def remove_idle_spin(robot: ParallelRobot, origin: Array, q: Array, x: Array) -> Array:
     """Turn configurations q (T, nq) at x (T, n) so that their offset from `origin` (nq,) has no idle spin.
 
     Raises:

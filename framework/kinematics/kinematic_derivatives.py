@@ -22,8 +22,8 @@ from framework.kinematics.continuation.forward_kinematics import check_motors_ar
 from framework.kinematics.frame_variations import bracket, tree_columns
 from framework.kinematics.inverse_kinematics import require_mobility
 from framework.kinematics.linearised_loops import ClosedStack, assembled_at
-from framework.kinematics.loop_matrices import near_type_2
-from framework.kinematics.motion_changes import solved_rates
+from framework.kinematics.loop_matrices import find_near_type2
+from framework.kinematics.motion_changes import solve_rates
 from framework.kinematics.motion_rates import jacobian_change
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.velocity_matrices import matrices_and_changes
@@ -71,14 +71,14 @@ def kinematic_derivatives(robot: ParallelRobot, q: ArrayLike | Configuration) ->
     require_mobility(robot)
     check_motors_are_free(robot)
     linearised, n_e = closed.linearised, robot.n_e
-    if len(near_type_2(robot, linearised, RANK_LOST)):
+    if len(find_near_type2(robot, linearised, RANK_LOST)):
         raise SingularPose(
             f"{robot.name}: at {', '.join(robot.axis_names)} = {point(closed.x[0])} the motors do not hold "
             f"the robot (Type 2), and the pose has no derivative along them",
             platform=closed.x[0],
         )
     nothing = np.zeros((1, n_e, robot.n + len(robot.loops.names)))
-    held = solved_rates(robot, linearised, nothing, robot.elastic, np.eye(n_e)[None])[0]
+    held = solve_rates(robot, linearised, nothing, robot.elastic, np.eye(n_e)[None])[0]
     return KinematicDerivatives(
         motors=_slopes(robot, closed, robot.actuated),
         springs=_slopes(robot, closed, robot.elastic),
@@ -93,7 +93,7 @@ def _slopes(robot: ParallelRobot, closed: ClosedStack, columns: IntArray) -> Pos
     if len(robot.following):
         opened = closed.linearised.closures[0][:, columns].T
         steps[:, robot.following] = -closed.linearised.passive_factors.solve(opened[:, None])[:, 0]
-    linearised, tree = closed.linearised.at(np.zeros(k, dtype=np.intp)), tree_columns(robot)
+    linearised, tree = closed.linearised.select(np.zeros(k, dtype=np.intp)), tree_columns(robot)
     screws = linearised.frames.screws
     stepped = screws * steps[..., None]
     before = tree.before.T.astype(float) @ stepped

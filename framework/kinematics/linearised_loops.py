@@ -37,12 +37,12 @@ class LinearisedLoops:
     residual: Array  # (T, n + m)
     entries: Array  # (T, E) of dF/dq, as `equations.pattern` has them
 
-    def at(self, k: int | slice | IntArray) -> LinearisedLoops:
+    def select(self, k: int | slice | IntArray) -> LinearisedLoops:
         """Return those of one instant, T = 1, or of some."""
         here = slice(k, k + 1) if isinstance(k, int) else k
         loops = LoopWrenches(*(part[here] for part in self.loops))
         return LinearisedLoops(
-            self.equations, self.frames.at(here), loops, self.residual[here], self.entries[here]
+            self.equations, self.frames.select(here), loops, self.residual[here], self.entries[here]
         )
 
     @property

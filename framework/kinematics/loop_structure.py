@@ -16,7 +16,7 @@ import numpy as np
 from framework.arrays import LEAST_DIVISOR, Array, IntArray, ReadOnlyArrays
 from framework.errors import SingularReference
 from framework.kinematics.assembly import all_loops_matrix
-from framework.kinematics.closures import scaled
+from framework.kinematics.closures import scale_jacobian
 from framework.kinematics.frames import frames_at
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.platform import PlatformCoordinates
@@ -113,7 +113,9 @@ def idle_columns(felt: Array, passive: IntArray) -> IntArray:
 
 def motion_matrix(mechanism: Mechanism, platform: PlatformCoordinates, q: Array) -> Array:
     """Compute the dimensionless Jacobian (n + rows, nv) of platform and all loop equations at q (nq,)."""
-    moved = scaled(mechanism, platform.jacobian(frames_at(mechanism, q[None])), ~platform.translations)[0]
+    moved = scale_jacobian(
+        mechanism, platform.jacobian(frames_at(mechanism, q[None])), ~platform.translations
+    )[0]
     return np.concatenate([moved, all_loops_matrix(mechanism, q)])
 
 

@@ -101,7 +101,7 @@ class Mechanism(ReadOnlyArrays):
             platform_joints=platform_joints,
             parameters=parameters,
         )
-        return cls.of(_built(parsed, flexibility))
+        return cls.of(_build_mechanism(parsed, flexibility))
 
     @classmethod
     def from_description(cls, description: RobotDescription, *, flexibility: str = "rigid") -> Self:
@@ -113,7 +113,7 @@ class Mechanism(ReadOnlyArrays):
         """
         with naming(f"{description.file}: urdf"):
             urdf = parse_xml(description.urdf_text)
-        return cls.of(_built(ParsedRobot(description, urdf), flexibility))
+        return cls.of(_build_mechanism(ParsedRobot(description, urdf), flexibility))
 
     @classmethod
     def of(cls, mechanism: Mechanism) -> Self:
@@ -211,7 +211,7 @@ def columns_of(model: pin.Model, joints: Iterable[str]) -> IntArray:
     return np.array([names.index(name) for name in joints], dtype=int)
 
 
-def _built(parsed: ParsedRobot, flexibility: str) -> Mechanism:
+def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
     description, urdf = parsed.description, parsed.urdf
     springs = description.active_springs(flexibility)
     model = _sprung_model(parsed, springs)
@@ -220,17 +220,17 @@ def _built(parsed: ParsedRobot, flexibility: str) -> Mechanism:
     def acting(parameter: str) -> Array:
         """Return one parameter of the joints' springs, damping and friction, (nv,)."""
         joints = description.joints.items()
-        return _on_joints(model, {name: getattr(joint, parameter) for name, joint in joints})
+        return _joint_vector(model, {name: getattr(joint, parameter) for name, joint in joints})
 
     model.armature[:] = acting("armature")
     elastic_names = [name for spring in springs for name in spring.coordinates]
     frames = [description.platform.frame]
     for closure in description.closures:
         frames += [name for name in closure.frames if name not in frames]
-    reference = named_axes(model).T @ _on_joints(model, description.reference)
+    reference = named_axes(model).T @ _joint_vector(model, description.reference)
     q_near = np.asarray(pin.integrate(model, pin.neutral(model), reference))
     used = tuple(frame_of(model, name) for name in frames)
-    couplings = [_coupled(model, coupling) for coupling in description.couplings]
+    couplings = [_place_coupling(model, coupling) for coupling in description.couplings]
     rows = loop_rows(description.closures, frames, couplings)
     return Mechanism(
         description=description,
@@ -282,7 +282,7 @@ def _balls_by_axes(urdf: ElementTree.Element, description: RobotDescription) -> 
     return balls
 
 
-def _coupled(model: pin.Model, coupling: Coupling) -> CoupledJoints:
+def _place_coupling(model: pin.Model, coupling: Coupling) -> CoupledJoints:
     """Return a coupling with the places of its joints."""
     first, second = (model.joints[model.getJointId(name)] for name in (coupling.joint, coupling.of))
     return CoupledJoints(
@@ -302,7 +302,7 @@ def frame_of(model: pin.Model, name: str) -> int:
     return int(model.getFrameId(name, link) if is_link else model.getFrameId(name))
 
 
-def _on_joints(model: pin.Model, values: Mapping[str, float]) -> Array:
+def _joint_vector(model: pin.Model, values: Mapping[str, float]) -> Array:
     """Return a vector (nv,) with values by joint name, zero elsewhere."""
     vector = np.zeros(model.nv)
     vector[columns_of(model, values)] = list(values.values())

@@ -11,7 +11,7 @@ from framework.errors import point
 from framework.kinematics.mechanism import Mechanism, columns_of
 
 
-def more_than_a_turn(mechanism: Mechanism, joints: Mapping[str, float]) -> str:
+def remark_on_turns(mechanism: Mechanism, joints: Mapping[str, float]) -> str:
     """Return the end of a sentence on hinges beyond a full turn (joint: angle [rad]); empty where none is.
 
     Angles in degrees are.
@@ -44,7 +44,7 @@ def longest_reach(robot: Mechanism) -> float:
     return reach
 
 
-def beyond_reach(robot: Mechanism, position: Array) -> str:
+def remark_on_reach(robot: Mechanism, position: Array) -> str:
     """Return the end of a sentence on a platform that no link leads to; empty where one may.
 
     `position`: the coordinates of its frame's origin that are given [m].

@@ -76,7 +76,7 @@ def keeps_working_mode(robot: ParallelRobot, before: LinearisedLoops, after: Lin
     keep = ranked & keeps_sign((signs[:-1], sizes[:-1]), (signs[1:], sizes[1:]))
     for k in map(int, np.flatnonzero(ranked & ~keep)):
         bases, maps = [], []
-        for linearised in (after.at(k - 1) if k else before, after.at(k)):
+        for linearised in (after.select(k - 1) if k else before, after.select(k)):
             basis = np.linalg.svd(scaled_loops(robot, linearised)[0][:, columns])[2][loops.shape[1] :].T
             bases.append(basis)
             platform = scaled_platform(robot, linearised)[0][:, columns]

@@ -71,7 +71,7 @@ def motion_changes(robot: ParallelRobot, motion: Motion, steps: MotionSteps) -> 
     still, closed = np.zeros((count, k, robot.model.nv)), np.zeros((count, k, len(robot.loops.names)))
     columns, joints = steps.columns, steps.joints
     moved = np.concatenate([steps.twist[0], closed], axis=2)
-    dq = solved_rates(robot, linearised, moved, columns, joints[0])
+    dq = solve_rates(robot, linearised, moved, columns, joints[0])
 
     def left_over(dv: Array, order: int) -> Array:
         """Return what the equations' derivatives of this order change by at fixed joint accelerations."""
@@ -80,12 +80,12 @@ def motion_changes(robot: ParallelRobot, motion: Motion, steps: MotionSteps) -> 
         loops = row_variation(robot.loops, tree, variation)[order]
         return np.concatenate([steps.twist[1 + order] - platform, -loops], axis=2)
 
-    dv = solved_rates(robot, linearised, left_over(still, 0), columns, joints[1])
-    da = solved_rates(robot, linearised, left_over(dv, 1), columns, joints[2])
+    dv = solve_rates(robot, linearised, left_over(still, 0), columns, joints[1])
+    da = solve_rates(robot, linearised, left_over(dv, 1), columns, joints[2])
     return MotionChanges(dq, dv, da)
 
 
-def solved_rates(
+def solve_rates(
     robot: ParallelRobot, linearised: LinearisedLoops, right: Array, columns: IntArray, known: Array
 ) -> Array:
     """Solve (dF/dq) rates = right (T, k, n + m) for joint rates (T, k, nv), some of them known (T, k, c).

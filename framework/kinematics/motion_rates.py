@@ -45,7 +45,7 @@ class Motion:
     linearised: LinearisedLoops
     wrenches: tuple[AppliedWrench, ...] = ()  # of the world
 
-    def under(self, wrenches: tuple[AppliedWrench, ...]) -> Motion:
+    def with_wrenches(self, wrenches: tuple[AppliedWrench, ...]) -> Motion:
         """Return the same motion under wrenches of the world."""
         return replace(self, wrenches=wrenches) if wrenches else self
 
@@ -99,7 +99,7 @@ def motion_at(
     return _motion_of_twist(robot, closed.q, closed.linearised, (twist, dtwist), (dq_e, ddq_e))
 
 
-def without_elastic_rates(robot: ParallelRobot, q: Array, v: Array, a: Array) -> Motion:
+def freeze_deflections(robot: ParallelRobot, q: Array, v: Array, a: Array) -> Motion:
     """Compute the motion of the same platform at the same deflections, as if these did not change."""
     frames = frames_at(robot, q)
     linearised = linearised_at(robot, q, robot.platform.coordinates(frames))
@@ -127,7 +127,7 @@ def _motion_of_twist(
     v = joint_rates(robot, linearised, twist[0], elastic[0])
     turns = idle_turns(robot, linearised)
     if turns is not None:
-        v = turns.freed(v)
+        v = turns.add_turns(v)
     motions = frame_motions(robot, linearised.frames, q, v)
     drift = closure_drift(linearised.equations.loops, linearised.frames, motions)
     platform_drift = robot.platform.drift(linearised.frames, motions)
@@ -136,7 +136,7 @@ def _motion_of_twist(
     if turns is None:
         return motion
     rows_rate = turns.rows_rate(robot, linearised, jacobian_rate(robot, motion))
-    return replace(motion, a=turns.freed(motion.a, -np.einsum("tkv,tv->tk", rows_rate, v)))
+    return replace(motion, a=turns.add_turns(motion.a, -np.einsum("tkv,tv->tk", rows_rate, v)))
 
 
 def jacobian_rate(robot: ParallelRobot, motion: Motion) -> Array:

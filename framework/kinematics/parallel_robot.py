@@ -61,7 +61,7 @@ class ParallelRobot(Mechanism):
         numbers, description = vars(Mechanism.of(mechanism)), mechanism.description
         poses = (closed.q, *nearby_configurations(mechanism, closed.q))
         attitudes = frames_at(mechanism, np.stack(poses)).rotation[:, 0]
-        platform = PlatformCoordinates.of(description.platform, mechanism.model).charted(attitudes)
+        platform = PlatformCoordinates.of(description.platform, mechanism.model).choose_chart(attitudes)
         actuated = columns_of(mechanism.model, description.motor_joints)
         passive = np.setdiff1d(mechanism.joints, actuated)
         matrices = [motion_matrix(mechanism, platform, q) for q in poses]

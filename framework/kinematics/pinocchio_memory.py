@@ -51,12 +51,12 @@ class Scratch(NamedTuple):
         pin.rnea(model, data, q, moved, moved)
         pin.computeForwardKinematicsDerivatives(model, data, q, moved, moved)
         pin.updateFramePlacements(model, data)
-        public, memory = _by_accessors(data), _by_memory(data)
+        public, memory = _copy_arrays(data), _view_arrays(data)
         shown = memory is not None and all(map(np.array_equal, memory, public))
         arrays = memory if shown and memory is not None else public
 
         def refresh() -> None:
-            for array, current in zip(arrays, _by_accessors(data), strict=True):
+            for array, current in zip(arrays, _copy_arrays(data), strict=True):
                 array[...] = current
 
         bodies = np.array([model.frames[frame].parentJoint for frame in frames], dtype=np.intp)
@@ -79,7 +79,7 @@ def _scratch(model: pin.Model, frames: tuple[int, ...], thread: int) -> Scratch:
     return Scratch.of(model, frames)
 
 
-def _by_accessors(data: pin.Data) -> tuple[Array, ...]:
+def _copy_arrays(data: pin.Data) -> tuple[Array, ...]:
     """Return the six arrays of `Scratch` by pinocchio's public accessors, element by element, as copies.
 
     It costs more than computing what they hold.
@@ -94,7 +94,7 @@ def _by_accessors(data: pin.Data) -> tuple[Array, ...]:
     )
 
 
-def _by_memory(data: pin.Data) -> tuple[Array, ...] | None:
+def _view_arrays(data: pin.Data) -> tuple[Array, ...] | None:
     """Return the six arrays of `Scratch` on pinocchio's own memory; None where its layout is another."""
     blocks = (
         _block([pose.rotation for pose in data.oMf], 12),

@@ -49,7 +49,7 @@ def frame_origins(robot: ParallelRobot, poses: Array, frame: int) -> Array:
     """Compute the origin (F, 3) of one of pinocchio's frames, for poses of `joint_poses`."""
     placed = robot.model.frames[frame]
     joint = poses[:, placed.parentJoint]
-    return joint[:, :3] + rotated(joint[:, 3:], np.asarray(placed.placement.translation))
+    return joint[:, :3] + rotate_vector(joint[:, 3:], np.asarray(placed.placement.translation))
 
 
 def frame_positions(robot: ParallelRobot, poses: Array) -> Array:
@@ -58,7 +58,7 @@ def frame_positions(robot: ParallelRobot, poses: Array) -> Array:
     return np.concatenate([poses[:, 1:, :3].reshape(-1, 3), *ends])
 
 
-def rotated(quaternion: Array, vector: Array) -> Array:
+def rotate_vector(quaternion: Array, vector: Array) -> Array:
     """Turn a vector (3,), or one each (F, 3), by quaternions (F, 4), (x, y, z, w)."""
     axis, w = quaternion[:, :3], quaternion[:, 3:]
     across = 2 * np.cross(axis, vector)
@@ -67,7 +67,7 @@ def rotated(quaternion: Array, vector: Array) -> Array:
 
 def carried_points(pose: Array, points: Array) -> Array:
     """Return points (m, 3) of a joint's frame in the base, the joint at a pose (7,) of `joint_poses`."""
-    return pose[:3] + rotated(pose[None, 3:], points)
+    return pose[:3] + rotate_vector(pose[None, 3:], points)
 
 
 class JointAxis(NamedTuple):

@@ -43,10 +43,10 @@ class PlatformCoordinates(ReadOnlyArrays, ABC):
     def of(platform: Platform, model: pin.Model) -> PlatformCoordinates:
         """Return the coordinates that a robot file asks for."""
         if platform.joints:
-            return JointPlatform.of_joints(platform.joints, model)
-        return FramePlatform.on_axes(platform.axes)
+            return JointPlatform.from_joints(platform.joints, model)
+        return FramePlatform.from_axes(platform.axes)
 
-    def charted(self, rotations: Array) -> PlatformCoordinates:
+    def choose_chart(self, rotations: Array) -> PlatformCoordinates:
         """Return the same coordinates for a frame that has these attitudes (T, 3, 3) among others."""
         return self
 
@@ -137,7 +137,7 @@ class FramePlatform(PlatformCoordinates):
     attitude: Attitude  # of no coordinates where it does not turn
 
     @staticmethod
-    def on_axes(names: tuple[str, ...]) -> FramePlatform:
+    def from_axes(names: tuple[str, ...]) -> FramePlatform:
         """Return the coordinates on axes out of x, y, z, rx, ry, rz."""
         axes = np.array([AXES.index(name) for name in names])
         translations = axes < 3
@@ -145,7 +145,7 @@ class FramePlatform(PlatformCoordinates):
         attitude = attitude_about(axes[turning] - 3)
         return FramePlatform(translations, sliding, axes[sliding], axes, np.eye(6)[axes], turning, attitude)
 
-    def charted(self, rotations: Array) -> FramePlatform:
+    def choose_chart(self, rotations: Array) -> FramePlatform:
         if not isinstance(self.attitude, TwistAngle):
             return self
         return replace(self, attitude=twist_angle_for(self.attitude, rotations))
@@ -259,7 +259,7 @@ class JointPlatform(PlatformCoordinates):
     places: IntArray  # (n,) entries of q
 
     @staticmethod
-    def of_joints(names: tuple[str, ...], model: pin.Model) -> JointPlatform:
+    def from_joints(names: tuple[str, ...], model: pin.Model) -> JointPlatform:
         """Return the coordinates on joints of one degree of freedom."""
         joints = [model.joints[model.getJointId(name)] for name in names]
         slides = np.array([joint.shortname().startswith("JointModelP") for joint in joints])
@@ -279,10 +279,10 @@ class JointPlatform(PlatformCoordinates):
         return np.where(self.translations, x, x + 2 * np.pi * turns)
 
     def wrenches(self, frames: FrameStack) -> Array:
-        return self._of_screws(frames.screws)
+        return self._screw_wrenches(frames.screws)
 
     def wrench_rates(self, frames: FrameStack, w: Array, screw_rates: Array) -> Array:
-        return self._of_screws(screw_rates)
+        return self._screw_wrenches(screw_rates)
 
     def felt_by(self, carried: Array) -> Array:
         return np.eye(len(carried))[self.columns]
@@ -303,7 +303,7 @@ class JointPlatform(PlatformCoordinates):
         twist[:, :3] += np.cross(twist[:, 3:], frames.position[:, 0])
         return twist
 
-    def _of_screws(self, screws: Array) -> Array:
+    def _screw_wrenches(self, screws: Array) -> Array:
         """Compute couples about the joints that turn and forces along those that slide, (T, n, 6)."""
         wrenches = screws[:, self.columns].copy()
         wrenches[:, ~self.translations, :3] = 0.0

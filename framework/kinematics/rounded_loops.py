@@ -40,7 +40,7 @@ def assembled_mechanism(mechanism: Mechanism) -> AssembledMechanism:
     try:
         return AssembledMechanism(mechanism, close_reference(mechanism))
     except NotAssembled as failure:
-        kept = _without_rounded_rows(mechanism, failure.q)
+        kept = _set_rounded_rows_aside(mechanism, failure.q)
         if kept is None:
             raise
     return AssembledMechanism(kept, close_reference(kept))
@@ -53,7 +53,7 @@ def rounded_gap(mechanism: Mechanism, q: Array) -> float:
     return float(np.abs(loop_equations(mechanism.rounded, frames_at(mechanism, q)).residual).max())
 
 
-def _without_rounded_rows(mechanism: Mechanism, q: Array) -> Mechanism | None:
+def _set_rounded_rows_aside(mechanism: Mechanism, q: Array) -> Mechanism | None:
     """Return the mechanism without rows that repeat others but for rounding at q (nq,), None without such."""
     rows = mechanism.rows
     weights = np.where(rows.rotation, 1.0, 1.0 / mechanism.length)

@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from framework.arrays import Array
 from framework.kinematics.closures import row_factors
-from framework.kinematics.frame_variations import carried_along, turned
+from framework.kinematics.frame_variations import move_frames, turn_vectors
 from framework.kinematics.frames import FrameStack, rotations
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import Scratch
@@ -64,8 +64,8 @@ class SinglePose:
         motions = np.array([scratch.velocities, scratch.accelerations]).take(scratch.bodies, axis=1)
         rates = np.empty((3, len(self._placed), 4, 3))  # of axes and origins: values and two derivatives
         rates[0] = self._placed.reshape(-1, 4, 3)
-        rates[1:] = carried_along(motions, rates[0])
-        rates[2] += turned(motions[0], rates[1])
+        rates[1:] = move_frames(motions, rates[0])
+        rates[2] += turn_vectors(motions[0], rates[1])
         a, b = row_factors(rows, rates)
         return rows.weight * (a[2] * b[0] + 2.0 * a[1] * b[1] + a[0] * b[2]).sum(axis=1)
 

@@ -67,7 +67,7 @@ def _with_balls(parsed: pin.Model, several: Mapping[str, str], as_declared: Coll
                     new, place = model.addJoint(new, slide(), place, f"{name}{suffix}"), identity
             axes = identity
             if name not in as_declared:
-                axes = pin.SE3(turning("z", _along(parsed, j)), np.zeros(3))
+                axes = pin.SE3(turning("z", _centre_direction(parsed, j)), np.zeros(3))
             turned[j] = axes.inverse()
             index[j] = model.addJoint(new, pin.JointModelSpherical(), place * axes, name)
         model.appendBodyToJoint(index[j], inertia, turned[j])
@@ -80,7 +80,7 @@ def _with_balls(parsed: pin.Model, several: Mapping[str, str], as_declared: Coll
     return model
 
 
-def _along(model: pin.Model, j: int) -> Array:
+def _centre_direction(model: pin.Model, j: int) -> Array:
     """Return the direction (3,) of the centre of mass behind joint j, or else of its farthest frame."""
     inertia = model.inertias[j]
     if inertia.mass > 0 and np.linalg.norm(inertia.lever) > CENTRE_DISTANCE:
@@ -112,9 +112,9 @@ class Coordinates:
             return q
         neutral = pin.neutral(model)
         from_neutral = [pin.difference(model, neutral, np.ascontiguousarray(row)) for row in q]
-        return self.named(np.asarray(from_neutral))
+        return self.to_named_axes(np.asarray(from_neutral))
 
-    def named(self, v: Array) -> Array:
+    def to_named_axes(self, v: Array) -> Array:
         """Return velocities (T, nv), or other tangent vectors, on the axes that `names` mean."""
         return v if self.model.nq == self.model.nv else np.asarray(v @ named_axes(self.model).T)
 
@@ -196,14 +196,14 @@ def positions_beyond_limits(limits: Sequence[JointLimit], q: Array) -> dict[str,
         least, largest = float(np.min(q[:, coordinate])), float(np.max(q[:, coordinate]))
         beyond, slack = [], SAME_PLACE * max(abs(lower), abs(upper))
         if least < lower - slack:
-            beyond.append(_beyond(least, lower, unit))
+            beyond.append(_excess_in_words(least, lower, unit))
         if largest > upper + slack:
-            beyond.append(_beyond(largest, upper, unit))
+            beyond.append(_excess_in_words(largest, upper, unit))
         if beyond:
             exceeded[joint] = "position " + " and ".join(beyond)
     return exceeded
 
 
-def _beyond(position: float, limit: float, unit: str) -> str:
+def _excess_in_words(position: float, limit: float, unit: str) -> str:
     reached, allowed = told_apart(position, limit, 6)
     return f"{reached} {unit} of {allowed}"

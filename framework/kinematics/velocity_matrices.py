@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array, ArrayLike, read_only
-from framework.kinematics.closures import scaled
+from framework.kinematics.closures import scale_jacobian
 from framework.kinematics.linearised_loops import LinearisedLoops, assembled_at
 from framework.kinematics.motion_rates import Motion, jacobian_rate
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -54,7 +54,7 @@ def matrices_and_changes(
     robot: ParallelRobot, linearised: LinearisedLoops, changes: Array
 ) -> tuple[VelocityMatrices, VelocityMatrices]:
     """Compute A, B, C, and what changes (T, n + m, nv) of dF/dq make of them, see `matrices_and_rates`."""
-    M, dM = (_balanced(robot, jacobian) for jacobian in (linearised.jacobian, changes))
+    M, dM = (_dimensionless_jacobian(robot, jacobian) for jacobian in (linearised.jacobian, changes))
     N, passive = _left_null_space(robot, M), robot.following
     dN = -N @ dM[:, :, passive] @ np.linalg.pinv(M[:, :, passive])
     turned, moved = _combine(robot, dN, M), _combine(robot, N, dM)
@@ -68,7 +68,7 @@ def dimensionless_matrices(robot: ParallelRobot, linearised: LinearisedLoops) ->
     [A, rest] is the transpose of an orthonormal basis of the left null space of the passive columns of
     d[platform ; closures]/dq: the singular values of A are cosines, in 0 .. 1.
     """
-    balanced = _balanced(robot, linearised.jacobian)
+    balanced = _dimensionless_jacobian(robot, linearised.jacobian)
     return _combine(robot, _left_null_space(robot, balanced), balanced)
 
 
@@ -77,9 +77,9 @@ def _combine(robot: ParallelRobot, N: Array, M: Array) -> VelocityMatrices:
     return VelocityMatrices(N[:, :, : robot.n], N @ M[:, :, robot.actuated], N @ M[:, :, robot.elastic])
 
 
-def _balanced(robot: ParallelRobot, jacobian: Array) -> Array:
+def _dimensionless_jacobian(robot: ParallelRobot, jacobian: Array) -> Array:
     """Compute d[platform ; closures]/dq (T, n + m, nv) without dimension."""
-    return scaled(robot, jacobian, np.concatenate([~robot.translations, robot.loops.rotation]))
+    return scale_jacobian(robot, jacobian, np.concatenate([~robot.translations, robot.loops.rotation]))
 
 
 def _left_null_space(robot: ParallelRobot, balanced: Array) -> Array:

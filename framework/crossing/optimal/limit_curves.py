@@ -73,7 +73,7 @@ def limit_curves(plan: CrossingPlan) -> LimitCurves:
 
 def _motor_demand(plan: CrossingPlan, s: Array) -> MotorDemand:
     """Compute torques and speeds of the undeformed robot at s (T,), with damping and the planned friction."""
-    branch, robot = track_path(plan.robot, plan.path).under(plan.dynamics.wrenches), plan.robot
+    branch, robot = track_path(plan.robot, plan.path).with_wrenches(plan.dynamics.wrenches), plan.robot
     undamped = demand(branch, Smoothstep(0), s, None, "rigid")
     constant, per_z, per_u = undamped.torque
     per_speed = np.zeros_like(constant)

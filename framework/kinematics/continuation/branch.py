@@ -83,7 +83,7 @@ class Branch(ReadOnlyArrays):
             return self.path.knots
         return np.unique(np.concatenate([self.path.knots, self.wrenches.knots]))
 
-    def under(self, wrenches: ExternalWrenches) -> Branch:
+    def with_wrenches(self, wrenches: ExternalWrenches) -> Branch:
         """Return the same branch under wrenches of the world.
 
         Raises:
@@ -106,20 +106,20 @@ class Branch(ReadOnlyArrays):
         off = np.abs((series(self.s) - self.u) / self.robot.column_scale).max()
         return replace(self, series=series) if off < BRANCH_CORRECTION else self
 
-    def loaded(self, motion: Motion, s: Array) -> Motion:
+    def load_motion(self, motion: Motion, s: Array) -> Motion:
         """Return a motion of the robot at s (T,) under the wrenches of the world."""
-        return motion.under(self.wrenches.at(self.robot, motion.linearised.frames, s))
+        return motion.with_wrenches(self.wrenches.evaluate(self.robot, motion.linearised.frames, s))
 
     def guess(self, s: Array) -> Array:
         """Return configurations (T, nq) near the branch at s (T,)."""
-        u = self._between_knots(s) if self.series is None else self._of_series(self.series, s)
+        u = self._cubic_offsets(s) if self.series is None else self._series_offsets(self.series, s)
         for continuation in self.continuations:
             covered = continuation.covers(s)
             u[covered] = continuation.offset(s[covered])
         return integrate(self.robot, self.origin, u)
 
     @staticmethod
-    def _of_series(series: TimeFunction, s: Array) -> Array:
+    def _series_offsets(series: TimeFunction, s: Array) -> Array:
         """Compute offsets (T, nv) from the origin by the series, which go on beyond the path's ends."""
         u = series(np.clip(s, 0.0, 1.0))
         for panel, beyond in ((0, s < 0.0), (-1, s > 1.0)):
@@ -128,7 +128,7 @@ class Branch(ReadOnlyArrays):
                 u[beyond] = _chebyshev_values(series.coefficients[panel], start, end, s[beyond])
         return u
 
-    def _between_knots(self, s: Array) -> Array:
+    def _cubic_offsets(self, s: Array) -> Array:
         """Compute offsets (T, nv) from the origin by cubics between the knots."""
         k = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2)
         step = (self.s[k + 1] - self.s[k])[:, None]
@@ -140,7 +140,7 @@ class Branch(ReadOnlyArrays):
             + t**2 * (t - 1) * step * self.du[k + 1]
         )
 
-    def closed(self, s: ArrayLike) -> ClosedStack:
+    def close(self, s: ArrayLike) -> ClosedStack:
         """Return assembled configurations on the branch at s (T,).
 
         Raises:
@@ -149,7 +149,7 @@ class Branch(ReadOnlyArrays):
         """
         s = np.atleast_1d(np.asarray(s, dtype=float))
         x, guess = self.path(s), self.guess(s)
-        in_core = self.continued(s)
+        in_core = self.is_continued(s)
         if not in_core.any():
             return close_loops(self.robot, x, guess)
         q = guess.copy()
@@ -157,7 +157,7 @@ class Branch(ReadOnlyArrays):
             q[~in_core] = close_loops(self.robot, x[~in_core], guess[~in_core]).q
         return ClosedStack(q, x, linearised_at(self.robot, q, x))
 
-    def continued(self, s: Array) -> NDArray[np.bool_]:
+    def is_continued(self, s: Array) -> NDArray[np.bool_]:
         """Whether the branch at s (T,) is carried by a continuation alone."""
         inside = np.zeros(len(s), dtype=bool)
         for continuation in self.continuations:

@@ -81,7 +81,7 @@ def forward_kinematics(
     for place in way.stretches[1:]:
         x = robot.platform.unwrap(robot.platform.coordinates(place.linearised.frames), x[0])
     if not way.complete:
-        raise _stopped(robot, way, x[0], target)
+        raise _end_error(robot, way, x[0], target)
     return _pose_at(robot, way.last, x[0], float(way.clearance.min()), steps=len(way.at) - 1)
 
 
@@ -219,12 +219,12 @@ def motors_turning_points(robot: ParallelRobot, q: Array, share: Array, turn: Ar
     return turning_points(robot, q, share, columns, turn, evaluate)
 
 
-def _stopped(robot: ParallelRobot, way: Way, x: Array, q_a: Array) -> NotAssembled:
+def _end_error(robot: ParallelRobot, way: Way, x: Array, q_a: Array) -> NotAssembled:
     """Return the error for the end of the way of the motors to q_a, at platform x."""
     residual = float(np.abs(way.last.linearised.residual[:, robot.n :]).max(initial=0.0))
     usual = max(float(way.clearance.max()), float(clearance(robot, linearised_at_reference(robot))[0]))
     if way.last.clearance[0] > TYPE_2_END_RATIO * usual:
-        where = _on_the_way(robot, way.at[-1], x, q_a)
+        where = _place_in_words(robot, way.at[-1], x, q_a)
         return NotAssembled(
             f"{robot.name}: the loops cannot be followed {where}", q=way.q[-1], residual=residual
         )
@@ -236,7 +236,7 @@ def type2_singularity(
 ) -> Type2Singularity:
     """Return the error where the way to q_a (n_a,) ends, after a share of it, at q with platform x."""
     return Type2Singularity(
-        f"{robot.name}: a Type 2 singularity {_on_the_way(robot, share, x, q_a)}: with its motors locked the "
+        f"{robot.name}: a Type 2 singularity {_place_in_words(robot, share, x, q_a)}: with its motors locked the "
         f"robot can still move there, and this assembly mode ends",
         q=q,
         residual=residual,
@@ -245,7 +245,7 @@ def type2_singularity(
     )
 
 
-def _on_the_way(robot: ParallelRobot, share: float, x: Array, q_a: Array) -> str:
+def _place_in_words(robot: ParallelRobot, share: float, x: Array, q_a: Array) -> str:
     return (
         f"on the way to {', '.join(robot.actuator_names)} = {point(q_a)}, after {share:.6g} of it, at "
         f"{', '.join(robot.axis_names)} = {point(x)}"

@@ -129,7 +129,7 @@ def _lead(robot: ParallelRobot, q: Array, x: Array, turn: Array) -> tuple[dict[s
             robot, start, k / STEP_COUNT * turn[live], predicted, iterations=MAX_STEP_ITERATIONS
         )
         live, predicted, corrected = live[closed], predicted[closed], corrected[closed]
-        linearised = linearised.at(np.flatnonzero(closed))
+        linearised = linearised.select(np.flatnonzero(closed))
         clear, ahead = clearance(robot, linearised), _rates(robot, linearised, turn[live])
         determinants = passive_determinants(linearised)
         step = measure(

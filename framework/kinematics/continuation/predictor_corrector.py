@@ -44,7 +44,7 @@ class Places(NamedTuple):
 
     def _part(self, which: slice) -> Places:
         q, linearised, rate, clearance = self
-        return Places(q[which], linearised.at(which), rate[which], clearance[which])
+        return Places(q[which], linearised.select(which), rate[which], clearance[which])
 
 
 class Way(NamedTuple):
@@ -144,7 +144,7 @@ def follow(
         ahead = np.array([1.0 if s > 1.0 - END_ROUNDING else s for s in (parameter + step, *near)])
         lengths = (ahead - parameter)[:, None]
         arrived = arrive(ahead, integrate(robot, place.q, lengths * place.rate))
-        kept = None if arrived is None else _kept(robot, place, arrived, lengths, belong)
+        kept = None if arrived is None else _accept_steps(robot, place, arrived, lengths, belong)
         if kept is not None:
             places, correction = kept
             parameters.append(ahead[: len(places.q)])
@@ -162,7 +162,7 @@ def follow(
     return Way(np.concatenate(parameters), tuple(stretches))
 
 
-def _kept(
+def _accept_steps(
     robot: Mechanism,
     start: Places,
     arrived: Places,
@@ -178,12 +178,12 @@ def _kept(
     along = steps * rate
     moved = difference(robot, integrate(robot, q, along), arrived.q)
     correction, small, straight = measure(robot, moved, along, steps * arrived.rate)
-    count = _leading(small)
+    count = _count_leading(small)
     if count:
-        count = _leading(belong(start, arrived.first(count), straight[:count]))
+        count = _count_leading(belong(start, arrived.first(count), straight[:count]))
     return (arrived.first(count), float(correction[count - 1])) if count else None
 
 
-def _leading(true: BoolArray) -> int:
+def _count_leading(true: BoolArray) -> int:
     """Count the values (K,) before the first that is false."""
     return len(true) if true.all() else int(np.argmin(true))

@@ -26,7 +26,7 @@ from framework.kinematics.frames import difference, difference_rates, integrate
 from framework.kinematics.inverse_kinematics import close_each, close_loops, require_square
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.kinematics.loop_matrices import equation_sizes, lost_equations, type1_matrix
-from framework.kinematics.mistaken_units import beyond_reach
+from framework.kinematics.mistaken_units import remark_on_reach
 from framework.kinematics.modes import keeps_working_mode
 from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
@@ -66,8 +66,8 @@ def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
         closed = close_loops(robot, target[None], reference.q[None])
         return Configuration(closed.q[0], target, float(np.abs(closed.linearised.residual).max()), 1)
     segment = Line(reference.x, target)
-    branch = _followed(robot, segment, reference.q, "the way from the reference to the point")
-    closed = branch.closed(1.0)  # on the last knot: one evaluation
+    branch = _follow_branch(robot, segment, reference.q, "the way from the reference to the point")
+    closed = branch.close(1.0)  # on the last knot: one evaluation
     residual = float(np.abs(closed.linearised.residual).max())
     return Configuration(closed.q[0], target, residual, len(branch.s))
 
@@ -89,7 +89,7 @@ def track_path(robot: ParallelRobot, path: Path) -> Branch:
         )
     require_square(robot)
     start = assemble(robot, path(0.0))
-    return _followed(robot, path, start.q, "the path")
+    return _follow_branch(robot, path, start.q, "the path")
 
 
 def _platform_point(robot: ParallelRobot, x: ArrayLike) -> Array:
@@ -114,7 +114,7 @@ def follow_path(
         if not count:
             return None
         if count < len(s):
-            s, q, linearised = s[:count], q[:count], linearised.at(slice(count))
+            s, q, linearised = s[:count], q[:count], linearised.select(slice(count))
         try:
             return places(s, q, linearised)
         except NotAssembled:  # one of them is singular, to the last bit
@@ -126,7 +126,7 @@ def follow_path(
     def belong(before: Places, after: Places, straight: BoolArray) -> BoolArray:
         keep = keeps_working_mode(robot, before.linearised, after.linearised)
         bent = np.flatnonzero(keep & ~straight)
-        keep[bent] = lost_equations(robot, after.linearised.at(bent), BRANCHES_CROSS) == 0
+        keep[bent] = lost_equations(robot, after.linearised.select(bent), BRANCHES_CROSS) == 0
         return keep
 
     def end(s: float, before: Places) -> tuple[float, Places] | None:
@@ -156,7 +156,7 @@ def follow_path(
     return follow(robot, start, arrive, belong, end=ends, step=first, at_once=PLACES_AT_ONCE)
 
 
-def _followed(robot: ParallelRobot, path: Path, q: Array, what: str) -> Branch:
+def _follow_branch(robot: ParallelRobot, path: Path, q: Array, what: str) -> Branch:
     """Return the branch along the path from a configuration q (nq,) on its first point."""
     way = follow_path(robot, path, q, last_step=KNOT_NEWTON_STEP, to_the_end=True)
     if not way.complete:
@@ -177,7 +177,7 @@ def _end_of_reach(
     """Return the error for the end of the way: a stretched or folded leg, or loops that lose their rank."""
     count = int(lost_equations(robot, linearised, TYPE_1_END_RATIO)[0])
     if count:
-        return escaping(robot, s, path(s), count, f"{what} runs into {LOOP_SINGULARITY}")
+        return escape_error(robot, s, path(s), count, f"{what} runs into {LOOP_SINGULARITY}")
     joint = weakest_leg(robot, linearised)
     x = path(s)
     ahead = f"{what} leaves the workspace" if not _reachable_beyond(robot, path, s, q) else None
@@ -192,7 +192,7 @@ def _end_of_reach(
         )
     return OutOfReach(
         f"{robot.name}: {ahead} {where}: the leg of {joint} cannot follow"
-        + beyond_reach(robot, path(1.0)[robot.platform.sliding]),
+        + remark_on_reach(robot, path(1.0)[robot.platform.sliding]),
         q=q,
         residual=float(np.abs(linearised.residual).max()),
         s=s,
@@ -217,7 +217,7 @@ def _reachable_beyond(robot: ParallelRobot, path: Path, s: float, q: Array) -> b
     return bool(len(ahead)) and bool(close_each(robot, path(ahead), guess).closed.any())
 
 
-def escaping(robot: ParallelRobot, s: float, x: Array, count: int, what: str) -> UncontrolledMotions:
+def escape_error(robot: ParallelRobot, s: float, x: Array, count: int, what: str) -> UncontrolledMotions:
     """Return the error where `count` motions escape the motors at path coordinate s, platform x (n,)."""
     words = {1: "one uncontrolled motion", 2: "two uncontrolled motions at once"}
     return UncontrolledMotions(

@@ -24,9 +24,9 @@ from framework.errors import NotAssembled
 from framework.kinematics.closures import (
     direction_gaps,
     direction_slopes,
+    find_turned_over,
     loop_equations,
-    scaled,
-    turned_over,
+    scale_jacobian,
 )
 from framework.kinematics.frames import FrameStack, frames_at, integrate
 from framework.kinematics.mechanism import Mechanism
@@ -60,7 +60,7 @@ def find_closed_pose(mechanism: Mechanism) -> ClosedPose:
     lower, upper = _ranges(mechanism)
     u = np.zeros(mechanism.model.nv)
     for group in _groups(mechanism, mechanism.q_near, lower, upper):
-        u[group.columns] = _nearest(group)
+        u[group.columns] = _nearest_closing(group)
     farthest, step = int(np.argmax(np.abs(u))), u * mechanism.column_scale
     moved = f"{abs(step[farthest]):.3g} {'m' if mechanism.sliding[farthest] else 'rad'}"
     return ClosedPose(
@@ -96,7 +96,9 @@ class _Group:
     def slope(self, u: Array) -> Array:
         """Compute the derivative of `gap` along the k joints."""
         frames = self._frames(u)
-        rows = scaled(self.mechanism, loop_equations(self.rows, frames).jacobian, self.rows.rotation)[0]
+        rows = scale_jacobian(self.mechanism, loop_equations(self.rows, frames).jacobian, self.rows.rotation)[
+            0
+        ]
         vectors = direction_slopes(self.directions, frames)[0] * self.mechanism.column_scale
         return np.concatenate([rows, vectors.reshape(-1, rows.shape[1])])[:, self.columns]
 
@@ -181,7 +183,7 @@ def _ranges(mechanism: Mechanism) -> tuple[Array, Array]:
     return lower, upper
 
 
-def _nearest(group: _Group) -> Array:
+def _nearest_closing(group: _Group) -> Array:
     """Find offsets (k,) that close a group's loops, the smallest of those that several starts lead to."""
     turning = ~group.mechanism.sliding[group.columns]
     limited = np.isfinite(group.lower)
@@ -201,11 +203,11 @@ def _nearest(group: _Group) -> Array:
             if k == 0 or len(poses) == ENOUGH_POSES:
                 break
     if not poses:
-        raise _still_open(group, best)
+        raise _still_open_error(group, best)
     return min(poses, key=lambda u: float(np.linalg.norm(u)))
 
 
-def _still_open(group: _Group, u: Array) -> NotAssembled:
+def _still_open_error(group: _Group, u: Array) -> NotAssembled:
     """Return the error for a group that no start has closed; `u` (k,) came nearest."""
     gap, mechanism = np.abs(group.equations(u)), group.mechanism
     row, q = int(np.argmax(gap)), group.configuration(u)
@@ -213,7 +215,7 @@ def _still_open(group: _Group, u: Array) -> NotAssembled:
     left = float(gap[row]) * (1.0 if turning else mechanism.length)
     best = f"{group.rows.names[row]} stays {left:.3g} {'rad' if turning else 'm'} apart"
     if gap[row] < LOOP_GAP:
-        best = f"{turned_over(mechanism, frames_at(mechanism, q[None]))} is turned over"
+        best = f"{find_turned_over(mechanism, frames_at(mechanism, q[None]))} is turned over"
     return NotAssembled(
         f"{mechanism.name}: the loops do not close: of {MAX_STARTS} starts within the joints' limits none "
         f"leads to a closed pose; in the best {best}; check the link lengths and the closures, or give a "

@@ -21,7 +21,7 @@ from framework.kinematics.linearised_loops import linearised_at_reference
 from framework.kinematics.loop_matrices import clearance
 from framework.kinematics.loop_structure import independent_rows
 from framework.kinematics.mechanism import Mechanism
-from framework.kinematics.mistaken_units import more_than_a_turn
+from framework.kinematics.mistaken_units import remark_on_turns
 from framework.kinematics.modes import mode_signs
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.rounded_loops import assembled_mechanism, rounded_gap
@@ -127,7 +127,7 @@ def _robot_to_examine(mechanism: Mechanism) -> tuple[ParallelRobot, float | None
     try:
         mechanism, closing = assembled_mechanism(mechanism)
     except NotAssembled as failure:
-        if more_than_a_turn(mechanism, mechanism.description.reference):
+        if remark_on_turns(mechanism, mechanism.description.reference):
             raise
         gap = failure.residual
         pose = find_closed_pose(mechanism)

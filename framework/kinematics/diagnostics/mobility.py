@@ -22,7 +22,7 @@ import pinocchio as pin
 
 from framework.arrays import Array
 from framework.kinematics.assembly import all_loops_matrix, nearby_configurations
-from framework.kinematics.closures import scaled
+from framework.kinematics.closures import scale_jacobian
 from framework.kinematics.frames import frames_at
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -81,7 +81,9 @@ def platform_axes_of(robot: ParallelRobot, freedoms: int) -> PlatformAxes:
     velocities = max(np.linalg.matrix_rank(matrix, tol=FILE_ROUNDING) for matrix in twists)
     names = robot.axis_names
     proposals = _proposals(twists, freedoms, robot.axis_names) if velocities == freedoms else ()
-    return PlatformAxes(_in_words(stuck, names), _in_words(stuck_here, names), int(velocities), proposals)
+    return PlatformAxes(
+        _name_stuck_axes(stuck, names), _name_stuck_axes(stuck_here, names), int(velocities), proposals
+    )
 
 
 def _proposals(twists: list[Array], freedoms: int, stated: Sequence[str]) -> tuple[tuple[str, ...], ...]:
@@ -131,7 +133,7 @@ def _stuck(robot: ParallelRobot, q: Array) -> Array:
 
 def _platform_rates(robot: ParallelRobot, q: Array) -> Array:
     """Compute rates (n, nv) of the platform's coordinates, in radians and lengths of the robot."""
-    return scaled(robot, robot.platform.jacobian(frames_at(robot, q[None])), ~robot.translations)[0]
+    return scale_jacobian(robot, robot.platform.jacobian(frames_at(robot, q[None])), ~robot.translations)[0]
 
 
 def _frame_twists(robot: ParallelRobot, q: Array) -> Array:
@@ -156,7 +158,7 @@ def centres_of_mass(robot: Mechanism, q: Array) -> Array:
     return np.concatenate(parts) / robot.length * robot.column_scale
 
 
-def _in_words(stuck: Array, names: tuple[str, ...]) -> str:
+def _name_stuck_axes(stuck: Array, names: tuple[str, ...]) -> str:
     """Return the names of the axes that combinations (n, k) hold still: each alone, or some together."""
     shares = dict(zip(names, np.linalg.norm(stuck, axis=1), strict=True))
     alone = [name for name, share in shares.items() if share > 1.0 - FILE_ROUNDING]

@@ -95,29 +95,29 @@ def propose(options: Options, known: Known) -> Resolved:
     free = [name for name in bases if name in _serial(known)]
     remarks = []
     if free:
-        known = _holding(known, free)
+        known = _hold_joints(known, free)
         remarks.append(f"held: {', '.join(free)} (a free base, which no motor drives)")
-    tails, heads = _in_no_loop(known, options)
+    tails, heads = _split_serial_joints(known, options)
     if tails:
-        known = _holding(known, tails)
-        remarks.append(_held(tails))
+        known = _hold_joints(known, tails)
+        remarks.append(_holding_remark(tails))
     if known.platform is not None and options.motors is not None:  # nothing is left to propose
         return Resolved(replace(known.description, platform=known.platform), tuple(remarks))
     try:
-        resolved = _proposed(known, by_joints=not heads or not options.is_silent)
+        resolved = _complete(known, by_joints=not heads or not options.is_silent)
     except RobotFileError:
         if not heads or not options.is_silent:
             raise
-        remarks.append(_held(heads))
-        resolved = _proposed(_holding(known, heads), by_joints=True)
+        remarks.append(_holding_remark(heads))
+        resolved = _complete(_hold_joints(known, heads), by_joints=True)
     return resolved._replace(remarks=(*remarks, *resolved.remarks))
 
 
-def _held(joints: Sequence[str]) -> str:
+def _holding_remark(joints: Sequence[str]) -> str:
     return f"held: {', '.join(joints)} (in no loop; --motors or --platform say otherwise)"
 
 
-def _proposed(known: Known, *, by_joints: bool) -> Resolved:
+def _complete(known: Known, *, by_joints: bool) -> Resolved:
     """Complete the description as `propose` does, without holding more joints.
 
     A pose of the file beyond the joints' limits is left for one within them where nothing can be proposed.
@@ -125,15 +125,15 @@ def _proposed(known: Known, *, by_joints: bool) -> Resolved:
     urdf = ElementTree.tostring(known.tree.root, encoding="unicode")
     known = known._replace(description=replace(known.description, urdf_text=urdf))
     try:
-        return _proposed_at(known, *_closed(known.description), by_joints=by_joints)
+        return _complete_at_pose(known, *_close_near_reference(known.description), by_joints=by_joints)
     except RobotFileError:
-        within = _within_limits(known.description)
+        within = _close_within_limits(known.description)
         if within is None:
             raise
-    return _proposed_at(known, *within, by_joints=by_joints)
+    return _complete_at_pose(known, *within, by_joints=by_joints)
 
 
-def _proposed_at(known: Known, motions: _Motions, remarks: list[str], *, by_joints: bool) -> Resolved:
+def _complete_at_pose(known: Known, motions: _Motions, remarks: list[str], *, by_joints: bool) -> Resolved:
     """Complete the description at a closed pose."""
     tree = known.tree
     if not motions.freedoms:
@@ -162,8 +162,8 @@ def _proposed_at(known: Known, motions: _Motions, remarks: list[str], *, by_join
             names = ", ".join(platform.names)
             remarks.append(f"platform: {names} of {platform.frame} (proposed)")
             return Resolved(replace(description, platform=platform), tuple(remarks))
-    part = _part(description, tree)
-    by_joint = list(_platforms_of_joints(motions, description, tree)) if by_joints else []
+    part = _part_option(description, tree)
+    by_joint = list(_joint_platforms(motions, description, tree)) if by_joints else []
     for platform in by_joint:
         if _is_driven(description, platform):
             why = f"no body is moved by all of the motors{'; or ' * bool(part)}{part.removesuffix(', ')}"
@@ -175,11 +175,11 @@ def _proposed_at(known: Known, motions: _Motions, remarks: list[str], *, by_join
     raise RobotFileError(
         f"no body is moved by all of the motors {', '.join(description.motor_joints)} along "
         f"{motions.freedoms} axes; give --platform and --axes, {part}or hold "
-        f"joints ({_to_hold(motions, idle, description, tree) or '--lock'})"
+        f"joints ({_holding_option(motions, idle, description, tree) or '--lock'})"
     )
 
 
-def _part(description: RobotDescription, tree: UrdfTree) -> str:
+def _part_option(description: RobotDescription, tree: UrdfTree) -> str:
     """Return the option that takes one of several parts with loops of their own, such as a leg, if any."""
     motors = [tree.path_to_base(tree.joints[name].child) for name in description.motor_joints]
     pairs = [closure.frames for closure in description.closures]
@@ -200,14 +200,16 @@ def _loop_joints(tree: UrdfTree, closure: Closure) -> list[str]:
     return [joint.name for chain in chains for joint in chain]
 
 
-def _within_limits(description: RobotDescription) -> tuple[_Motions, list[str]] | None:
-    """Return `_closed` at the nearest closed pose within the joints' limits; None if there is no other."""
+def _close_within_limits(description: RobotDescription) -> tuple[_Motions, list[str]] | None:
+    """Return `_close_near_reference` at the nearest closed pose within the joints' limits; None if there is no other."""
     mechanism = Mechanism.from_description(description)
     if not positions_beyond_limits(mechanism.limits, mechanism.q_near[None]):
         return None
     try:
         pose = find_closed_pose(mechanism)
-        within, more = _closed(replace(description, reference=mechanism.reference_values(pose.q)))
+        within, more = _close_near_reference(
+            replace(description, reference=mechanism.reference_values(pose.q))
+        )
     except NotAssembled:
         return None
     remark = (
@@ -217,7 +219,7 @@ def _within_limits(description: RobotDescription) -> tuple[_Motions, list[str]] 
     return within, [remark, *more]
 
 
-def _closed(description: RobotDescription) -> tuple[_Motions, list[str]]:
+def _close_near_reference(description: RobotDescription) -> tuple[_Motions, list[str]]:
     """Return the mechanism at the closed regular pose nearest to its reference, and remarks."""
     mechanism, remarks = Mechanism.from_description(description), list[str]()
     try:
@@ -280,7 +282,7 @@ def _best_motors(motions: _Motions, description: RobotDescription) -> list[str]:
     return [names[i] for i in choices[best]]
 
 
-def _to_hold(motions: _Motions, left: Array, description: RobotDescription, tree: UrdfTree) -> str:
+def _holding_option(motions: _Motions, left: Array, description: RobotDescription, tree: UrdfTree) -> str:
     """Return the option that holds motions (nv, k), by joints with springs, else far from the base."""
     springs = [name for name, acting in description.joints.items() if acting.stiffness]
     names = dict.fromkeys([*springs, *reversed(tree.movable)])
@@ -301,7 +303,7 @@ def _check_driven(motions: _Motions, description: RobotDescription, tree: UrdfTr
         f"{motions.freedoms} freedoms and {len(motors)} motor{'s' * (len(motors) != 1)} "
         f"({', '.join(motors)}): nothing says "
         f"how {left.shape[1]} of them go; hold joints "
-        f"({_to_hold(motions, left, description, tree) or 'such as --lock or --motors'}), or name more motors"
+        f"({_holding_option(motions, left, description, tree) or 'such as --lock or --motors'}), or name more motors"
     )
 
 
@@ -323,16 +325,14 @@ def _platforms(motions: _Motions, description: RobotDescription, tree: UrdfTree)
         if not np.all(by_motor > FILE_ROUNDING):
             continue
         liking = -0.001 * number + (1.0 if any(tool in frame.lower() for tool in NAMES_OF_TOOLS) else 0.0)
-        for well, platform in _of_frame(twists, frame, count, tree, motors):
+        for well, platform in _frame_platforms(twists, frame, count, tree, motors):
             entries.append((well + liking, platform))
     entries.sort(key=lambda entry: -entry[0])
     for _, platform in entries[:MAX_TRIED]:
         yield platform
 
 
-def _platforms_of_joints(
-    motions: _Motions, description: RobotDescription, tree: UrdfTree
-) -> Iterator[Platform]:
+def _joint_platforms(motions: _Motions, description: RobotDescription, tree: UrdfTree) -> Iterator[Platform]:
     """Yield platforms of as many joints as freedoms, those without motors first."""
     motors, count = description.motor_joints, motions.freedoms
     for names in ([name for name in tree.movable if name not in motors], motors):
@@ -343,7 +343,7 @@ def _platforms_of_joints(
             yield Platform(tree.joints[chosen[-1]].child, (), chosen)
 
 
-def _of_frame(
+def _frame_platforms(
     twists: Array, frame: str, count: int, tree: UrdfTree, motors: Sequence[str]
 ) -> Iterator[tuple[float, Platform]]:
     """Yield platforms on one frame, each with a score, larger for the likelier ones."""
@@ -399,7 +399,7 @@ def _is_driven(description: RobotDescription, platform: Platform) -> bool:
 # ------------------------------------------------------------------ joints in no loop
 
 
-def _needed(known: Known) -> set[str]:
+def _loop_joint_names(known: Known) -> set[str]:
     """Return names of the joints that loops need."""
     tree, description = known.tree, known.description
     needed = {name for coupling in description.couplings for name in (coupling.joint, coupling.of)}
@@ -410,11 +410,11 @@ def _needed(known: Known) -> set[str]:
 
 def _serial(known: Known) -> list[str]:
     """Return moving joints that no loop needs."""
-    needed = _needed(known)
+    needed = _loop_joint_names(known)
     return [joint.name for joint in known.tree.joints.values() if joint.moves and joint.name not in needed]
 
 
-def _in_no_loop(known: Known, options: Options) -> tuple[list[str], list[str]]:
+def _split_serial_joints(known: Known, options: Options) -> tuple[list[str], list[str]]:
     """Return moving joints that no loop needs and no option: those that carry no loop, and those that do."""
     tree = known.tree
     asked = {*(options.motors or ()), *(options.platform_joints or ())}
@@ -422,13 +422,15 @@ def _in_no_loop(known: Known, options: Options) -> tuple[list[str], list[str]]:
         frame = options.platform or (known.platform.frame if known.platform else "")
         asked |= {joint.name for joint in tree.path_to_base(tree.link_of(frame))}
     carrying = {
-        above.name for name in _needed(known) for above in tree.path_to_base(tree.joints[name].parent)
+        above.name
+        for name in _loop_joint_names(known)
+        for above in tree.path_to_base(tree.joints[name].parent)
     }
     serial = [name for name in _serial(known) if name not in asked]
     return [name for name in serial if name not in carrying], [name for name in serial if name in carrying]
 
 
-def _holding(known: Known, joints: Sequence[str]) -> Known:
+def _hold_joints(known: Known, joints: Sequence[str]) -> Known:
     """Hold joints at the reference, and drop what the description says of them."""
     tree, description = known.tree, known.description
     for name in joints:
