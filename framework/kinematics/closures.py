@@ -1,21 +1,20 @@
 """The loop equations closures(q) = 0 with Jacobian and drift, stacked.
 
-Each equation is written as a wrench between its two bodies: what the wrench yields on the screw of a
-joint that carries one of them is the derivative along that joint (Ball's reciprocal product). So one
-table of rows (`Mechanism.rows`) serves every kind of joint, and a joint that carries both bodies or
-neither leaves no entry at all: a kind is data, not code.
+Each equation is written as a wrench between its two bodies. The power of the wrench on the screw of a joint
+that carries one of them is the derivative along that joint (Ball's reciprocal product). So one table of rows
+(`Mechanism.rows`) serves every kind of joint: a kind is data, not code. A joint that carries both bodies or
+neither has no entry.
 
 An equation that locks no axis, as `distance`, is a flag of `LoopRows` (model/loop_rows) with its value, its
 derivative and its drift here, and its curvature in loop_curvature. The proofs
 know it by a term of proofs/equation_terms with bounds in proofs/derivative_bounds.
 
-Here are also the directions that closures keep alike, which tell a closed loop from one that is turned over.
+This module also has the directions that closures keep alike. They tell a closed loop from one turned over.
 
 A rotation is locked by keeping axes of the two frames perpendicular (see `LoopRows`). That is exact near the
-right pose, but holds as well with a hinge's axis turned round, or two welded frames turned by 120 degrees
-about (1, 1, 1) or by 180 degrees about an axis: the equations are closed there, but the joint would have to
-be taken apart to get there. The vector between an axis on the one frame and the same on the other vanishes
-in the right pose alone.
+right pose. It also holds with a hinge's axis turned round, or two welded frames turned by 120 degrees about
+(1, 1, 1) or by 180 degrees about an axis: the equations are closed in these poses, but no motion leads to
+them. The vector between an axis on the one frame and the same on the other vanishes in the right pose alone.
 """
 
 from __future__ import annotations
@@ -44,8 +43,8 @@ class LoopEquations(NamedTuple):
 class LoopWrenches(NamedTuple):
     """Values of m loop equations at T configurations, and each as a wrench on its second body.
 
-    The derivative of the equation is what the wrench yields on the twist of the second body relative to
-    the first.
+    The derivative of the equation is the power of the wrench on the twist of the second body relative to the
+    first.
     """
 
     residual: Array  # (T, m)
@@ -116,7 +115,7 @@ def closure_drift(rows: LoopRows, frames: FrameStack, motions: FrameMotions) -> 
     e, d = first_axes(rows, frames), row_displacements(rows, frames)
     first = motions.rates.take(rows.first, axis=2)  # twists and drifts, (2, T, m, 6)
     apart = motions.rates.take(rows.second, axis=2) - first
-    # all as seen from the first frame, where e rests: p2 moves with `velocity` and `acceleration`
+    # seen from the first frame, in which e rests, p2 moves with `velocity` and `acceleration`
     omega, dragged = first[0, ..., 3:], cross(first[..., 3:], d)
     velocity = apart[0, ..., :3] - dragged[0]
     acceleration = apart[1, ..., :3] - dragged[1] - cross(omega, apart[0, ..., :3] + velocity)
@@ -131,10 +130,10 @@ def closure_drift(rows: LoopRows, frames: FrameStack, motions: FrameMotions) -> 
 
 
 def row_factors(rows: LoopRows, placed: Array) -> tuple[Array, Array]:
-    """Return both factors (..., m, 3) of every row out of axes and origins (..., F, 4, 3), or of rates.
+    """Select the two vectors (..., m, 3) whose product is each row, of axes and origins (..., F, 4, 3).
 
     The first is an axis of the first frame, or p2 - p1 of a distance; the second is p2 - p1, or an axis of
-    the second frame.
+    the second frame. Rates of axes and origins give rates of the vectors.
     """
     vectors = placed.reshape(*placed.shape[:-3], -1, 3).take(rows.vectors, axis=-2)  # (..., 4, m, 3)
     first, apart = vectors[..., 0, :, :], vectors[..., 3, :, :] - vectors[..., 2, :, :]
@@ -162,11 +161,15 @@ def second_axes(rows: LoopRows, frames: FrameStack) -> Array:
 def scale_jacobian(mechanism: Mechanism, matrix: Array, turning: NDArray[np.bool_]) -> Array:
     """Make a matrix (..., m, nv) dimensionless: metres in lengths of the mechanism.
 
-    `turning` (m,) tells the rows that are angles. Conditioning and singularity are judged on this, so a
+    `turning` (m,) tells the rows that are angles. Conditioning and singularity are judged on the result, so a
     robot drawn in millimetres is judged alike.
     """
-    row_scale = np.where(turning, 1.0, 1.0 / mechanism.length)
-    return matrix * row_scale[:, None] * mechanism.column_scale
+    return matrix * row_weights(mechanism, turning)[:, None] * mechanism.column_scale
+
+
+def row_weights(mechanism: Mechanism, turning: NDArray[np.bool_]) -> Array:
+    """Return factors (m,) that make equations dimensionless: 1 for angles, else 1 / length."""
+    return np.where(turning, 1.0, 1.0 / mechanism.length)
 
 
 def direction_gaps(directions: LockedDirections, frames: FrameStack) -> Array:
@@ -189,7 +192,7 @@ def direction_slopes(directions: LockedDirections, stack: FrameStack) -> Array:
 
 
 def find_turned_over(mechanism: Mechanism, frames: FrameStack) -> str | None:
-    """Return the name of a closure whose equations may hold, T = 1, but in a pose that is turned over."""
+    """Return the closure that is farthest from its right pose, T = 1; None unless one is turned over."""
     directions = mechanism.directions
     lengths = np.linalg.norm(direction_gaps(directions, frames)[0], axis=1)
     return directions.closures[int(np.argmax(lengths))] if np.any(lengths > TURNED_OVER_DISTANCE) else None

@@ -133,7 +133,7 @@ def _robot_to_examine(mechanism: Mechanism) -> tuple[ParallelRobot, float | None
         pose = find_closed_pose(mechanism)
         remarks.append(
             f"the loops do not close near {reference_in_words(mechanism)}; a search within the joints' "
-            f"limits has found the one that is printed, {pose.joint} {pose.moved} away: paste it into the "
+            f"limits has found the one that is printed, {pose.joint} {pose.distance} away: paste it into the "
             f"file (or give it by --reference) if the robot is meant to be assembled that way"
         )
         mechanism, closing = assembled_mechanism(_with_reference(mechanism, pose.q))

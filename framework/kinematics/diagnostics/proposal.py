@@ -213,7 +213,7 @@ def _close_within_limits(description: RobotDescription) -> tuple[_Motions, list[
     except NotAssembled:
         return None
     remark = (
-        f"reference: the nearest closed pose within the joints' limits, {pose.joint} {pose.moved} from the "
+        f"reference: the nearest closed pose within the joints' limits, {pose.joint} {pose.distance} from the "
         f"file's, from which nothing can be proposed"
     )
     return within, [remark, *more]
@@ -232,7 +232,7 @@ def _close_near_reference(description: RobotDescription) -> tuple[_Motions, list
         pose = find_closed_pose(mechanism)
         q = pose.q
         remarks.append(
-            f"reference: the nearest closed pose, {pose.joint} {pose.moved} from the file's, whose loops "
+            f"reference: the nearest closed pose, {pose.joint} {pose.distance} from the file's, whose loops "
             f"are {failure.residual:.2g} m or rad open"
         )
         mechanism = replace(mechanism, q_near=q)
