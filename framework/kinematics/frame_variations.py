@@ -22,7 +22,7 @@ import numpy as np
 
 from framework.arrays import Array, BoolArray, IntArray
 from framework.kinematics.closures import row_factors
-from framework.kinematics.frames import FrameStack
+from framework.kinematics.frames import FrameStack, move_frames, turn_vectors
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.pinocchio_memory import carriers, scratch_of
 from framework.linalg.ordered_sums import cross, dot
@@ -87,11 +87,10 @@ class TreeMotion:
         twice = bracket(before, once) + bracket(quicker, S)
         bodies = scratch_of(mechanism).bodies
         twist, acceleration = V[:, bodies], A[:, bodies]
-        placed = np.concatenate([frames.rotation.swapaxes(2, 3), frames.position[:, :, None]], axis=2)
-        rate = move_frames(twist, placed)
-        second = move_frames(acceleration, placed) + turn_vectors(twist, rate)
+        rate = move_frames(twist, frames.placements)
+        second = move_frames(acceleration, frames.placements) + turn_vectors(twist, rate)
         moved = np.concatenate([S, once, twice], axis=2)
-        rates = FrameRates(placed, rate, second)
+        rates = FrameRates(frames.placements, rate, second)
         return TreeMotion(columns, frames, v, moved, own, twist, acceleration, rates)
 
     def variation(self, dq: Array, dv: Array, da: Array) -> FrameVariation:
@@ -134,15 +133,3 @@ def row_variation(rows: LoopRows, motion: TreeMotion, variation: FrameVariation)
     once = dot(da1, b0) + dot(a1, db0) + dot(da0, b1) + dot(a0, db1)
     twice = dot(da2, b0) + dot(a2, db0) + dot(da0, b2) + dot(a0, db2) + 2.0 * (dot(da1, b1) + dot(a1, db1))
     return rows.weight * once, rows.weight * twice
-
-
-def turn_vectors(twist: Array, vectors: Array) -> Array:
-    """Compute w x c for twists (..., F, 6) and vectors c (..., F, 4, 3)."""
-    return cross(twist[..., None, 3:], vectors)
-
-
-def move_frames(twist: Array, placed: Array) -> Array:
-    """Compute the velocities (..., F, 4, 3) of axes and origins under twists (..., F, 6) about the base."""
-    moved = turn_vectors(twist, placed)
-    moved[..., 3, :] += twist[..., :3]
-    return moved

@@ -22,6 +22,7 @@ from framework.kinematics.external_wrenches import AppliedWrench
 from framework.kinematics.frames import (
     frame_motions,
     frames_at,
+    move_frames,
 )
 from framework.kinematics.idle_turns import idle_turns
 from framework.kinematics.linearised_loops import (
@@ -153,21 +154,20 @@ def jacobian_rate(robot: ParallelRobot, motion: Motion) -> Array:
 def jacobian_change(
     robot: ParallelRobot, linearised: LinearisedLoops, displaced: Array, screw_changes: Array
 ) -> Array:
-    """Compute what small displacements of the frames make of `LinearisedLoops.jacobian`, (T, n + m, nv).
+    """Compute the change (T, n + m, nv) of `LinearisedLoops.jacobian` for small displacements of frames.
 
     Args:
         displaced: (T, F, 6) of the frames, about the base's origin.
         screw_changes: (T, nv, 6) of the joints' screws.
     """
-    equations, frames, count = robot.equations, linearised.frames, len(displaced)
-    twists = displaced.copy()
-    twists[..., :3] += cross(twists[..., 3:], frames.position)
-    n, bodies, platform = robot.n, equations.bodies, robot.platform
-    wrench, rate = equation_wrenches(robot, frames, linearised.loops), np.zeros((count, len(bodies), 6))
-    rate[:, :n] = platform.wrench_rates(frames, twists[:, 0, 3:], screw_changes)
-    rate[:, n:] = wrench_rates(equations.loops, frames, twists)
+    equations, frames, n = robot.equations, linearised.frames, robot.n
+    velocities = move_frames(displaced, frames.placements)
+    wrench = equation_wrenches(robot, frames, linearised.loops)
+    rate = np.zeros_like(wrench)
+    rate[:, :n] = robot.platform.wrench_rates(frames, displaced[:, 0, 3:], screw_changes)
+    rate[:, n:] = wrench_rates(equations.loops, frames, velocities)
     # about the base's origin
-    moved = cross(twists[:, bodies, :3], wrench[..., :3])
-    rate[..., 3:] += moved + cross(frames.position[:, bodies], rate[..., :3])
+    moments = cross(velocities[:, equations.bodies, 3], wrench[..., :3])
+    rate[..., 3:] += moments + cross(frames.position[:, equations.bodies], rate[..., :3])
     parts = equations.pattern.entries(rate, frames.screws), equations.pattern.entries(wrench, screw_changes)
     return equations.pattern.dense(parts[0] + parts[1])

@@ -190,7 +190,7 @@ class FramePlatform(PlatformCoordinates):
         return np.repeat(carried[None], self.n, axis=0)
 
     def jacobian(self, frames: FrameStack) -> Array:
-        only = frames._replace(position=frames.position[:, :1], carried=frames.carried[:1])
+        only = frames._replace(placements=frames.placements[:, :1], carried=frames.carried[:1])
         return self._yield(frames, only.jacobian[:, 0])
 
     def drift(self, frames: FrameStack, motions: FrameMotions) -> Array:

@@ -54,7 +54,7 @@ def rounded_gap(mechanism: Mechanism, q: Array) -> float:
 
 
 def _set_rounded_rows_aside(mechanism: Mechanism, q: Array) -> Mechanism | None:
-    """Return the mechanism with rows aside that repeat others but for rounding at q (nq,); None without any."""
+    """Set rows aside that repeat others but for rounding at q (nq,); None without any."""
     rows, weights = mechanism.rows, row_weights(mechanism, mechanism.rows.rotation)
     gap = np.abs(weights * loop_equations(rows, frames_at(mechanism, q[None])).residual[0]).max()
     matrix = all_loops_matrix(mechanism, q)[:, mechanism.joints]

@@ -11,8 +11,7 @@ import pinocchio as pin
 
 from framework.arrays import Array
 from framework.kinematics.closures import row_factors
-from framework.kinematics.frame_variations import move_frames, turn_vectors
-from framework.kinematics.frames import FrameStack, rotations
+from framework.kinematics.frames import FrameStack, move_frames, turn_vectors
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import Scratch
 from framework.linalg.ordered_sums import cross
@@ -26,7 +25,7 @@ class SinglePose:
         self.robot, self.scratch, m = robot, scratch, len(rows.names)
         self._placed = np.empty((len(scratch.frames), 12))  # axes and origin of each frame
         self._turning, self._length = rows.rotation[:, None], rows.length[:, None]
-        self._constant = np.where(rows.distance, 0.5 * rows.length, 0.0)
+
         self._signs = scratch.carried[rows.second] - scratch.carried[rows.first]
         self._coupled = rows.coupling_jacobian(robot.model.nv)
         self._wrench = np.empty((m, 6))
@@ -71,8 +70,8 @@ class SinglePose:
 
     def frame_stack(self, q: Array) -> FrameStack:
         """Return the frames of the last `place` or `move` at q (nq,), as a stack of one."""
-        frames, scratch = self._placed[None], self.scratch
-        return FrameStack(frames[..., 9:], rotations(frames), scratch.columns[None], scratch.carried, q[None])
+        frames, scratch = self._placed.reshape(1, -1, 4, 3), self.scratch
+        return FrameStack(frames, scratch.columns[None], scratch.carried, q[None])
 
     def platform_twist(self) -> tuple[Array, Array]:
         """Return velocity and angular velocity (3,) of the platform's frame at the last `move`."""
@@ -93,7 +92,7 @@ class SinglePose:
         np.einsum("ij,ij->i", a, b, out=self.residual)
         if not rows.only_translations:
             self.residual *= rows.weight
-            self.residual -= self._constant
+            self.residual -= rows.constant
         if rows.has_couplings:
             self.residual[rows.coupled] = rows.coupling_residual(q[None])[0]
         return a, b

@@ -103,7 +103,7 @@ class _Group:
         return np.concatenate([rows, vectors.reshape(-1, rows.shape[1])])[:, self.columns]
 
     def close(self, start: Array) -> tuple[Array, float]:
-        """Find offsets (k,) near a start with the least gap of the loops; return them with the largest gap."""
+        """Find offsets (k,) near a start that close the loops best, and their largest gap."""
         # steps of least norm: there are more joints than independent equations
         u, gap = self._least_squares(self.gap, self.slope, start, MAX_EVALUATIONS[1], FINE_TOLERANCE, "lsmr")
         return u, float(np.abs(gap).max())
