@@ -45,8 +45,8 @@ def clearance(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
 def find_near_type2(robot: ParallelRobot, linearised: LinearisedLoops, level: float) -> IntArray:
     """Find the instants, ascending, whose `clearance` is below a level.
 
-    Mostly there are none, and that is proved without singular values, at a tenth of their cost: they are all
-    above c where P'P - c^2 has a Cholesky factor.
+    Usually no instant is below. A Cholesky factor of P'P - c^2 proves it at a tenth of the cost of singular
+    values: all of them are above c.
     """
     P = passive_matrix(robot, linearised)
     try:

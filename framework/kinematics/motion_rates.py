@@ -1,7 +1,7 @@
-"""Velocities and accelerations of all joints for those of the platform, and how dF/dq changes on the way.
+"""Velocities and accelerations of all joints for those of the platform, and the rate of dF/dq.
 
-With x and the deflections q_e given, (dF/dq) v = [twist; 0] and (dF/dq) a = [twist rate; 0] - drift. Both are
-solved along the columns that follow, with one factorisation; idle turns rest, or go as `idle_turns` says.
+For prescribed x and deflections q_e, (dF/dq) v = [twist; 0] and (dF/dq) a = [twist rate; 0] - drift. Both are
+solved along the columns that follow, with one factorisation; idle turns rest or follow `idle_turns`.
 
 An entry of dF/dq is the power of a wrench W (of a loop equation, or a unit wrench of the platform) on the
 screw S of a joint, both about the base's origin, so that d/dt (W . S) = W' . S + W . S'. The wrenches turn
@@ -38,7 +38,7 @@ from framework.linalg.ordered_sums import cross
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Positions, velocities and accelerations of all coordinates at T instants, and what acts on them."""
+    """Positions, velocities and accelerations of all coordinates at T instants, and the world's wrenches."""
 
     q: Array  # (T, nq)
     v: Array  # (T, nv)
@@ -101,7 +101,7 @@ def motion_at(
 
 
 def freeze_deflections(robot: ParallelRobot, q: Array, v: Array, a: Array) -> Motion:
-    """Compute the motion of the same platform at the same deflections, as if these did not change."""
+    """Compute the motion of the same platform with constant deflections, at q (T, nq), v and a (T, nv)."""
     frames = frames_at(robot, q)
     linearised = linearised_at(robot, q, robot.platform.coordinates(frames))
     twists = platform_twists(robot, Motion(q, v, a, linearised))
@@ -124,7 +124,7 @@ def _motion_of_twist(
     twist: tuple[Array, Array],
     elastic: tuple[Array, Array],
 ) -> Motion:
-    """Compute rates and accelerations of all joints for those of platform and deflections."""
+    """Compute rates and accelerations of all joints from those of platform and deflections."""
     v = joint_rates(robot, linearised, twist[0], elastic[0])
     turns = idle_turns(robot, linearised)
     if turns is not None:
