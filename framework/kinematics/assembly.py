@@ -161,7 +161,7 @@ def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array
     The reference moves along motions that its loops allow, drawn at random but always alike, and is closed
     again. A structure has no such configuration.
     """
-    joints, lengths = mechanism.joints, mechanism.column_scale
+    joints = mechanism.joints
     values, right = np.linalg.svd(all_loops_matrix(mechanism, reference)[:, joints])[1:]
     allowed = right[int(np.sum(values > BRANCHES_MEET * values.max(initial=0.0))) :]
     random = np.random.default_rng(0)
@@ -169,9 +169,9 @@ def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array
     directions: list[Array] = []
     for _ in range(NEARBY_DRAWS if len(allowed) > 1 else len(allowed)):
         motion = (allowed @ random.standard_normal(len(joints))) @ allowed  # the same for every basis
-        step = NEARBY_DISTANCE * motion / np.abs(motion).max() * lengths[joints]
+        step = NEARBY_DISTANCE * motion / np.abs(motion).max() * mechanism.column_scale[joints]
         closing = _close(mechanism, integrate_columns(mechanism, reference, joints, step), joints)
-        offset = difference(mechanism, reference, closing.q[None])[0] / lengths
+        offset = difference(mechanism, reference, closing.q[None])[0] / mechanism.column_scale
         size = float(np.linalg.norm(offset))
         if closing.gap > CLOSED_LOOP or size <= MIN_NEARBY_RATIO * NEARBY_DISTANCE:
             continue

@@ -89,7 +89,7 @@ class ExternalWrenches:
         return {entry.frame: entry.document for entry in self.entries}
 
     def evaluate(self, mechanism: Mechanism, frames: FrameStack, s: Array) -> tuple[AppliedWrench, ...]:
-        """Compute the wrenches at T configurations with these `frames`, at path coordinates s (T,)."""
+        """Compute the wrenches at `frames` of T configurations and path coordinates s (T,)."""
         wrenches = self.evaluate_on_base_axes(mechanism, frames, s)
         return tuple(
             applied_wrench(mechanism, frames, entry.frame, wrenches[entry.frame], turns=entry.turns)
@@ -112,7 +112,7 @@ NO_WRENCHES = ExternalWrenches()
 
 
 def wrench_on_platform(robot: ParallelRobot, W: ArrayLike) -> tuple[str, tuple[float, ...]]:
-    """Return the platform's frame and the wrench (6,) on it with components W (n,) on the platform's axes.
+    """Return the platform's frame and its wrench (6,) for components W (n,) on the platform's axes.
 
     Raises:
         InvalidInput: not n finite numbers; or axes that turn with the platform, or joints for axes.

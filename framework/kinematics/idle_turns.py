@@ -93,7 +93,7 @@ def turn_motions(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
 
 
 def _closing_motions(robot: ParallelRobot, linearised: LinearisedLoops, gaps: Array) -> Array:
-    """Compute motions (T, nv, k) of the joints that follow, to undo changes `gaps` (T, n + m, k) of F."""
+    """Compute motions (T, nv, k) of the moving joints that undo changes `gaps` (T, n + m, k) of F."""
     motions = np.zeros((len(gaps), robot.model.nv, gaps.shape[2]))
     motions[:, robot.moving] = -linearised.factors.solve(gaps.transpose(2, 0, 1)).transpose(1, 2, 0)
     return motions

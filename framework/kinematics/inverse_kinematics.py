@@ -91,7 +91,7 @@ def close_each(
     farthest: float = np.inf,
     last_step: float = NEWTON_STEP,
 ) -> NewtonResult[LinearisedLoops]:
-    """Close the loops at those instants of x (T, n) at which they close; options of `newton`."""
+    """Close the loops at each instant of x (T, n), or not; options of `newton`."""
 
     def evaluate(q: Array, which: Which) -> LinearisedLoops:
         return linearised_at(robot, q, x[which])
@@ -121,7 +121,7 @@ def idle_balls(robot: ParallelRobot) -> IntArray:
 
 
 def remove_idle_spin(robot: ParallelRobot, origin: Array, q: Array, x: Array) -> Array:
-    """Turn the idle balls of q (T, nq) at x (T, n) until their offset from `origin` (nq,) has no spin.
+    """Turn the idle balls of q (T, nq) at x (T, n) to zero spin from `origin` (nq,).
 
     Raises:
         NotAssembled: a configuration is on a singularity of the inverse kinematics.

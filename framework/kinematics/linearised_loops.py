@@ -103,7 +103,7 @@ class ClosedStack:
 
 
 def linearised_at(robot: ParallelRobot, q: Array, x: Array | None) -> LinearisedLoops:
-    """Compute F and its derivatives at q (T, nq) for platform coordinates x (T, n), by default those of q."""
+    """Compute F and its derivatives at q (T, nq) and x (T, n); None: the platform's own x."""
     equations, frames, n = robot.equations, frames_at(robot, q), robot.n
     loops, residual = loop_wrenches(robot.rows, frames), np.zeros((len(q), len(equations.bodies)))
     if x is not None:

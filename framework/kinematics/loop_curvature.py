@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from framework.arrays import Array
+from framework.arrays import Array, IntArray
 from framework.kinematics.closures import row_factors
 from framework.kinematics.frame_variations import tree_columns
 from framework.kinematics.frames import FrameStack
@@ -31,17 +31,23 @@ def loop_curvature(mechanism: Mechanism, rows: LoopRows, frames: FrameStack, mul
     da, db = row_factors(rows, slopes.reshape(count, size, 4, 3 * nv))  # (T, m, 3 nv)
     mixed = _products((load * da).reshape(count, -1, nv, 3), db.reshape(count, -1, nv, 3))
 
-    a, b = row_factors(rows, frames.placements)  # (T, m, 3)
-    in_a, in_b = row_factors(rows, np.eye(4 * size).reshape(size, 4, 4 * size))  # (m, 4 F) in terms of all c
-    used = np.flatnonzero(np.any([in_a, in_b], axis=(0, 1)))
-    gradient = np.einsum("mc,tmx->tcx", in_a[:, used], load * b)
-    gradient += np.einsum("mc,tmx->tcx", in_b[:, used], load * a)
+    used, gradient = _gradients(rows, frames, load)
     turns = frames.jacobian[:, used // 4, 3:].swapaxes(2, 3)  # (T, used, nv, 3)
     upper = _products(cross(gradient[:, :, None], turns), slopes.reshape(count, 4 * size, nv, 3)[:, used])
     before = tree_columns(mechanism).before
     strictly = before & ~before.T  # not two columns of one ball, whose order matters
     second = (upper * before).swapaxes(1, 2) + np.where(strictly, upper, 0.0)
     return np.asarray(mixed + mixed.swapaxes(1, 2) + second, dtype=float)
+
+
+def _gradients(rows: LoopRows, frames: FrameStack, load: Array) -> tuple[IntArray, Array]:
+    """Compute sums g (T, k, 3) of load d(a . b)/dc over rows, with the k indices of axes and origins c."""
+    a, b = row_factors(rows, frames.placements)  # (T, m, 3)
+    size = frames.placements.shape[1]
+    in_a, in_b = row_factors(rows, np.eye(4 * size).reshape(size, 4, 4 * size))  # (m, 4 F): a, b as sums of c
+    used = np.flatnonzero(np.any([in_a, in_b], axis=(0, 1)))
+    from_a = np.einsum("mc,tmx->tcx", in_a[:, used], load * b)
+    return used, from_a + np.einsum("mc,tmx->tcx", in_b[:, used], load * a)
 
 
 def _products(a: Array, b: Array) -> Array:

@@ -1,8 +1,8 @@
 """Independent loop equations and idle joints of a mechanism, decided once at its assembled reference.
 
 A planar robot written in 3D has loop equations out of its plane that follow from the others in all poses.
-Rank-revealing QR finds such redundant rows. A rank that drops at single poses is a singularity (`singularity`).
-A reference with a lower rank than the poses beside it is refused: its structure is wrong everywhere else.
+Rank-revealing QR finds such redundant rows. A rank that drops at single poses is a singularity, see
+`singularity`. A reference with a lower rank than nearby poses is refused: its structure holds nowhere else.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def singular_reference(
     """Return the error for a reference on a singularity of the loops; None for a regular one.
 
     The loops, or the loops and the platform along the passive joints, have a lower rank at the reference, the
-    first of the `poses` (nq,), than at another pose. `matrices` are the values of `motion_matrix` at the poses.
+    first of the `poses` (nq,), than at another pose. `matrices` are those of `motion_matrix` at the poses.
     """
     at_reference, rows = matrices[0], len(mechanism.rows.names)
     for nearby in matrices[1:]:
@@ -140,7 +140,7 @@ def row_pivots(matrix: Array) -> IntArray:
 
 
 def _row_sizes(loops: Array) -> Array:
-    """Return divisors (m,) that bring the largest entry of an equation (m, columns) to 1 if far from it.
+    """Return divisors (m,) of equations (m, columns) whose largest entry is far from 1, else 1.
 
     An equation may be written in any unit, or as any multiple of itself, without being singular.
     """

@@ -9,6 +9,7 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 from typing import Self
 
@@ -80,8 +81,8 @@ class Mechanism(ReadOnlyArrays):
     ) -> Self:
         """Read the mechanism or robot of a file with the springs of one flexibility.
 
-        The file is ours or of any dialect that `framework.model.readers` reads. `platform`, `axes`, `motors`,
-        `reference` [rad, m], `base`, `locked` and `platform_joints` add what a foreign file leaves out, as for
+        The file is ours or of any dialect that `framework.model.readers` reads. `platform`, `axes`,
+        `motors`, `reference` [rad, m], `base`, `locked` and `platform_joints` complete a foreign file, as for
         `read_any`; `parameters` replace values that a robot file declares.
 
         Raises:
@@ -157,7 +158,7 @@ class Mechanism(ReadOnlyArrays):
         return (*self.elastic_names, *(self.coordinates.name_of(int(column)) for column in sprung))
 
     def friction_sizes(self, columns: IntArray) -> str:
-        """Return the dry friction of these coordinates as text; empty if none has friction."""
+        """Return the dry friction of coordinates as text; empty if none has friction."""
         return ", ".join(
             f"{self.coordinates.name_of(int(column))} {self.joint_friction[column]:.3g} "
             f"{'N' if self.sliding[column] else 'N m'}"
@@ -204,7 +205,7 @@ class Mechanism(ReadOnlyArrays):
 
 
 def columns_of(model: pin.Model, joints: Iterable[str]) -> IntArray:
-    """Return the entries of the velocity vector with these names."""
+    """Return the entries of the velocity vector by name."""
     names = coordinate_names(model)
     return np.array([names.index(name) for name in joints], dtype=int)
 
@@ -214,27 +215,32 @@ def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
     springs = description.active_springs(flexibility)
     model = _sprung_model(parsed, springs)
     model.gravity.linear = np.array(description.gravity)
-    acting = {
-        key: _joint_vector(model, {name: getattr(joint, key) for name, joint in description.joints.items()})
-        for key in ("armature", "stiffness", "rest", "damping", "friction")
-    }
-    model.armature[:] = acting["armature"]
-    elastic_names = [name for spring in springs for name in spring.coordinates]
-    ends = [name for closure in description.closures for name in closure.frames]
+    joints = description.joints.items()
+
+    def acting(key: str) -> Array:
+        """Return one parameter of the joints' springs, damping and friction, (nv,)."""
+        return _joint_vector(model, {name: getattr(joint, key) for name, joint in joints})
+
+    model.armature[:] = acting("armature")
+    elastic_names = tuple(chain.from_iterable(spring.coordinates for spring in springs))
+    ends = chain.from_iterable(closure.frames for closure in description.closures)
     names = list(dict.fromkeys([description.platform.frame, *ends]))
     frames = tuple(frame_of(model, name) for name in names)
     reference = named_axes(model).T @ _joint_vector(model, description.reference)
     q_near = np.asarray(pin.integrate(model, pin.neutral(model), reference))
-    couplings = [_place_coupling(model, coupling) for coupling in description.couplings]
+    couplings = [_place_coupling(model, one) for one in description.couplings]
     rows = loop_rows(description.closures, names, couplings)
     return Mechanism(
         description=description,
         flexibility=description.least_flexibility(flexibility),
         model=model,
         elastic=columns_of(model, elastic_names),
-        stiffness=np.array([value for spring in springs for value in spring.stiffness]),
-        **{f"joint_{key}": acting[key] for key in ("stiffness", "rest", "damping", "friction")},
-        elastic_names=tuple(elastic_names),
+        stiffness=np.array([*chain.from_iterable(spring.stiffness for spring in springs)]),
+        joint_stiffness=acting("stiffness"),
+        joint_rest=acting("rest"),
+        joint_damping=acting("damping"),
+        joint_friction=acting("friction"),
+        elastic_names=elastic_names,
         frames=frames,
         rows=rows,
         rounded=rows.take(np.empty(0, dtype=int)),

@@ -12,7 +12,7 @@ from framework.kinematics.mechanism import Mechanism, columns_of
 
 
 def remark_on_turns(mechanism: Mechanism, joints: Mapping[str, float]) -> str:
-    """Return the end of a sentence on hinges beyond a full turn, as of angles in degrees; empty if none is.
+    """Return the end of a sentence on hinges beyond a full turn; empty if none is beyond.
 
     `joints`: their angles [rad] by name.
     """

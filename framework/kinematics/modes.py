@@ -123,8 +123,8 @@ def legs(robot: ParallelRobot) -> tuple[Leg, ...]:
         needed = np.flatnonzero(needs[k, label] & (label != k))
         return Leg(motors, np.asarray(row_of[columns], dtype=np.intp), columns, needed)
 
-    order = lambda leg: int(leg.columns[0]) if leg.motors else part.shape[0]  # noqa: E731
-    return tuple(sorted(map(leg, range(len(needs))), key=order))
+    all_legs = map(leg, range(len(needs)))
+    return tuple(sorted(all_legs, key=lambda leg: int(leg.columns[0]) if leg.motors else part.shape[0]))
 
 
 def leg_determinants(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:

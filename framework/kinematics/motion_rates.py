@@ -124,7 +124,7 @@ def _motion_of_twist(
     twist: tuple[Array, Array],
     elastic: tuple[Array, Array],
 ) -> Motion:
-    """Compute rates and accelerations of all joints from those of platform and deflections."""
+    """Compute the motion of all joints from rates and accelerations of platform and deflections."""
     v = joint_rates(robot, linearised, twist[0], elastic[0])
     turns = idle_turns(robot, linearised)
     if turns is not None:

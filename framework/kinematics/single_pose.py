@@ -1,7 +1,7 @@
-"""The loop equations of one configuration after another, in as few calls of numpy as it takes.
+"""The loop equations of one configuration after another, in few calls of numpy.
 
-The same equations as in `closures`, which is for stacks: there a call on each of a dozen small arrays costs
-more than Pinocchio. Every equation is a product of two vectors of frames, a . b (`row_factors`).
+The equations are those of `closures`, which is for stacks: for one configuration its calls on a dozen small
+arrays cost more than pinocchio. Every equation is a product of two vectors of frames (`row_factors`).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from framework.linalg.ordered_sums import cross
 
 
 class SinglePose:
-    """Loop equations, Jacobian and drift of one configuration at a time; it serves one thread."""
+    """Loop equations, Jacobian and drift of one configuration at a time, for one thread."""
 
     def __init__(self, robot: ParallelRobot) -> None:
         rows, scratch = robot.rows, Scratch.of(robot.model, robot.frames)
