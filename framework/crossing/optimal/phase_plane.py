@@ -164,7 +164,7 @@ def _linearised_forces(
     robot, (sigma, s) = branch.robot, places
     at_rest, per_z = slice(len(sigma)), slice(len(sigma), 2 * len(sigma))
     forces = inertial_forces(robot, motion)
-    wrenches = branch.wrenches.at(robot, motion.linearised.frames.at(at_rest), s)
+    wrenches = branch.wrenches.evaluate(robot, motion.linearised.frames.select(at_rest), s)
     forces[at_rest] = static_forces(robot, motion.q[at_rest], wrenches)
     if robot.is_damped and before is not None:
         root = np.sqrt(before(sigma))[:, None]
