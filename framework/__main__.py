@@ -8,7 +8,7 @@ import signal
 import sys
 from contextlib import suppress
 
-from framework.interruption import SIGNALS, interruptible, uninterrupted
+from framework.interruption import SIGNALS, defer_signals, interruptible
 
 ENDED_BY = {128 + number for number in SIGNALS}  # exit codes
 
@@ -17,11 +17,11 @@ def main() -> int:
     """Run the command that this process was started for; returns the exit code."""
     with interruptible():
         try:
-            with uninterrupted():  # compiled modules do not bear an exception while they are imported
-                from framework.cli import interrupted
+            with defer_signals():  # compiled modules do not bear an exception while they are imported
                 from framework.cli import main as command_line
+                from framework.cli import report_interruption
         except KeyboardInterrupt as stop:
-            code = interrupted(stop, sys.argv[1:])
+            code = report_interruption(stop, sys.argv[1:])
         else:
             code = command_line()
     for number in SIGNALS:  # what has been said stands: only the interpreter is left to end

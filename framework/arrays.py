@@ -31,7 +31,7 @@ def join(stacks: Sequence[Stack]) -> Stack:
 
 
 def read_only(array: _Any) -> _Any:
-    """Return the array if nobody can write to it or to what it is a view of, else a read-only copy."""
+    """Return the array if read-only and owner of its data, else a read-only copy."""
     if array.flags.writeable or not array.flags.owndata:
         array = array.copy()
         array.flags.writeable = False
@@ -39,7 +39,7 @@ def read_only(array: _Any) -> _Any:
 
 
 def freeze(value: object) -> None:
-    """Let nobody write to the arrays of a tuple or a dataclass of our own making, and of those within."""
+    """Make the arrays of our own tuple or dataclass read-only, nested ones included."""
     within = [value]
     while within:
         item = within.pop()
@@ -54,9 +54,8 @@ def freeze(value: object) -> None:
 class ReadOnlyArrays:
     """Base of frozen dataclasses that hold their arrays read-only.
 
-    What they were given stays the giver's own and may change; what they hold does not, so that a law and the
-    torques that were computed for it cannot come apart. A subclass with a `__post_init__` of its own calls
-    this one, too.
+    The arrays of the caller may change, the copies do not: a law always fits the torques computed for it. A
+    subclass with a `__post_init__` of its own calls this one, too.
     """
 
     def __setstate__(self, state: dict[str, Any]) -> None:

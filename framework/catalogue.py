@@ -87,7 +87,7 @@ def robot_file(name_or_path: str | os.PathLike[str], *, others: str = "") -> Pat
 def load_robot(
     name_or_path: str | os.PathLike[str], *misplaced: Never, flexibility: str = "rigid"
 ) -> ParallelRobot:
-    """Load a robot of the catalogue by its name, or one of your own by the path of its robot file.
+    """Load a robot by its name in the catalogue, or by the path of its robot file.
 
     Args:
         name_or_path: a name that `crossing robots` lists, such as "five_bar"; or a path, "my_robot.yaml".

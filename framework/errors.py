@@ -13,7 +13,7 @@ import reprlib
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from difflib import get_close_matches
-from typing import Any, Self
+from typing import Any, Self, TypeVar, dataclass_transform
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from framework.arrays import Array, ArrayLike
 
 
 class FrameworkError(Exception):
-    """Base of all errors raised on purpose by this package. They can be pickled, whatever they carry.
+    """Base of all errors raised on purpose by this package; all can be pickled.
 
     `remedy`: options with which the same call gives another answer, None for one to leave out; None where
     none is known.
@@ -35,12 +35,15 @@ class FrameworkError(Exception):
         return self
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _restored, (type(self), self.args, self.__dict__)
+        return _restore_error, (type(self), self.args, self.__dict__)
 
 
-def _restored(kind: type[FrameworkError], args: tuple[Any, ...], carried: dict[str, Any]) -> FrameworkError:
+def _restore_error(
+    kind: type[FrameworkError], args: tuple[Any, ...], state: dict[str, Any]
+) -> FrameworkError:
+    """Make an error of its kind, arguments and attributes."""
     error = kind.__new__(kind, *args)
-    error.__dict__.update(carried)
+    error.__dict__.update(state)
     return error
 
 
@@ -48,7 +51,7 @@ def _restored(kind: type[FrameworkError], args: tuple[Any, ...], carried: dict[s
 
 
 class InvalidInput(FrameworkError, ValueError):
-    """An argument, an option or a file that cannot be right: says what was given and what is valid."""
+    """An argument, an option or a file that cannot be right; the message has the value and valid ones."""
 
 
 class RobotFileError(InvalidInput):
@@ -93,8 +96,8 @@ def short(value: object) -> str:
     return reprlib.repr(value)
 
 
-def told_apart(one: float, other: float, digits: int = 4) -> tuple[str, str]:
-    """Return two numbers as texts of so many digits, or of as many more as it takes for them to differ."""
+def format_distinct(one: float, other: float, digits: int = 4) -> tuple[str, str]:
+    """Return two numbers as texts of at least `digits` digits, enough for the texts to differ."""
     for count in range(digits, 18):
         texts = f"{one:.{count}g}", f"{other:.{count}g}"
         if texts[0] != texts[1]:
@@ -105,8 +108,8 @@ def told_apart(one: float, other: float, digits: int = 4) -> tuple[str, str]:
 def choose_from(what: str, given: object, valid: Iterable[str]) -> str:
     """Return the sentence for a name that is not in a list: the given, the nearest and the valid names."""
     names = sorted(valid)
-    near = " or ".join(map(repr, nearest(str(given), names)))
-    hint = f"; did you mean {near}?" if near else ""
+    similar = " or ".join(map(repr, nearest(str(given), names)))
+    hint = f"; did you mean {similar}?" if similar else ""
     listed = ", ".join(names[:_LISTED]) if names else "none"
     more = f", and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
     return f"unknown {what} {_CUT.repr(given)}{hint} (valid: {listed}{more})"
@@ -119,13 +122,13 @@ def check_name(where: str, what: str, given: object, valid: Collection[str]) -> 
 
 
 def check_unique(where: str, names: Sequence[str]) -> None:
-    """Raise RobotFileError for a name that is there twice; `where` starts the complaint."""
+    """Raise RobotFileError for a repeated name; `where` starts the complaint."""
     for name in names:
         if names.count(name) > 1:
             raise RobotFileError(f"{where}: duplicate {name!r}")
 
 
-_CUT = reprlib.Repr()  # cuts what nobody reads to its end
+_CUT = reprlib.Repr()  # cuts long values
 _CUT.maxstring = _CUT.maxother = 200
 _SUGGESTED = 3  # names
 _LISTED = 40  # valid names that a sentence lists
@@ -133,10 +136,10 @@ _COMPARED = 1_000_000  # letters of the given name times those of the valid ones
 
 
 def nearest(given: str, names: Iterable[str]) -> list[str]:
-    """Return the names that the given one may stand for, none where there are too many to compare.
+    """Return the valid names that resemble a given one; none where too many to compare.
 
-    Those that differ by capitals alone, or else begin with it, or else the one most like it, or else those
-    that contain it.
+    Names that differ by capitals alone, else names that begin with the given one, else the most similar one,
+    else names that contain the given one.
     """
     names, word = list(names), given.lower()
     if not word or len(word) * sum(map(len, names)) > _COMPARED:
@@ -149,7 +152,7 @@ def nearest(given: str, names: Iterable[str]) -> list[str]:
 
 
 def expect(what: str, given: object, kind: type, such_as: str) -> None:
-    """Raise InvalidInput unless what was given is of that kind; `such_as` says how one comes by it."""
+    """Raise InvalidInput unless an object is of a kind; `such_as` is an example for the message."""
     if not isinstance(given, kind):
         raise InvalidInput(
             f"{what}: needs a {kind.__name__}, such as {such_as}, got {short(given)} ({type(given).__name__})"
@@ -157,7 +160,7 @@ def expect(what: str, given: object, kind: type, such_as: str) -> None:
 
 
 def expect_call(what: str, given: object, attributes: Sequence[str], such_as: str) -> None:
-    """Raise InvalidInput unless what was given can be called, as a function, and has these attributes."""
+    """Raise InvalidInput unless an object can be called and has the attributes."""
     if not callable(given) or not all(hasattr(given, name) for name in attributes):
         raise InvalidInput(
             f"{what}: needs {such_as}, or what can be called as {what}(., order) and has "
@@ -182,10 +185,10 @@ def whole_number(what: str, given: object, least: int, most: int) -> int:
 
 
 def finite_numbers(what: str, given: ArrayLike, count: int, *, stacks: bool = False) -> Array:
-    """Return the given numbers as an array (count,), or (T, count) where `stacks` of them are allowed.
+    """Return numbers as an array (count,), or (T, count) where `stacks` are allowed.
 
     Raises:
-        InvalidInput: they are not numbers, not finite, or not as many.
+        InvalidInput: no numbers, numbers that are not finite, or another count.
     """
     try:
         values = np.asarray(given, dtype=float)
@@ -206,14 +209,23 @@ def finite_numbers(what: str, given: ArrayLike, count: int, *, stacks: bool = Fa
 # ------------------------------------------------------------------ the answer is no
 
 
+E = TypeVar("E", bound=FrameworkError)
+
+
+@dataclass_transform(eq_default=False, kw_only_default=True)
+def _with_attributes(error: type[E]) -> type[E]:
+    """Decorate an error whose annotated attributes are given by keyword beside its message."""
+    return dataclass(eq=False, repr=False, kw_only=True)(error)
+
+
 @dataclass(eq=False, repr=False)
 class NoAnswer(FrameworkError):
-    """The question was well posed, but there is no answer, or none that could be proved."""
+    """A question well posed that has no answer, or none that could be proved."""
 
     message: str
 
 
-@dataclass(eq=False, repr=False, kw_only=True)
+@_with_attributes
 class NotAssembled(NoAnswer):
     """The loops do not close. Carries the last iterate `q` (nq,) and its `residual` [m, rad]."""
 
@@ -221,7 +233,7 @@ class NotAssembled(NoAnswer):
     residual: float
 
 
-@dataclass(eq=False, repr=False, kw_only=True)
+@_with_attributes
 class OutOfReach(NotAssembled):
     """The path leaves the workspace: after path coordinate `s`, at `platform`, the leg of `joint` ends."""
 
@@ -230,7 +242,7 @@ class OutOfReach(NotAssembled):
     joint: str
 
 
-@dataclass(eq=False, repr=False, kw_only=True)
+@_with_attributes
 class Type1Singularity(NoAnswer):
     """The path meets a Type 1 singularity (a leg stretched or folded) at `s`, in the leg of `joint`."""
 
@@ -239,7 +251,7 @@ class Type1Singularity(NoAnswer):
     joint: str
 
 
-@dataclass(eq=False, repr=False, kw_only=True)
+@_with_attributes
 class Type2Singularity(NotAssembled):
     """The motors lead into a Type 2 singularity, at `platform`, after this `share` of their way.
 
@@ -251,10 +263,10 @@ class Type2Singularity(NotAssembled):
 
 
 class SingularPath(NoAnswer):
-    """The path runs along the singular locus instead of crossing it."""
+    """The path runs along the singular locus instead of across."""
 
 
-@dataclass(eq=False, repr=False, kw_only=True)
+@_with_attributes
 class NoLaw(NoAnswer):
     """No motion law can pass, or none was found that advances all the time.
 
@@ -266,7 +278,7 @@ class NoLaw(NoAnswer):
     evidence: object = None
 
 
-@dataclass(eq=False, repr=False, kw_only=True)
+@_with_attributes
 class UncontrolledMotions(NoLaw):
     """The path meets a pose, at `s` and `platform`, in which `count` motions escape the motors at once.
 
@@ -279,7 +291,7 @@ class UncontrolledMotions(NoLaw):
     count: int
 
 
-@dataclass(eq=False, repr=False, kw_only=True)
+@_with_attributes
 class UnboundedTorque(NoAnswer):
     """The law meets a Type 2 singularity with t_s . W_p != 0: the torque has a pole at `time`.
 
@@ -293,7 +305,7 @@ class UnboundedTorque(NoAnswer):
     wrench: float
 
 
-@dataclass(eq=False, repr=False, kw_only=True)
+@_with_attributes
 class SingularPose(NoAnswer):
     """A question about forces at one pose, `platform` (n,), at which the motors do not hold the robot.
 
@@ -304,7 +316,7 @@ class SingularPose(NoAnswer):
     wrench: float | None = None
 
 
-@dataclass(eq=False, repr=False, kw_only=True)
+@_with_attributes
 class LoadedJoint(NoAnswer):
     """The motion would load `joint`, which nothing holds, with `torque` [N m or N] at `time` [s]."""
 
@@ -313,16 +325,16 @@ class LoadedJoint(NoAnswer):
     time: float
 
 
-@dataclass(eq=False, repr=False, kw_only=True)
+@_with_attributes
 class LimitsExceeded(NoAnswer):
-    """A motion is proved, but it leaves limits that it was asked to keep: `exceeded`, by joint."""
+    """A proved motion that leaves limits of the request: `exceeded`, by joint."""
 
     exceeded: Mapping[str, str]
 
 
-@dataclass(eq=False, repr=False, kw_only=True)
+@_with_attributes
 class NotConverged(NoAnswer):
-    """A numerical method did not reach its tolerance; `residual` says how far it came.
+    """A numerical method did not reach its tolerance; `residual` is the last one.
 
     Where one place on the path is the cause, `s` and `platform` say which.
     """

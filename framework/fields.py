@@ -1,7 +1,7 @@
-"""Typed values out of the mappings of a document: a table a mapping, from its keys to how each is read.
+"""Typed values out of the mappings of a document: a table for each mapping, from its keys to readers.
 
-A reader is called with the place of a value, such as `actuators[0].joint`, and what was given there; it
-returns the value or raises an InvalidInput that names the place, what was given and what is valid.
+A reader is called with the place of a value, such as `actuators[0].joint`, and the value given; it returns
+the value read, or raises an InvalidInput that names the place, the value given and valid ones.
 """
 
 from __future__ import annotations
@@ -65,8 +65,8 @@ def read_table(
         if key in content:
             values[key] = field.read(below(where, key), content[key])
         elif field.required:
-            near = get_close_matches(key, [str(name) for name in content if name not in table], n=1)
-            hint = f"; is {near[0]!r} a misspelling?" if near else ""
+            similar = get_close_matches(key, [str(name) for name in content if name not in table], n=1)
+            hint = f"; is {similar[0]!r} a misspelling?" if similar else ""
             listed = ", ".join(map(str, content)) or "nothing"
             raise InvalidInput(f"{below(where, key)}: missing{hint} (given: {listed})")
         else:
@@ -81,12 +81,12 @@ def read_table(
 def record(
     table: Table, make: Callable[[str, dict[str, Any]], Any] = lambda _, values: values
 ) -> Reader[Any]:
-    """Return a reader of a mapping with these keys; `make` takes its place and its values."""
+    """Return a reader of a mapping by a table; `make` converts its place and values."""
     return lambda where, given: make(where, read_table(where, given, table))
 
 
 def table_of(kind: type[Any], readers: Mapping[str, Reader[Any]]) -> Table:
-    """Return the table of a dataclass: a reader for each field, by the type that it is annotated with."""
+    """Return the table of a dataclass: a reader for each field, by its annotated type."""
     return {
         one.name: required(readers[str(one.type)])
         if one.default is MISSING
@@ -95,7 +95,7 @@ def table_of(kind: type[Any], readers: Mapping[str, Reader[Any]]) -> Table:
     }
 
 
-def named(read: Reader[T], read_name: Reader[str] | None = None) -> Reader[dict[str, T]]:
+def mapping_of(read: Reader[T], read_name: Reader[str] | None = None) -> Reader[dict[str, T]]:
     """Return a reader of a mapping from names to values of one kind."""
 
     def read_named(where: str, given: Any) -> dict[str, T]:
@@ -144,7 +144,7 @@ def anything(where: str, given: Any) -> Any:
 
 
 def or_null(read: Reader[T]) -> Reader[T | None]:
-    """Return a reader of null, or of what `read` reads."""
+    """Return a reader of null, or else by `read`."""
     return lambda where, given: None if given is None else read(where, given)
 
 
@@ -170,7 +170,7 @@ def text(where: str, given: Any) -> str:
 
 
 def one_of(what: str, valid: Collection[str]) -> Reader[str]:
-    """Return a reader of one of the valid names; `what` is the kind of thing that they name."""
+    """Return a reader of one of the valid names of a kind, `what`."""
 
     def read_name(where: str, given: Any) -> str:
         if not isinstance(given, str) or given not in valid:

@@ -1,7 +1,7 @@
 """Read a file that a person names, within limits.
 
-What is no file (a pipe, a device, a folder) may never end or never begin, and a large one may take all
-memory: both are refused before they are read.
+A pipe, a device or a folder may never end or never begin, and a large file may take all memory: all are
+refused before they are read.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def read_text(
     """
     try:
         _check_regular(os.stat(file))  # to open a device can already do something
-        with open(file, "rb", opener=_without_waiting) as stream:
+        with open(file, "rb", opener=_open_without_waiting) as stream:
             _check_regular(os.fstat(stream.fileno()))
             content = stream.read(largest + 1)
             size = max(len(content), os.fstat(stream.fileno()).st_size)
@@ -47,7 +47,7 @@ def read_text(
 
 
 class _Unfit(OSError):
-    """A file that is there and is not read."""
+    """A file that exists but must not be read."""
 
 
 def _check_regular(status: os.stat_result) -> None:
@@ -55,6 +55,6 @@ def _check_regular(status: os.stat_result) -> None:
         raise _Unfit("not a regular file")
 
 
-def _without_waiting(file: str, flags: int) -> int:
-    """Open without waiting for the other end of a pipe that took the file's place meanwhile."""
+def _open_without_waiting(file: str, flags: int) -> int:
+    """Open a file without waiting, should a pipe have replaced the file meanwhile."""
     return os.open(file, flags | getattr(os, "O_NONBLOCK", 0))

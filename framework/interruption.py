@@ -1,7 +1,7 @@
-"""Ctrl-C and SIGTERM end a program alike: it cleans up, says so in one line and leaves.
+"""Ctrl-C and SIGTERM end a program alike: it cleans up, reports the end in one line and exits.
 
-Both reach the main thread as a KeyboardInterrupt, so that every `with` and `finally` on the way is left in
-order. Further ones are not heard while that goes on: what ends a program often signals it twice.
+Both reach the main thread as a KeyboardInterrupt, so that every `with` and `finally` is left in order.
+Further signals are dropped meanwhile: a program is often signalled twice.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def exit_code(stop: KeyboardInterrupt) -> int:
 
 
 class Heard:
-    """The interruption that has arrived, if any: code that it passes through may make another error of it."""
+    """The interruption that has arrived, if any; code in between may turn the exception into another."""
 
     def __init__(self) -> None:
         self.stop: KeyboardInterrupt | None = None
@@ -46,19 +46,19 @@ def interruptible() -> Iterator[Heard]:
 
     Signals that the caller ignores stay ignored. In other threads than the main one nothing changes.
     """
-    heard_one = Heard()
+    heard = Heard()
     if threading.current_thread() is not threading.main_thread():
-        yield heard_one
+        yield heard
         return
-    before = {number: signal.getsignal(number) for number in SIGNALS}
-    heard = [number for number in SIGNALS if before[number] is not signal.SIG_IGN]
+    handlers = {number: signal.getsignal(number) for number in SIGNALS}
+    handlers = {number: handler for number, handler in handlers.items() if handler is not signal.SIG_IGN}
 
     def stop(number: int, frame: FrameType | None) -> NoReturn:
-        for signal_number in heard:
-            signal.signal(signal_number, signal.SIG_IGN)
-        warnings.simplefilter("ignore")  # what is broken off halfway, such as an import, has its own to say
-        heard_one.stop = Terminated() if number == signal.SIGTERM else KeyboardInterrupt()
-        raise heard_one.stop
+        for handled in handlers:
+            signal.signal(handled, signal.SIG_IGN)
+        warnings.simplefilter("ignore")  # an import that is broken off halfway may warn
+        heard.stop = Terminated() if number == signal.SIGTERM else KeyboardInterrupt()
+        raise heard.stop
 
     def lost(unraisable: sys.UnraisableHookArgs) -> None:
         """Raise an interruption once more that came up, and ended, in a callback of weakref or __del__."""
@@ -73,32 +73,32 @@ def interruptible() -> Iterator[Heard]:
 
     main_thread = threading.main_thread()
     timers: list[threading.Timer] = []
-    for number in heard:
+    for number in handlers:
         signal.signal(number, stop)
     hook, sys.unraisablehook = sys.unraisablehook, lost
     try:
         with warnings.catch_warnings():
-            yield heard_one
+            yield heard
     finally:
         sys.unraisablehook = hook
         for timer in timers:
             timer.cancel()
-        for number in heard:
-            signal.signal(number, before[number])
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
 
 
 @contextmanager
-def uninterrupted() -> Iterator[None]:
-    """Let SIGINT and SIGTERM wait until the block ends."""
+def defer_signals() -> Iterator[None]:
+    """Defer SIGINT and SIGTERM until the block ends."""
     if threading.current_thread() is not threading.main_thread():  # no other one is interrupted
         yield
         return
     arrived: list[int] = []
-    before = {number: signal.signal(number, lambda one, frame: arrived.append(one)) for number in SIGNALS}
+    handlers = {number: signal.signal(number, lambda one, frame: arrived.append(one)) for number in SIGNALS}
     try:
         yield
     finally:
-        for number, handler in before.items():
+        for number, handler in handlers.items():
             signal.signal(number, handler)
         for one in arrived[:1]:
             signal.raise_signal(one)

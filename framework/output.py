@@ -17,7 +17,7 @@ import numpy as np
 
 from framework.errors import InvalidInput, OutputError
 from framework.input import read_text
-from framework.interruption import uninterrupted
+from framework.interruption import defer_signals
 
 Document = dict[str, Any]  # a JSON object, or what becomes one
 UNFINISHED = ".crossing-unfinished-"  # a name that nobody else takes: what has it may be removed
@@ -51,7 +51,7 @@ def written_together(
     own: tuple[Path, int] | None = None
     try:
         try:
-            with uninterrupted():  # an interruption meanwhile is raised at its end, where all is known
+            with defer_signals():  # an interruption meanwhile is raised at its end, where all is known
                 folder.mkdir(parents=True, exist_ok=True)
                 _remove_abandoned(folder)
                 temporary, _ = own = _own_folder(folder)
@@ -63,7 +63,7 @@ def written_together(
         files = sorted(temporary.iterdir())
         _check_overwritten(folder, [written.name for written in files], document, place)
         replaces = document is not None and os.path.lexists(folder / document)
-        with uninterrupted():
+        with defer_signals():
             for written in files:
                 os.replace(written, folder / written.name)
             for name in set(beside) - {written.name for written in files} if replaces else ():
@@ -73,20 +73,20 @@ def written_together(
     except OSError as error:
         raise OutputError(f"{place}: {_reason(error)}") from None
     finally:
-        with uninterrupted():
+        with defer_signals():
             if own is not None:
                 _remove(own)
             _remove_empty(new)
 
 
 def _check_overwritten(folder: Path, names: list[str], document: str | None, place: str) -> None:
-    """Refuse to write over folders, or over files that are not of this program, by these names."""
-    there = [name for name in names if os.path.lexists(folder / name)]
-    for name in there:
+    """Refuse to overwrite folders, or files that are not of this program, by their names."""
+    present = [name for name in names if os.path.lexists(folder / name)]
+    for name in present:
         if (folder / name).is_dir():
             raise OutputError(f"{place}: {name} is a folder there")
-    if document is not None and there and not _is_ours(folder / document):
-        foreign = document if document in there else there[0]
+    if document is not None and present and not _is_ours(folder / document):
+        foreign = document if document in present else present[0]
         raise OutputError(
             f"{place}: {foreign} is there already, and not of this program; give another folder, or move it"
         )
@@ -113,7 +113,7 @@ def _own_folder(folder: Path) -> tuple[Path, int]:
 
 
 def _remove_abandoned(folder: Path) -> None:
-    """Remove what processes that were killed have left while they wrote: nobody holds a lock on it."""
+    """Remove the unlocked temporary folders of processes that were killed while writing."""
     for place in folder.glob(f"{UNFINISHED}*"):
         with suppress(OSError):  # it is locked, or another process has removed it
             lock = os.open(place, os.O_RDONLY | os.O_DIRECTORY)
@@ -125,7 +125,7 @@ def _remove_abandoned(folder: Path) -> None:
 
 
 def plain(value: Any) -> Any:
-    """Return a value as JSON has it: arrays as lists, null for a number that is not finite."""
+    """Convert a value for JSON: arrays to lists, numbers that are not finite to null."""
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, Mapping):
@@ -147,7 +147,7 @@ def write_csv(file: Path, groups: Mapping[str, Iterable[str]], rows: np.ndarray)
 
 
 def write_file(file: Path, content: str | bytes, *, option: str = "--html") -> None:
-    """Write one file: a file that is there already is replaced by the whole content, or is left as it was.
+    """Write one file whole: an existing file is replaced by the content, or left unchanged.
 
     Letters that UTF-8 does not have, as in paths that are not UTF-8 themselves, become question marks.
 

@@ -17,7 +17,7 @@ import pytest
 
 from framework.cli import main, robots
 from framework.errors import InvalidInput
-from framework.interruption import Terminated, exit_code, interruptible, uninterrupted
+from framework.interruption import Terminated, defer_signals, exit_code, interruptible
 from tests.watchdog import PATIENCE, wait_for
 
 # what is sent before the program has begun to import is Python's own affair
@@ -264,7 +264,7 @@ def test_where_it_must_not_be_interrupted_a_signal_waits():
 
     def work():
         with interruptible():
-            with uninterrupted():
+            with defer_signals():
                 signal.raise_signal(signal.SIGINT)
                 done.append("first")
             done.append("second")

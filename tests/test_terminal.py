@@ -15,7 +15,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from framework.cli.layout import laid_out, shows_colours
+from framework.cli.layout import lay_out, shows_colours
 from framework.cli.progress import FIRST, Progress
 
 STYLE = re.compile(r"\x1b\[[0-9;]*m")
@@ -61,7 +61,7 @@ def in_terminal(*arguments: str, columns: int, **environment: str) -> tuple[int,
 
 @pytest.mark.parametrize("columns", [60, 80, 100, 120])
 def test_lines_are_broken_between_words_and_keep_all_of_them(columns):
-    shown = laid_out(TEXT, columns)
+    shown = lay_out(TEXT, columns)
     assert max(map(len, shown.splitlines())) <= columns
     assert shown.split() == TEXT.split()
     for whole in ("0.147119 N m", "t = 1 s", "x, y = (-5.10312e-05,", "0.667006874764298"):
@@ -69,7 +69,7 @@ def test_lines_are_broken_between_words_and_keep_all_of_them(columns):
 
 
 def test_without_a_terminal_each_line_is_whole():
-    lines = laid_out(TEXT, None).splitlines()
+    lines = lay_out(TEXT, None).splitlines()
     assert lines[:4] == TEXT.splitlines()[:4]
     assert lines[4:] == [
         "  controller       passed  peak torque",
@@ -80,7 +80,7 @@ def test_without_a_terminal_each_line_is_whole():
 
 
 def test_a_long_line_goes_on_under_its_text():
-    lines = laid_out(TEXT.splitlines()[3], 60).splitlines()
+    lines = lay_out(TEXT.splitlines()[3], 60).splitlines()
     assert len(lines) > 1
     assert all(line.startswith(" " * 20) and line[20] != " " for line in lines[1:])
 
@@ -88,10 +88,10 @@ def test_a_long_line_goes_on_under_its_text():
 def test_a_table_that_is_too_wide_gives_way_in_words_and_then_in_columns():
     table = "  name\twhy\tleast [N m]\n  first\tout of reach of its legs\t1.5\n  second\tnone\t-22.25"
     for columns in (30, 24, 20):
-        shown = laid_out(table, columns)
+        shown = lay_out(table, columns)
         assert max(map(len, shown.splitlines())) <= columns
         assert set(table.split()) <= set(shown.split())
-    assert laid_out(table, 20).count("second") == 2  # the first column stands before the rest once more
+    assert lay_out(table, 20).count("second") == 2  # the first column stands before the rest once more
 
 
 # ------------------------------------------------------------------ colours
@@ -127,8 +127,8 @@ def test_colours_are_shown_where_there_are_some(monkeypatch, environment, termin
 
 
 def test_colours_change_no_letter():
-    assert STYLE.sub("", laid_out(TEXT, 80, colour=True)) == laid_out(TEXT, 80)
-    assert "\x1b[33mwarning\x1b[0m" in laid_out(TEXT, 80, colour=True)
+    assert STYLE.sub("", lay_out(TEXT, 80, colour=True)) == lay_out(TEXT, 80)
+    assert "\x1b[33mwarning\x1b[0m" in lay_out(TEXT, 80, colour=True)
 
 
 @pytest.mark.parametrize("columns", [80, 120])

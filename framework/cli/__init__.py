@@ -3,12 +3,12 @@
 It parses and prints, and computes nothing.
 
 What commands share
-    commands            the list of commands, and the parser that shows it
-    running             one command run, and what is said where it fails
+    commands            the list of commands, and its parser
+    running             one command run, and the message where it fails
     parser              the options of several commands
     writing             files in the folder of --out
     arguments           from options to the robot, the path and the request
-    console, layout     reports on stdout, errors in one line on stderr; how they fit a terminal
+    console, layout     reports on stdout, errors in one line on stderr; their layout in a terminal
     advice              the command line to try after a refusal
     progress            the progress line while a command works
 
@@ -35,37 +35,37 @@ import sys
 from collections.abc import Sequence
 
 from framework.cli.commands import parser_of
-from framework.interruption import Heard, Terminated, exit_code, interruptible, uninterrupted
+from framework.interruption import Heard, Terminated, defer_signals, exit_code, interruptible
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; returns the exit code."""
+    """Run one command and return the exit code."""
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     with interruptible() as heard:
         try:
             return _run(arguments, heard)
         except KeyboardInterrupt as stop:
-            return interrupted(stop, arguments)
+            return report_interruption(stop, arguments)
 
 
-def interrupted(stop: KeyboardInterrupt, arguments: Sequence[str]) -> int:
-    """Say that a command was interrupted; returns the exit code."""
-    from framework.cli.running import refused
+def report_interruption(stop: KeyboardInterrupt, arguments: Sequence[str]) -> int:
+    """Report that a command was interrupted and return the exit code."""
+    from framework.cli.running import report_refusal
 
     words = "terminated" if isinstance(stop, Terminated) else "interrupted"
-    return refused(stop, ": ".join([words, *map(str, stop.args)]), exit_code(stop), arguments)
+    return report_refusal(stop, ": ".join([words, *map(str, stop.args)]), exit_code(stop), arguments)
 
 
 def _run(arguments: Sequence[str], heard: Heard) -> int:
-    """Parse and run; numpy and all that stands on it are imported after --help has been answered."""
+    """Parse and run; import numpy and its users only after --help is answered."""
     try:
-        with uninterrupted():  # compiled modules do not bear an exception while they are imported
+        with defer_signals():  # compiled modules do not bear an exception while they are imported
             parser = parser_of(arguments)
         options = parser.parse_args(arguments)
-        with uninterrupted():
+        with defer_signals():
             from framework.cli.running import run
         return run(options, heard, arguments)
-    except Exception as error:  # noqa: BLE001 - whatever else happens, nobody meant it to
-        from framework.cli.running import failed
+    except Exception as error:  # noqa: BLE001 - any other error is a fault of the program
+        from framework.cli.running import report_failure
 
-        return failed(error, heard, arguments)
+        return report_failure(error, heard, arguments)

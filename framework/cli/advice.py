@@ -14,10 +14,10 @@ from framework.cli.console import one_line
 MAX_ADVICE_LENGTH = 500  # [characters] half of what a complaint may have
 
 
-def advised(error: BaseException, arguments: Sequence[str]) -> str | None:
-    """Return the command line to try instead of `arguments`; None where nothing is known to help."""
+def advise(error: BaseException, arguments: Sequence[str]) -> str | None:
+    """Return the command line to try instead of `arguments`; None without a remedy."""
     if isinstance(error, Misuse):
-        return error.instead if error.mend is None else _mended(error.mend, arguments)
+        return error.instead if error.mend is None else _mend_words(error.mend, arguments)
     remedy: Mapping[str, Any] | None = getattr(error, "remedy", None)
     if not remedy or not arguments or arguments[0] not in COMMANDS:
         return None
@@ -27,16 +27,16 @@ def advised(error: BaseException, arguments: Sequence[str]) -> str | None:
         flag = f"--{name.replace('_', '-')}"
         if flag not in options:
             return None
-        words = _without(words, options[flag])
+        words = _remove_option(words, options[flag])
         if value is not None and value is not False:
-            words += [flag, *_words(value)]
+            words += [flag, *_typed_words(value)]
     instead = one_line(shlex.join(["crossing", *words]))
     tried = sorted(words) == sorted(word for word in arguments if word != "--json")
     return None if tried or len(instead) > MAX_ADVICE_LENGTH else instead
 
 
-def _mended(mend: Callable[[str], list[str] | None], arguments: Sequence[str]) -> str:
-    """Return a command line with other words in place of some, alone or behind an option's `=`."""
+def _mend_words(mend: Callable[[str], list[str] | None], arguments: Sequence[str]) -> str:
+    """Replace words, alone or behind an option's `=`, by the words of `mend`, if any."""
     words: list[str] = []
     for word in arguments:
         flag, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
@@ -48,10 +48,10 @@ def _mended(mend: Callable[[str], list[str] | None], arguments: Sequence[str]) -
 _COUNTS = {"None": 1.0, "?": 1.0, "+": math.inf, "*": math.inf}  # values of an option, by its `nargs`
 
 
-def _without(words: Sequence[str], option: argparse.Action) -> list[str]:
-    """Return the words of a command line without an option and its values."""
-    kept: list[str] = []
-    values = 0.0  # of the option that are still to come
+def _remove_option(words: Sequence[str], option: argparse.Action) -> list[str]:
+    """Remove an option and its values from the words of a command line."""
+    rest: list[str] = []
+    values = 0.0  # number of values of the option that may follow
     for word in words:
         flag, equals, _ = word.partition("=")
         if flag in option.option_strings:
@@ -62,12 +62,12 @@ def _without(words: Sequence[str], option: argparse.Action) -> list[str]:
             values -= 1
         else:
             values = 0
-            kept.append(word)
-    return kept
+            rest.append(word)
+    return rest
 
 
-def _words(value: Any) -> list[str]:
-    """Return the value of an option as it is typed."""
+def _typed_words(value: Any) -> list[str]:
+    """Return the value of an option as words of a command line."""
     if value is True:
         return []
     if isinstance(value, Mapping):
@@ -76,5 +76,5 @@ def _words(value: Any) -> list[str]:
             [f"{same.pop():.6g}"] if len(same) == 1 else [f"{key}={part:.6g}" for key, part in value.items()]
         )
     if isinstance(value, list | tuple):
-        return [word for part in value for word in _words(part)]
+        return [word for part in value for word in _typed_words(part)]
     return [value if isinstance(value, str) else f"{value:.6g}"]

@@ -34,16 +34,16 @@ WRENCH_FLAGS = {"wrench": "--wrench", "wrench_on": "--wrench-on"}
 
 
 def take_level(options: Namespace) -> ChosenLevel | None:
-    """Put the level of fidelity for the motion where --flexibility is auto; None where it is not.
+    """Choose the level of fidelity and set its options where --flexibility is auto; None otherwise.
 
-    What the scene keeps of a study, where the motion is the scene's as it stands; else what is predicted.
+    The level that the scene keeps of a study, where the motion is the scene's unchanged; else the predicted.
 
     Raises:
         InvalidInput: --geometry beside it, or no motion.
     """
     if options.flexibility != AUTO:
         return None
-    from framework.fidelity.chosen_level import kept_level, options_of_level, predicted_level
+    from framework.fidelity.chosen_level import options_of_level, predict_level, scene_level
 
     if options.geometry is not None:
         raise InvalidInput(
@@ -51,12 +51,12 @@ def take_level(options: Namespace) -> ChosenLevel | None:
         ).advising({"geometry": None})
     options.flexibility = FLEXIBILITIES[0]
     robot = load(options)
-    asked, description = request(options, robot), robot.description
+    requested, description = request(options, robot), robot.description
     typed = motion_options(options, robot)
     typed.pop("keep_limits", None)
-    chosen = None if typed or options.scene is None else kept_level(description, options.scene)
+    chosen = None if typed or options.scene is None else scene_level(description, options.scene)
     if chosen is None:
-        chosen = predicted_level(description, options.scene or asked.path, **typed)
+        chosen = predict_level(description, options.scene or requested.path, **typed)
     for key, value in options_of_level(description, chosen.level).items():
         if key != "smoothness" or options.smoothness is None:
             setattr(options, key, value)
@@ -69,7 +69,7 @@ def load(options: Namespace) -> ParallelRobot:
 
 
 def load_mechanism(options: Namespace) -> Mechanism:
-    """Load the mechanism with the springs of --flexibility where the command has it; warn without any."""
+    """Load the mechanism with the springs of --flexibility; warn where the mechanism has none."""
     flexibility = getattr(options, "flexibility", "rigid")
     others = ", or a folder of `crossing plan --out`" if hasattr(options, "robot_file") else ""
     file = robot_file(options.robot, others=others)
@@ -82,7 +82,7 @@ def load_mechanism(options: Namespace) -> Mechanism:
     return mechanism
 
 
-def parsed(options: Namespace, *, propose: Propose | None = None) -> ParsedRobot:
+def parse_file(options: Namespace, *, propose: Propose | None = None) -> ParsedRobot:
     """Read a robot file, or a file of a foreign dialect completed by the options."""
     return parse_any(robot_file(options.robot), propose=propose, **_missing_fields(options))
 
@@ -100,21 +100,21 @@ def named_numbers(option: str, words: Sequence[str], form: str) -> dict[str, flo
 
 
 def _missing_fields(options: Namespace) -> MotionOptions:
-    """Return what the options add to a foreign file, as keyword arguments of `parse_any`."""
+    """Return the fields that options add to a foreign file, as keyword arguments of `parse_any`."""
     values = vars(options)
     fields = {key: values.get(key) for key in ("platform", "axes", "motors", "base", "platform_joints")}
-    fields["reference"] = dict(_joint_values("--reference", values.get("reference") or []))
-    fields["locked"] = dict(_locked(values.get("lock") or []))
+    fields["reference"] = dict(_parse_joint_values("--reference", values.get("reference") or []))
+    fields["locked"] = dict(_parse_locks(values.get("lock") or []))
     return fields
 
 
-def _locked(items: Sequence[str]) -> Iterator[tuple[str, float | None]]:
+def _parse_locks(items: Sequence[str]) -> Iterator[tuple[str, float | None]]:
     """Parse joints, as JOINT or JOINT=VALUE."""
     for item in items:
-        yield from _joint_values("--lock", [item]) if "=" in item else [(item, None)]
+        yield from _parse_joint_values("--lock", [item]) if "=" in item else [(item, None)]
 
 
-def _joint_values(option: str, items: Sequence[str]) -> Iterator[tuple[str, float]]:
+def _parse_joint_values(option: str, items: Sequence[str]) -> Iterator[tuple[str, float]]:
     """Parse joint values, as JOINT=VALUE."""
     for item in items:
         name, equals, value = item.rpartition("=")
@@ -161,18 +161,12 @@ def request(options: Namespace, robot: ParallelRobot) -> Request:
     return Request.of(robot, along, **typed)
 
 
-def path_and_motion(options: Namespace, robot: ParallelRobot) -> tuple[Path | str, MotionOptions]:
-    """Return the name of the scene or the path, and the options of the motion that were typed."""
-    along, typed = path(options, robot), motion_options(options, robot)
-    return options.scene or along, typed
-
-
-def request_of_any_duration(options: Namespace, robot: ParallelRobot, along: Path) -> Request:
-    """Return the request of the options along a path; the duration is 1 s where none is typed."""
+def options_with_wrenches(options: Namespace, robot: ParallelRobot) -> MotionOptions:
+    """Return the options of the motion that were typed, and the scene's wrenches if none were."""
     typed = motion_options(options, robot)
     if options.scene is not None and "wrenches" not in typed:
         typed["wrenches"] = scene(robot, options.scene).wrenches
-    return Request.of(robot, along, **{"duration": 1.0, **typed})
+    return typed
 
 
 def motion_options(options: Namespace, robot: ParallelRobot) -> MotionOptions:
@@ -244,8 +238,8 @@ def share(name: str, text: str) -> float:
         raise InvalidInput(f"{name}: needs a share such as 10% or 0.1, got {text!r}") from None
 
 
-def planned(options: Namespace) -> CrossingPlan:
-    """Return the plan in the folder that ROBOT is, or the one that the options ask for.
+def load_or_plan(options: Namespace) -> CrossingPlan:
+    """Load the plan if ROBOT is a folder of a plan, else plan as the options ask.
 
     Raises:
         InvalidInput: options of the motion beside a folder, which has a motion already.
@@ -259,7 +253,7 @@ def planned(options: Namespace) -> CrossingPlan:
 
 
 def saved_plan(options: Namespace) -> CrossingPlan | None:
-    """Return the plan in the folder that ROBOT is; None if it is no such folder.
+    """Load the plan if ROBOT is a folder of a plan; None otherwise.
 
     Raises:
         InvalidInput: options of the motion beside a folder, which has a motion already; --robot-file

@@ -53,7 +53,7 @@ def add(commands: Any) -> None:
 
 
 def run(options: Namespace) -> Report:
-    """Calibrate, and say how well poses that were held out are predicted."""
+    """Calibrate; report the errors of predicted poses held out of the fit."""
     robot = arguments.load(options)
     found = calibrate(
         robot,

@@ -10,7 +10,6 @@ import numpy as np
 from framework.cli import arguments
 from framework.cli.parser import Report, add_path_and_motion, add_robot, command
 from framework.crossing.capacity import Capacity, capacity_request, largest_load_of
-from framework.crossing.scenes import scene
 
 
 def add(commands: Any) -> None:
@@ -26,12 +25,9 @@ def add(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> Report:
-    """Report the largest multiple and what binds."""
+    """Report the largest multiple, and why a larger one is refused."""
     robot = arguments.load(options)
-    path, typed = arguments.path(options, robot), arguments.typed_options(options)
-    typed |= arguments.wrenches(options, robot)
-    if options.scene is not None and "wrenches" not in typed:
-        typed["wrenches"] = scene(robot, options.scene).wrenches
+    path, typed = arguments.path(options, robot), arguments.options_with_wrenches(options, robot)
     progress = options.progress.start("planning with multiples of the wrench", unit="plans")
     capacity = largest_load_of(robot, capacity_request(robot, path, **typed), progress=progress)
     if capacity.multiple == 0.0:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, NoReturn
 
 
 class Command(NamedTuple):
-    """What the list of commands says of one, and examples.
+    """A command in the list of commands: its text and examples.
 
     The examples run in the order of `COMMANDS` in one folder, each with what those before it have written.
     """
@@ -137,13 +137,15 @@ class Misuse(Exception):
 
 
 class _Help(argparse.HelpFormatter):
-    """Help with a usage of one line, and with texts of several lines, such as examples, left as they are."""
+    """Help with a usage of one line; texts of several lines, such as examples, unchanged."""
 
     def add_usage(self, usage: str | None, actions: Any, groups: Any, prefix: str | None = None) -> None:
-        needed = [self._needed(action) for action in actions if action.required or not action.option_strings]
+        needed = [
+            self._format_needed(action) for action in actions if action.required or not action.option_strings
+        ]
         super().add_usage(usage or " ".join(["%(prog)s", *needed, "[options]"]), actions, groups, prefix)
 
-    def _needed(self, action: argparse.Action) -> str:
+    def _format_needed(self, action: argparse.Action) -> str:
         if not action.option_strings:
             return self._format_args(action, self._get_default_metavar_for_positional(action))
         metavar = self._get_default_metavar_for_optional(action)
@@ -165,13 +167,13 @@ class OneLineParser(argparse.ArgumentParser):
         self._negative_number_matcher = re.compile(r"^-\.?\d")
 
     def topic(self, title: str) -> argparse._ArgumentGroup:
-        """Return the group of options of that title; what has none stands last, under `output`."""
-        there = [group for group in self._action_groups if group.title == title]
-        return there[0] if there else self.add_argument_group(title)
+        """Return the group of options of this title; options without one stand last, under `output`."""
+        groups = [group for group in self._action_groups if group.title == title]
+        return groups[0] if groups else self.add_argument_group(title)
 
     @property
     def option_actions(self) -> dict[str, argparse.Action]:
-        """The options of this command, or of the one below it, by their flags."""
+        """The options of this command, or of its subcommand, by their flags."""
         below = [action.choices for action in self._actions if isinstance(action, argparse._SubParsersAction)]
         parsers = [self, *(parser for choices in below for parser in choices.values())]
         return {flag: action for parser in parsers for flag, action in parser._option_string_actions.items()}
@@ -181,21 +183,20 @@ class OneLineParser(argparse.ArgumentParser):
         return super().format_help()
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parse what is known, and complain of the rest in the name of the command that was given it."""
+        """Parse arguments; refuse unknown ones in the name of their command."""
         parsed, unknown = super().parse_known_args(args, namespace)
         if unknown:
             self.error(f"unrecognized arguments: {' '.join(unknown)}{self._hint(unknown[0])}")
         return parsed, unknown
 
     def _hint(self, unknown: str) -> str:
-        """Return the hint at what an unknown argument may stand for; empty if nothing is like it."""
+        """Return a hint at options that resemble an unknown argument; empty without any."""
         from framework.errors import nearest
 
         options = [option for option in self._option_string_actions if option.startswith("--")]
-        near = nearest(
-            unknown.partition("=")[0].lstrip("-").replace("_", "-"), [name[2:] for name in options]
-        )
-        meant = [f"--{name}" for name in near if f"--{name}" != unknown]
+        typed = unknown.partition("=")[0].lstrip("-").replace("_", "-")
+        similar = nearest(typed, [name[2:] for name in options])
+        meant = [f"--{name}" for name in similar if f"--{name}" != unknown]
         if not unknown.startswith("-"):
             meant = [f"--scene {unknown}"] if "--scene" in options and not unknown[:1].isdigit() else []
         return f"; did you mean {' or '.join(meant)}?" if meant else ""
@@ -205,13 +206,13 @@ class OneLineParser(argparse.ArgumentParser):
         if action.choices is not None and value not in action.choices:
             from framework.errors import nearest
 
-            near = " or ".join(map(repr, nearest(str(value), action.choices)))
-            hint = f"; did you mean {near}?" if near else ""
+            similar = " or ".join(map(repr, nearest(str(value), action.choices)))
+            hint = f"; did you mean {similar}?" if similar else ""
             listed = ", ".join(action.choices)
             raise argparse.ArgumentError(action, f"invalid choice: {value!r}{hint} (choose from {listed})")
 
     def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
-        """Return a value; a number with its unit, or numbers with commas, are told with what is meant."""
+        """Return a value; refuse a number with its unit, or numbers with commas, with the plain numbers."""
         try:
             return super()._get_value(action, arg_string)
         except argparse.ArgumentError as error:
@@ -224,7 +225,7 @@ class OneLineParser(argparse.ArgumentParser):
             ) from None
 
     def error(self, message: str) -> NoReturn:
-        lacking = "arguments are required" in message  # nothing of what was typed can be mended
+        lacking = "arguments are required" in message  # no typed word can be mended
         anywhere = [example for example in self.examples if NEEDS_NO_FILE.fullmatch(example)]
         raise Misuse(f"{message} (see `{self.prog} --help`)", next(iter(anywhere), None) if lacking else None)
 
@@ -242,7 +243,7 @@ def _meant_numbers(action: argparse.Action, text: str) -> list[str] | None:
 
 
 class _Version(argparse.Action):
-    """--version, looked up when it is asked for."""
+    """The option --version, whose value is looked up on demand."""
 
     def __init__(self, option_strings: Sequence[str], dest: str, help: str) -> None:
         super().__init__(

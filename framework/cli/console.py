@@ -11,7 +11,7 @@ import sys
 from contextlib import suppress
 from typing import TextIO
 
-from framework.cli.layout import GREEN, RED, coloured, laid_out, shows_colours, width_of, wrapped
+from framework.cli.layout import GREEN, RED, add_colour, lay_out, shows_colours, width_of, wrap_line
 from framework.errors import OutputError
 
 PROGRAM, TRY = "crossing: ", "try: "  # what a complaint begins with, and what advice does
@@ -34,14 +34,14 @@ def printable(text: str) -> str:
     return _printable(text, "\n")
 
 
-def _printable(text: str, kept: str) -> str:
+def _printable(text: str, allowed: str) -> str:
     return "".join(
-        letter if letter.isprintable() or letter in kept else " " if letter.isspace() else _escaped(letter)
+        letter if letter.isprintable() or letter in allowed else " " if letter.isspace() else _escape(letter)
         for letter in text
     )
 
 
-def _escaped(letter: str) -> str:
+def _escape(letter: str) -> str:
     return letter.encode("unicode_escape").decode("ascii")
 
 
@@ -49,14 +49,14 @@ def report(text: str) -> None:
     """Print a report on stdout, in the width and the colours of its terminal; raises as `tell`."""
     if sys.stdout is not None:
         shown = _printable(text, "\n\t")
-        _tell(laid_out(shown, width_of(sys.stdout), colour=shows_colours(sys.stdout)), sys.stdout)
+        _tell(lay_out(shown, width_of(sys.stdout), colour=shows_colours(sys.stdout)), sys.stdout)
 
 
 def tell(text: str, *, aside: bool = False) -> None:
-    """Print a text as it is on stdout, or on stderr if it is said `aside`.
+    """Print a text unchanged on stdout, or `aside` on stderr.
 
     Raises:
-        OutputError: it cannot be written, the disk being full; what is told after that gets lost.
+        OutputError: the text cannot be written, for a full disk say; later texts get lost.
     """
     _tell(printable(text), sys.stderr if aside else sys.stdout)
 
@@ -74,9 +74,9 @@ def _tell(text: str, stream: TextIO | None) -> None:
 
 
 def complain(message: str) -> None:
-    """Print one line on stderr, broken where a terminal needs it, and before `TRY`.
+    """Print one line on stderr, wrapped to the width of a terminal and broken before `TRY`.
 
-    If it cannot be written, the exit code has to say it.
+    If that fails, the exit code alone tells.
     """
     stream = sys.stderr
     if stream is None:  # closed by whoever started the program
@@ -85,9 +85,9 @@ def complain(message: str) -> None:
     width, colour = width_of(stream), shows_colours(stream)
     if width is not None:
         why, advised, command = line.partition(f"; {TRY}")
-        line = "\n".join([*wrapped(why, width, 2), *([f"  {TRY}{command}"] if advised else [])])
+        line = "\n".join([*wrap_line(why, width, 2), *([f"  {TRY}{command}"] if advised else [])])
     if colour:
-        line = line.replace(PROGRAM, coloured(PROGRAM, RED), 1).replace(TRY, coloured(TRY, GREEN))
+        line = line.replace(PROGRAM, add_colour(PROGRAM, RED), 1).replace(TRY, add_colour(TRY, GREEN))
     with suppress(OSError):
         _print(line, stream)
 
@@ -98,6 +98,6 @@ def _print(text: str, stream: TextIO) -> None:
 
 
 def _close(stream: TextIO) -> None:
-    """Lead a stream into nothing, so that the interpreter does not stumble over it when it ends."""
+    """Redirect a stream to the null device, which the interpreter can flush on exit."""
     with suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

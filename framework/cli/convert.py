@@ -24,7 +24,7 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> Report:
     """Write NAME.yaml and NAME.urdf into --out."""
-    parsed = arguments.parsed(options, propose=propose)
+    parsed = arguments.parse_file(options, propose=propose)
     description = parsed.description
     remarks = list(parsed.remarks)
     if friction := _dry_friction(parsed):

@@ -32,7 +32,7 @@ NOT_FOR_STUDIES = ("scene", "at", "nearest", "wrench", "platform", "axes", "moto
 
 
 def report_design_study(options: Namespace) -> Report:
-    """Map each design of a study, report the results and write them."""
+    """Map each design of a study; report and write the results."""
     for key in NOT_FOR_STUDIES:
         if getattr(options, key) is not None:
             raise InvalidInput(f"--{key}: not for a study, whose robots have references of their own")
@@ -50,18 +50,18 @@ def report_design_study(options: Namespace) -> Report:
         keys=tuple(quantity.key for quantity in choose_quantities(robot, options.quantity)),
     )
 
-    def computed(kept: KeptChunks | None) -> DesignStudy:
+    def compute_study(kept: KeptChunks | None) -> DesignStudy:
         progress = options.progress.start("mapping", len(designs.values), "designs")
         with executor_of(workers=options.workers, dask=options.dask) as executor:
             return design_study(task, designs, executor=executor, keeper=kept, progress=progress)
 
     if options.out is None:
-        return _report(computed(None), robot.name)
+        return _report(compute_study(None), robot.name)
     kept = KeptChunks.of(Path(options.out), study_setup(task, designs))
     with written_stepwise(options, DOCUMENT, lambda: len(kept.read()), "chunks") as folder:
         from framework.show.design_study import save_study_figure
 
-        study = computed(kept)
+        study = compute_study(kept)
         write_study(study, folder)
         options.progress.start("drawing the figure")
         save_study_figure(study, folder)

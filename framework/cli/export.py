@@ -26,8 +26,8 @@ from framework.export.joint_trajectory import (
     DEFAULT_SAMPLES,
     SAMPLE_RANGE,
     SIDES,
+    describe_side,
     joint_trajectory,
-    side_told,
 )
 from framework.export.mjcf import START, mjcf_text, ranges_left_out
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -87,7 +87,7 @@ def run(options: Namespace) -> Report:
                 "--scene, --samples, --side: a MuJoCo model has no motion; leave them out"
             ).advising(dict.fromkeys(("scene", "samples", "side")))
         saved = is_plan_folder(options.robot)
-        robot = arguments.planned(options).robot if saved else arguments.load(options)
+        robot = arguments.load_or_plan(options).robot if saved else arguments.load(options)
         text, description = mjcf_text(robot), "a MuJoCo model with its loops"
         lines.append(f"  {START}")
         if left_out := ranges_left_out(robot):
@@ -98,16 +98,16 @@ def run(options: Namespace) -> Report:
     else:
         if not (is_plan_folder(options.robot) or options.scene):
             raise InvalidInput("give --scene, or the folder that `crossing plan --out` wrote, to be exported")
-        plan = arguments.planned(options)
+        plan = arguments.load_or_plan(options)
         robot, side = plan.robot, options.side or "joint"
         message = joint_trajectory(plan, samples=options.samples or DEFAULT_SAMPLES, side=side)
         as_json = file.suffix == ".json"
         if as_json:
             text = json.dumps(message, indent=2) + "\n"
         else:
-            text = f"# {side_told(plan, side)}\n" + yaml.safe_dump(message, sort_keys=False)
+            text = f"# {describe_side(plan, side)}\n" + yaml.safe_dump(message, sort_keys=False)
         description = f"a joint trajectory of {len(message['points'])} points over {plan.duration:g} s"
-        lines.append(f"  {side_told(plan, side)}")
+        lines.append(f"  {describe_side(plan, side)}")
     write_file(file, text, option="--out")
     document = {
         "robot": robot.name,
@@ -128,12 +128,12 @@ def _lesson(options: Namespace) -> tuple[ParallelRobot, str]:
     from framework.show.lesson import lesson_page  # matplotlib takes time to import
 
     robot = arguments.load(options)
-    asked = scene(robot, options.scene)
-    if asked.wrenches is not None:
-        raise InvalidInput(f"--scene {asked.name} has wrenches of the world, which a lesson does not have")
+    chosen = scene(robot, options.scene)
+    if chosen.wrenches is not None:
+        raise InvalidInput(f"--scene {chosen.name} has wrenches of the world, which a lesson does not have")
     try:
-        page = lesson_page(robot, scene_path(asked), duration=asked.duration, name=f"Scene {asked.name}")
+        page = lesson_page(robot, scene_path(chosen), duration=chosen.duration, name=f"Scene {chosen.name}")
     except NoAnswer as error:
-        error.args = (f"--scene {asked.name}: {error}",)
+        error.args = (f"--scene {chosen.name}: {error}",)
         raise
     return robot, page

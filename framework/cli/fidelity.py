@@ -51,13 +51,13 @@ def add(commands: Any) -> None:
 def run(options: Namespace) -> Report:
     """Compare all levels; with --out write the numbers and the figure."""
     if options.out is None:
-        study, document, text = _studied(options)
+        study, document, text = _report_study(options)
     else:
         with written_out(options, STUDY_FILE) as folder:
             from framework.show.fidelity import plot_fidelity
             from framework.show.plots import save
 
-            study, document, text = _studied(options)
+            study, document, text = _report_study(options)
             options.progress.start("drawing the figure")
             (folder / STUDY_FILE).write_text(json_text(document))
             save(lambda: plot_fidelity(study), folder / "fidelity")
@@ -65,13 +65,14 @@ def run(options: Namespace) -> Report:
     return document, text
 
 
-def _studied(options: Namespace) -> tuple[FidelityStudy, Document, str]:
-    """Return the report on a study, and what a scene may keep of it if it is of the scene as it stands."""
+def _report_study(options: Namespace) -> tuple[FidelityStudy, Document, str]:
+    """Study the levels; return the study, its document and its report, with the line for a scene."""
     robot, tolerance = arguments.load(options), arguments.share("--tolerance", options.tolerance)
-    path, typed = arguments.path_and_motion(options, robot)
+    path, typed = arguments.path(options, robot), arguments.motion_options(options, robot)
     progress = options.progress.start("planning and simulating", len(LEVELS), "levels")
-    study = fidelity_study(robot, path, tolerance=tolerance, progress=progress, **typed)
-    document, text, kept = study.to_dict(), fidelity_text(study), study.kept
+    motion = options.scene or path
+    study = fidelity_study(robot, motion, tolerance=tolerance, progress=progress, **typed)
+    document, text, kept = study.to_dict(), fidelity_text(study), study.scene_entry
     if kept is None or options.scene is None or typed:
         return study, document, text
     line = f"fidelity: {{level: {kept['level']}, tolerance: {kept['tolerance']:g}}}"
@@ -100,7 +101,9 @@ def fidelity_text(study: FidelityStudy) -> str:
         )
     lines += [f"  in no level       {what}" for what in study.robot.description.left_out]
     if enough is not None:
-        torque, platform = (_where(study, errors) for errors in (enough.torque_error, enough.platform_error))
+        torque, platform = (
+            _largest_error(study, errors) for errors in (enough.torque_error, enough.platform_error)
+        )
         lines += [
             f"  enough            {enough.level.name}: torques off by {torque}, platform by {platform}",
             *_luck(study),
@@ -150,7 +153,7 @@ def _percent(share: float) -> str:
     return f"{100.0 * share:.0f} %" if share >= 0.1 or share < ERROR_ROUNDING else f"{100.0 * share:.2g} %"
 
 
-def _where(study: FidelityStudy, errors: Array) -> str:
-    """Return the largest error, and its place on the path."""
+def _largest_error(study: FidelityStudy, errors: Array) -> str:
+    """Return the largest error and its s, in words."""
     place = study.place(errors)
     return _percent(float(np.nanmax(errors))) + ("" if place is None else f" (at s = {place:.4g})")

@@ -56,7 +56,7 @@ def add(commands: Any) -> None:
 
 
 def run(options: Namespace) -> Report:
-    """Identify, and say what was found and how well it predicts torques that were held out."""
+    """Identify; report the parameters and the errors of torques held out of the fit."""
     robot = arguments.load(options)
     found = identify(
         robot,

@@ -35,20 +35,20 @@ def width_of(stream: TextIO) -> int | None:
 
 
 def shows_colours(stream: TextIO) -> bool:
-    """Whether a stream shows colours: a terminal that has them, as NO_COLOR and FORCE_COLOR have it."""
+    """Whether a stream shows colours: a terminal does unless NO_COLOR; FORCE_COLOR: any stream does."""
     if os.environ.get("NO_COLOR"):
         return False
     able = stream.isatty() and os.environ.get("TERM") != "dumb"
     return able or os.environ.get("FORCE_COLOR", "") not in ("", "0")
 
 
-def coloured(text: str, colour: str) -> str:
-    """Return a text that a terminal shows in a colour."""
+def add_colour(text: str, colour: str) -> str:
+    """Add the codes by which a terminal shows a text in a colour."""
     return f"\x1b[{colour}m{text}\x1b[0m" if text else text
 
 
-def laid_out(text: str, width: int | None, *, colour: bool = False) -> str:
-    """Return a report in so many columns, in lines of any length where that is None."""
+def lay_out(text: str, width: int | None, *, colour: bool = False) -> str:
+    """Lay a report out in `width` columns; in lines of any length if None."""
     lines: list[str] = []
     for tabbed, rows in itertools.groupby(text.split("\n"), lambda line: "\t" in line):
         if tabbed:
@@ -59,16 +59,16 @@ def laid_out(text: str, width: int | None, *, colour: bool = False) -> str:
             lines += _table(stripped, width, indent, colour)
             continue
         for row in rows:
-            pieces = wrapped(row, width)
+            pieces = wrap_line(row, width)
             label = row.strip().partition("  ")[0].partition(",")[0]
             if colour and row.startswith("  ") and label in LABELS:
-                pieces[0] = pieces[0].replace(label, coloured(label, LABELS[label]), 1)
+                pieces[0] = pieces[0].replace(label, add_colour(label, LABELS[label]), 1)
             lines += pieces
     return "\n".join(lines)
 
 
-def wrapped(line: str, width: int | None, indent: int | None = None) -> list[str]:
-    """Return a line broken between words, never within a number and its unit, where it is too long.
+def wrap_line(line: str, width: int | None, indent: int | None = None) -> list[str]:
+    """Break a line longer than `width` between words, never within a number and its unit.
 
     `indent`: of all lines but the first; by default that of the text behind a label.
     """
@@ -89,9 +89,9 @@ def wrapped(line: str, width: int | None, indent: int | None = None) -> list[str
 
 
 def _table(columns: Sequence[Sequence[str]], width: int | None, indent: int, colour: bool) -> list[str]:
-    """Return the lines of a table, its cells wrapped so that it fits.
+    """Lay out a table by columns, its cells wrapped to fit the width.
 
-    Columns that cannot fit even so stand in a second table below, behind the first column once more.
+    Columns beyond the width stand in a second table below, behind the first column once more.
     """
     room = math.inf if width is None else width - indent
     least = [max(len(word) for cell in column for word in _words(cell)) for column in columns]
@@ -103,21 +103,30 @@ def _table(columns: Sequence[Sequence[str]], width: int | None, indent: int, col
     widths = [max(map(len, column)) for column in columns]
     while sum(widths) + len(GAP) * (len(widths) - 1) > room and widths != least:
         widths[max(range(len(widths)), key=lambda k: (widths[k] > least[k], widths[k]))] -= 1
-    right = [all(NUMBER.match(cell) for cell in column[1:]) for column in columns]
-    lines: list[str] = []
-    for row in zip(*columns, strict=True):
-        cells = [wrapped(cell, most, 0) for cell, most in zip(row, widths, strict=True)]
-        style = BOLD if colour and not lines else None
-        for parts in itertools.zip_longest(*cells, fillvalue=""):
-            aligned = [
-                part.rjust(most) if number else part.ljust(most)
-                for part, most, number in zip(parts, widths, right, strict=True)
-            ]
-            line = (" " * indent + GAP.join(aligned)).rstrip()
-            lines.append(coloured(line, style) if style else line)
-    return lines
+    cells = map(_wrap_column, columns, widths)
+    head, *rows = (_join_cells(row, indent) for row in zip(*cells, strict=True))
+    return [
+        *([add_colour(line, BOLD) for line in head] if colour else head),
+        *itertools.chain.from_iterable(rows),
+    ]
+
+
+def _join_cells(cells: Sequence[list[str]], indent: int) -> list[str]:
+    """Join cells, each of lines of one width, into indented lines side by side."""
+    height = max(map(len, cells))
+    padded = [lines + [" " * len(lines[0])] * (height - len(lines)) for lines in cells]
+    return [(" " * indent + GAP.join(parts)).rstrip() for parts in zip(*padded, strict=True)]
+
+
+def _wrap_column(column: Sequence[str], width: int) -> list[list[str]]:
+    """Wrap the cells of a column into lines of one width, numbers to the right."""
+    right = all(NUMBER.match(cell) for cell in column[1:])
+    return [
+        [line.rjust(width) if right else line.ljust(width) for line in wrap_line(cell, width, 0)]
+        for cell in column
+    ]
 
 
 def _words(cell: str) -> list[str]:
-    """Return what is not broken in a cell: words, and numbers with their units."""
+    """Return the unbreakable parts of a cell: words, and numbers with their units."""
     return GLUED.sub("\xa0", cell).split(" ")

@@ -19,7 +19,8 @@ from framework.cli.parser import (
     command,
 )
 from framework.crossing.durations import optimal_durations, polynomial_durations
-from framework.crossing.feasibility import Feasibility, feasibility_on_path
+from framework.crossing.feasibility import Feasibility, feasibility_at
+from framework.crossing.request import Request
 from framework.errors import point
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.output import Document
@@ -30,16 +31,7 @@ from framework.singularity.type2 import moves_point
 MISS = "near miss at s = {0.s:.9f}  {1}  |g| = {2:.3g}"
 POINT = "s = {0.s:.15f}  {0.kind} ({0.contact})  {1}  t_s = {2}  dg/ds = {0.slope:.6g}"
 # of a singular point, with --json
-TOLD = (
-    "s",
-    "kind",
-    "contact",
-    "corank",
-    "twist",
-    "platform",
-    "slope",
-    "resolution",
-)  # of a point, with --json
+POINT_KEYS = ("s", "kind", "contact", "corank", "twist", "platform", "slope", "resolution")
 
 
 def add(commands: Any) -> None:
@@ -61,32 +53,33 @@ def run(options: Namespace) -> Report:
     """Report the singular points in the order of the path."""
     robot = arguments.load(options)
     path = arguments.path(options, robot)
-    any_duration = arguments.request_of_any_duration(options, robot, path)
-    searched = search_path(robot, path).under(any_duration.external_wrenches)
-    points = searched.points
-    shifts = [_shift(searched, singular) for singular in points]
-    feasible = feasibility_on_path(searched)
-    polynomial = polynomial_durations(searched, any_duration.smoothness)
-    optimal = optimal_durations(searched, any_duration)
-    facts = list(zip(points, shifts, feasible, strict=True))
+    typed = arguments.options_with_wrenches(options, robot)
+    request = Request.of(robot, path, **{"duration": 1.0, **typed})
+    searched = search_path(robot, path).under(request.external_wrenches)
+    facts = [
+        (singular, _shift(searched, singular), feasibility_at(searched.branch, singular))
+        for singular in searched.points
+    ]
+    polynomial = polynomial_durations(searched, request.smoothness)
+    optimal = optimal_durations(searched, request)
     document = {
         "robot": robot.name,
         "flexibility": robot.flexibility,
         "singularities": [_singularity(*fact) for fact in facts],
         "durations": {
-            "polynomial": None if polynomial is None else polynomial.to_list(),
-            "optimal": None if optimal is None else optimal.to_list(),
+            "polynomial": polynomial and polynomial.to_list(),
+            "optimal": optimal and optimal.to_list(),
         },
         "near_misses": [
             {"s": miss.s, "platform": path(miss.s), "g": miss.g} for miss in searched.near_misses
         ],
     }
-    lines = [] if points else [f"{robot.name}: no singularity on the path"]
-    for fact in facts:
-        lines += _lines(robot, *fact)
-    if points:
-        lines += [] if polynomial is None else [f"  {polynomial.sentence}{polynomial.advice}"]
-        lines += [] if optimal is None else [f"  {optimal.sentence}"]
+    lines = [line for fact in facts for line in _lines(robot, *fact)]
+    if facts:
+        lines += [f"  {polynomial.sentence}{polynomial.advice}"] if polynomial else []
+        lines += [f"  {optimal.sentence}"] if optimal else []
+    else:
+        lines.append(f"{robot.name}: no singularity on the path")
     lines += [MISS.format(miss, robot.place(path(miss.s)), abs(miss.g)) for miss in searched.near_misses]
     return document, "\n".join(lines)
 
@@ -94,8 +87,8 @@ def run(options: Namespace) -> Report:
 def _singularity(
     singular: SingularPoint, shift: dict[str, float] | None, condition: Feasibility | None
 ) -> Document:
-    entry = {key: getattr(singular, key) for key in TOLD}
-    return entry | {"shift": shift, "condition": None if condition is None else condition.to_dict()}
+    entry = {key: getattr(singular, key) for key in POINT_KEYS}
+    return entry | {"shift": shift, "condition": condition and condition.to_dict()}
 
 
 def _lines(
@@ -111,15 +104,15 @@ def _lines(
             f"  two crossings nearer together than {singular.resolution:.2g} in s would look the same"
         )
     if shift is not None and robot.n_e:
-        moved = ", ".join(f"{rate:.6g} by {spring}" for spring, rate in shift.items() if rate)
-        lines.append(f"  springs at rest; ds for each m or rad of deflection: {moved or 'none'}")
+        rates = ", ".join(f"{rate:.6g} by {spring}" for spring, rate in shift.items() if rate)
+        lines.append(f"  springs at rest; ds for each m or rad of deflection: {rates or 'none'}")
     if condition is not None:
         lines.append(f"  {condition.sentence}")
     return lines
 
 
 def twist_text(robot: ParallelRobot, twist: Array) -> str:
-    """Return the twist t_s on the platform's axes, with the unit in which it is normalised."""
+    """Return the twist t_s on the platform's axes in words, with the unit of its norm."""
     return f"{point(twist)} of unit {'speed' if moves_point(robot, twist) else 'turning rate'}"
 
 

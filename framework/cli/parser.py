@@ -34,7 +34,7 @@ def integer_between(least: int, most: int) -> Callable[[str], int]:
 
 
 def command(commands: Any, name: str, run: Callable[[Namespace], Report], more: str = "") -> Any:
-    """Add a command with --json; `run` gives its report. Its own help has `more` to say than the list."""
+    """Add a command with --json; `run` gives its report, `more` is for its own help alone."""
     text, examples = COMMANDS[name].text, COMMANDS[name].examples
     described = f"{text}. {more}" if more else text
     parser = commands.add_parser(name, help=text, description=described, examples=examples)
@@ -66,7 +66,7 @@ def add_out(parser: OneLineParser, text: str, *, required: bool = False) -> None
 
 
 def add_missing_fields(parser: OneLineParser) -> None:
-    """Add the options for what a file of a foreign dialect may leave out."""
+    """Add the options for fields that a file of a foreign dialect may lack."""
     group = parser.topic("what the file does not say, or says otherwise")
     group.add_argument("--platform", metavar="FRAME", help="frame of the platform")
     group.add_argument("--axes", nargs="+", metavar="AXIS", help="its axes, of x y z rx ry rz")
@@ -100,7 +100,7 @@ def add_moved_robot(parser: OneLineParser) -> None:
 
 
 def add_flexibility(parser: OneLineParser, *, auto: str = "") -> None:
-    """Add --flexibility; `auto`: the help of that choice, where the command has it."""
+    """Add --flexibility, with the choice auto if its help `auto` is given."""
     parser.topic(MODEL).add_argument(
         "--flexibility",
         choices=(*FLEXIBILITIES, "auto") if auto else FLEXIBILITIES,
@@ -125,7 +125,7 @@ def add_path(parser: OneLineParser, *, several: bool = False) -> None:
 
 
 def add_options(parser: OneLineParser, *names: str) -> None:
-    """Add these options of a plan, declared in `crossing.options`; those not typed are None."""
+    """Add options of a plan by name, declared in `crossing.options`; None if not typed."""
     for name in names:
         option = TYPED[name]
         text = option.summary.replace("%", "%%")
@@ -133,17 +133,14 @@ def add_options(parser: OneLineParser, *names: str) -> None:
 
 
 def add_path_and_motion(parser: OneLineParser, *, without: str = "", several: bool = False) -> None:
-    """Add a path, `several` scenes where they may be, springs, and what `plan_crossing` may be told.
-
-    All but one option and --keep-limits, which is for `crossing plan` alone.
-    """
+    """Add a path (or `several` scenes), springs and the options of `add_motion`."""
     add_path(parser, several=several)
     add_flexibility(parser)
     add_motion(parser, without=without)
 
 
 def add_motion(parser: OneLineParser, *, without: str = "") -> None:
-    """Add what `plan_crossing` may be told but one option and --keep-limits."""
+    """Add the options of `plan_crossing` except `without` and --keep-limits, which `crossing plan` adds."""
     add_options(parser, *(name for name in TYPED if name not in ("keep_limits", without)))
     add_wrenches(parser)
 

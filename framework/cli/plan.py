@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from argparse import Namespace
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +27,13 @@ from framework.crossing.neglected_effects import NeglectedEffect
 from framework.crossing.optimal.peak_bound import bound_plan
 from framework.crossing.options import MOTION
 from framework.crossing.path_modification import plan_request_with_modified_path
-from framework.crossing.plan import ADVANCES, NEARLY_STOPS, law_before_proof, plan_request
+from framework.crossing.plan import (
+    ADVANCES,
+    NEARLY_STOPS,
+    law_before_proof,
+    max_torque_ratio,
+    plan_request,
+)
 from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan
 from framework.crossing.saved import FILE, plan_document, read_document
@@ -106,34 +112,27 @@ def run(options: Namespace) -> Report:
     if options.bend is not None and options.raw:
         raise InvalidInput("--bend: finds a plan with a proof; leave --raw out").advising({"raw": None})
     out = None if options.out is None else FilePath(options.out)
-    if out is None and options.raw:
-        return report_raw(options, robot, request, None)
-    if out is None:
-        plan, entries, lines = _planned(robot, request, level, options.bend)
-        return plan_document(plan) | entries, plan_text(plan) + lines
     if options.raw:
-        with written_together(out, document="raw.json") as folder:
+        writing = nullcontext() if out is None else written_together(out, document="raw.json")
+        with writing as folder:
             return report_raw(options, robot, request, folder)
-    replaced, there = _replaced(out), [name for name in OF_A_PLAN if os.path.isfile(out / name)]
+    if out is None:
+        plan, entries, lines = _make_plan(robot, request, level, options.bend)
+        return plan_document(plan) | entries, plan_text(plan) + lines
+    replaced, present = _describe_replaced(out), [name for name in OF_A_PLAN if os.path.isfile(out / name)]
     with written_together(out, document=FILE, beside=OF_A_PLAN) as folder:
-        from framework.show.plots import save_figures
-
-        plan, entries, lines = _planned(robot, request, level, options.bend)
+        plan, entries, lines = _make_plan(robot, request, level, options.bend)
         options.progress.start("drawing the figures")
         document = plan_document(plan, out) | entries
-        (folder / FILE).write_text(json_text(document))
-        motion = plan.samples(options.samples)
-        (folder / MOTION_FILE).write_text(motion.as_csv(), encoding="utf-8")
-        (folder / f"{MOTION_FILE}-metadata.json").write_text(motion.metadata(MOTION_FILE), encoding="utf-8")
-        save_figures(plan, folder)
-    gone = [name for name in there if not os.path.exists(out / name)]
-    replaced += f"; {', '.join(gone)} of that is removed" * bool(gone)
+        _write_plan(plan, document, options.samples, folder)
+    removed = [name for name in present if not os.path.exists(out / name)]
+    replaced += f"; {', '.join(removed)} of that is removed" * bool(removed)
     options.written = f"{out}{replaced}"
     return document, plan_text(plan) + lines
 
 
-def _replaced(folder: FilePath) -> str:
-    """Return the plan that a folder holds, as the end of a sentence; empty where it holds none."""
+def _describe_replaced(folder: FilePath) -> str:
+    """Return the plan that --out replaces, as the end of a sentence; empty without one."""
     with suppress(InvalidInput):
         saved = read_document(folder / FILE, "plan")
         if {"robot", "duration"} <= saved.keys():
@@ -141,10 +140,21 @@ def _replaced(folder: FilePath) -> str:
     return ""
 
 
-def _planned(
+def _write_plan(plan: CrossingPlan, document: Document, samples: int, folder: FilePath) -> None:
+    """Write plan.json, motion.csv with its metadata, and figures."""
+    from framework.show.plots import save_figures
+
+    (folder / FILE).write_text(json_text(document))
+    motion = plan.samples(samples)
+    (folder / MOTION_FILE).write_text(motion.as_csv(), encoding="utf-8")
+    (folder / f"{MOTION_FILE}-metadata.json").write_text(motion.metadata(MOTION_FILE), encoding="utf-8")
+    save_figures(plan, folder)
+
+
+def _make_plan(
     robot: ParallelRobot, request: Request, level: ChosenLevel | None, bend: str | None
 ) -> tuple[CrossingPlan, Document, str]:
-    """Plan; return also the level of --flexibility auto, or how far --bend has bent the path."""
+    """Plan; return also a document and a line on the level of --flexibility auto or the bend of --bend."""
     if level is not None:
         line = f"\n  fidelity          {level.sentence}"
         return plan_request(robot, request), {"fidelity": level._asdict()}, line
@@ -152,8 +162,8 @@ def _planned(
         return plan_request(robot, request), {}, ""
     share = None if bend == LEAST_BEND else arguments.share("--bend", bend)
     modified = plan_request_with_modified_path(robot, request, bend=share)
-    far = f"{1e3 * modified.moved:.3g} mm" + f" and {modified.turned:.3g} rad" * bool(modified.turned)
-    sentence = f"by at most {far}, {100 * modified.share:.2g} % of its length, its ends kept; a spline now"
+    size = f"{1e3 * modified.moved:.3g} mm" + f" and {modified.turned:.3g} rad" * bool(modified.turned)
+    sentence = f"by at most {size}, {100 * modified.share:.2g} % of its length, its ends kept; a spline now"
     line = f"\n  path bent         {sentence if modified.share else 'not at all: it needs none'}"
     for choice in modified.choices:
         peaks = arguments.peaks(robot, choice.peak_torque, 4)
@@ -164,24 +174,22 @@ def _planned(
 
 
 def _describe_bound(plan: CrossingPlan) -> list[str]:
-    """Return a line on the bound of all laws, and how far the plan is above."""
-    bound = None if plan.optimality is None else bound_plan(plan)
-    if bound is None or plan.optimality is None:
+    """Return a line on the bound of all laws and the plan's gap to the bound, if any."""
+    best = plan.optimality
+    bound = None if best is None else bound_plan(plan)
+    if bound is None or best is None:
         return []
-    peak = np.array(list(plan.peak_torque.values())) / plan.optimality.reference
-    quickest = plan.optimality.specification.goal == "time"
-    over = (plan.duration if quickest else float(peak.max())) / bound.value - 1.0
-    unit = plan.optimality.reference.max()
-    least = (
-        f"takes less than {bound.value:.4g} s"
-        if quickest
-        else f"has a peak below {bound.value * unit:.4g} N m"
-    )
+    if best.specification.goal == "time":
+        cost, least = plan.duration, f"takes less than {bound.value:.4g} s"
+    else:
+        cost = max_torque_ratio(plan, best.reference)
+        least = f"has a peak below {bound.value * best.reference.max():.4g} N m"
+    over = cost / bound.value - 1.0
     return [f"  bound             no law {least}, this one {100 * over:.1f} % more"]
 
 
 def _describe_smoothness(plan: CrossingPlan) -> list[str]:
-    """Return a line on the gap of an optimal law to the least cost found, and on the turns of its speed."""
+    """Return a line on an optimal law's gap to the least cost found, and on the turns of its speed."""
     if plan.optimality is None or not isinstance(plan.law, OptimalLaw):
         return []
     goal = plan.optimality.specification.goal.replace("_", " ")
@@ -209,10 +217,10 @@ def _wrenches(plan: CrossingPlan) -> list[str]:
         axes = f"axes of {'the frame' if wrench.turns else 'the base'}"
         if wrench.rows.ndim == 1:
             force, moment = point(wrench.rows[:3]), point(wrench.rows[3:])
-            said = f"force {force} N, moment {moment} N m"
+            values = f"force {force} N, moment {moment} N m"
         else:
-            said = f"a table of {len(wrench.rows)} rows over s"
-        lines.append(f"  wrench            on {wrench.frame}: {said}, {axes}")
+            values = f"a table of {len(wrench.rows)} rows over s"
+        lines.append(f"  wrench            on {wrench.frame}: {values}, {axes}")
     return lines
 
 
@@ -251,7 +259,7 @@ def _certificate(plan: CrossingPlan) -> list[str]:
 
 def _warnings(plan: CrossingPlan) -> list[str]:
     """Return lines on effects left out, limits exceeded and a law that overshoots."""
-    lines = [f"  left out          {_neglected(plan, effect)}" for effect in plan.neglected]
+    lines = [f"  left out          {_describe_neglected(plan, effect)}" for effect in plan.neglected]
     if any((effect.share or 0.0) > 1.0 for effect in plan.neglected):
         lines.append(
             "  warning           what is left out is worth more than the plan's own torques: plan with it, "
@@ -272,29 +280,29 @@ def _warnings(plan: CrossingPlan) -> list[str]:
     return lines
 
 
-def _neglected(plan: CrossingPlan, neglected: NeglectedEffect) -> str:
-    """Return what a plan leaves out, and the torque that it is worth, in words."""
+def _describe_neglected(plan: CrossingPlan, neglected: NeglectedEffect) -> str:
+    """Return an effect that a plan leaves out, with its torque, in words."""
     if neglected.torque is None or neglected.share is None:
         return neglected.effect
     robot = plan.robot
     motor = robot.actuator_names.index(neglected.motor) if neglected.motor else 0
-    at = f" at {neglected.motor}" if neglected.motor else ""
+    joint = f" at {neglected.motor}" if neglected.motor else ""
     share = f"{neglected.share:.2g} times" if neglected.share > 1.0 else f"{100 * neglected.share:.2g} % of"
     return (
-        f"{neglected.effect}: worth {neglected.torque:.2g} {robot.torque_units[motor]}{at}, "
+        f"{neglected.effect}: worth {neglected.torque:.2g} {robot.torque_units[motor]}{joint}, "
         f"{share} the largest"
     )
 
 
 def _idle_turns(robot: ParallelRobot) -> str:
-    """Return the idle turns that are held, and those that balls drive, in words."""
+    """Return the idle turns held still, and the ones that balls drive, in words."""
     driven = driven_turns(robot)
     kinds = {
         "held still": np.setdiff1d(robot.structure.idle, driven),
         "as damping or armature of their balls drives them": driven,
     }
-    names = {how: ", ".join(map(robot.coordinates.name_of, columns)) for how, columns in kinds.items()}
-    return "; ".join(f"{which} {how}" for how, which in names.items() if which)
+    names = {kind: ", ".join(map(robot.coordinates.name_of, columns)) for kind, columns in kinds.items()}
+    return "; ".join(f"{joints} {kind}" for kind, joints in names.items() if joints)
 
 
 def report_raw(

@@ -24,7 +24,7 @@ from framework.dynamics.pointwise_dynamics import Instant, dynamics_at
 from framework.errors import InvalidInput, NoAnswer, NotAssembled
 from framework.kinematics.continuation.forward_kinematics import forward_kinematics
 from framework.kinematics.continuation.tracking import assemble
-from framework.kinematics.mistaken_units import beyond_reach, more_than_a_turn
+from framework.kinematics.mistaken_units import remark_on_reach, remark_on_turns
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pose import describe_pose
 from framework.output import Document
@@ -45,6 +45,8 @@ WORST = (
     "(motor side), to hold a unit force in any direction"
 )
 LOADS = ("torque", "loop_forces", "reactions", "indeterminate")  # of an instant, with --json
+# options that need one pose
+OF_ONE_POSE = ("torque_limit", "speed_limit", "velocity", "acceleration", "wrench", "wrench_on")
 
 
 def add(commands: Any) -> None:
@@ -86,39 +88,32 @@ def run(options: Namespace) -> Report:
     """Report the pose of given motor angles or of a platform point, springs at rest."""
     robot = arguments.load(options)
     if (options.motor_joints is None) == (options.point is None):
-        here = robot.actuated_coordinates(robot.reference.q[None])[0].tolist()
-        raise InvalidInput("give either --motors or --platform").advising({"platform": None, "motors": here})
-    motor_joints = options.motor_joints
-    single = ("torque_limit", "speed_limit", "velocity", "acceleration", "wrench", "wrench_on")
-    stated = [name for name in single if getattr(options, name) is not None]
+        motors = robot.actuated_coordinates(robot.reference.q[None])[0].tolist()
+        raise InvalidInput("give either --motors or --platform").advising(
+            {"platform": None, "motors": motors}
+        )
+    stated = [name for name in OF_ONE_POSE if getattr(options, name) is not None]
     if options.every and stated:
         flag = arguments.flag_of(stated[0])
         raise InvalidInput(f"--all: lists poses alone; {flag} is for a single pose").advising(
             dict.fromkeys(stated)
         )
     if options.every:
-        return (_working if motor_joints is None else _assembly)(robot, options)
-    try:
-        closed = (
-            assemble(robot, options.point)
-            if motor_joints is None
-            else forward_kinematics(robot, motor_joints)
-        )
-    except NotAssembled as failure:  # from the reference; another mode may have such a pose
-        degrees = "" if motor_joints is None else _degrees(robot, motor_joints)
-        far = "" if options.point is None else _far(robot, options.point)
-        failure.args = (f"{failure}{degrees}",)
-        raise failure.advising(None if stated or degrees or far else {"all": True}) from None
-    pose, classification = describe_pose(robot, closed.q), classify(robot, closed.q)
-    limits = _limits(robot, closed.q, options)
-    instant = _loads(robot, closed.q, options)
+        return (_working if options.motor_joints is None else _assembly)(robot, options)
+    return _pose_report(robot, _close(robot, options, advise_all=not stated), options)
+
+
+def _pose_report(robot: ParallelRobot, q: Array, options: Namespace) -> Report:
+    """Report the pose q (nq,): coordinates, modes, singularity, limits and loads."""
+    pose, classification = describe_pose(robot, q), classify(robot, q)
+    limits, instant = _limits(robot, q, options), _compute_loads(robot, q, options)
     facts = asdict(pose)
     coordinates = ("platform", "motor_joints", "motor_angles", "joints")
     lines = [
-        HEAD.format_map(facts | {key: _listed(facts[key]) for key in coordinates}),
+        HEAD.format_map(facts | {key: _format_values(facts[key]) for key in coordinates}),
         f"  singularity       {classification.sentence}",
         *(
-            f"  t_s               {_listed(dict(zip(robot.axis_names, twist, strict=True)), 6)}"
+            f"  t_s               {_format_values(dict(zip(robot.axis_names, twist, strict=True)), 6)}"
             for twist in classification.twists
         ),
         DISTANCES.format(classification, _angles(robot, classification)),
@@ -128,14 +123,30 @@ def run(options: Namespace) -> Report:
         f"  closures          closed to {pose.closure_error:.1e} m or rad",
         *arguments.excesses(pose.exceeded),
     ]
-    document = facts | {"singularity": _classified(classification), "limits": _limits_document(limits)}
+    document = facts | {
+        "singularity": _classification_document(classification),
+        "limits": _limits_document(limits),
+    }
     if instant is not None:
         torque = dict(zip(robot.actuator_names, instant.torque, strict=True))
         document["dynamics"] = {key: getattr(instant, key) for key in LOADS} | {"torque": torque}
     return document, "\n".join(lines)
 
 
-def _classified(classification: Classification) -> Document:
+def _close(robot: ParallelRobot, options: Namespace, *, advise_all: bool) -> Array:
+    """Compute the pose q (nq,) of --motors or --platform; without one, advise --all where this may help."""
+    motor_joints, point = options.motor_joints, options.point
+    try:
+        closed = assemble(robot, point) if motor_joints is None else forward_kinematics(robot, motor_joints)
+    except NotAssembled as failure:  # from the reference; another mode may have such a pose
+        degrees = "" if motor_joints is None else _degrees(robot, motor_joints)
+        impossible = degrees or (point is not None and _describe_distance(robot, point))
+        failure.args = (f"{failure}{degrees}",)
+        raise failure.advising({"all": True} if advise_all and not impossible else None) from None
+    return closed.q
+
+
+def _classification_document(classification: Classification) -> Document:
     """Return a classification for JSON."""
     return {"regular": classification.regular, **vars(classification)}
 
@@ -178,8 +189,8 @@ def _limits_document(limits: PlatformLimits | None) -> Document:
     }
 
 
-def _loads(robot: ParallelRobot, q: Array, options: Namespace) -> Instant | None:
-    """Compute motor torques, and what loops and joints carry; None where the options describe no motion."""
+def _compute_loads(robot: ParallelRobot, q: Array, options: Namespace) -> Instant | None:
+    """Compute the forces of motors, loops and joints; None where the options describe no motion."""
     wrenches = arguments.wrenches(options, robot)
     if options.velocity is None and options.acceleration is None and not wrenches:
         return None
@@ -189,8 +200,8 @@ def _loads(robot: ParallelRobot, q: Array, options: Namespace) -> Instant | None
 def _loads_in_words(robot: ParallelRobot, instant: Instant) -> list[str]:
     """Return lines on the torques of motors, and on the forces of loops and joints."""
     torques = zip(robot.actuator_names, instant.torque, robot.torque_units, strict=True)
-    said = ", ".join(f"{joint} {round(torque, 12) + 0.0:.9g} {unit}" for joint, torque, unit in torques)
-    lines = [f"  motor torque      {said} (motor side)"]
+    values = ", ".join(f"{joint} {round(torque, 12) + 0.0:.9g} {unit}" for joint, torque, unit in torques)
+    lines = [f"  motor torque      {values} (motor side)"]
     for what, wrenches in (("loop", instant.loop_forces), ("joint", instant.reactions)):
         lines += [f"  {what:<17} {name}: {_wrench_in_words(wrench)}" for name, wrench in wrenches.items()]
     if instant.indeterminate:
@@ -199,19 +210,19 @@ def _loads_in_words(robot: ParallelRobot, instant: Instant) -> list[str]:
 
 
 def _wrench_in_words(wrench: Array) -> str:
-    """Return a force and a moment on base axes; `-` for what is indeterminate."""
+    """Return a force and a moment on base axes in words; `-` for indeterminate parts."""
     numbers = ["-" if np.isnan(value) else f"{round(value, 12) + 0.0:.6g}" for value in wrench]
     return f"force ({', '.join(numbers[:3])}) N, moment ({', '.join(numbers[3:])}) N m"
 
 
 def _degrees(robot: ParallelRobot, motor_joints: list[float]) -> str:
-    """Return the end of a sentence on motors that are asked to turn more than once; empty for none."""
-    return more_than_a_turn(robot, dict(zip(robot.actuator_names, motor_joints, strict=True)))
+    """Describe motors asked to turn more than once, as the end of a sentence; empty for none."""
+    return remark_on_turns(robot, dict(zip(robot.actuator_names, motor_joints, strict=True)))
 
 
-def _far(robot: ParallelRobot, point: list[float]) -> str:
-    """Return the end of a sentence on a platform that no link leads to; empty where one may."""
-    return beyond_reach(robot, np.array(point)[robot.platform.sliding])
+def _describe_distance(robot: ParallelRobot, point: list[float]) -> str:
+    """Describe a platform that no link can reach, as the end of a sentence; empty where one may."""
+    return remark_on_reach(robot, np.array(point)[robot.platform.sliding])
 
 
 def _assembly(robot: ParallelRobot, options: Namespace) -> Report:
@@ -223,8 +234,8 @@ def _assembly(robot: ParallelRobot, options: Namespace) -> Report:
     lines, modes = [f"  assembly modes    {assembly.sentence}"], []
     for mode in assembly.modes:
         pose, kind = describe_pose(robot, mode.q), classify(robot, mode.q)
-        lines.append(f"  platform          {_listed(pose.platform)}; g {kind.g:.3g}, {kind.sentence}")
-        modes.append(asdict(pose) | {"proved": mode.proved, "singularity": _classified(kind)})
+        lines.append(f"  platform          {_format_values(pose.platform)}; g {kind.g:.3g}, {kind.sentence}")
+        modes.append(asdict(pose) | {"proved": mode.proved, "singularity": _classification_document(kind)})
     about = {
         "complete": assembly.complete,
         "status": assembly.status,
@@ -237,17 +248,19 @@ def _assembly(robot: ParallelRobot, options: Namespace) -> Report:
 
 
 def _working(robot: ParallelRobot, options: Namespace) -> Report:
-    """Report all ways to the platform that is asked for; refuse where there is none."""
+    """Report all working modes of a platform point; refuse without any."""
     working = working_modes(robot, options.point)
     if not working.modes:
-        far = _far(robot, options.point)
-        options.refusal = NoAnswer(f"{robot.name}: out of reach: no pose was found with this platform{far}")
+        reason = _describe_distance(robot, options.point)
+        options.refusal = NoAnswer(
+            f"{robot.name}: out of reach: no pose was found with this platform{reason}"
+        )
     lines, modes = [f"  working modes     {working.sentence}"], []
     for mode in working.modes:
         pose = describe_pose(robot, mode.q)
         signs = "".join("+" if sign > 0 else "-" for sign in mode.signs)
         beyond = "" if mode.within_limits else "; beyond the joints' limits"
-        lines.append(f"  {signs:17s} {_listed(pose.motor_joints)}{beyond}")
+        lines.append(f"  {signs:17s} {_format_values(pose.motor_joints)}{beyond}")
         modes.append(asdict(pose) | {"signs": mode.signs, "proved": mode.proved})
     about = {
         "complete": working.status == "proved",
@@ -264,11 +277,15 @@ def _report(robot: ParallelRobot, facts: Document, lines: list[str]) -> Report:
 
 
 def _angles(robot: ParallelRobot, classification: Classification) -> str:
-    """Return the transmission angles, where they are defined."""
+    """Return the transmission angles in words; empty where undefined."""
     if not np.isfinite(classification.transmission_angle).all():
         return ""
     degrees = np.rad2deg(classification.transmission_angle)
-    return ", transmission " + _listed(dict(zip(robot.actuator_names, degrees, strict=True)), 4) + " degrees"
+    return (
+        ", transmission "
+        + _format_values(dict(zip(robot.actuator_names, degrees, strict=True)), 4)
+        + " degrees"
+    )
 
 
 def _worst_torques(robot: ParallelRobot, classification: Classification) -> list[str]:
@@ -279,5 +296,5 @@ def _worst_torques(robot: ParallelRobot, classification: Classification) -> list
     return [WORST.format(classification, units)]
 
 
-def _listed(values: dict[str, float], digits: int = 9) -> str:
+def _format_values(values: dict[str, float], digits: int = 9) -> str:
     return ", ".join(f"{name} {round(value, 12) + 0.0:.{digits}g}" for name, value in values.items())

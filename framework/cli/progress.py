@@ -17,7 +17,7 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from framework.cli.console import printable
-from framework.interruption import uninterrupted
+from framework.interruption import defer_signals
 
 FIRST, INTERVAL = 1.0, 0.2  # s
 ERASE = "\r\x1b[K"
@@ -41,7 +41,7 @@ class Progress:
         self.end()
 
     def start(self, doing: str, total: float = math.inf, unit: str = "") -> Callable[[float], None]:
-        """Say what is done from now on; returns the function to call with the number done of that total."""
+        """Name the current work; return the function to call with the number done of `total`."""
         self._doing, self._total, self._unit = doing, total, unit
         self._done, self._since = 0.0, time.monotonic()
         return self._advance
@@ -49,14 +49,14 @@ class Progress:
     def end(self) -> None:
         """Remove the line, for good."""
         if self._thread is not None:
-            with uninterrupted():
+            with defer_signals():
                 self._ended.set()
                 self._thread.join()
             self._thread = None
 
     @property
     def sentence(self) -> str:
-        """What is done, how much of it, and since when."""
+        """The current work, the share done and the time taken."""
         seconds = time.monotonic() - self._since
         if self._done and math.isfinite(self._total):
             left = seconds * (self._total / self._done - 1.0)

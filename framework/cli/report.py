@@ -22,7 +22,7 @@ def add(commands: Any) -> None:
 
 
 def run(options: Namespace) -> Report:
-    """Read the plan back, prove it anew, and write the page."""
+    """Read a plan, prove its torques anew, and write the page."""
     from framework.show.captions import plan_name
     from framework.show.report import report_page
 

@@ -10,6 +10,7 @@ from framework.catalogue import catalogue
 from framework.cli.parser import Report, command, not_empty
 from framework.errors import MissingPackage
 from framework.kinematics.diagnostics.diagnosis import check_robot
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.output import Document, write_file
 
 
@@ -24,27 +25,19 @@ def add(commands: Any) -> None:
 def run(options: Namespace) -> Report:
     """List the catalogue, one row for each entry."""
     rows: list[Document] = []
-    figures: Document
-    drawn, remarks = [], []
-    lines = ["name\tdof\tloops\tsprings\tscenes"]
+    robots: list[ParallelRobot] = []
+    lines, remarks = ["name\tdof\tloops\tsprings\tscenes"], []
     for name, entry in catalogue().items():
         try:
-            robot = entry.load()
-            drawn.append(robot)
-        except MissingPackage as missing:  # its URDF is somebody else's, and not here
-            figures = {"needs": missing.package}
+            robots.append(entry.load())
+        except MissingPackage as missing:  # the package that has its URDF is not installed
+            figures: Document = {"needs": missing.package}
             cells = ["-", "-", "-", f"not installed: pip install {missing.package}"]
         else:
-            description, diagnosis = robot.description, check_robot(robot)
-            figures = {
-                "degrees_of_freedom": diagnosis.mobility - len(diagnosis.idle_joints),
-                "loops": len(description.closures),
-                "springs": len(description.springs),
-                "scenes": list(description.scenes),
-            }
+            figures = _figures(robots[-1])
             *numbers, scenes = figures.values()
             cells = [*map(str, numbers), ", ".join(scenes)]
-        about = {"summary": entry.summary, "singularities": entry.singularities, "source": entry.source}
+        about = {key: getattr(entry, key) for key in ("summary", "singularities", "source")}
         rows.append({"name": name, **figures, **about, "file": str(entry.file)})
         lines.append("\t".join([name, *cells]))
         kinds = ", ".join(entry.singularities) or "none on its scenes"
@@ -54,7 +47,18 @@ def run(options: Namespace) -> Report:
         from framework.show.drawing import gallery_picture  # matplotlib takes time to import
 
         options.progress.start("drawing the picture")
-        picture = gallery_picture(drawn, FilePath(options.picture).suffix[1:])
+        picture = gallery_picture(robots, FilePath(options.picture).suffix[1:])
         write_file(FilePath(options.picture), picture, option="--picture")
         lines.append(f"drawn into {options.picture}")
     return {"robots": rows}, "\n".join(lines)
+
+
+def _figures(robot: ParallelRobot) -> Document:
+    """Return the freedoms and the numbers of loops and springs of a robot, and its scenes."""
+    description, diagnosis = robot.description, check_robot(robot)
+    return {
+        "degrees_of_freedom": diagnosis.mobility - len(diagnosis.idle_joints),
+        "loops": len(description.closures),
+        "springs": len(description.springs),
+        "scenes": list(description.scenes),
+    }

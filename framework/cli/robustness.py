@@ -8,7 +8,6 @@ from argparse import Namespace
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
@@ -32,7 +31,7 @@ from framework.control.study import KeptRuns, Study, run_study
 from framework.control.study_setup import FILE, StudySetup, load_study, versions
 from framework.control.variation import Spread
 from framework.errors import FrameworkError, InvalidInput
-from framework.fields import Table, list_of, mapping, named, read_table, required, text, whole
+from framework.fields import Table, list_of, mapping, mapping_of, read_table, required, text, whole
 from framework.model.documents import naming
 from framework.output import Document, json_text
 from framework.parallel.tasks import executor_of
@@ -132,7 +131,7 @@ def _add_loop(loop: argparse._ArgumentGroup) -> None:
 def run(options: Namespace) -> Report:
     """Do one study for each controller on the same robots, or repeat one run of a study."""
     if options.replay is not None:
-        return replayed(options)
+        return replay_run(options)
     names = [name.replace("-", "_") for name, *_ in DIFFERENCES]
     spread = Spread(**{name: getattr(options, f"spread_{name}") for name in names})
     limit = None if options.limit is None else tuple(options.limit)
@@ -140,11 +139,11 @@ def run(options: Namespace) -> Report:
         tolerance=options.tolerance, end=options.tolerance, limit=limit, sensors=options.sensors
     )
     setup = StudySetup.of(
-        arguments.planned(options), period=options.period, loop=loop, spread=spread, seed=options.seed
+        arguments.load_or_plan(options), period=options.period, loop=loop, spread=spread, seed=options.seed
     )
     if options.out is None:
         return _report(options, setup, _studies(options, setup, {}), None)
-    out = FilePath(options.out)
+    out = Path(options.out)
     kept = {name: KeptRuns.of(out, setup.to_dict(), name) for name in _names(options)}
     with written_stepwise(
         options, FILE, lambda: _count_runs(kept), f"of {options.runs * len(kept)} runs"
@@ -162,18 +161,18 @@ def _names(options: Namespace) -> list[str]:
 
 
 def _with_feedback(options: Namespace, setup: StudySetup, study: Study) -> Document:
-    """Return how many of the first runs that fail by default pass with feedback; nothing if it was chosen."""
-    lost = [number for _, number in study.failures[:RUNS_WITH_FEEDBACK]]
-    if options.controller or not lost:
+    """Return how many of the first failed runs pass with feedback; empty where a controller was chosen."""
+    failed = [number for _, number in study.failures[:RUNS_WITH_FEEDBACK]]
+    if options.controller or not failed:
         return {}
     try:
-        passed = setup.count_passes(FEEDBACK, lost)
+        passed = setup.count_passes(FEEDBACK, failed)
     except FrameworkError:  # this controller is not for every robot
         return {}
-    return {"with_feedback": {"controller": FEEDBACK, "runs": len(lost), "passed": passed}}
+    return {"with_feedback": {"controller": FEEDBACK, "runs": len(failed), "passed": passed}}
 
 
-def _report(options: Namespace, setup: StudySetup, studies: list[Study], folder: FilePath | None) -> Report:
+def _report(options: Namespace, setup: StudySetup, studies: list[Study], folder: Path | None) -> Report:
     robot = setup.plan.robot.name
     document = {
         "robot": robot,
@@ -212,13 +211,14 @@ def _studies(options: Namespace, setup: StudySetup, kept: dict[str, KeptRuns]) -
                     executor=executor,
                     chunk=chunk,
                     keeper=kept.get(name),
-                    progress=partial(_advance, progress, len(studies) * options.runs),
+                    progress=partial(_count_further, progress, len(studies) * options.runs),
                 )
             )
     return studies
 
 
-def _advance(progress: Callable[[float], None], finished: int, done: int) -> None:
+def _count_further(progress: Callable[[float], None], finished: int, done: int) -> None:
+    """Report the runs done, earlier studies included."""
     progress(finished + done)
 
 
@@ -263,7 +263,7 @@ def _text(document: Document) -> str:
     return "\n".join(lines)
 
 
-def _write(setup: StudySetup, studies: list[Study], document: Document, folder: FilePath) -> None:
+def _write(setup: StudySetup, studies: list[Study], document: Document, folder: Path) -> None:
     from framework.show.plots import save
     from framework.show.robustness import plot_robustness
 
@@ -284,20 +284,12 @@ def _write(setup: StudySetup, studies: list[Study], document: Document, folder: 
 _STUDY: Table = {"controller": required(text), "failures": required(list_of(mapping))}
 _RUNS: Table = {
     "runs": required(whole),
-    "versions": required(named(text)),
+    "versions": required(mapping_of(text)),
     "studies": required(list_of(lambda where, study: read_table(where, study, _STUDY, others=None))),
 }
 OF_A_REPLAY = (
-    "robot",
-    "robot_file",
-    "replay",
-    "controller",
-    "json",
-    "warnings",
-    "refusal",
-    "progress",
-    "parser",
-    "written",
+    *("robot", "robot_file", "replay", "controller", "json"),
+    *("warnings", "refusal", "progress", "parser", "written"),
 )
 
 
@@ -308,32 +300,25 @@ REPORT = """\
   payload           {payload:.6g} of the model's"""
 
 
-def replayed(options: Namespace) -> Report:
-    """Run number --replay of the study in the folder ROBOT.
+def replay_run(options: Namespace) -> Report:
+    """Repeat run number --replay of the study in the folder ROBOT.
 
     Raises:
-        InvalidInput: options beside it that the study has already; no such study, controller or run.
+        InvalidInput: options that the study has already; no such study, controller or run.
     """
-    plain = vars(options.parser.parse_args([options.robot]))
+    defaults = vars(options.parser.parse_args([options.robot]))
     for key, value in vars(options).items():
-        if key not in OF_A_REPLAY and value != plain[key]:
+        if key not in OF_A_REPLAY and value != defaults[key]:
             raise InvalidInput(f"{flag_of(key)}: the study in {options.robot} has its own; leave it out")
     setup, saved = load_study(options.robot, robot_file=options.robot_file)
     with naming(Path(options.robot) / FILE, InvalidInput):
         stated = read_table("", saved, _RUNS, others=None)
-    failures = {study["controller"]: list(study["failures"]) for study in stated["studies"]}
-    runs, then = stated["runs"], stated["versions"]
-    names = options.controller or list(failures)
-    if len(names) != 1 or names[0] not in failures:
-        raise InvalidInput(
-            f"--controller: give one of this study: {', '.join(map(str, failures))}; got "
-            f"{' '.join(options.controller or ()) or 'none'}"
-        )
-    name, number = names[0], options.replay
+    name, failures = _chosen_study(options.controller, stated["studies"])
+    number, runs = options.replay, stated["runs"]
     if number >= runs:
         raise InvalidInput(f"--replay: the study has the runs 0 to {runs - 1}, got {number}")
     run, seed = setup.run(name, number), [setup.seed, number]
-    written = [failure for failure in failures[name] if failure.get("seed") == seed]
+    written = [failure for failure in failures if failure.get("seed") == seed]
     document = {
         "robot": setup.plan.robot.name,
         "controller": name,
@@ -342,20 +327,32 @@ def replayed(options: Namespace) -> Report:
         "peak_torque": run.peak_torque.max(),
         "payload": run.payload[0],
         "as_written": written == _failures(run, seed),
-        "versions": {"then": then, "now": versions()},
+        "versions": {"then": stated["versions"], "now": versions()},
     }
     return document, _describe_replay(document)
 
 
+def _chosen_study(names: list[str] | None, studies: list[Document]) -> tuple[str, list[Document]]:
+    """Return the controller chosen, by default the only one, and its failures."""
+    failures = {study["controller"]: list(study["failures"]) for study in studies}
+    chosen = names or list(failures)
+    if len(chosen) != 1 or chosen[0] not in failures:
+        raise InvalidInput(
+            f"--controller: give one of this study: {', '.join(map(str, failures))}; got "
+            f"{' '.join(names or ()) or 'none'}"
+        )
+    return chosen[0], failures[chosen[0]]
+
+
 def _failures(run: Run, seed: list[int]) -> list[Document]:
-    """Return the entry of a run among the study's failures, as robustness.json has it."""
+    """Return the entries (0 or 1) of a run among the failures in robustness.json."""
     if run.passed[0]:
         return []
     return [{"seed": seed, "why": run.why[0], "tracking_error": run.tracking_error[0]}]
 
 
 def _describe_replay(document: Document) -> str:
-    """Return the report on a run done again, and where it differs from the study."""
+    """Return the report on a repeated run, and its differences from the study, in words."""
     then, now = document["versions"]["then"], document["versions"]["now"]
     others = [
         f"{library} {then.get(library)} then, {present} now"

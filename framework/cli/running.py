@@ -1,4 +1,4 @@
-"""One command run: its report on stdout, or one sentence about what failed on stderr, and the exit code."""
+"""One command run: its report on stdout, or one sentence about its failure on stderr, and the exit code."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from framework.cli.advice import advised
+from framework.cli.advice import advise
 from framework.cli.commands import Misuse
 from framework.cli.console import MAX_MESSAGE_LENGTH, TRY, complain, one_line, report, tell
 from framework.cli.progress import Progress
@@ -24,7 +24,7 @@ DEBUG_VARIABLE = "CROSSING_DEBUG"  # environment variable: set, an unexpected er
 
 
 def run(options: Namespace, heard: Heard, arguments: Sequence[str]) -> int:
-    """Run the parsed command and tell its report; returns the exit code, 0 where it refuses nothing.
+    """Run the parsed command, print its report and return the exit code.
 
     Raises:
         FrameworkError: the command refuses.
@@ -40,7 +40,7 @@ def run(options: Namespace, heard: Heard, arguments: Sequence[str]) -> int:
         text = "\n".join([text, *(f"  warning           {warning}" for warning in options.warnings)])
     heard.check()
     if options.refusal is not None:
-        told, entry = error_told(options.refusal, str(options.refusal), arguments)
+        told, entry = describe_error(options.refusal, str(options.refusal), arguments)
         document = {**document, "error": entry}
     if options.json:
         tell(json.dumps(plain(document), allow_nan=False))
@@ -49,35 +49,35 @@ def run(options: Namespace, heard: Heard, arguments: Sequence[str]) -> int:
     if options.refusal is None:
         return 0
     complain(told)
-    return code_of(options.refusal)
+    return exit_code_of(options.refusal)
 
 
-def failed(error: Exception, heard: Heard, arguments: Sequence[str]) -> int:
-    """Say why a command ended without an answer; returns the exit code."""
+def report_failure(error: Exception, heard: Heard, arguments: Sequence[str]) -> int:
+    """Report why a command ended without an answer and return the exit code."""
     heard.check()  # an import that is interrupted may fail in other words
     if isinstance(error, FrameworkError | Misuse):
-        return refused(error, str(error), code_of(error), arguments)
+        return report_refusal(error, str(error), exit_code_of(error), arguments)
     if os.environ.get(DEBUG_VARIABLE):
         raise error
-    return refused(error, _unexpected(error), UNEXPECTED_EXIT_CODE, arguments)
+    return report_refusal(error, _describe_fault(error), UNEXPECTED_EXIT_CODE, arguments)
 
 
-def code_of(error: Exception) -> int:
-    """Return 1 where a question that can be asked has no answer, 2 where what was given cannot be right."""
+def exit_code_of(error: Exception) -> int:
+    """Return 1 for a question without an answer, 2 for misuse or wrong input."""
     return 1 if isinstance(error, NoAnswer) else 2
 
 
-def refused(error: BaseException, message: str, code: int, arguments: Sequence[str]) -> int:
-    """Say one sentence on stderr, with --json also as a document on stdout; returns the exit code."""
-    told, entry = error_told(error, message, arguments)
+def report_refusal(error: BaseException, message: str, code: int, arguments: Sequence[str]) -> int:
+    """Print one sentence on stderr, with --json also a document on stdout; return the exit code."""
+    told, entry = describe_error(error, message, arguments)
     complain(told)
     if "--json" in arguments:
         tell(json.dumps({"error": entry}, allow_nan=False))
     return code
 
 
-def _unexpected(error: Exception) -> str:
-    """Return the sentence for an error that is a fault of the program: the error, its place, the remedy."""
+def _describe_fault(error: Exception) -> str:
+    """Return the sentence for a fault of the program: the error, its place, the remedy."""
     package = Path(__file__).parents[1]
     frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename]
     ours = [frame for frame in frames if package in Path(frame.filename).parents]
@@ -92,9 +92,9 @@ def _unexpected(error: Exception) -> str:
     )
 
 
-def error_told(error: BaseException, message: str, arguments: Sequence[str]) -> tuple[str, Document]:
-    """Return the line about an error, with what to try, and the same for JSON with the numbers it carries."""
-    instead = advised(error, arguments)
+def describe_error(error: BaseException, message: str, arguments: Sequence[str]) -> tuple[str, Document]:
+    """Return the line about an error with its advice, and the entry for JSON with its numbers."""
+    instead = advise(error, arguments)
     advice = "" if instead is None else f"; {TRY}{instead}"
     line = one_line(message, most=MAX_MESSAGE_LENGTH - len(advice)) + advice
     document: Document = {"kind": type(error).__name__.lstrip("_"), "message": line}

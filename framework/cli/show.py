@@ -41,7 +41,7 @@ def add(commands: Any) -> None:
 
 
 def run(options: Namespace) -> Report:
-    """Write the page to a file, or serve it until Ctrl-C."""
+    """Write the page to a file, or serve the page until Ctrl-C."""
     from framework.show.page import film_page, hand_page
 
     if options.html is not None and options.picture is not None:
@@ -58,20 +58,20 @@ def run(options: Namespace) -> Report:
         picture = film_picture(shown, FilePath(file).suffix[1:])
         return _report_file(file, picture, shown, chosen=not films)
     if films:
-        return _served(options, film_page(films), None)
+        return _serve(options, film_page(films), None)
     robot = arguments.load(options)
-    return _served(options, hand_page(robot), robot)
+    return _serve(options, hand_page(robot), robot)
 
 
 def _report_file(file: str, page: str | bytes, films: list[Film], *, chosen: bool) -> Report:
-    """Report which scene was written to a file; `chosen` if it was not asked for by name."""
-    from framework.show.captions import parts, said
+    """Write a page to a file and report its scenes; `chosen`: a scene was chosen for want of a name."""
+    from framework.show.captions import display_name, parts
 
     path = FilePath(file)
     write_file(path, page)
     size = path.stat().st_size
     scenes = ", ".join(f"{film.name or 'the motion asked for'} ({parts(film)})" for film in films)
-    text = f"{said(films[0].robot.name)}, {scenes}: written to {path} ({size / 1e6:.2f} MB)"
+    text = f"{display_name(films[0].robot.name)}, {scenes}: written to {path} ({size / 1e6:.2f} MB)"
     if chosen:
         text = f"no scene given: filmed {films[0].name}\n{text}"
     entries = [
@@ -81,7 +81,7 @@ def _report_file(file: str, page: str | bytes, films: list[Film], *, chosen: boo
 
 
 def _films(options: Namespace) -> list[Film]:
-    """Film the motions asked for; none when the robot is to be moved by hand."""
+    """Film the motions asked for; return none where the robot is moved by hand."""
     from framework.show.captions import plan_name
     from framework.show.film import film_plan
 
@@ -126,7 +126,7 @@ def _telling_film(options: Namespace) -> Film:
     raise next(iter(refusals), none)
 
 
-def _served(options: Namespace, page: str, robot: ParallelRobot | None) -> Report:
+def _serve(options: Namespace, page: str, robot: ParallelRobot | None) -> Report:
     from framework.show.jogging import move_by_hand
     from framework.show.server import PageServer
 

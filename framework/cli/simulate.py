@@ -58,9 +58,9 @@ def add(commands: Any) -> None:
 
 
 def run(options: Namespace) -> Report:
-    """Plan, or read the plan; simulate it; say how far it comes off."""
+    """Plan or read a plan, simulate its torques and report the tracking error."""
     sensors = _sensors(options)
-    plan = arguments.planned(options)
+    plan = arguments.load_or_plan(options)
     result = simulate(
         plan.robot,
         plan.dynamics,
@@ -82,7 +82,7 @@ def run(options: Namespace) -> Report:
 
 
 def _sensors(options: Namespace) -> Sensors | None:
-    """Return the sensors that are asked for."""
+    """Return the sensors of --sensors; None without."""
     if options.sensors is None:
         return None
     if options.out is None:
@@ -91,7 +91,7 @@ def _sensors(options: Namespace) -> Sensors | None:
 
 
 def _unit(result: Simulation) -> tuple[str, float]:
-    """Return the unit of the tracking error, and how much of it is off the path."""
+    """Return the unit of the tracking error, and the error beyond which a motion is off its path."""
     moves = bool(result.robot.translations.any())
     return ("m", MOTION_OFF_PATH * result.robot.length) if moves else ("rad", MOTION_OFF_PATH)
 

@@ -38,6 +38,7 @@ from framework.motion.path import Path
 from framework.parallel.kept import KeptChunks
 from framework.parallel.tasks import executor_of
 
+STATISTICS = ("least", "median", "largest")  # of a quantity over the map
 MORE = (
     "Poses are reached from the reference by continuation, so the map never leaves its working mode; what is "
     "not reached has no value and a reason."
@@ -121,7 +122,7 @@ def _add_window(group: argparse._ArgumentGroup) -> None:
 
 
 def run(options: Namespace) -> Report:
-    """Compute a map, report it and write it."""
+    """Compute, report and write a map."""
     if options.study:
         return report_design_study(options)
     if options.table is not None:
@@ -138,17 +139,17 @@ def run(options: Namespace) -> Report:
         check_window(robot, window)
     margin = _margin(options, robot)
     if options.out is None:
-        return _report(_mapped(options, robot, window, quantities, None), margin)
+        return _report(_compute_map(options, robot, window, quantities, None), margin)
     kept = KeptChunks.of(FilePath(options.out), setup_document(robot, window, quantities))
     with written_stepwise(options, DOCUMENT, lambda: len(kept.read()), "bands") as folder:
-        workspace = _mapped(options, robot, window, quantities, kept)
+        workspace = _compute_map(options, robot, window, quantities, kept)
         options.progress.start("drawing the figures")
         _write(workspace, path, folder)
     return _report(workspace, margin)
 
 
 def _quantities(options: Namespace, robot: ParallelRobot) -> list[str] | None:
-    """Return the names of the quantities; by default those that apply, with --keep-limits also `holding`."""
+    """Return the quantities' names, by default all that apply; with --keep-limits also `holding`."""
     names = None if options.quantity is None else list(options.quantity)
     if not options.keep_limits or not has_torque_limits(robot):
         return names
@@ -167,7 +168,7 @@ def _window(options: Namespace, robot: ParallelRobot, path: Path | None) -> Wind
     )
 
 
-def _mapped(
+def _compute_map(
     options: Namespace,
     robot: ParallelRobot,
     window: Window,
@@ -206,29 +207,33 @@ def _margin(options: Namespace, robot: ParallelRobot) -> NearestSingularPose | N
 def _report(workspace: WorkspaceMap, margin: NearestSingularPose | None) -> Report:
     document = {**map_document(workspace), "seconds": workspace.seconds}
     robot, window = workspace.robot, workspace.window
-    names = [robot.axis_names[k] for k in window.axes]
     spans = ", ".join(
-        f"{name} = {low:.4g} .. {high:.4g}"
-        for name, low, high in zip(names, window.lower, window.upper, strict=True)
+        f"{robot.axis_names[k]} = {low:.4g} .. {high:.4g}"
+        for k, low, high in zip(window.axes, window.lower, window.upper, strict=True)
     )
     lines = [f"{robot.name}: {window.shape[0]} x {window.shape[1]} poses, {spans}, {workspace.seconds:.2f} s"]
     lines.append("  poses\tcount")
     lines += [f"  {why}\t{count}" for why, count in workspace.counts.items() if count]
     lines += [f"  under load: {why}\t{count}" for why, count in workspace.load_counts.items() if count]
     lines.append(f"  locus: {workspace.locus.sentence}, {workspace.locus.seconds:.2f} s")
-    lines.append("  quantity\tleast\tmedian\tlargest")
+    lines.append("\t".join(["  quantity", *STATISTICS]))
     for quantity in workspace.quantities:
         entry = document["quantities"][quantity.key]
-        numbers = [entry[key] for key in ("least", "median", "largest")]
-        shown = "\t".join("-" if value is None else f"{value:.3g}" for value in numbers)
-        lines.append(f"  {quantity.name} [{unit_of(robot, quantity)}]\t{shown}")
+        cells = (f"{entry[key]:.3g}" if entry[key] is not None else "-" for key in STATISTICS)
+        lines.append("\t".join([f"  {quantity.name} [{unit_of(robot, quantity)}]", *cells]))
     if margin is not None:
-        lines.append(f"  nearest singular pose: {margin.status}")
-        if margin.x is not None and margin.twist is not None:
-            coordinates = zip(robot.axis_names, margin.x, strict=True)
-            place = ", ".join(f"{name} = {value + 0.0:.6g}" for name, value in coordinates)
-            lines.append(f"    at {place}; t_s {point(margin.twist)}")
+        lines += _margin_lines(robot, margin)
         keys = ("status", "distance", "at_least", "leg_end", "unit", "within")
         entry = {key: getattr(margin, key) for key in keys}
         document["nearest_singular_pose"] = entry | {"platform": margin.x, "twist": margin.twist}
     return document, "\n".join(lines)
+
+
+def _margin_lines(robot: ParallelRobot, margin: NearestSingularPose) -> list[str]:
+    """Return lines on the nearest singular pose."""
+    lines = [f"  nearest singular pose: {margin.status}"]
+    if margin.x is not None and margin.twist is not None:
+        coordinates = zip(robot.axis_names, margin.x, strict=True)
+        place = ", ".join(f"{name} = {value + 0.0:.6g}" for name, value in coordinates)
+        lines.append(f"    at {place}; t_s {point(margin.twist)}")
+    return lines

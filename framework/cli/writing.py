@@ -1,4 +1,4 @@
-"""What commands write into the folder of --out; the report ends with its name."""
+"""Files of commands in the folder of --out; the report ends with its name."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ def written_out(options: Namespace, document: str) -> Iterator[Path]:
 def written_stepwise(
     options: Namespace, document: str, count: Callable[[], int], unit: str
 ) -> Iterator[Path]:
-    """Yield a folder whose files move into --out, for long work: hours of it want a place to go to.
+    """Yield a folder whose files move into --out, for long work that an interruption may stop.
 
-    Parts that are finished stay there where it is interrupted: so many `unit` as `count` tells.
+    Finished parts stay; the message names their number, `count()`, with its `unit`.
     """
     with written_out(options, document) as folder:
         try:
             yield folder
         except KeyboardInterrupt as stop:
-            kept = count()
-            sentence = f"{kept} {unit} are kept in {options.out}, and the same command goes on from them"
-            raise type(stop)(*([sentence] if kept else [])) from None
+            finished = count()
+            sentence = f"{finished} {unit} are kept in {options.out}, and the same command goes on from them"
+            raise type(stop)(*([sentence] if finished else [])) from None
     forget(Path(options.out))

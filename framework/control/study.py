@@ -25,7 +25,7 @@ from framework.control.run_monitor import ControlLoop, Run
 from framework.control.variation import Spread, draw
 from framework.errors import InvalidInput
 from framework.parallel.kept import ArrayField, Arrays, KeptChunks, fits
-from framework.parallel.tasks import completed
+from framework.parallel.tasks import iterate_results
 
 RUNS_PER_CHUNK = 250  # runs that are stacked; more do not make a run cheaper
 
@@ -108,7 +108,7 @@ def run_study(
 
     missing = _missing(finished, runs, min(chunk or RUNS_PER_CHUNK, RUNS_PER_CHUNK))
     report()
-    for part, run in completed(run_and_report if executor is None else task, missing, executor):
+    for part, run in iterate_results(run_and_report if executor is None else task, missing, executor):
         finished[part] = run
         if keeper is not None:
             keeper.keep(part, run)

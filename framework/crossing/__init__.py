@@ -10,8 +10,8 @@ Open `plan` first: `plan_crossing` in four steps, each a file.
     4. result                    a plan: law, crossings, torques (of `dynamics.inverse_dynamics`), certificate
 
 Beside them: `refusals/` has every reason to say no; `feasibility` and `durations` say what a singular point
-asks of any law, and how long laws may take; `near_miss_peak` tells when to compare both laws;
-`path_modification` bends a path where nothing else helps; `scenes` plans what a robot file states; `saved`
-and `motion_table` are plan.json and motion.csv; `uncertified` samples what was refused; `motion_scales` has
-the sizes that errors are relative to; `capacity` finds the largest load.
+asks of any law, and how long laws may take; `path_modification` bends a path where nothing else helps;
+`scenes` plans the scenes of a robot file; `saved` and `motion_table` are plan.json and motion.csv;
+`uncertified` samples a refused law; `motion_scales` has the sizes that errors are relative to; `capacity`
+finds the largest load.
 """

@@ -71,7 +71,7 @@ class Capacity:
 
 @takes_options
 def largest_load(robot: ParallelRobot, path: Path, **options: Any) -> Capacity:
-    """Find the largest multiple of `wrenches` with which an admissible law crosses, and what binds.
+    """Find the largest multiple of `wrenches` with which an admissible law crosses, and why no more.
 
     Args:
         robot, path: as for `plan_crossing`.
@@ -116,10 +116,11 @@ def largest_load_of(
     if not (specification.limited or specification.limited_speeds):
         raise InvalidInput("torque_limit or speed_limit is needed: without limits no multiple is the largest")
     task = _Multiples(robot, request, unit, search_path(robot, request.path), progress)
-    unloaded = task.planned(0.0)
+    unloaded = task.plan_multiple(0.0)
     if isinstance(unloaded, NoAnswer):
         raise unloaded
-    return _bound_capacity(task, _bisected(task, _bracketed(task, Capacity(0.0, unloaded))))
+    bracket = _bracket_capacity(task, Capacity(0.0, unloaded))
+    return _bound_capacity(task, _bisect_capacity(task, bracket))
 
 
 @dataclass
@@ -133,8 +134,8 @@ class _Multiples:
     progress: Callable[[int], None]
     count: int = 0
 
-    def planned(self, multiple: float) -> CrossingPlan | NoAnswer:
-        """Return the plan under a multiple, or why there is none."""
+    def plan_multiple(self, multiple: float) -> CrossingPlan | NoAnswer:
+        """Return the plan under a multiple, or the refusal."""
         self.count += 1
         self.progress(self.count)
         try:
@@ -154,9 +155,9 @@ class _Multiples:
             return False
         return find_refuting_bound(Task(to_cross, request, specification_of(self.robot, request))) is not None
 
-    def narrowed(self, capacity: Capacity, multiple: float) -> Capacity:
-        """Return the capacity with one more multiple tried."""
-        answer = self.planned(multiple)
+    def try_multiple(self, capacity: Capacity, multiple: float) -> Capacity:
+        """Plan one more multiple; return the capacity with its outcome."""
+        answer = self.plan_multiple(multiple)
         if isinstance(answer, NoLaw | LimitsExceeded):
             return replace(capacity, refused=multiple, refusal=answer)
         if isinstance(answer, NoAnswer):
@@ -164,25 +165,25 @@ class _Multiples:
         return replace(capacity, multiple=multiple, plan=answer)
 
 
-def _bracketed(task: _Multiples, capacity: Capacity) -> Capacity:
-    """Double or halve the multiple 1 until one is planned and one twice as large not."""
-    capacity = task.narrowed(capacity, 1.0)
+def _bracket_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
+    """Double or halve from 1 until a multiple is planned and one twice as large is not."""
+    capacity = task.try_multiple(capacity, 1.0)
     for _ in range(MAX_DOUBLINGS):
         if not np.isfinite(capacity.end):
-            capacity = task.narrowed(capacity, 2.0 * capacity.multiple)
+            capacity = task.try_multiple(capacity, 2.0 * capacity.multiple)
         elif capacity.multiple == 0.0:
-            capacity = task.narrowed(capacity, 0.5 * capacity.end)
+            capacity = task.try_multiple(capacity, 0.5 * capacity.end)
         else:
             break
     return capacity
 
 
-def _bisected(task: _Multiples, capacity: Capacity) -> Capacity:
+def _bisect_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
     """Bisect between the planned multiple and the least that was not, on a logarithmic scale."""
     while capacity.multiple > 0.0 and capacity.end < np.inf:
         if capacity.end <= (1.0 + BRACKET_RATIO) * capacity.multiple:
             break
-        capacity = task.narrowed(capacity, float(np.sqrt(capacity.multiple * capacity.end)))
+        capacity = task.try_multiple(capacity, float(np.sqrt(capacity.multiple * capacity.end)))
     return capacity
 
 

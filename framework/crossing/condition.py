@@ -26,8 +26,8 @@ from framework.kinematics.frames import difference, integrate
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, linearised_at
 from framework.kinematics.loop_matrices import type2_matrix
-from framework.kinematics.motion_rates import joint_rates, motion_at
-from framework.motion.path import along
+from framework.kinematics.motion_rates import Motion, joint_rates, motion_at
+from framework.motion.path import time_derivatives
 from framework.singularity.bordered_system import root_of_g
 from framework.singularity.points_on_path import SingularPoint
 from framework.singularity.type2 import least_held, sign_along, uncontrolled_motion
@@ -37,8 +37,9 @@ Speed = TypeVar("Speed", float, Array)
 
 
 class Condition8(NamedTuple):
-    """alpha s" + beta s'^2 + delta s' + gamma = t_s . W_p [N, or N m for a pure turn].
+    """Coefficients of condition (8), of t_s . W_p = alpha s" + beta s'^2 + delta s' + gamma.
 
+    In N, or N m where t_s is a pure turn.
     A coefficient that is no more than rounding of its own terms is zero.
     """
 
@@ -49,7 +50,7 @@ class Condition8(NamedTuple):
 
     @property
     def holds_anyway(self) -> bool:
-        """t_s . W_p is zero whatever s' and s" are: a straight path across t_s, without gravity along it."""
+        """Whether t_s . W_p vanishes for all s' and s": a straight path across t_s, no weight along t_s."""
         return not any(self)
 
     def acceleration(self, speed: Speed) -> Speed:
@@ -67,8 +68,8 @@ class Deflection(NamedTuple):
     acceleration: Array
 
     @staticmethod
-    def at(deflections: Callable[[float, int], Array], time: float) -> Deflection:
-        """Return what a function of time and order of derivative is at an instant [s]."""
+    def evaluate(deflections: Callable[[float, int], Array], time: float) -> Deflection:
+        """Evaluate deflections(t, order) and two derivatives at an instant [s]."""
         return Deflection(*(deflections(time, order) for order in range(3)))
 
 
@@ -87,12 +88,12 @@ class CrossingPoint(NamedTuple):
 def crossing_point(
     branch: Branch, singular: SingularPoint | CrossingPoint, deflection: Deflection | None, near: float
 ) -> CrossingPoint:
-    """Find the singular point of the path near `near` [s], moved by a deflection if there is one.
+    """Find the singular point of the (deflected) robot on its path, near s = `near`.
 
-    A point that is imposed stays where it is.
+    An imposed point is returned as it is.
 
     Raises:
-        NoLaw: the deflected robot has no singular point near.
+        NoLaw: the deflected robot has no singular point there.
     """
     if isinstance(singular, CrossingPoint):
         return singular
@@ -104,27 +105,28 @@ def crossing_point(
     robot = branch.robot
     bent = np.zeros((1, robot.model.nv))
     bent[:, robot.elastic] = deflection.value
-    before: tuple[Array, ClosedStack] | None = None
+    previous: tuple[Array, ClosedStack] | None = None
 
     def guess(s: Array) -> Array:
-        """Return configurations near those on the path with the deflections, by the last ones' tangent."""
-        if before is None:
+        """Predict configurations (k, nq) with the deflections, along the tangent of the last closed ones."""
+        if previous is None:
             return integrate(robot, branch.guess(s), np.repeat(bent, len(s), axis=0))
-        known, last = before
-        tangent = difference(robot, last.q[0], last.q[2:]) / (known[2] - known[0])
-        return integrate(robot, last.q[1], (s - known[1])[:, None] * tangent)
+        last_s, last = previous
+        tangent = difference(robot, last.q[0], last.q[2:]) / (last_s[2] - last_s[0])
+        return integrate(robot, last.q[1], (s - last_s[1])[:, None] * tangent)
 
     def passive(s: Array) -> Array:
-        nonlocal before
-        before = s, close_loops(robot, branch.path(s), guess(s))
-        return type2_matrix(robot, before[1].linearised)
+        nonlocal previous
+        previous = s, close_loops(robot, branch.path(s), guess(s))
+        return type2_matrix(robot, previous[1].linearised)
 
     root = root_of_g(passive, near)
     if root.converged:  # by a last step along the tangent so small that loops stay closed
         s = np.array([root.place])
         q, x = guess(s), branch.path(s)
-        there = ClosedStack(q, x, linearised_at(robot, q, x))
-        return _oriented(branch, root.place, there, *least_held(robot, there.linearised), singular.kind)
+        closed = ClosedStack(q, x, linearised_at(robot, q, x))
+        twist, motion = least_held(robot, closed.linearised)
+        return _orient_along_path(branch, root.place, closed, twist, motion, singular.kind)
     raise NoLaw(
         f"{robot.name}: the deflected robot has no singular point near s = {singular.s:.6g}; the deflections "
         f"are too large for the path to cross the locus there"
@@ -132,34 +134,34 @@ def crossing_point(
 
 
 def imposed_point(branch: Branch, s: float) -> CrossingPoint:
-    """Return a point of the path treated as singular whether it is or not, as rounded data would have it."""
-    closed = branch.closed(s)
+    """Return the point of the path at s as a crossing point, singular or not: rounded data impose such."""
+    closed = branch.close(s)
     kind, twist, motion, _ = uncontrolled_motion(branch.robot, closed.linearised)
-    return _oriented(branch, s, closed, twist, motion, kind)
+    return _orient_along_path(branch, s, closed, twist, motion, kind)
 
 
-def _oriented(
+def _orient_along_path(
     branch: Branch, s: float, closed: ClosedStack, twist: Array, motion: Array, kind: str
 ) -> CrossingPoint:
-    """Return the crossing point with its twist pointing along the path."""
+    """Return the crossing point, the sign of its twist chosen along the path."""
     sign = sign_along(twist, branch.robot.platform.path_twist(branch.path, s))
     return CrossingPoint(s, kind, sign * twist, sign * motion, closed.q[0])
 
 
 def condition_at(branch: Branch, place: CrossingPoint, deflection: Deflection | None) -> Condition8:
-    """Coefficients of condition (8) at a crossing point.
+    """Compute the coefficients of condition (8) at a crossing point; refuse where s" has no effect.
 
     Raises:
         NoLaw: the path's tangent leaves t_s . W_p untouched by s", so no law can meet the condition.
         NotConverged: the same, but only with these deflections.
     """
-    return effective(branch, place, coefficients_at(branch, place, deflection), deflection)
+    return require_effect(branch, place, coefficients_at(branch, place, deflection), deflection)
 
 
-def effective(
+def require_effect(
     branch: Branch, place: CrossingPoint, condition: Condition8, deflection: Deflection | None
 ) -> Condition8:
-    """Return the condition of `coefficients_at`, if s" can meet it; raise as `condition_at`."""
+    """Return a condition that s" can meet; raise as `condition_at` otherwise."""
     robot = branch.robot
     if condition.holds_anyway or condition.alpha != 0.0:
         return condition
@@ -179,51 +181,60 @@ def effective(
 
 
 def coefficients_at(branch: Branch, place: CrossingPoint, deflection: Deflection | None) -> Condition8:
-    """Coefficients of condition (8) at a crossing point.
+    """Compute the coefficients of condition (8) at a crossing point.
 
     Inertial forces alone, at s" = 1, at s' = 1 and of the deflections, are alpha, beta and a share of gamma;
     no difference is taken. Of delta one share is damping at s' = 1, the other is bilinear in s' and the rates
     of the deflections: the half difference at +s' and -s', where both move the joints equally fast.
     """
-    robot, x = branch.robot, branch.path(place.s)[None]
-    linearised = linearised_at(robot, place.q[None], x)
-    elastic, pace = np.zeros((2, 5, robot.n_e)), 1.0
-    deflects = deflection is not None and robot.n_e > 0
-    if deflection is not None and deflects:
-        elastic[0, 2:], elastic[1, 2] = deflection.rate, deflection.acceleration
-        pace = _equal_pace(branch, place, linearised, deflection.rate)
-    speeds, accelerations = np.array([0.0, 1.0, 0.0, pace, -pace]), np.eye(5)[0]
-    same = np.zeros(5, dtype=np.intp)
-    closed = ClosedStack(linearised.frames.q[same], x[same], linearised.at(same))
-    _, dx, ddx = along(branch.path, [np.full(5, place.s), speeds, accelerations])
-    motion = motion_at(robot, closed, dx, ddx, *elastic)
+    robot = branch.robot
+    linearised = linearised_at(robot, place.q[None], branch.path(place.s)[None])
+    deflection = deflection if robot.n_e else None
+    pace = 1.0 if deflection is None else _equal_pace(branch, place, linearised, deflection.rate)
+    motion = _unit_motions(branch, place, linearised, deflection, pace)
     inertial = inertial_forces(robot, motion) * place.motion  # (5, nv) terms of sums
     damping = robot.joint_damping * motion.v * place.motion
-    wrenches = branch.wrenches.at(robot, linearised.frames, np.array([place.s]))
+    wrenches = branch.wrenches.evaluate(robot, linearised.frames, np.array([place.s]))
     gamma = static_forces(robot, place.q[None], wrenches)[0] * place.motion
     rate = float(np.abs(motion.v[1] / robot.column_scale).max())
     terms = np.array([inertial[0], inertial[1], gamma, damping[1]])
-    at_rest, across = inertial[2] + damping[2], 0.5 * (inertial[3] - inertial[4]) / pace
-    elastic_terms = np.array([at_rest, across])
+    elastic_terms = np.array([inertial[2] + damping[2], 0.5 * (inertial[3] - inertial[4]) / pace])
     values = terms.sum(axis=1)
     sizes = np.maximum(bounds_of_terms(branch, place, rate), np.abs(terms).sum(axis=1))
     values[2:] += elastic_terms.sum(axis=1)
     sizes[2:] += np.abs(elastic_terms).sum(axis=1)
-    if deflects and abs(values[0]) > NO_HOLD * sizes[0]:
-        return Condition8(*map(float, values))  # what stiff springs add is little, and no rounding
-    return Condition8(*map(float, without_rounding(values, sizes, 0)))
+    if deflection is None or not abs(values[0]) > NO_HOLD * sizes[0]:
+        values = remove_rounding(values, sizes, 0)  # else stiff springs add little, which is no rounding
+    return Condition8(*map(float, values))
 
 
-def without_rounding(values: Array, sizes: Array, alpha: int) -> Array:
-    """Return the coefficients (k,), zero where they are rounding of their terms; that of s" is at `alpha`."""
+def _unit_motions(
+    branch: Branch,
+    place: CrossingPoint,
+    linearised: LinearisedLoops,
+    deflection: Deflection | None,
+    pace: float,
+) -> Motion:
+    """Compute five motions: s" = 1; s' = 1; the deflections' with s' = 0, pace and -pace."""
+    robot, elastic = branch.robot, np.zeros((2, 5, branch.robot.n_e))
+    if deflection is not None:
+        elastic[0, 2:], elastic[1, 2] = deflection.rate, deflection.acceleration
+    speeds, accelerations = np.array([0.0, 1.0, 0.0, pace, -pace]), np.eye(5)[0]
+    x, dx, ddx = time_derivatives(branch.path, [np.full(5, place.s), speeds, accelerations])
+    stack = linearised.select(np.zeros(5, dtype=np.intp))
+    return motion_at(robot, ClosedStack(stack.frames.q, x, stack), dx, ddx, *elastic)
+
+
+def remove_rounding(values: Array, sizes: Array, alpha: int) -> Array:
+    """Set coefficients (k,) that are rounding of their terms to zero; `alpha`: index of the one of s"."""
     rounding = CONDITION_ROUNDING if abs(values[alpha]) > NO_HOLD * sizes[alpha] else NO_HOLD
     return np.where(np.abs(values) > rounding * sizes, values, 0.0)
 
 
 def bounds_of_terms(branch: Branch, place: CrossingPoint, rate: float) -> Array:
-    """Bound the terms of alpha, beta, gamma and delta, (4,), where they cancel before they are summed.
+    """Bound the terms (4,) of alpha, beta, gamma and delta, cancelled ones included.
 
-    On massless legs the forces of a payload do: they are none on the joints, but rounding. So the mass of all
+    On massless legs the forces of a payload do: on the joints only rounding is left. So the mass of all
     bodies is taken to move as the platform does and, for beta, as joints of the robot's length do at their
     largest `rate` [1/s, over s'].
     """
@@ -242,7 +253,7 @@ def bounds_of_terms(branch: Branch, place: CrossingPoint, rate: float) -> Array:
 
 
 def _equal_pace(branch: Branch, place: CrossingPoint, linearised: LinearisedLoops, rate: Array) -> float:
-    """Return the s' at which the path moves the joints as fast as these rates (n_e,) of deflections."""
+    """Return the s' that moves the joints as fast as the rates (n_e,) of the deflections do."""
     robot = branch.robot
     twist = robot.platform.path_twist(branch.path, place.s)
     tangent = joint_rates(robot, linearised, twist[None], np.zeros((1, robot.n_e)))

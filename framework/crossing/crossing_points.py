@@ -22,34 +22,34 @@ from framework.singularity.points_on_path import SearchedPath, SingularPoint
 
 @dataclass(frozen=True, eq=False)
 class PathToCross:
-    """The path followed, its singular points, and where on it condition (8) is to hold."""
+    """A path followed, its singular points, and the points where condition (8) is to hold."""
 
     searched: SearchedPath
     crossing_points: Sequence[SingularPoint | CrossingPoint]
 
     @property
     def branch(self) -> Branch:
-        """The path as it was followed."""
+        """The poses along the path."""
         return self.searched.branch
 
     @property
     def points(self) -> tuple[SingularPoint, ...]:
-        """The singular points of the undeformed robot on it."""
+        """The singular points of the undeformed robot on the path."""
         return self.searched.points
 
     @cached_property
     def at_rest(self) -> list[tuple[CrossingPoint, Condition8]]:
         """The crossing points of the undeformed robot, each with its condition (8)."""
-        places = [crossing_point(self.branch, target, None, target.s) for target in self.crossing_points]
-        return [(place, coefficients_at(self.branch, place, None)) for place in places]
+        points = [crossing_point(self.branch, target, None, target.s) for target in self.crossing_points]
+        return [(point, coefficients_at(self.branch, point, None)) for point in points]
 
 
 def path_to_cross(searched: SearchedPath, request: Request) -> PathToCross:
-    """Return a searched path under a request's wrenches, with the points where it asks for condition (8).
+    """Choose the points of a searched path where a request asks for condition (8), under its wrenches.
 
     Raises:
-        InvalidInput: times or speeds are not as many as these places.
-        NoLaw, UncontrolledMotions: no law can cross at one of them.
+        InvalidInput: times or speeds are not as many as these points.
+        NoLaw, UncontrolledMotions: no law can cross at one of the points.
     """
     searched = searched.under(request.external_wrenches)
     return PathToCross(searched, _crossing_points(searched.branch, searched.points, request))
@@ -58,7 +58,7 @@ def path_to_cross(searched: SearchedPath, request: Request) -> PathToCross:
 def _crossing_points(
     branch: Branch, points: tuple[SingularPoint, ...], request: Request
 ) -> list[SingularPoint | CrossingPoint]:
-    """Return the points where condition (8) is to hold; refuse what no law can cross."""
+    """Choose the points where condition (8) is to hold; refuse points that no law can cross."""
     times, speeds, imposed = request.times, request.speeds, request.at
     if imposed is not None:
         chosen: list[SingularPoint | CrossingPoint] = [imposed_point(branch, s) for s in imposed]

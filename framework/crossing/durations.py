@@ -1,4 +1,4 @@
-"""The longest and the shortest motion along a path for each kind of law, told before one is sought.
+"""The longest and the shortest motion along a path for each kind of law, before a law is sought.
 
 The polynomial of least degree through its crossings is affine in what it goes through. Over t/T the s" that
 condition (8) asks for is -(beta v^2 + gamma T^2)/alpha, v = s' T: affine in T^2. So with t_k/T and v_k
@@ -64,7 +64,7 @@ class PolynomialDurations(NamedTuple):
 
     @property
     def advice(self) -> str:
-        """What helps where a duration is beyond the bounds."""
+        """Advice for a duration beyond the bounds."""
         if not (self.longest and self.bounded):
             return ""
         return "; else use the optimal law, or take a path with less weight or more of its tangent along t_s"
@@ -91,7 +91,7 @@ class OptimalDurations(NamedTuple):
     refusal: str = ""
 
     def to_list(self) -> list[float | None] | None:
-        """Return the entry of `locate --json`; null where there is no law, and in place of the longest."""
+        """Return the entry of `locate --json`; null without a law, and in place of the longest."""
         return None if self.shortest is None else [self.shortest, None]
 
     @property
@@ -119,7 +119,7 @@ def polynomial_durations(searched: SearchedPath, smoothness: int) -> PolynomialD
         return None
     if any(feasibility.damped or feasibility.unmet_by_acceleration for feasibility in conditions):
         return None
-    return _searched_durations(conditions, smoothness)
+    return _search_durations(conditions, smoothness)
 
 
 def optimal_durations(searched: SearchedPath, request: Request) -> OptimalDurations | None:
@@ -145,7 +145,7 @@ def optimal_durations(searched: SearchedPath, request: Request) -> OptimalDurati
 
 
 def _crossable(searched: SearchedPath) -> list[Feasibility] | None:
-    """Return what condition (8) asks at each singular point; None if no law can cross one of them."""
+    """Return condition (8) at each singular point; None where one cannot be crossed by any law."""
     conditions = [feasibility for feasibility in feasibility_on_path(searched) if feasibility is not None]
     uncrossable = any(
         singular.contact == "tangential" or stops_at(singular) for singular in searched.points
@@ -155,7 +155,7 @@ def _crossable(searched: SearchedPath) -> list[Feasibility] | None:
     return None if uncrossable or len(conditions) < len(searched.points) else conditions
 
 
-def _searched_durations(conditions: Sequence[Feasibility], smoothness: int) -> PolynomialDurations:
+def _search_durations(conditions: Sequence[Feasibility], smoothness: int) -> PolynomialDurations:
     """Search the shortest and the longest duration [s], over times and speeds of the crossings."""
     from scipy.optimize import minimize
 
@@ -164,10 +164,10 @@ def _searched_durations(conditions: Sequence[Feasibility], smoothness: int) -> P
     places = np.array([feasibility.s for feasibility in conditions])
     shortest, longest = np.inf, 0.0
 
-    def longer(free: Array) -> float:
-        """Return what is minimised: the longest duration with its sign changed."""
+    def negative_longest(free: Array) -> float:
+        """Return minus the longest duration, to be minimised."""
         nonlocal shortest, longest
-        low, high = _advancing(
+        low, high = _advancing_interval(
             conditions, free[: len(conditions)], np.exp(free[len(conditions) :]), unit, smoothness
         )
         if not low < high:
@@ -179,22 +179,22 @@ def _searched_durations(conditions: Sequence[Feasibility], smoothness: int) -> P
         start = np.concatenate([0.5 + (places - 0.5) / cruising, np.full(len(conditions), np.log(cruising))])
         simplex = np.vstack([start, start + 0.1 * np.eye(len(start))])
         options = {"initial_simplex": simplex, "maxfev": MAX_TRIALS * len(conditions), **NEARNESS}
-        before = longest
-        longer(start)
+        last = longest
+        negative_longest(start)
         if np.isinf(longest) and shortest == 0.0:
             break
-        minimize(longer, start, method="Nelder-Mead", options=options)
-        if before and longest < (1.0 + MIN_GAIN) * before:
+        minimize(negative_longest, start, method="Nelder-Mead", options=options)
+        if last and longest < (1.0 + MIN_GAIN) * last:
             break
     return PolynomialDurations(unit * shortest, unit * longest)
 
 
-def _advancing(
+def _advancing_interval(
     conditions: Sequence[Feasibility], times: Array, speeds: Array, unit: float, smoothness: int
 ) -> tuple[float, float]:
-    """Return the durations over `unit` between which the polynomial through these t_k/T and s'_k T advances.
+    """Compute the interval of durations over `unit` in which the polynomial through t_k/T, s'_k T advances.
 
-    The first is not below the second where there are none.
+    The first is not below the second where the interval is empty.
     """
     if np.any(np.diff([0.0, *times, 1.0]) < MIN_SEPARATION):
         return np.inf, 0.0
@@ -207,7 +207,7 @@ def _advancing(
         inner = conditions_at_instants(times, values)
         try:
             laws.append(Law.rest_to_rest(1.0, smoothness, inner)(LAW_CHECK_TIMES, 1))
-        except InvalidInput:  # too near to each other or to an end
+        except InvalidInput:  # crossings too near to each other or to an end
             return np.inf, 0.0
     plain, by_weight = laws[0], laws[1] - laws[0]  # s' T without weight, and what the weight adds at T = unit
     up, down = by_weight > 0, by_weight < 0
@@ -219,7 +219,7 @@ def _advancing(
 
 
 def _acceleration(feasibility: Feasibility, speed: float, squared_duration: float) -> float:
-    """Return s" T^2 that condition (8) asks for at s' T, where it asks for any."""
+    """Compute s" T^2 by condition (8) at s' T; 0 where the condition holds anyway."""
     if feasibility.condition.holds_anyway:
         return 0.0
     return feasibility.per_squared_speed * speed**2 + feasibility.constant * squared_duration

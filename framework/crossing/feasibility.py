@@ -26,7 +26,7 @@ NOTABLE_CURVATURE = 4.0  # |s"| over s'^2 that is worth a word: what a polynomia
 
 @dataclass(frozen=True)
 class Feasibility:
-    """Condition (8) of the undeformed robot at the singular point `s`, and where it comes from.
+    """Condition (8) of the undeformed robot at the singular point `s`, and the origin of its terms.
 
     weight_share: |cos| of the angle between gravity and the motion of the centre of mass in the uncontrolled
     motion; on massless legs the share of the weight along t_s. tangent_share: |cos| of that between the
@@ -50,7 +50,7 @@ class Feasibility:
         return self.orthogonal and not self.condition.holds_anyway
 
     def _asked_per(self, coefficient: float) -> float:
-        """Return the s" that a term asks for; not a number where s" has no effect."""
+        """Compute the s" that balances a term; not a number where s" has no effect."""
         return np.nan if self.orthogonal else 0.0 - coefficient / self.condition.alpha
 
     @property
@@ -83,7 +83,7 @@ class Feasibility:
 
     @property
     def steady_speed(self) -> float | None:
-        """The least s' > 0 [1/s] that meets the condition with s" = 0, if there is one."""
+        """The least s' > 0 [1/s] that meets the condition with s" = 0; None without one."""
         _, beta, gamma, delta = self.condition
         if beta == 0.0:
             roots = [-gamma / delta] if delta else []
@@ -100,7 +100,7 @@ class Feasibility:
         return float(np.sqrt(2.0 / abs(self.constant)))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the entry of `locate --json`; what does not exist is null."""
+        """Return the entry of `locate --json`, null for quantities that do not exist."""
         return {
             **self.condition._asdict(),
             "acceleration": None if self.orthogonal else [self.constant, self.per_squared_speed],
@@ -118,17 +118,18 @@ class Feasibility:
             f"condition (8) at s = {self.s:.6g} has alpha = {alpha:.6g}, beta = {beta:.6g}, "
             f"gamma = {gamma:.6g}{damping}, with "
             f"{100 * self.weight_share:.3g} % of the weight and {100 * self.tangent_share:.3g} % of the "
-            f"path's tangent along t_s: {'; '.join([self._asks(), *self._ways()])}"
+            f"path's tangent along t_s: {'; '.join([self._demand(), *self._consequences()])}"
         )
 
     @property
     def short_sentence(self) -> str:
-        """What the condition asks for, in one clause."""
+        """The acceleration that the condition asks for, in one clause."""
         weight = "" if self.wrenches else f", with {100 * self.weight_share:.3g} % of the weight along t_s"
         always = "" if self.pace is None else ", whatever the duration"
-        return f"condition (8) at s = {self.s:.6g}{weight}: {self._asks()}{always}"
+        return f"condition (8) at s = {self.s:.6g}{weight}: {self._demand()}{always}"
 
-    def _asks(self) -> str:
+    def _demand(self) -> str:
+        """Return the s" that the condition asks for, in words."""
         if self.condition.holds_anyway:
             return "it holds whatever s' and s\" are"
         if self.orthogonal:
@@ -144,29 +145,30 @@ class Feasibility:
             demand += f" {'+-'[self.per_speed < 0]} {abs(self.per_speed):.6g} s'"
         return demand
 
-    def _ways(self) -> list[str]:
+    def _consequences(self) -> list[str]:
+        """Return clauses on speeds, pace and path that the condition suggests."""
         if self.orthogonal:
             return []
-        ways = []
+        clauses = []
         forces, s = ("weight and wrenches", "") if self.wrenches else ("weight", "s")
         if self.steady_speed is not None:
-            ways.append(f"s' = {self.steady_speed:.4g} 1/s needs no s\"")
+            clauses.append(f"s' = {self.steady_speed:.4g} 1/s needs no s\"")
         if self.pace is None and self.damped:
-            ways.append(f"no {forces} enter{s}, but damping does: the slower, the more it counts")
+            clauses.append(f"no {forces} enter{s}, but damping does: the slower, the more it counts")
         elif self.pace is None:
-            ways.append(f"no {forces} enter{s}, so what it asks for looks alike at all durations")
+            clauses.append(f"no {forces} enter{s}, so what it asks for looks alike at all durations")
         else:
-            ways.append(f"the {forces} set{s} the pace, {self.pace:.3g} s for the whole path from rest")
+            clauses.append(f"the {forces} set{s} the pace, {self.pace:.3g} s for the whole path from rest")
         if abs(self.per_squared_speed) > NOTABLE_CURVATURE:
-            ways.append(
+            clauses.append(
                 f"s' changes e-fold over {1 / abs(self.per_squared_speed):.2g} of the path there: make it "
                 f"smoother (straighter), or nearer to t_s"
             )
-        return ways
+        return clauses
 
 
 def feasibility_at(branch: Branch, singular: SingularPoint) -> Feasibility | None:
-    """Return what condition (8) asks for at a singular point; None where one condition is not enough."""
+    """Compute condition (8) at a singular point; None where one condition is not enough."""
     if singular.corank > 1:
         return None
     try:
@@ -187,11 +189,11 @@ def feasibility_at(branch: Branch, singular: SingularPoint) -> Feasibility | Non
 
 
 def feasibility_on_path(searched: SearchedPath) -> tuple[Feasibility | None, ...]:
-    """Return the same for all singular points of a path."""
+    """Compute condition (8) at all singular points of a path, as `feasibility_at`."""
     return tuple(feasibility_at(searched.branch, singular) for singular in searched.points)
 
 
 def _cosine(a: Any, b: Any) -> float:
-    """Compute |cos| of the angle between two vectors; 0 if one of them is zero or rounding."""
+    """Compute |cos| of the angle between two vectors; 0 if either is zero or rounding."""
     size = float(np.linalg.norm(a) * np.linalg.norm(b))
     return abs(float(np.dot(a, b))) / size if size > VECTOR_ROUNDING * float(np.linalg.norm(a)) else 0.0

@@ -1,4 +1,4 @@
-"""A model that takes more into account than a motion was computed with, along nearly the same motion.
+"""A model with more effects than the one a motion was computed with, along nearly the same motion.
 
 The fuller model has its own condition (8), and where springs give way its own singular point on the path. So
 the law is corrected by the polynomial of least degree that vanishes at both ends, as smoothly as laws of the
@@ -47,9 +47,9 @@ class CorrectedLaw:
 
 @dataclass(frozen=True, eq=False)
 class FullerModel:
-    """A motion with its torques, and the same path searched with a robot that models more.
+    """A motion with its torques, and the same path searched with a robot of more effects.
 
-    friction: dry friction (nv,) of the joints [N m or N] that the fuller model counts with, if any.
+    friction: dry friction (nv,) of the joints [N m or N] of the fuller model, None without.
     """
 
     dynamics: InverseDynamics
@@ -63,7 +63,7 @@ class FullerModel:
         """Search the path of a motion with a fuller robot.
 
         Raises:
-            NoAnswer: it cannot follow the path.
+            NoAnswer: the robot cannot follow the path.
         """
         return cls(dynamics, search_path(robot, dynamics.path).under(dynamics.wrenches), friction)
 
@@ -79,7 +79,7 @@ class FullerModel:
         return TimeGrid(torques.edges, torques.coefficients.shape[1])
 
     def known_deflections(self) -> Array:
-        """Return the deflections (T, n_e) of the fuller robot that the motion's forces were taken at."""
+        """Return the deflections (T, n_e) of the fuller robot at which the motion's forces were computed."""
         dynamics, robot = self.dynamics, self.robot
         deflections = np.zeros((len(self.grid.times), robot.n_e))
         if dynamics.geometry == "deformed":
@@ -89,87 +89,88 @@ class FullerModel:
 
     @cached_property
     def first_pass(self) -> Pass:
-        """The motion and forces with the deflections of the motion; raises NoAnswer as `moved`."""
-        return self.moved(self.known_deflections())
+        """The motion and forces with the deflections of the motion; raises NoAnswer as `compute_pass`."""
+        return self.compute_pass(self.known_deflections())
 
     @property
     def planned_torque(self) -> Array:
         """The motors' torques (T, n_a) [N m or N] of the motion on the nodes, without dry friction."""
         return self.dynamics.torque_without_friction(self.grid.times)
 
-    def moved(self, deflections: Array) -> Pass:
-        """Compute motion and forces on the nodes with deflections (T, n_e), the law corrected for them.
+    def compute_pass(self, deflections: Array) -> Pass:
+        """Compute motion and forces on the nodes with deflections (T, n_e), under the corrected law.
 
         Raises:
             NoAnswer: no correction of the law makes the torques bounded.
         """
         function = self.grid.fit(deflections)
-        law = self._corrected(function)
+        law = self._correct_law(function)
         return one_pass(self.searched.branch, self.grid, law, function, None)
 
-    def torque(self, moved: Pass) -> Array:
+    def torque(self, evaluated: Pass) -> Array:
         """Compute the motors' torques (T, n_a) [N m or N], motor side, on the nodes.
 
-        Torques with dry friction jump where joints turn round, and no tail tells a pole from that. So each
-        joint rubs first as it does at the crossings, the polynomial through its signs there between them.
+        Torques with dry friction jump where a joint changes direction, and no tail tells a pole from a jump.
+        So the pole is looked for with smooth friction first: for each joint the polynomial through the signs
+        of its rate at the crossings.
 
         Raises:
-            NotConverged: they have a pole.
+            NotConverged: the torques have a pole.
         """
-        robot, motion = self.robot, moved.motion
+        robot, motion = self.robot, evaluated.motion
         smooth = np.zeros_like(motion.v)
         if self.friction is not None and self.dynamics.crossings:
             from scipy.interpolate import KroghInterpolator  # takes time to import
 
             times = np.array([crossing.time for crossing in self.dynamics.crossings])
-            smooth = self.friction * KroghInterpolator(times, self._ways(times))(self.grid.times)
-        torque = self._rubbing(moved, smooth)
+            smooth = self.friction * KroghInterpolator(times, self._rate_signs(times))(self.grid.times)
+        torque = self._torque_with_friction(evaluated, smooth)
         tail = self.grid.fit(torque).tail
         if not tail <= RESOLVABLE_TAIL:
             raise NotConverged("the torques of the fuller model have a pole on this motion", residual=tail)
         if self.friction is None:
             return torque
-        return self._rubbing(moved, self.friction * signs(motion.v / robot.column_scale))
+        return self._torque_with_friction(evaluated, self.friction * signs(motion.v / robot.column_scale))
 
-    def _rubbing(self, moved: Pass, friction: Array) -> Array:
+    def _torque_with_friction(self, evaluated: Pass, friction: Array) -> Array:
         """Compute torques (T, n_a) with joint forces of friction (T, nv)."""
-        robot, motion = self.robot, moved.motion
+        robot, motion = self.robot, evaluated.motion
         if not friction.any():
-            return motor_torque(robot, motion, moved.forces.joint_torque)
+            return motor_torque(robot, motion, evaluated.forces.joint_torque)
         forces = tree_forces(robot, motion) + friction
         return motor_torque(robot, motion, balanced_forces(robot, motion.linearised, forces).joint_torque)
 
-    def _ways(self, times: Array) -> Array:
-        """Return the signs (k, nv) of the joints' rates at instants (k,) of the motion [s]."""
+    def _rate_signs(self, times: Array) -> Array:
+        """Compute the signs (k, nv) of the joints' rates at instants (k,) of the motion [s]."""
         return signs(self.dynamics.velocity(times) / self.robot.column_scale)
 
-    def _corrected(self, function: TimeFunction) -> CorrectedLaw:
-        """Compute the law corrected for deflections as a function of time.
+    def _correct_law(self, function: TimeFunction) -> CorrectedLaw:
+        """Correct the law for deflections as a function of time.
 
         Raises:
-            NoAnswer: see `_crossed`; two crossings meet one singular point, or the law turns back.
+            NoAnswer: as `_correct_crossing`; two crossings meet one singular point; the law turns back.
         """
         duration, smoothness = self.dynamics.duration, SMOOTHNESS[self.robot.n_e > 0]
         corrections = conditions_at_instants([0.0, duration], np.zeros((2, smoothness + 1)))
-        places = []
+        s = []
         for crossing in self.dynamics.crossings:
             planned = [float(self.dynamics.law(crossing.time, order)) for order in range(3)]
-            wanted = self._crossed(crossing, function, planned)
-            places.append(wanted[0])
-            corrections += conditions_at_instants([crossing.time], [np.subtract(wanted, planned)])
-        if not np.all(np.diff(places) > SAME_PLACE):
+            corrected = self._correct_crossing(crossing, function, planned)
+            s.append(corrected[0])
+            corrections += conditions_at_instants([crossing.time], [np.subtract(corrected, planned)])
+        if not np.all(np.diff(s) > SAME_PLACE):
             raise NotConverged("crossings of the motion meet the same singular point of the fuller model")
         law = CorrectedLaw(self.dynamics.law, Law.from_conditions(corrections, duration))
         try:
-            check_advance(law, places, self.robot.name)
+            check_advance(law, s, self.robot.name)
         except NoLaw as refusal:
             raise NotConverged(f"the corrected law turns back: {refusal}") from None
         return law
 
-    def _crossed(
+    def _correct_crossing(
         self, crossing: SingularityCrossing, function: TimeFunction, planned: list[float]
     ) -> tuple[float, float, float]:
-        """Return s, s' and s" with which the fuller model crosses where the motion does.
+        """Compute s, s' and s" with which the fuller model crosses at the instant of a crossing.
 
         Raises:
             NoAnswer: the fuller model has no such singular point, or no s" meets its condition (8).
@@ -178,11 +179,11 @@ class FullerModel:
         singular = min(self.searched.points, key=lambda point: abs(point.s - crossing.s), default=None)
         if singular is None or singular.corank > 1:
             raise NotConverged("the fuller model has no simple singular point at the crossing")
-        deflection = Deflection.at(function, crossing.time)
+        deflection = Deflection.evaluate(function, crossing.time)
         place = crossing_point(branch, singular, deflection, crossing.s)
         condition = condition_at(branch, place, deflection)
         if self.friction is not None:
-            power = float(self.friction * self._ways(np.array([crossing.time]))[0] @ place.motion)
+            power = float(self.friction * self._rate_signs(np.array([crossing.time]))[0] @ place.motion)
             condition = condition._replace(gamma=condition.gamma + power)
         if condition.alpha == 0.0 and not condition.holds_anyway:
             raise NotConverged("no acceleration at the crossing makes up for it")

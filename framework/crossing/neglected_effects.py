@@ -49,10 +49,10 @@ class NeglectedEffect(NamedTuple):
 def neglected_effects(
     dynamics: InverseDynamics, *, whole: RobotDescription | None = None
 ) -> tuple[NeglectedEffect, ...]:
-    """Compute what the torques of a motion leave out, the largest share first, what has no number last.
+    """Compute the effects that the torques of a motion leave out, the largest first, unknown ones last.
 
-    What is within the tail of the torques is none. All is of first order, each effect by itself: a number
-    near the largest torque or above it, as springs have under a load across a crossing, is an order of size.
+    Effects within the tail of the torques are left out. Each number is of first order, for one effect alone:
+    near or above the largest torque, as of springs under a load across a crossing, it is an order of size.
 
     Args:
         whole: the description with all masses, where the motion's robot was made without some of them; by
@@ -60,13 +60,13 @@ def neglected_effects(
     """
     description = dynamics.robot.description
     differences = [
-        *_of_bodies(dynamics, whole),
-        *_of_springs(dynamics, whole or description),
-        *_of_friction(dynamics),
+        *_mass_differences(dynamics, whole),
+        *_spring_differences(dynamics, whole or description),
+        *_friction_differences(dynamics),
     ]
     effects = [
         *(_measure_effect(dynamics, *difference) for difference in differences),
-        *_of_idle_turns(dynamics),
+        *_idle_turn_effects(dynamics),
         *map(NeglectedEffect, description.left_out),
     ]
     resolved = max(TORQUE_TAIL, dynamics.certificate.tail)
@@ -75,7 +75,7 @@ def neglected_effects(
 
 
 def _peaks(dynamics: InverseDynamics) -> Array:
-    """Return the largest torque (n_a,) of all motors of the same unit as each."""
+    """Return the largest torque (n_a,) of all motors of each motor's unit."""
     times = np.linspace(0.0, dynamics.duration, PEAK_SAMPLES)
     return largest_by_unit(dynamics.robot, np.abs(dynamics.torque(times)).max(axis=0))
 
@@ -98,8 +98,8 @@ def _measure_effect(
 # ------------------------------------------------------------------ springs
 
 
-def _of_springs(dynamics: InverseDynamics, description: RobotDescription) -> Differences:
-    """Yield the springs left rigid, by part, and what of the deflections the torques leave out."""
+def _spring_differences(dynamics: InverseDynamics, description: RobotDescription) -> Differences:
+    """Yield springs left rigid, by part, then deformed geometry and elastic inertia where left out."""
     robot = dynamics.robot
 
     @cache
@@ -110,12 +110,12 @@ def _of_springs(dynamics: InverseDynamics, description: RobotDescription) -> Dif
         return fuller, fuller.torque(fuller.first_pass)
 
     def difference(coordinates: Sequence[str], left_rigid: bool) -> Array:
-        """Compute the change of torque (T, n_a) where the springs of these coordinates give way."""
+        """Compute the change of torque (T, n_a) by deflections of the elastic `coordinates`."""
         fuller, rigid = fullest()
-        moving, torque = np.isin(fuller.robot.elastic_names, coordinates), rigid
-        if moving.any():
-            deflections = np.where(moving, fuller.first_pass.caused, fuller.known_deflections())
-            torque = fuller.torque(fuller.moved(deflections))
+        deflecting, torque = np.isin(fuller.robot.elastic_names, coordinates), rigid
+        if deflecting.any():
+            deflections = np.where(deflecting, fuller.first_pass.caused, fuller.known_deflections())
+            torque = fuller.torque(fuller.compute_pass(deflections))
         return torque - (rigid if left_rigid else fuller.planned_torque)
 
     for part in ("joint", "link"):
@@ -126,7 +126,7 @@ def _of_springs(dynamics: InverseDynamics, description: RobotDescription) -> Dif
         ]
         coordinates = [name for spring in springs for name in spring.coordinates]
         if springs:
-            names = _listed([spring.name for spring in springs])
+            names = _list_names([spring.name for spring in springs])
             yield f"springs of {part}s left rigid ({names})", partial(difference, coordinates, True)
     if robot.n_e and dynamics.geometry == "rigid":
         yield "deformed geometry", partial(difference, robot.elastic_names, False)
@@ -134,17 +134,17 @@ def _of_springs(dynamics: InverseDynamics, description: RobotDescription) -> Dif
         yield "inertia of the elastic motion", partial(difference, (), False)
 
 
-def _listed(names: Sequence[str]) -> str:
-    """Return a few names, and how many more there are."""
-    more = len(names) - MAX_NAMES
-    return ", ".join(names[:MAX_NAMES]) + (f" and {more} more" if more > 0 else "")
+def _list_names(names: Sequence[str]) -> str:
+    """Return at most MAX_NAMES names in words, and the number of the rest."""
+    rest = len(names) - MAX_NAMES
+    return ", ".join(names[:MAX_NAMES]) + (f" and {rest} more" if rest > 0 else "")
 
 
 # ------------------------------------------------------------------ bodies, friction, idle turns
 
 
-def _of_bodies(dynamics: InverseDynamics, whole: RobotDescription | None) -> Differences:
-    """Yield the masses of the whole robot that the motion's has not."""
+def _mass_differences(dynamics: InverseDynamics, whole: RobotDescription | None) -> Differences:
+    """Yield the masses of the whole robot that the motion's robot lacks."""
     if whole is None or whole.urdf_text == dynamics.robot.description.urdf_text:
         return
 
@@ -156,8 +156,8 @@ def _of_bodies(dynamics: InverseDynamics, whole: RobotDescription | None) -> Dif
     yield "mass of bodies", difference
 
 
-def _of_friction(dynamics: InverseDynamics) -> Differences:
-    """Yield the dry friction of joints that the torques do not count with."""
+def _friction_differences(dynamics: InverseDynamics) -> Differences:
+    """Yield the dry friction of joints that is not in the torques."""
     robot, friction = dynamics.robot, neglected_friction(dynamics)
     if not friction.any():
         return
@@ -171,21 +171,23 @@ def _of_friction(dynamics: InverseDynamics) -> Differences:
 
 
 def neglected_friction(dynamics: InverseDynamics) -> Array:
-    """Return the dry friction (nv,) of the joints that the torques do not count with [N m or N]."""
+    """Return the joints' dry friction (nv,) that is not in the torques [N m or N]."""
     friction = dynamics.robot.joint_friction.copy()
     if dynamics.friction is not None:
         friction[dynamics.robot.actuated] = 0.0
     return friction
 
 
-def _of_idle_turns(dynamics: InverseDynamics) -> Iterator[NeglectedEffect]:
-    """Yield the torque that would hold idle turns as planned, by its order also that of the motors' error."""
-    robot, held = dynamics.robot, dynamics.certificate.max_held_torque
-    if not held:
+def _idle_turn_effects(dynamics: InverseDynamics) -> Iterator[NeglectedEffect]:
+    """Yield the torque that would hold idle turns as planned, an order also of the motors' error."""
+    robot, holding = dynamics.robot, dynamics.certificate.max_held_torque
+    if not holding:
         return
     turns = np.setdiff1d(robot.structure.idle, driven_turns(robot))
-    names = _listed([robot.coordinates.name_of(k) for k in (turns if len(turns) else robot.structure.idle)])
-    torque = held / float(np.abs(robot.gear_ratio).min())
+    names = _list_names(
+        [robot.coordinates.name_of(k) for k in (turns if len(turns) else robot.structure.idle)]
+    )
+    torque = holding / float(np.abs(robot.gear_ratio).min())
     yield NeglectedEffect(
         f"what nothing holds of {names}", torque, "", torque / float(_peaks(dynamics).max())
     )

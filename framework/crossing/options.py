@@ -44,7 +44,7 @@ class Option(NamedTuple):
 
     @property
     def flag(self) -> str:
-        """The option as it is typed on a command line."""
+        """The option's name on the command line."""
         return "--" + self.name.replace("_", "-")
 
     @property
@@ -250,7 +250,7 @@ R = TypeVar("R")
 def _with_parameters_of(
     _: Callable[P, PlanOptions],
 ) -> Callable[[Callable[..., R]], Callable[Concatenate[ParallelRobot, Path, P], R]]:
-    """Return the decorator of functions of a robot, a path and, by keyword, any of these options."""
+    """Return a decorator that gives **options the signature and the help of `PlanOptions`."""
 
     def decorator(function: Callable[..., R]) -> Callable[Concatenate[ParallelRobot, Path, P], R]:
         signature = inspect.signature(function)

@@ -43,7 +43,7 @@ BEND_SAMPLES = 1001  # equidistant places at which the size of a bend is measure
 
 
 class BendChoice(NamedTuple):
-    """The share of its length by which a path is bent, and the torque peaks of its plan [N m], by joint."""
+    """A bend, as a share of the path's length, and the torque peaks of its plan [N m], by joint."""
 
     share: float
     peak_torque: dict[str, float]
@@ -78,7 +78,7 @@ def plan_with_modified_path(
 def plan_request_with_modified_path(
     robot: ParallelRobot, request: Request, *, bend: float | None = None
 ) -> ModifiedPathPlan:
-    """Plan a request, with its path bent where that is nearest to orthogonal to t_s if it needs to be.
+    """Plan a request; where no law can cross, bend the path at its crossing most orthogonal to t_s.
 
     Least means: of bends to either side, each twice the last, the first with which the request is planned,
     within its limits if it has any, bisected against the last that was refused; then `BEND_RESERVE` is added.
@@ -117,7 +117,7 @@ def plan_request_with_modified_path(
 
 
 class _Modification(NamedTuple):
-    """A request, and what its path can be bent by, so that 1 moves it by its own length."""
+    """A request and the unit bend of its path: a share of 1 moves the path by its own length."""
 
     robot: ParallelRobot
     request: Request
@@ -137,13 +137,13 @@ class _Modification(NamedTuple):
             return None
 
     def plan_with(self, bend: float) -> ModifiedPathPlan | None:
-        """Plan with this bend, to the side with the smaller torques; None without a plan."""
+        """Plan with this bend, to the side of smaller torques; None without a plan."""
         plans = [plan for side in (1.0, -1.0) if (plan := self.plan_bent(side * bend)) is not None]
         best = min(plans, key=lambda plan: max(plan.peak_torque.values()), default=None)
         return None if best is None else self._measure(best, ())
 
     def plan_with_least(self) -> ModifiedPathPlan | None:
-        """Plan with the least bend that is enough, and compare larger ones; None without any."""
+        """Plan with the least sufficient bend, and with larger ones to compare; None without a plan."""
         least = self._find_least()
         if least is None:
             return None
@@ -157,7 +157,7 @@ class _Modification(NamedTuple):
         return self._measure(plan, tuple(choices))
 
     def _find_least(self) -> tuple[float, CrossingPlan] | None:
-        """Find the least share that is enough, to its side and with its reserve, and its plan."""
+        """Find the least sufficient share, signed by side, reserve included, and its plan."""
         smallest = MAX_BEND_SHARE / 2.0**BEND_HALVINGS
         for share in (side * smallest * 2.0**k for k in range(BEND_HALVINGS + 1) for side in (1.0, -1.0)):
             plan = self.plan_bent(share)
@@ -177,18 +177,18 @@ class _Modification(NamedTuple):
         return (share, plan) if reserved is None else ((1.0 + BEND_RESERVE) * share, reserved)
 
     def _measure(self, plan: CrossingPlan, choices: tuple[BendChoice, ...]) -> ModifiedPathPlan:
-        """Return a plan with how far its path has moved."""
+        """Measure the distance and the turn by which a plan's path differs from the one asked for."""
         s, shifts = np.linspace(0.0, 1.0, BEND_SAMPLES), self.robot.translations
         change = plan.path(s) - self.request.path(s)
-        moved, turned, both = (
+        distance, turn, both = (
             float(np.linalg.norm(part, axis=1).max())
             for part in (change[:, shifts], change[:, ~shifts], change * self.size)
         )
-        return ModifiedPathPlan(plan, moved, turned, both / self.length, choices)
+        return ModifiedPathPlan(plan, distance, turn, both / self.length, choices)
 
 
 def _modification_at_crossing(robot: ParallelRobot, request: Request) -> _Modification | None:
-    """Return the bend where the path is nearest to orthogonal to t_s; None where it has no room for one."""
+    """Return the bend at the crossing most orthogonal to t_s; None without room for a bend."""
     path = request.path
     searched = search_path(robot, path)
     candidates = [
@@ -212,7 +212,7 @@ def _modification_at_crossing(robot: ParallelRobot, request: Request) -> _Modifi
 
 
 def _intervals(path: Path, c: float) -> int:
-    """Return how many equal intervals put c amid one of them: a knot there would part the panels of time."""
+    """Return a number of equal intervals of which c is inside one, not at a knot between panels of time."""
     least = SPLINE_POINTS + 2 * len(path.knots)
     return min(range(least - 1, least + 3), key=lambda count: abs(c * count % 1.0 - 0.5))
 

@@ -1,25 +1,28 @@
 """Plan a crossing: locate the singular points, meet condition (8) in each, prove the torques finite.
 
-Two laws are planned with, the polynomial and the optimal one; `_best` chooses. A third is a `PlannedLaw`
-with a function like `_polynomial` here, its name in `LAWS` of `options`, and its way back from plan.json in
-`restored._law`.
+Two laws are planned with, the polynomial and the optimal one; `_plan_best` chooses. A third is a `PlannedLaw`
+with a function like `_plan_polynomial`, its name in `LAWS` of `options`, and its reading from plan.json in
+`saved._law`.
 """
 
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from framework.arrays import Array
 from framework.crossing.crossing_points import PathToCross, path_to_cross
-from framework.crossing.near_miss_peak import largest_torque, max_torque_ratio, miss_of_peak
 from framework.crossing.optimal.optimal_motion import limit_excess, optimal_motion
 from framework.crossing.optimal.optimal_task import Task
 from framework.crossing.options import takes_options
 from framework.crossing.polynomial import polynomial_at_rest, polynomial_motion
-from framework.crossing.refusals.explanation import check_limits, explained, with_remedy
+from framework.crossing.refusals.explanation import check_limits, with_explanation, with_remedy
 from framework.crossing.request import Request
-from framework.crossing.result import CrossingPlan, Optimality, certified_plan
+from framework.crossing.result import PEAK_SAMPLES, CrossingPlan, Optimality, certified_plan
 from framework.crossing.specification import specification_of
 from framework.dynamics.result import SingularityCrossing
 from framework.dynamics.singularity_crossings import rigid_crossings
@@ -29,10 +32,11 @@ from framework.motion.law import Law
 from framework.motion.path import Path
 from framework.singularity.points_on_path import SearchedPath, check_of, search_path
 from framework.singularity.rank_deficiency import NearMiss
-from framework.tolerances import MIN_POLYNOMIAL_ADVANCE
+from framework.tolerances import MIN_POLYNOMIAL_ADVANCE, NEAR_MISS_WIDTHS
 
 ADVANCES = "the polynomial advances"  # the reason to plan with one
 NEARLY_STOPS = "nearly stops"
+SAMPLES_BESIDE = 65  # places beside a near miss at which the torques are looked at
 
 
 @takes_options
@@ -84,36 +88,36 @@ def plan_request(
     check_of(robot, request.path, searched.branch)
     work = _Work(path_to_cross(searched, request), request, started)
     try:
-        plan = _best(work)
+        plan = _plan_best(work)
     except UncontrolledMotions:
         raise
     except NoLaw as refusal:
-        raise explained(refusal, work.to_cross.searched, request) from None
+        raise with_explanation(refusal, work.to_cross.searched, request) from None
     except UnboundedTorque as pole:
         raise with_remedy(pole, work.to_cross.searched, request) from None
     check_limits(plan)
     return plan
 
 
-def _best(work: _Work) -> CrossingPlan:
-    """Plan with the law that is asked for, or with the polynomial or what it falls back on."""
+def _plan_best(work: _Work) -> CrossingPlan:
+    """Plan with the law asked for, else with the polynomial or the law that replaces a poor one."""
     request = work.request
     if request.law == "optimal":
-        return _optimal(work, "it was asked for")
+        return _plan_optimal(work, "it was asked for")
     if request.kind == "optimal":
         try:
-            return _optimal(work, "only the optimal law has a goal")
+            return _plan_optimal(work, "only the optimal law has a goal")
         except (NoLaw, NotConverged) as refusal:
-            return _polynomial_within_limits(work, refusal)
+            return _plan_polynomial_within_limits(work, refusal)
     try:
-        plan, advance = _polynomial(work)
+        plan, advance = _plan_polynomial(work)
     except (NoLaw, NotConverged) as refusal:
         if not request.may_be_optimal:
             raise
-        return _instead_of_none(work, refusal)
-    excess = _excess_of(plan) if request.bounded else 0.0
+        return _plan_after_refusal(work, refusal)
+    excess = _limit_ratio(plan) if request.bounded else 0.0
     if excess > 1.0:
-        return _optimal(work, f"the polynomial needs {excess:.4g} times the limits")
+        return _plan_optimal(work, f"the polynomial needs {excess:.4g} times the limits")
     if not request.may_be_optimal or request.speeds is not None:
         return plan
     if plan.crossings and advance < MIN_POLYNOMIAL_ADVANCE:
@@ -122,14 +126,14 @@ def _best(work: _Work) -> CrossingPlan:
             f"torque {largest_torque(plan)}"
         )
         try:
-            return _optimal(work, nearly_stops)
+            return _plan_optimal(work, nearly_stops)
         except NoAnswer as refusal:
             return replace(plan, reason=f"{nearly_stops}; the optimal law is not found: {refusal}")
     miss = miss_of_peak(plan, work.to_cross.searched.near_misses)
-    return plan if miss is None else _lower_peak(work, plan, miss)
+    return plan if miss is None else _plan_lower_peak(work, plan, miss)
 
 
-def _instead_of_none(work: _Work, refusal: NoLaw | NotConverged) -> CrossingPlan:
+def _plan_after_refusal(work: _Work, refusal: NoLaw | NotConverged) -> CrossingPlan:
     """Plan with the optimal law where the polynomial was refused."""
     polynomial = (
         "the polynomial is not resolved" if isinstance(refusal, NotConverged) else "there is no polynomial"
@@ -137,7 +141,7 @@ def _instead_of_none(work: _Work, refusal: NoLaw | NotConverged) -> CrossingPlan
     # the first clause, which says what was not found, without the advice behind it
     why = str(refusal).removeprefix(f"{work.to_cross.branch.robot.name}: ").partition("; ")[0]
     try:
-        return _optimal(work, f"optimal, as {polynomial} over {work.request.fixed_duration:g} s: {why}")
+        return _plan_optimal(work, f"optimal, as {polynomial} over {work.request.fixed_duration:g} s: {why}")
     except UncontrolledMotions:
         raise
     except (NoLaw, NotConverged) as second:
@@ -153,32 +157,32 @@ def _instead_of_none(work: _Work, refusal: NoLaw | NotConverged) -> CrossingPlan
         ) from None
 
 
-def _polynomial_within_limits(work: _Work, refusal: NoLaw | NotConverged) -> CrossingPlan:
-    """Plan with the polynomial where the optimal law was refused; raise that where limits are left."""
+def _plan_polynomial_within_limits(work: _Work, refusal: NoLaw | NotConverged) -> CrossingPlan:
+    """Plan with the polynomial where the optimal law was refused; raise that refusal beyond the limits."""
     if work.request.duration is None:
         raise refusal
     try:
-        plan, _ = _polynomial(work)
+        plan, _ = _plan_polynomial(work)
     except NoAnswer:
         raise refusal from None
-    if _excess_of(plan) > 1.0:
+    if _limit_ratio(plan) > 1.0:
         raise refusal
     return replace(plan, reason=f"the polynomial, as the optimal law is not found: {refusal}")
 
 
-def _excess_of(plan: CrossingPlan) -> float:
+def _limit_ratio(plan: CrossingPlan) -> float:
     """Return the largest torque or speed of a plan over the limits of its request."""
     return limit_excess(plan.dynamics, specification_of(plan.robot, plan.request))
 
 
-def _lower_peak(work: _Work, polynomial: CrossingPlan, miss: NearMiss) -> CrossingPlan:
-    """Plan with the law of lower peak torque, where that of the polynomial stands beside a near miss."""
+def _plan_lower_peak(work: _Work, polynomial: CrossingPlan, miss: NearMiss) -> CrossingPlan:
+    """Plan with the law of lower peak torque where the polynomial's peak stands beside a near miss."""
     why = (
         f"the polynomial's largest torque, {largest_torque(polynomial)}, is beside s = {miss.s:.6g}, where "
         f"the path misses a singularity by |g| = {abs(miss.g):.2g}"
     )
     try:
-        optimal = _optimal(work, f"{why}; this one's is lower")
+        optimal = _plan_optimal(work, f"{why}; this one's is lower")
     except NoAnswer as refusal:
         return replace(polynomial, reason=f"{why}; the optimal law is not found: {refusal}")
     assert optimal.optimality is not None
@@ -186,6 +190,41 @@ def _lower_peak(work: _Work, polynomial: CrossingPlan, miss: NearMiss) -> Crossi
     if peaks[0] < peaks[1]:
         return optimal
     return replace(polynomial, reason=f"{why}; the optimal law's is {largest_torque(optimal)}")
+
+
+def miss_of_peak(plan: CrossingPlan, near_misses: Sequence[NearMiss]) -> NearMiss | None:
+    """Return the near miss beside which the largest torque of a plan stands; None without one.
+
+    Of the motor that has the largest torque over its limit, or in N m or N. Beside a near miss |g| is about
+    g0 (1 + x^2) with x = (s - s0) / width, and the motors need (c + d x) / |g|: the demand along t_s to first
+    order, over the measure. Whatever c and d are, that is largest within |x| <= 1; other torques on top move
+    the largest outwards. The optimal law lowers such a peak.
+    """
+    if not near_misses:
+        return None
+    times = np.linspace(0.0, plan.duration, PEAK_SAMPLES)
+    s = plan.law(times)
+    widths = NEAR_MISS_WIDTHS * np.linspace(-1.0, 1.0, SAMPLES_BESIDE)
+    beside = [np.interp(miss.s + miss.width * widths, s, times) for miss in near_misses]
+    times = np.concatenate([times, *beside])
+    limits = [motor.torque_limit for motor in plan.robot.description.actuators]
+    size = 1.0 if None in limits else np.array(limits, dtype=float)
+    peak = float(plan.law(times[int(np.argmax((np.abs(plan.torque(times)) / size).max(axis=1)))]))
+    return next((miss for miss in near_misses if abs(peak - miss.s) <= NEAR_MISS_WIDTHS * miss.width), None)
+
+
+def max_torque_ratio(plan: CrossingPlan, reference: Array) -> float:
+    """Return the largest torque of a plan over reference (n_a,) [N m, N]."""
+    return float((np.array(list(plan.peak_torque.values())) / reference).max())
+
+
+def largest_torque(plan: CrossingPlan) -> str:
+    """Return the largest torque of each kind of motor, with its unit."""
+    peaks = zip(plan.peak_torque.values(), plan.robot.torque_units, strict=True)
+    largest: dict[str, float] = {}
+    for torque, unit in peaks:
+        largest[unit] = max(torque, largest.get(unit, 0.0))
+    return ", ".join(f"{torque:.4g} {unit}" for unit, torque in largest.items())
 
 
 class _Work(NamedTuple):
@@ -196,7 +235,7 @@ class _Work(NamedTuple):
     started: float
 
 
-def _polynomial(work: _Work) -> tuple[CrossingPlan, float]:
+def _plan_polynomial(work: _Work) -> tuple[CrossingPlan, float]:
     """Plan with the polynomial law; return the plan and `Law.advance` of its law."""
     to_cross, request, started = work
     dynamics, law, timing, conditions = polynomial_motion(to_cross, request)
@@ -213,7 +252,7 @@ def _polynomial(work: _Work) -> tuple[CrossingPlan, float]:
     return plan, advance
 
 
-def _optimal(work: _Work, reason: str) -> CrossingPlan:
+def _plan_optimal(work: _Work, reason: str) -> CrossingPlan:
     """Plan with the optimal law."""
     to_cross, request, started = work
     specification = specification_of(to_cross.branch.robot, request)
@@ -228,9 +267,9 @@ def _optimal(work: _Work, reason: str) -> CrossingPlan:
 def uncertified_law(
     robot: ParallelRobot, path: Path, **options: Any
 ) -> tuple[Law, tuple[SingularityCrossing, ...]]:
-    """Return the law of `plan_crossing` on the undeformed robot before anything is proved, for raw sampling.
+    """Compute the law of `plan_crossing` on the undeformed robot before its proof, for raw sampling.
 
-    With it the instants at singular points and t_s . W_p there, zero or not.
+    Its crossings have the instants at singular points and t_s . W_p, zero or not.
 
     Raises:
         As `plan_crossing`, but no UnboundedTorque and no NotConverged.

@@ -66,24 +66,19 @@ class PlanarCrossing(NamedTuple):
     def point(self) -> SingularPoint:
         return self.searched.points[0]
 
-    def at(self, s: Array) -> CrossingSamples:
-        """Compute all at places s (M,), ascending, none of them the crossing itself."""
+    def sample(self, s: Array) -> CrossingSamples:
+        """Sample the crossing at s (M,), ascending, none the crossing itself."""
         robot, branch = self.robots["off"], self.searched.branch
-        closed = branch.closed(s)
-        measure, twist = _measured(robot, closed)
+        closed = branch.close(s)
+        measure, twist = _measure_with_twist(robot, closed)
         nearest = int(np.argmin(np.abs(measure.g)))
-        _, twist_there = _measured(robot, branch.closed(np.array([self.point.s])))
-        size = twist_norm(robot, twist_there[0]) * sign_along(twist[nearest], branch.path(s, 1)[nearest])
+        _, crossing_twist = _measure_with_twist(robot, branch.close(np.array([self.point.s])))
+        size = twist_norm(robot, crossing_twist[0]) * sign_along(twist[nearest], branch.path(s, 1)[nearest])
         speeds = motor_speeds(robot, closed.linearised)[0]
-        step = STEP_ASIDE * robot.length
-        aside = [
-            [close_loops(robot, closed.x + sign * step * axis, closed.q).q for sign in (1.0, -1.0)]
-            for axis in np.eye(robot.n)
-        ]
         g = measure.g[:, None, None]
         return CrossingSamples(
             closed.q,
-            np.array(aside),
+            _step_aside(robot, closed),
             measure.g,
             twist / size,
             speeds,
@@ -92,8 +87,9 @@ class PlanarCrossing(NamedTuple):
         )
 
     def _forces(self, robot: ParallelRobot, s: Array, g: Array, motion: Array) -> AskedForces:
+        """Compute torques times g and t_s . W_p of a robot at s (M,), `motion` (M, nv) that of t_s."""
         branch = self.searched.branch
-        closed = branch.closed(s)
+        closed = branch.close(s)
         slope, bend = branch.path(s, 1), branch.path(s, 2)
         parts = (
             static_forces(robot, closed.q),
@@ -107,8 +103,14 @@ class PlanarCrossing(NamedTuple):
         )
 
 
-def _measured(robot: ParallelRobot, closed: ClosedStack) -> tuple[SingularityMeasure, Array]:
-    """Return the measure of singularity, and the twist (M, n) of its motion."""
+def _step_aside(robot: ParallelRobot, closed: ClosedStack) -> Array:
+    """Close the loops (n, 2, M, nq) with the platform a STEP_ASIDE along and against each axis."""
+    steps = STEP_ASIDE * robot.length * np.eye(robot.n)[:, None] * np.array([[1.0], [-1.0]])
+    return np.array([[close_loops(robot, closed.x + step, closed.q).q for step in pair] for pair in steps])
+
+
+def _measure_with_twist(robot: ParallelRobot, closed: ClosedStack) -> tuple[SingularityMeasure, Array]:
+    """Compute the measure of singularity, and the twist (M, n) of its motion."""
     measure = singularity_measure(robot, closed.linearised)
     return measure, np.einsum("tnv,tv->tn", closed.linearised.platform, measure.motion)
 
@@ -144,12 +146,15 @@ def planar_crossing(robot: ParallelRobot, path: Path, duration: float, upwards: 
             f"{robot.name}: a lesson needs a path that crosses the singular locus once (transversal); this "
             f"one meets it {', '.join(met) or 'nowhere'}"
         )
-    robots = {key: _weighed(robot, -size * upwards) for key, size in (("off", 0.0), ("on", UPRIGHT_GRAVITY))}
+    robots = {
+        key: _with_gravity(robot, -size * upwards) for key, size in (("off", 0.0), ("on", UPRIGHT_GRAVITY))
+    }
     options: dict[str, Any] = {"law": "optimal", "optimize": "peak_torque", "smoothness": PATH_SMOOTHNESS}
     plans = {key: plan_crossing(each, path, duration=duration, **options) for key, each in robots.items()}
     return PlanarCrossing(searched, robots, plans)
 
 
-def _weighed(robot: ParallelRobot, gravity: Array) -> ParallelRobot:
+def _with_gravity(robot: ParallelRobot, gravity: Array) -> ParallelRobot:
+    """Return the robot under another gravity (3,) [m/s^2]."""
     x, y, z = map(float, gravity)
     return ParallelRobot.from_description(replace(robot.description, gravity=(x, y, z)))

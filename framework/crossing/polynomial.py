@@ -14,7 +14,7 @@ from framework.crossing.condition import (
     Deflection,
     condition_at,
     crossing_point,
-    effective,
+    require_effect,
 )
 from framework.crossing.crossing_points import PathToCross
 from framework.crossing.refusals.remedies import OPTIMAL_LAW
@@ -35,7 +35,7 @@ OF_A_SCENE = (
 
 
 class PolynomialMotion(NamedTuple):
-    """The certified motion, its law, and what that was made to meet, when and how fast."""
+    """The certified motion, its law, and the timing and conditions of its crossings."""
 
     dynamics: InverseDynamics
     law: Law
@@ -44,36 +44,25 @@ class PolynomialMotion(NamedTuple):
 
 
 def polynomial_motion(to_cross: PathToCross, request: Request) -> PolynomialMotion:
-    """Certify the motion with the polynomial of least degree; choose what is open of its timing.
+    """Certify the motion with the polynomial of least degree; choose an open timing.
 
     Raises:
         As `plan_crossing`.
     """
-    branch, points = to_cross.branch, to_cross.points
-    robot, choice = branch.robot, timing_of(to_cross, request)
+    name, timing = to_cross.branch.robot.name, timing_of(to_cross, request)
+    chosen: dict[MotionLaw, tuple[Law, list[Condition8]]] = {}
 
-    def crossings(
-        deflections: TimeFunction | None, before: MotionLaw | None
-    ) -> list[tuple[CrossingPoint, Condition8]]:
+    def choose_law(deflections: TimeFunction | None, previous: MotionLaw | None) -> Law:
         if deflections is None or request.geometry != "deformed":
-            return _at_rest(to_cross)
-        crossings_found = []
-        for target, crossing_time in zip(to_cross.crossing_points, choice, strict=True):
-            deflection = Deflection.at(deflections, crossing_time.time)
-            near = target.s if before is None else float(before(crossing_time.time))
-            place = crossing_point(branch, target, deflection, near)
-            crossings_found.append((place, condition_at(branch, place, deflection)))
-        return crossings_found
-
-    def choose_law(deflections: TimeFunction | None, before: MotionLaw | None) -> Law:
-        conditions_met = crossings(deflections, before)
-        law = _law(conditions_met, choice, request, robot.name)
-        if before is None:
-            _check_advance(law, request, [point.s for point in points], robot.name)
-        chosen[law] = law, [condition for _, condition in conditions_met]
+            crossings = _crossings_at_rest(to_cross)
+        else:
+            crossings = _deformed_crossings(to_cross, timing, deflections, previous)
+        law = _solve_law(crossings, timing, request, name)
+        if previous is None:
+            _check_advance(law, request, [point.s for point in to_cross.points], name)
+        chosen[law] = law, [condition for _, condition in crossings]
         return law
 
-    chosen: dict[MotionLaw, tuple[Law, list[Condition8]]] = {}
     dynamics = resolve(
         to_cross.searched,
         choose_law,
@@ -83,8 +72,8 @@ def polynomial_motion(to_cross: PathToCross, request: Request) -> PolynomialMoti
     )
     law, conditions = chosen[dynamics.law]
     if len(chosen) > 1:  # else it is the first law, which has been checked
-        _check_advance(law, request, [crossing.s for crossing in dynamics.crossings], robot.name)
-    return PolynomialMotion(dynamics, law, choice, conditions)
+        _check_advance(law, request, [crossing.s for crossing in dynamics.crossings], name)
+    return PolynomialMotion(dynamics, law, timing, conditions)
 
 
 def polynomial_at_rest(to_cross: PathToCross, request: Request) -> Law:
@@ -93,45 +82,59 @@ def polynomial_at_rest(to_cross: PathToCross, request: Request) -> Law:
     Raises:
         As `plan_crossing`, but no UnboundedTorque and no NotConverged.
     """
-    crossings = _at_rest(to_cross)
+    crossings = _crossings_at_rest(to_cross)
     name = to_cross.branch.robot.name
-    law = _law(crossings, timing_of(to_cross, request), request, name)
+    law = _solve_law(crossings, timing_of(to_cross, request), request, name)
     _check_advance(law, request, [point.s for point in to_cross.points], name)
     return law
 
 
 def _check_advance(law: Law, request: Request, s: Sequence[float], name: str) -> None:
-    """Refuse what `check_advance` refuses; a law that always advances needs no look at its samples."""
+    """Refuse a law as `check_advance` does; pass one that always advances without sampling."""
     if law.advance(request.smoothness) <= 0:
         check_advance(law, s, name)
 
 
-def _at_rest(to_cross: PathToCross) -> list[tuple[CrossingPoint, Condition8]]:
-    """Return the crossing points of the undeformed robot, and condition (8) there."""
+def _crossings_at_rest(to_cross: PathToCross) -> list[tuple[CrossingPoint, Condition8]]:
+    """Return the undeformed robot's crossing points with conditions (8); refuse as `condition_at`."""
     return [
-        (place, effective(to_cross.branch, place, condition, None)) for place, condition in to_cross.at_rest
+        (place, require_effect(to_cross.branch, place, condition, None))
+        for place, condition in to_cross.at_rest
     ]
 
 
-def _law(
+def _deformed_crossings(
+    to_cross: PathToCross,
+    timing: Sequence[CrossingTime],
+    deflections: TimeFunction,
+    law: MotionLaw | None,
+) -> list[tuple[CrossingPoint, Condition8]]:
+    """Compute crossing points and conditions (8) of the deflected robot, near the points of `law`."""
+    branch, crossings = to_cross.branch, []
+    for target, (time, _) in zip(to_cross.crossing_points, timing, strict=True):
+        deflection = Deflection.evaluate(deflections, time)
+        point = crossing_point(branch, target, deflection, target.s if law is None else float(law(time)))
+        crossings.append((point, condition_at(branch, point, deflection)))
+    return crossings
+
+
+def _solve_law(
     crossings: list[tuple[CrossingPoint, Condition8]],
-    crossing_times: Sequence[CrossingTime],
+    timing: Sequence[CrossingTime],
     request: Request,
     name: str,
 ) -> Law:
+    """Solve the polynomial through the crossings with their speeds and accelerations; refuse without one."""
     duration = request.fixed_duration
     values = [
-        (place.s, crossing_time.speed, condition.acceleration(crossing_time.speed))
-        for (place, condition), crossing_time in zip(crossings, crossing_times, strict=True)
+        (point.s, speed, condition.acceleration(speed))
+        for (point, condition), (_, speed) in zip(crossings, timing, strict=True)
     ]
-    inner = conditions_at_instants([crossing_time.time for crossing_time in crossing_times], values)
+    inner = conditions_at_instants([time for time, _ in timing], values)
     try:
         return Law.rest_to_rest(duration, request.smoothness, inner)
     except InvalidInput as problem:
-        through = ", ".join(
-            f"t = {crossing_time.time:g} s (s' = {crossing_time.speed:g} 1/s)"
-            for crossing_time in crossing_times
-        )
+        through = ", ".join(f"t = {time:g} s (s' = {speed:g} 1/s)" for time, speed in timing)
         why = (
             f"no polynomial over {duration:g} s through {through or 'the ends'} could be computed: {problem}"
         )
@@ -141,7 +144,7 @@ def _law(
 
 
 def timing_of(to_cross: PathToCross, request: Request) -> tuple[CrossingTime, ...]:
-    """Return times and speeds of the crossings of the undeformed robot; choose those left open."""
+    """Return times and speeds of the undeformed robot's crossings; choose the open ones."""
     duration = request.fixed_duration
     if not to_cross.crossing_points:
         return ()
@@ -152,9 +155,8 @@ def timing_of(to_cross: PathToCross, request: Request) -> tuple[CrossingTime, ..
                 f"times: a crossing at t = {t:g} s must lie inside the motion, (0, {duration:g}) s; "
                 f"{OF_A_SCENE}"
             ).advising(OPTIMAL_LAW)
-    crossings = _at_rest(to_cross)
-
-    s = [place.s for place, _ in crossings]
+    crossings = _crossings_at_rest(to_cross)
+    s = [point.s for point, _ in crossings]
 
     def laws(times: Array, speeds: Array) -> tuple[Array, Array]:
         accelerations = [

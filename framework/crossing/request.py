@@ -41,10 +41,10 @@ class Request(PlanOptions):
     @staticmethod
     @takes_options
     def of(robot: ParallelRobot, path: Path, **options: Any) -> Request:
-        """Return the request with these options of `plan_crossing`.
+        """Return the checked request of a path and options of `plan_crossing`.
 
         Raises:
-            InvalidInput: an option that cannot be right; says what is valid.
+            InvalidInput: an option that cannot be right; lists valid ones.
         """
         expect_robot(robot)
         expect_path(path)
@@ -79,7 +79,7 @@ class Request(PlanOptions):
 
     @property
     def kind(self) -> str:
-        """The kind of law: polynomial, optimal, or auto: the first where it advances and keeps limits."""
+        """The kind of law: polynomial, optimal, or auto: polynomial where that advances and keeps limits."""
         chosen = self.law == "optimal" or self.optimize is not None or self.longest is not None
         if chosen or (self.bounded and (self.duration is None or self.times is not None)):
             return "optimal"
@@ -102,7 +102,7 @@ class Request(PlanOptions):
 
     @property
     def fixed_duration(self) -> float:
-        """The duration [s] of a law that cannot choose its own; raises InvalidInput if it is open."""
+        """The duration [s] of a law that cannot choose its own; raises InvalidInput if open."""
         if self.duration is None:
             raise InvalidInput("duration: a polynomial law needs one; only the optimal law can find its own")
         return self.duration

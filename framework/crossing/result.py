@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike
@@ -22,7 +22,7 @@ from framework.crossing.timing import CrossingTime
 from framework.dynamics.certificate import Certificate
 from framework.dynamics.loaded_measure import LoadedPoint, loaded_point
 from framework.dynamics.result import InverseDynamics, SingularityCrossing
-from framework.errors import told_apart
+from framework.errors import format_distinct
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import positions_beyond_limits, shares_beyond_limits
 from framework.motion.law import PlannedLaw
@@ -88,7 +88,7 @@ class CrossingPlan:
 
     @cached_property
     def loaded_points(self) -> tuple[LoadedPoint | None, ...]:
-        """Where the robot is singular under its loads, beside each of `crossings`, where its geometry is.
+        """The singular points of the loaded robot, beside each of `crossings`, the geometric ones.
 
         None for rigid robots and rigid geometry; see `framework.dynamics.loaded_measure`.
         """
@@ -145,34 +145,45 @@ class CrossingPlan:
 
     @cached_property
     def neglected(self) -> tuple[NeglectedEffect, ...]:
-        """What the plan leaves out, each effect with the torque that it is worth, the largest first."""
+        """Effects that the plan leaves out, each with its torque, the largest first."""
         return neglected_effects(self.dynamics)
 
     @property
     def exceeded(self) -> dict[str, str]:
-        """Limits that the plan does not keep, by joint: those of the robot file's motors (torque and speed),
-        and the positions that the URDF allows its joints; where on the path each is exceeded most.
+        """Exceeded limits by joint, in words, each with the s of its largest excess.
+
+        Torques and speeds of motors by the robot file, positions of joints by the URDF.
         """
-        times = np.linspace(0.0, self.duration, PEAK_SAMPLES)
-        motors = self.robot.description.actuators
-        exceeded: dict[str, list[str]] = {motor.joint: [] for motor in motors}
+        joints = [motor.joint for motor in self.robot.description.actuators]
+        exceeded: dict[str, list[str]] = {joint: [] for joint in joints}
+        for joint, excess in [*self._motor_excesses(), *self._position_excesses()]:
+            exceeded.setdefault(joint, []).append(excess)
+        return {joint: ", ".join(excesses) for joint, excesses in exceeded.items() if excesses}
+
+    def _motor_excesses(self) -> Iterator[tuple[str, str]]:
+        """Yield joints of motors with a torque or a speed beyond its limit, in words."""
+        times, robot = np.linspace(0.0, self.duration, PEAK_SAMPLES), self.robot
         for what, values, units in (
-            ("torque", self.torque(times), self.robot.torque_units),
-            ("speed", self.motor_angle(times, 1), self.robot.speed_units),
+            ("torque", self.torque(times), robot.torque_units),
+            ("speed", self.motor_angle(times, 1), robot.speed_units),
         ):
             sizes = np.abs(values)
             s_peak = self.law(times[sizes.argmax(axis=0)])
-            for motor, size, unit, s in zip(motors, sizes.max(axis=0), units, s_peak, strict=True):
+            rows = zip(robot.description.actuators, sizes.max(axis=0), units, s_peak, strict=True)
+            for motor, size, unit, s in rows:
                 limit = getattr(motor, f"{what}_limit")
                 if limit is not None and size > limit:
-                    peak, bound = told_apart(size, limit)
-                    exceeded[motor.joint].append(f"{what} {peak} {unit} of {bound} at s = {s:.4g}")
-        q, limits = self.dynamics.configuration(times), self.robot.limits
-        s_position = self.law(times[shares_beyond_limits(limits, q).argmax(axis=0)])
-        at = dict(zip([limit.joint for limit in limits], s_position, strict=True))
-        for joint, beyond_by in positions_beyond_limits(limits, q).items():
-            exceeded.setdefault(joint, []).append(f"{beyond_by} at s = {at[joint]:.4g}")
-        return {joint: ", ".join(excesses) for joint, excesses in exceeded.items() if excesses}
+                    peak, bound = format_distinct(size, limit)
+                    yield motor.joint, f"{what} {peak} {unit} of {bound} at s = {s:.4g}"
+
+    def _position_excesses(self) -> Iterator[tuple[str, str]]:
+        """Yield joints with a position beyond the limits of the URDF, in words."""
+        times, limits = np.linspace(0.0, self.duration, PEAK_SAMPLES), self.robot.limits
+        q = self.dynamics.configuration(times)
+        s_worst = self.law(times[shares_beyond_limits(limits, q).argmax(axis=0)])
+        s_of_joint = dict(zip([limit.joint for limit in limits], s_worst, strict=True))
+        for joint, excess in positions_beyond_limits(limits, q).items():
+            yield joint, f"{excess} at s = {s_of_joint[joint]:.4g}"
 
     def __repr__(self) -> str:
         where = ", ".join(f"s = {crossing.s:.9f} at {crossing.time:.6g} s" for crossing in self.crossings)
@@ -183,7 +194,7 @@ class CrossingPlan:
         )
 
     def samples(self, count: int = 1501) -> MotionTable:
-        """Sample the motion at equidistant instants, as motion.csv has it: columns with units, and rows."""
+        """Sample the motion at equidistant instants: the columns and rows of motion.csv."""
         return motion_table(self.dynamics, count)
 
     def to_csv(self, file: str | PathLike[str] | IO[str], samples: int = 1501) -> None:
@@ -276,6 +287,6 @@ def _condition(
     """Return condition (8) where and when the motion crosses, with its own deflections."""
     if request.geometry != "deformed" or not dynamics.robot.n_e:
         return to_cross.at_rest[k][1]
-    deflection, near = Deflection.at(dynamics.deflection, time), float(dynamics.law(np.array(time)))
+    deflection, near = Deflection.evaluate(dynamics.deflection, time), float(dynamics.law(np.array(time)))
     place = crossing_point(to_cross.branch, to_cross.crossing_points[k], deflection, near)
     return coefficients_at(to_cross.branch, place, deflection)

@@ -33,7 +33,7 @@ from framework.fields import (
     Table,
     anything,
     list_of,
-    named,
+    mapping_of,
     not_negative,
     number,
     one_of,
@@ -130,8 +130,8 @@ _PLAN: Table = {
     ),
     "law": required(_read_law),
     "crossings": required(list_of(record(_CROSSING))),
-    "peak_torque": required(named(not_negative)),
-    "exceeded": required(named(text)),
+    "peak_torque": required(mapping_of(not_negative)),
+    "exceeded": required(mapping_of(text)),
     "neglected_friction": required(text_or_empty),
     "neglected": optional(list_of(record(_NEGLECTED)), ()),
     "certificate": required(record(_CERTIFICATE, lambda _, values: Certificate(**values))),
@@ -239,7 +239,7 @@ def _crossing_document(crossing: Crossing) -> dict[str, Any]:
 
 
 def is_plan_folder(name: str) -> bool:
-    """Whether this is a folder with a plan.json in it."""
+    """Whether a folder of this name with a plan.json exists."""
     return os.path.isfile(os.path.join(name, FILE))
 
 
@@ -351,9 +351,9 @@ def read_document(file: FilePath, command: str) -> dict[str, Any]:
 
 
 def _find_robot(stated: dict[str, Any], file: FilePath, named: str | FilePath | None) -> ParallelRobot:
-    """Return the robot in the file that is named anew, or else in the one that the plan says."""
+    """Load the robot of `mapping_of` if given, else of the robot file that the plan states."""
     if named is not None:
-        place = robot_file_of(str(named))
+        place = robot_file_of(str(mapping_of))
     else:
         entries, name = catalogue(), stated["robot_file"]
         place = entries[name].file if name in entries else file.parent / name
@@ -366,13 +366,14 @@ def _find_robot(stated: dict[str, Any], file: FilePath, named: str | FilePath | 
 
 
 def _request(robot: ParallelRobot, stated: dict[str, Any]) -> Request:
+    """Return the request of the file, checked for the robot."""
     kind, points = stated.pop("path")
     with naming("request", InvalidInput):
         return Request.of(robot, path_of(kind, points), **stated)
 
 
 def _check_request(stated: dict[str, Any], request: Request) -> None:
-    """Raise InvalidInput where the file says other than its request."""
+    """Raise InvalidInput where the file contradicts its request."""
     check_duration(stated["duration"])
     kind, optimality = stated["law"]["kind"], stated["optimality"]
     if (optimality is None) != (kind == Law.kind):
@@ -388,7 +389,7 @@ def _check_request(stated: dict[str, Any], request: Request) -> None:
 
 
 def _law(stated: dict[str, Any], request: Request) -> PlannedLaw:
-    """Return the law by its kind; all that the file says of it must be so."""
+    """Return the law by its kind; raise InvalidInput where its keys contradict the law."""
     duration, saved = stated["duration"], stated["law"]
     law: PlannedLaw
     if saved["kind"] == Law.kind:
@@ -410,11 +411,11 @@ def _law(stated: dict[str, Any], request: Request) -> PlannedLaw:
 
 
 def _check_same(stated: dict[str, Any], plan: CrossingPlan) -> None:
-    """Raise InvalidInput where a file says other than the plan that was computed anew from it."""
+    """Raise InvalidInput where a file contradicts the plan that was computed anew."""
     peaks = dict.fromkeys(plan.peak_torque, max(plan.peak_torque.values()))
     _compare("peak_torque", stated["peak_torque"], plan.peak_torque, peaks)
     if len(stated["crossings"]) != len(plan.crossings):
-        raise _changed("crossings", len(stated["crossings"]), len(plan.crossings))
+        raise _mismatch("crossings", len(stated["crossings"]), len(plan.crossings))
     for k, (one, crossing) in enumerate(zip(stated["crossings"], plan.crossings, strict=True)):
         computed = _crossing_document(crossing)
         _compare(f"crossings[{k}]", one, computed, _crossing_sizes(computed["condition"], plan))
@@ -422,9 +423,9 @@ def _check_same(stated: dict[str, Any], plan: CrossingPlan) -> None:
 
 
 def _crossing_sizes(condition: dict[str, float] | None, plan: CrossingPlan) -> dict[str, Any]:
-    """Return the size of each number of a crossing, FILE_ROUNDING of which it may differ by.
+    """Return the size of each number of a crossing; differences up to FILE_ROUNDING of the size pass.
 
-    Coefficients have that of the largest term of condition (8) at s' = 1 / duration and s" = s'^2.
+    Coefficients have the size of the largest term of condition (8) at s' = 1 / duration and s" = s'^2.
     """
     pace = 1.0 / plan.duration
     rates = {"alpha": pace**2, "beta": pace**2, "gamma": 1.0, "delta": pace}
@@ -445,19 +446,20 @@ def _compare(key: str, stated: Any, computed: Any, size: Any) -> None:
     """Raise InvalidInput unless values agree: mappings key by key, numbers within rounding of their size."""
     if isinstance(size, dict) and stated and computed:
         if isinstance(computed, dict) and not size.keys() <= stated.keys():
-            raise _changed(key, list(stated), list(computed))
+            raise _mismatch(key, list(stated), list(computed))
         for name, its_size in size.items():
             _compare(f"{key}.{name}", stated[name], computed[name], its_size)
     elif size is None or stated is None or computed is None:
         if stated != computed:
-            raise _changed(key, stated, computed)
+            raise _mismatch(key, stated, computed)
     else:
         values, sizes = np.array(stated), np.maximum(size, np.abs(computed))
         if values.shape != sizes.shape or np.any(np.abs(values - computed) > FILE_ROUNDING * sizes):
-            raise _changed(key, stated, computed)
+            raise _mismatch(key, stated, computed)
 
 
-def _changed(key: str, stated: object, computed: object) -> InvalidInput:
+def _mismatch(key: str, stated: object, computed: object) -> InvalidInput:
+    """Return the error for a value of the file that the robot contradicts."""
     return InvalidInput(
         f"{key}: the file says {stated}, the robot now needs {computed}: the robot has changed since; plan "
         f"again"

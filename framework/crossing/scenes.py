@@ -1,4 +1,4 @@
-"""Scenes of a robot file: their path, what they ask for, and their plan."""
+"""Scenes of a robot file: their path, their request and their plan."""
 
 from __future__ import annotations
 
@@ -54,12 +54,12 @@ def path_of(kind: str, points: Sequence[Sequence[float]]) -> Path:
 
 
 def plan_scene(robot: ParallelRobot, name: str, **options: Any) -> CrossingPlan:
-    """Plan as `plan_crossing` with what the scene says; keyword options override it."""
+    """Plan the request of a scene; keyword options of `plan_crossing` override the scene's."""
     return plan_request(robot, scene_request(robot, name, **options))
 
 
 def scene_request(robot: ParallelRobot, name: str, **options: Any) -> Request:
-    """Return what a scene asks for; keyword options of `plan_crossing` override it.
+    """Return the request of a scene; keyword options of `plan_crossing` override the scene's.
 
     The timing of a scene's crossings belongs to the polynomial and is left out where the options are for an
     optimal law; its duration where they ask for a law that finds its own.

@@ -33,8 +33,8 @@ class Specification(ReadOnlyArrays):
     smoothness: int
     friction: Array
 
-    def tightened(self, share: float) -> Specification:
-        """Return the same with limits multiplied by `share`."""
+    def tighten_limits(self, share: float) -> Specification:
+        """Return the specification with its limits multiplied by `share`."""
         return replace(self, torque_limit=self.torque_limit * share, speed_limit=self.speed_limit * share)
 
     @property
@@ -70,7 +70,7 @@ def limits_within_margin(robot: ParallelRobot, request: Request) -> tuple[Array,
 
 
 def specification_of(robot: ParallelRobot, request: Request) -> Specification:
-    """Return what an optimal law for this request is to be best at, within the limits of the motors."""
+    """Return the goal of an optimal law for a request, with the limits of the motors."""
     limits = limits_within_margin(robot, request)
     return Specification(
         request.goal,

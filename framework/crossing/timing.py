@@ -37,18 +37,19 @@ def choose_timing(
 ) -> tuple[CrossingTime, ...]:
     """Choose the timing of the crossings at path coordinates s (k,), ascending.
 
-    What the request gives is kept. What is open starts from the law that would ignore the crossings, and
-    is then moved, if need be, until the law through it advances comfortably, with a low peak of s".
+    Times or speeds of the request are kept. Open ones start from the law that would ignore the crossings. If
+    the law through them does not advance comfortably, laws are searched for one that does, with a low peak
+    of s".
 
     Args:
-        measure: how well laws advance, (m,), that cross at times (m, k) with speeds (m, k), and the peaks of
-            their s" [1/s^2], (m,): as `laws_through` has them.
+        measure: computes `Law.advance` (m,) of laws that cross at times (m, k) with speeds (m, k), and the
+            peaks of their s" [1/s^2] (m,), as `laws_through` does.
 
     Raises:
         NoLaw: no law that always advances was found.
     """
     if request.times is not None and request.speeds is not None:
-        # what such a law does is for `check_advance` to judge
+        # `check_advance` judges such a law
         return _timing(np.array([request.times, request.speeds]))
     if len(s) > MAX_CROSSINGS:
         raise NoLaw(
@@ -88,11 +89,12 @@ def _starts(s: Sequence[float], request: Request) -> Array:
 
 
 def _timing(timing: Array) -> tuple[CrossingTime, ...]:
+    """Return times and speeds (2, k) as crossing times."""
     return tuple(CrossingTime(float(t), float(v)) for t, v in timing.T)
 
 
 def _scores(timings: Array, request: Request, measure: Measure) -> Array:
-    """Return how well laws through times and speeds (m, 2, k) advance; negative infinity without a law.
+    """Score laws (m,) through times and speeds (m, 2, k) by their advance; negative infinity without a law.
 
     Of laws that advance comfortably, the one with the lowest peak of s" is best.
     """
@@ -107,18 +109,18 @@ def _scores(timings: Array, request: Request, measure: Measure) -> Array:
 
 
 def _search(starts: Array, request: Request, measure: Measure) -> tuple[Array, float]:
-    """Move what is open of times and speeds (m, 2, k), the best first, until laws advance comfortably.
+    """Search open times and speeds (m, 2, k), starts best first, until laws advance comfortably.
 
     Laws are drawn around all starts, and then, round by round, around the mean of the best ones with the
-    covariance of these about the last mean: it stretches along the way and shrinks where the way ends.
+    covariance of these about the last mean: it stretches along a descent and shrinks at its end.
     """
     duration = request.fixed_duration
     is_open = np.array([[request.times is None], [request.speeds is None]])
 
     def timings(laws: Array) -> Array:
         """Return times and speeds (m, 2, k) of times over the duration and logarithms of speeds."""
-        moved = np.stack([duration * laws[:, 0], np.exp(laws[:, 1])], axis=1)
-        return np.where(is_open, moved, starts[0])
+        physical = np.stack([duration * laws[:, 0], np.exp(laws[:, 1])], axis=1)
+        return np.where(is_open, physical, starts[0])
 
     random = np.random.default_rng(0)
     scaled = np.stack([starts[:, 0] / duration, np.log(starts[:, 1])], axis=1)

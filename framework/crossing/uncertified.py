@@ -19,7 +19,7 @@ from framework.singularity.points_on_path import search_path
 
 @dataclass(frozen=True, eq=False)
 class UncertifiedMotion:
-    """The law that was refused with `reason`, and torques of the rigid robot as they come."""
+    """A law refused with `reason`, and unproved samples of the rigid robot's torques."""
 
     robot: ParallelRobot  # rigid: at the pole springs would tear the loops
     path: Path
@@ -32,7 +32,7 @@ class UncertifiedMotion:
 def plan_or_sample(
     robot: ParallelRobot, request: Request, *, samples: int
 ) -> CrossingPlan | UncertifiedMotion:
-    """Plan a motion, or sample it where that has a pole; the path is tracked and searched once.
+    """Plan a motion, or sample its torques that have a pole; search the path once.
 
     Args:
         samples: how many, equidistant in time.
@@ -49,7 +49,7 @@ def plan_or_sample(
     law, crossings = law_before_proof(searched, request)
     if robot.n_e:
         rigid = ParallelRobot.from_description(robot.description, flexibility="rigid")
-        branch = track_path(rigid, path).under(request.external_wrenches)
+        branch = track_path(rigid, path).with_wrenches(request.external_wrenches)
     else:
         rigid, branch = robot, searched.branch
     raw = finite_difference_torques(rigid, path, law, samples=samples, branch=branch)

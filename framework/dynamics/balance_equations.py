@@ -25,7 +25,7 @@ from framework.dynamics.loaded_balance import Course, LoadedBalance, balance_alo
 from framework.kinematics.continuation.tracking import Branch
 from framework.motion.chebyshev import coefficients, derivative_matrix, nodes
 from framework.motion.clock import Clock
-from framework.motion.path import along
+from framework.motion.path import time_derivatives
 from framework.tolerances import END_RATE_MISFIT, END_RATE_WEIGHT, WEAK_COLUMN
 
 DEFLECTION_STEP = 1e-5  # in units of the springs, for differences
@@ -157,7 +157,7 @@ class BalanceEquations:
         )
         bases = np.asarray(value), np.asarray(r * slope), np.asarray(r**2 * bend + a * slope)
         bent = [(basis.reshape(panels, 2 * N, N) @ series).reshape(-1, n_e) * self.units for basis in bases]
-        course = Course(s[0], *along(self.branch.path, s), *bent)
+        course = Course(s[0], *time_derivatives(self.branch.path, s), *bent)
         return CoursePoints(clock, course, r[:, 0], bases)
 
     def slopes(self, state: BalanceState) -> Slopes:

@@ -13,7 +13,7 @@ from framework.kinematics.motion_rates import Motion, joint_rates, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.chebyshev import TimeFunction, TimeGrid
 from framework.motion.law import MotionLaw, orders_of
-from framework.motion.path import along
+from framework.motion.path import time_derivatives
 
 
 class Pass(NamedTuple):
@@ -64,7 +64,7 @@ def moving_with(
     """All coordinates at instants (T,) with deflections (T, n_e) and two time derivatives of them."""
     robot, (q_e, *rates) = branch.robot, deflections
     s = orders_of(law, times)
-    x, dx, ddx = along(branch.path, s)
+    x, dx, ddx = time_derivatives(branch.path, s)
     if before is None:
         near = integrate_columns(robot, branch.guess(s[0]), robot.elastic, q_e)
     else:  # along the tangent, by the factors that are there already
@@ -72,7 +72,7 @@ def moving_with(
         ahead = -robot.platform.residual(linearised.frames, x)
         near = integrate(robot, before.motion.q, joint_rates(robot, linearised, ahead, q_e - before.q_e))
     closed = close_loops(robot, x, near)
-    return branch.loaded(motion_at(robot, closed, dx, ddx, *rates), s[0])
+    return branch.load_motion(motion_at(robot, closed, dx, ddx, *rates), s[0])
 
 
 def spring_scale(robot: ParallelRobot) -> Array:

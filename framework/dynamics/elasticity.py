@@ -114,7 +114,7 @@ def solve_deflections(
                 grid, here.law, here.motion, here.forces, rest, here.caused, change=np.inf
             )
     else:
-        function = grid.resolved(start(grid.times))
+        function = grid.fit_truncated(start(grid.times))
         here = one_pass(branch, grid, choose_law(function, before), function, None)
     return _Iteration(branch, grid, choose_law, tolerance).run(here)
 
@@ -171,7 +171,7 @@ class _Iteration:
         # what a pass leaves of the change, as far as is known
         ratio, last = GOOD_CONTRACTION, (here, np.inf)
         while True:
-            following = self.grid.resolved(here.caused)
+            following = self.grid.fit_truncated(here.caused)
             step = following.coefficients - here.function.coefficients
             lacking = self.grid.values(TimeFunction(self.grid.edges, step))[0]
             inner, outer = self._share(lacking, here), self._share(here.residual - lacking, here)

@@ -21,7 +21,7 @@ class KnownDeflections(NamedTuple):
     def __call__(self, t: Array) -> tuple[Array, Array, Array]:
         """Compute deflections and two time derivatives at t (T,), each (T, n_e)."""
         edges, size = self.clock.edges, self.series.shape[1]
-        p = np.clip(self.clock.at(t), edges[0], edges[-1])
+        p = np.clip(self.clock.parameter(t), edges[0], edges[-1])
         panel = np.clip(np.searchsorted(edges, p, side="right") - 1, 0, len(self.series) - 1)
         per = 2.0 / np.diff(edges)[panel]
         values = chebyshev.chebvander(np.clip((p - edges[panel]) * per - 1.0, -1.0, 1.0), size - 1)

@@ -18,7 +18,7 @@ from framework.dynamics.loaded_balance import Course, balance_along, slopes_alon
 from framework.dynamics.result import InverseDynamics
 from framework.errors import NoAnswer
 from framework.motion.law import orders_of
-from framework.motion.path import along
+from framework.motion.path import time_derivatives
 from framework.singularity.bordered_system import root_of_g
 from framework.tolerances import SAME_PLACE
 
@@ -44,7 +44,9 @@ def loaded_tangent(result: InverseDynamics, t: Array) -> Array:
     """
     robot, law = result.robot, result.law
     s = orders_of(law, t)
-    course = Course(s[0], *along(result.path, s), *(result.deflection(t, order) for order in range(3)))
+    course = Course(
+        s[0], *time_derivatives(result.path, s), *(result.deflection(t, order) for order in range(3))
+    )
     balance = balance_along(robot, course, result.configuration(t), wrenches=result.wrenches)
     still = Course(*(np.zeros_like(part) for part in course))
     units = spring_units(robot)

@@ -36,7 +36,7 @@ from framework.kinematics.rounded_loops import rounded_gap
 from framework.kinematics.tree_model import is_ball
 from framework.motion.chebyshev import evaluate_together
 from framework.motion.law import orders_of
-from framework.motion.path import along
+from framework.motion.path import time_derivatives
 from framework.tolerances import EXPORT_ROUNDING, HELD_IDLE, LOOP_GAP
 
 
@@ -145,15 +145,15 @@ def checked_motion(branch: Branch, result: InverseDynamics, times: Array) -> tup
     With rigid geometry that is the robot's without deflections.
     """
     robot, s = branch.robot, orders_of(result.law, times)
-    x, dx, ddx = along(branch.path, s)
+    x, dx, ddx = time_derivatives(branch.path, s)
     offsets, *rates = evaluate_together((result.offsets, *result.deflection_rates), times)
     q = integrate(robot, result.origin, offsets)
     closed = ClosedStack(q, x, linearised_at(robot, q, x))
     if robot.n_e and result.geometry == "rigid":
-        motion = motion_at(robot, branch.closed(s[0]), dx, ddx)
+        motion = motion_at(robot, branch.close(s[0]), dx, ddx)
     else:
         motion = motion_at(robot, closed, dx, ddx, *rates)
-    return closed, branch.loaded(motion, s[0])
+    return closed, branch.load_motion(motion, s[0])
 
 
 def _joint_torques(state: DeflectionSolution, times: Array) -> Array:

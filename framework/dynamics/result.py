@@ -17,7 +17,7 @@ from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.chebyshev import TimeFunction
 from framework.motion.law import MotionLaw, orders_of
-from framework.motion.path import HIGHEST_ORDER, Path, along
+from framework.motion.path import HIGHEST_ORDER, Path, time_derivatives
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +105,7 @@ class InverseDynamics(ReadOnlyArrays):
         """Evaluate platform coordinates [m, rad] or their time derivatives up to order 4, (T, n)."""
         check_order(order, HIGHEST_ORDER)
         times = np.asarray(t, dtype=float)
-        return along(self.path, orders_of(self.law, times, order + 1))[order]
+        return time_derivatives(self.path, orders_of(self.law, times, order + 1))[order]
 
     def configuration(self, t: ArrayLike) -> Array:
         """Evaluate all joint coordinates q (T, nq) at t (T,), deflections included."""
@@ -118,11 +118,11 @@ class InverseDynamics(ReadOnlyArrays):
         """
         times = np.atleast_1d(np.asarray(t, dtype=float))
         s = orders_of(self.law, times)
-        x, dx, ddx = along(self.path, s)
+        x, dx, ddx = time_derivatives(self.path, s)
         closed = close_loops(self.robot, x, self.configuration(times))
         rates = self.deflection(times, 1), self.deflection(times, 2)
         motion = motion_at(self.robot, closed, dx, ddx, *rates)
-        return motion.under(self.wrenches.at(self.robot, closed.linearised.frames, s[0]))
+        return motion.with_wrenches(self.wrenches.evaluate(self.robot, closed.linearised.frames, s[0]))
 
     def velocity(self, t: ArrayLike, order: int = 1) -> Array:
         """Evaluate joint velocities (order 1) or accelerations (order 2), (T, nv)."""

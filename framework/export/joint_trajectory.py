@@ -50,10 +50,9 @@ def joint_trajectory(
     samples = whole_number("samples", samples, *SAMPLE_RANGE)
     robot, times = plan.robot, np.linspace(0.0, plan.duration, samples)
     gear = robot.gear_ratio if side == "joint" else np.ones(robot.n_a)
-    position, velocity, acceleration = (plan.motor_angle(times, order) / gear for order in range(3))
-    effort = plan.torque(times) * gear
+    positions = [plan.motor_angle(times, order) / gear for order in range(3)]
+    columns = (*positions, plan.torque(times) * gear)
     frame_id = next(name for name, meaning in FRAME_IDS.items() if meaning == (side, robot.n_e > 0))
-    columns = (position, velocity, acceleration, effort)
     return {
         "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": frame_id},
         "joint_names": list(robot.actuator_names),
@@ -67,7 +66,7 @@ def joint_trajectory(
     }
 
 
-def side_told(plan: CrossingPlan, side: str = "joint") -> str:
+def describe_side(plan: CrossingPlan, side: str = "joint") -> str:
     """Return a line that says on which side of gears and springs the trajectory is."""
     return SIDES[side] + (BEFORE_SPRINGS if plan.robot.n_e else "")
 

@@ -67,7 +67,7 @@ def mjcf_text(robot: ParallelRobot) -> str:
 
 
 def qpos_of(model: pin.Model, q: Array) -> Array:
-    """Return q (nq,) as MuJoCo has it: quaternions with their real part first."""
+    """Return q (nq,) in the order of MuJoCo: quaternions with the real part first."""
     qpos = q.copy()
     for joint in model.joints[1:]:
         if is_ball(joint):
@@ -103,7 +103,7 @@ def _body(robot: ParallelRobot, data: pin.Data, j: int, parent: ElementTree.Elem
     model = robot.model
     name, column = str(model.names[j]), model.joints[j].idx_v
     body = ElementTree.SubElement(
-        parent, "body", {"name": f"{name}_body"} | _placed(model.jointPlacements[j])
+        parent, "body", {"name": f"{name}_body"} | _placement_attributes(model.jointPlacements[j])
     )
     joint = {"name": name, "type": "ball"}
     if not is_ball(model.joints[j]):
@@ -126,7 +126,7 @@ def _body(robot: ParallelRobot, data: pin.Data, j: int, parent: ElementTree.Elem
             joint |= {"limited": "true", "range": vector_text([limit.lower, limit.upper])}
     ElementTree.SubElement(body, "joint", joint)
     inertia = model.inertias[j]
-    moments = _accepted(inertia.inertia)
+    moments = _correct_inertia(inertia.inertia)
     ElementTree.SubElement(
         body,
         "inertial",
@@ -137,8 +137,8 @@ def _body(robot: ParallelRobot, data: pin.Data, j: int, parent: ElementTree.Elem
     return body
 
 
-def _accepted(inertia: Array) -> Array:
-    """Return an inertia matrix that MuJoCo takes: with principal moments that a body can have.
+def _correct_inertia(inertia: Array) -> Array:
+    """Return an inertia matrix that MuJoCo accepts, with principal moments that a body can have.
 
     Planar robots are often given one moment of three; each of the others becomes half of it, which nothing in
     the plane feels. The lesser two grow by what their sum lacks: by rounding if the body is a thin rod.
@@ -149,29 +149,22 @@ def _accepted(inertia: Array) -> Array:
 
 
 def _add_loops(robot: ParallelRobot, root: ElementTree.Element, bodies: list[ElementTree.Element]) -> None:
-    """Add the equalities, and the sites that they and the platform stand on."""
-    names = frame_names(robot)
-    frames = dict(zip(names, robot.frames, strict=True))
+    """Add the equalities, and sites at the frames of the platform and the loops."""
+    frames = dict(zip(frame_names(robot), robot.frames, strict=True))
     axes = equality_axes(robot)
-
-    def site(name: str, frame: str, offset: Array) -> None:
-        frame_at = robot.model.frames[frames[frame]]
-        placed = frame_at.placement * pin.SE3(np.eye(3), offset)
-        ElementTree.SubElement(bodies[frame_at.parentJoint], "site", {"name": name} | _placed(placed))
-
     equality = ElementTree.SubElement(root, "equality")
     hard = {"solref": f"{2 * TIME_STEP!r} 1", "solimp": HARD}
-    for name in names:
-        site(name, name, np.zeros(3))
+    for name, frame in frames.items():
+        _add_site(robot, bodies, name, frame, np.zeros(3))
     for closure in robot.description.closures:
-        ends = closure.frames
         for k in (None, *OFF_ORIGIN[axes[closure.name]]):
-            name, pair = closure.name, ends
+            name, pair = closure.name, list(closure.frames)
             if k is not None:
                 name = f"{closure.name}_{'xyz'[k]}"
-                pair = (f"{ends[0]}_{name}", f"{ends[1]}_{name}")
-                for point, frame in zip(pair, ends, strict=True):
-                    site(point, frame, CLOSING_POINT_DISTANCE * robot.length * np.eye(3)[k])
+                pair = [f"{end}_{name}" for end in closure.frames]
+                offset = CLOSING_POINT_DISTANCE * robot.length * np.eye(3)[k]
+                for point, end in zip(pair, closure.frames, strict=True):
+                    _add_site(robot, bodies, point, frames[end], offset)
             joined = {"name": name, "site1": pair[0], "site2": pair[1]}
             ElementTree.SubElement(equality, "connect", joined | hard)
     for coupling in robot.description.couplings:
@@ -180,9 +173,17 @@ def _add_loops(robot: ParallelRobot, root: ElementTree.Element, bodies: list[Ele
         ElementTree.SubElement(equality, "joint", joined | {"polycoef": polynomial} | hard)
 
 
-def _placed(placement: pin.SE3) -> dict[str, str]:
-    turned = pin.Quaternion(placement.rotation)
-    return {
-        "pos": vector_text(placement.translation),
-        "quat": vector_text([turned.w, turned.x, turned.y, turned.z]),
-    }
+def _add_site(
+    robot: ParallelRobot, bodies: list[ElementTree.Element], name: str, frame: int, offset: Array
+) -> None:
+    """Add a site at an offset (3,) [m] from a frame, given by its index, to the frame's body."""
+    origin = robot.model.frames[frame]
+    placement = _placement_attributes(origin.placement * pin.SE3(np.eye(3), offset))
+    ElementTree.SubElement(bodies[origin.parentJoint], "site", {"name": name} | placement)
+
+
+def _placement_attributes(placement: pin.SE3) -> dict[str, str]:
+    """Return place and rotation as attributes of an element."""
+    rotation = pin.Quaternion(placement.rotation)
+    quaternion = vector_text([rotation.w, rotation.x, rotation.y, rotation.z])
+    return {"pos": vector_text(placement.translation), "quat": quaternion}

@@ -20,6 +20,7 @@ from framework.fields import (
     number,
     one_of,
     read_table,
+    record,
     required,
     text,
 )
@@ -55,7 +56,7 @@ def _seconds(where: str, given: Any) -> float:
 
 
 _HEADER: Table = {
-    "stamp": required(lambda where, given: read_table(where, given, _DURATION)),
+    "stamp": required(record(_DURATION)),
     "frame_id": required(one_of("side", FRAME_IDS)),
 }
 _POINT: Table = {
@@ -63,9 +64,9 @@ _POINT: Table = {
     "time_from_start": required(_seconds),
 }
 _MESSAGE: Table = {
-    "header": required(lambda where, given: read_table(where, given, _HEADER)),
+    "header": required(record(_HEADER)),
     "joint_names": required(entries(text)),
-    "points": required(entries(lambda where, given: read_table(where, given, _POINT))),
+    "points": required(entries(record(_POINT))),
 }
 
 
@@ -78,7 +79,7 @@ def read_joint_trajectory(file: str | Path) -> TrajectoryFile:
     """
     content = read_text(file, f"{file}: cannot read it", error=RobotFileError)
     with naming(file):
-        message = read_table("", _parsed(content), _MESSAGE)
+        message = read_table("", _parse(content), _MESSAGE)
         names, points = message["joint_names"], message["points"]
         if len(set(names)) < len(names):
             raise RobotFileError(f"joint_names: needs different names, got {', '.join(names)}")
@@ -101,7 +102,7 @@ def read_joint_trajectory(file: str | Path) -> TrajectoryFile:
     return TrajectoryFile(side, before, names, times, *columns)
 
 
-def _parsed(content: str) -> Any:
+def _parse(content: str) -> Any:
     try:
         if content.lstrip().startswith("{"):
             return json.loads(content)

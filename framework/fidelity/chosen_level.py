@@ -1,4 +1,4 @@
-"""The level of fidelity to plan a motion with: the one that its scene keeps, or the one that is predicted.
+"""The level of fidelity to plan a motion with: the level that its scene keeps, or a prediction.
 
 A scene keeps what a study has found by simulation (`fidelity_study`). For any other motion the indicators
 choose (`fidelity_indicators`): from the plans of the two levels without springs, and nothing is simulated.
@@ -41,7 +41,7 @@ class ChosenLevel(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """How sure it is, in words."""
+        """The level and its evidence, in words."""
         percent = f"{100 * self.tolerance:g} %"
         if self.simulated:
             return f"{self.level} is enough for {percent}, as the scene keeps"
@@ -52,15 +52,15 @@ class ChosenLevel(NamedTuple):
         return f"{self.level} for {percent}, off by {100 * self.error:.2g} %: predicted, not simulated"
 
 
-def kept_level(description: RobotDescription, scene: str) -> ChosenLevel | None:
-    """Return the level that a scene keeps; None if it keeps none or there is no such scene."""
-    found = description.scenes.get(scene)
-    if found is None or found.fidelity is None:
+def scene_level(description: RobotDescription, scene: str) -> ChosenLevel | None:
+    """Return the level that a scene keeps; None without a level or without such a scene."""
+    stated = description.scenes.get(scene)
+    if stated is None or stated.fidelity is None:
         return None
-    return ChosenLevel(found.fidelity.level, found.fidelity.tolerance, True, None)
+    return ChosenLevel(stated.fidelity.level, stated.fidelity.tolerance, True, None)
 
 
-def predicted_level(
+def predict_level(
     description: RobotDescription, path: Path | str, *, tolerance: float = TOLERANCE, **options: Any
 ) -> ChosenLevel:
     """Compute the least level that the indicators predict to be enough for a motion.
@@ -73,14 +73,14 @@ def predicted_level(
     Raises:
         InvalidInput: an option that cannot be right.
     """
-    indicators = predicted_errors(description, path, **options)
-    level = indicators.chosen(tolerance)
+    indicators = predict_errors(description, path, **options)
+    level = indicators.choose_level(tolerance)
     error = None if level == LEVELS[-1].name else indicators.error[level]
     return ChosenLevel(level, tolerance, False, error)
 
 
-def predicted_errors(description: RobotDescription, path: Path | str, **options: Any) -> Indicators:
-    """Compute the indicators of a motion; options as for `predicted_level`.
+def predict_errors(description: RobotDescription, path: Path | str, **options: Any) -> Indicators:
+    """Compute the indicators of a motion; options as for `predict_level`.
 
     Raises:
         InvalidInput: an option that cannot be right.

@@ -42,14 +42,14 @@ STEPS = 512  # by which it is integrated
 
 
 class Indicators(NamedTuple):
-    """The error of each level as its indicators estimate it, and the indicators in words."""
+    """The estimated error of each level, and its indicators in words."""
 
     error: Mapping[str, float]
     words: Mapping[str, str]
     growth: float  # of what is off, by weight and torques that nothing corrects; see `open_loop_growth`
 
-    def chosen(self, tolerance: float) -> str:
-        """Return the least level that leaves out no more than the tolerance."""
+    def choose_level(self, tolerance: float) -> str:
+        """Choose the least level whose error is within the tolerance."""
         return next(name for name, error in self.error.items() if error <= tolerance)
 
 
@@ -69,16 +69,18 @@ def indicators_of(
         rigid, payload: the plans of these levels, None where there is none.
         highest: the highest model.
     """
-    with suppress(NoAnswer):  # on the border of the workspace, or the springs are too soft
+    with suppress(NoAnswer):  # at the border of the workspace, or with springs too soft
         if rigid is not None:
-            return _accumulated(_Motion.of(rigid, highest).errors(payload), open_loop_growth(rigid.dynamics))
-    return _accumulated({}, np.inf)  # nobody knows: everything may matter
+            return _accumulate_errors(
+                _Motion.of(rigid, highest).errors(payload), open_loop_growth(rigid.dynamics)
+            )
+    return _accumulate_errors({}, np.inf)  # unknown: every effect may matter
 
 
-def _accumulated(errors: Mapping[str, LevelError], growth: float) -> Indicators:
-    """Return errors that do not grow upwards: each level also leaves out what those above it do.
+def _accumulate_errors(errors: Mapping[str, LevelError], growth: float) -> Indicators:
+    """Accumulate errors from the highest level down: lower levels leave out at least as much.
 
-    An error that is not a number is one that nobody knows, and counts as infinite.
+    An error that is not a number is unknown and counts as infinite.
     """
     names = [level.name for level in LEVELS]
     known = {name: np.where(np.isfinite(one), one, np.inf) for name, one in errors.items()}
@@ -96,7 +98,7 @@ def _accumulated(errors: Mapping[str, LevelError], growth: float) -> Indicators:
 
 @dataclass(frozen=True, eq=False)
 class _Motion:
-    """The motion of the rigid plan, and what the highest model asks for along it."""
+    """The motion of the rigid plan, and the highest model's forces along this motion."""
 
     rigid: CrossingPlan
     fuller: FullerModel
@@ -109,32 +111,30 @@ class _Motion:
         undeformed = fuller.first_pass
         deflections = fuller.grid.fit(undeformed.caused)
         deformed = one_pass(fuller.searched.branch, fuller.grid, rigid.law, deflections, undeformed)
-        return cls(rigid, fuller, deformed, fuller.torque(fuller.moved(undeformed.caused)))
+        return cls(rigid, fuller, deformed, fuller.torque(fuller.compute_pass(undeformed.caused)))
 
     def errors(self, payload: CrossingPlan | None) -> dict[str, LevelError]:
         """Compute the error of each level but the highest; without a plan the payload's is missing."""
         rigid, times = self.rigid, self.fuller.grid.times
         rotors = rigid.robot.rotor_inertia * rigid.robot.gear_ratio
         turning = rotors * rigid.dynamics.motion(times).a[:, rigid.robot.actuated]
-        errors = {"kinematics": self._of_masses(rigid, times, turning)}
+        errors = {"kinematics": self._mass_error(rigid, times, turning)}
         if payload is not None:
             alike = times * (payload.duration / rigid.duration)
-            errors["payload"] = self._of_masses(
+            errors["payload"] = self._mass_error(
                 payload, alike, payload.dynamics.torque_without_friction(alike)
             )
         for name in FLEXIBILITIES:
             springs = self.fuller.robot.description.active_springs(name)
-            errors[name] = self._of_small_displacements(
-                [one for spring in springs for one in spring.coordinates]
-            )
-        return errors | {"deformed": self._without_elastic_inertia()}
+            errors[name] = self._displacement_error([one for spring in springs for one in spring.coordinates])
+        return errors | {"deformed": self._elastic_inertia_error()}
 
-    def _of_masses(self, plan: CrossingPlan, times: Array, torque: Array) -> LevelError:
+    def _mass_error(self, plan: CrossingPlan, times: Array, torque: Array) -> LevelError:
         """Compute the error of torques (T, n_a) on a plan's motion, of the rigid robot with all masses."""
         wrench = platform_wrench(self.rigid.robot, plan.dynamics.motion(times))
         return self._error(torque, wrench.lacking(torque))
 
-    def _of_small_displacements(self, names: Sequence[str]) -> LevelError:
+    def _displacement_error(self, names: Sequence[str]) -> LevelError:
         """Compute the error of forces of the undeformed robot, its motors moved by some deflections."""
         fuller, undeformed = self.fuller, self.fuller.first_pass
         motion = undeformed.motion
@@ -145,14 +145,14 @@ class _Motion:
         torque = motor_torque(fuller.robot, motion, undeformed.forces.joint_torque)
         return self._error(torque, platform_wrench(fuller.robot, self.deformed.motion).lacking(torque))
 
-    def _without_elastic_inertia(self) -> LevelError:
+    def _elastic_inertia_error(self) -> LevelError:
         """Compute the error of forces of the deformed robot whose bodies do not feel how the springs move."""
         robot, motion = self.fuller.robot, self.deformed.motion
         if not robot.n_e:
             return LevelError(0.0, 0.0)
         still = replace(robot, elastic_inertia=False)
         fuller = FullerModel.of(self.rigid.dynamics, still)
-        torque = fuller.torque(fuller.moved(self.fuller.first_pass.caused))
+        torque = fuller.torque(fuller.compute_pass(self.fuller.first_pass.caused))
         return self._error(
             torque, platform_wrench(robot, motion).asked - platform_wrench(still, motion).asked
         )

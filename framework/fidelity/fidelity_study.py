@@ -71,10 +71,10 @@ class FidelityStudy(ReadOnlyArrays):
         if not friction.any():
             return 0.0
         times = np.linspace(0.0, plan.duration, MOTION_SAMPLES)
-        taken = np.abs(plan.dynamics.velocity(times)) @ friction
-        given = np.abs(plan.torque(times) * plan.motor_angle(times, 1)).sum(axis=1)
-        total = float(np.trapezoid(given, times))
-        return float(np.trapezoid(taken, times)) / total if total else np.inf
+        dissipated = np.abs(plan.dynamics.velocity(times)) @ friction
+        supplied = np.abs(plan.torque(times) * plan.motor_angle(times, 1)).sum(axis=1)
+        total = float(np.trapezoid(supplied, times))
+        return float(np.trapezoid(dissipated, times)) / total if total else np.inf
 
     @cached_property
     def enough(self) -> Comparison | None:
@@ -99,7 +99,7 @@ class FidelityStudy(ReadOnlyArrays):
     def indicated(self) -> Comparison:
         """The level that the indicators alone would choose; of levels with the same torques the lowest."""
         by_name = {level.level.name: level for level in self.levels}
-        chosen = by_name[self.indicators.chosen(self.tolerance)]
+        chosen = by_name[self.indicators.choose_level(self.tolerance)]
         return by_name[chosen.same_as] if chosen.same_as else chosen
 
     def law_difference(self, comparison: Comparison) -> float:
@@ -110,14 +110,14 @@ class FidelityStudy(ReadOnlyArrays):
         return float(np.abs(laws[0] - laws[1]).max())
 
     def place(self, errors: Array) -> float | None:
-        """Return where on the path (s) errors (T,) are largest; None where there are none beyond rounding."""
+        """Return the s at which errors (T,) are largest; None where all are rounding."""
         finite = np.nan_to_num(errors)
         if finite.max() <= ERROR_ROUNDING:
             return None
         return float(self.highest.law(self.times[np.argmax(finite)]))
 
     @property
-    def kept(self) -> dict[str, Any] | None:
+    def scene_entry(self) -> dict[str, Any] | None:
         """The entry `fidelity` of a scene in the robot file; None if no level is enough."""
         enough = self.enough
         return None if enough is None else {"level": enough.level.name, "tolerance": self.tolerance}
@@ -210,13 +210,13 @@ def fidelity_study(
     expect_robot(robot)
     if not (is_number(tolerance) and MIN_TOLERANCE <= tolerance < 1):
         raise InvalidInput(f"tolerance: needs a share in [{MIN_TOLERANCE:g}, 1), got {tolerance!r}")
-    began = time.perf_counter()
+    started = time.perf_counter()
     top = model_of(robot.description, LEVELS[-1])
     request = request_without_geometry(top, path, **options)
     highest = HighestLevel.of(plan_request(top, request), tolerance)
     levels: list[Comparison] = []
     for level in LEVELS:
-        levels.append(highest.compared(level, levels))
+        levels.append(highest.compare(level, levels))
         if progress is not None:
             progress(len(levels))
     plans = {comparison.level.name: comparison.plan for comparison in levels}
@@ -228,7 +228,7 @@ def fidelity_study(
         levels=tuple(levels),
         indicators=indicators_of(plans["rigid"], plans["payload"], top),
         simulating=highest.seconds,
-        seconds=time.perf_counter() - began,
+        seconds=time.perf_counter() - started,
     )
 
 

@@ -110,18 +110,18 @@ class HighestLevel:
         highest = cls(plan, tolerance, length, times, peak, 0.0, own, 0.0)
         for step_error in STEP_ERRORS:
             highest.step_error = max(step_error * tolerance * length / robot.length, MIN_STEP_ERROR)
-            highest.own = highest._simulated(LEVELS[-1], plan)
+            highest.own = highest._simulate_level(LEVELS[-1], plan)
             if highest.own.platform <= OWN_ERROR * tolerance:
                 break
         return highest
 
     @property
     def lost(self) -> float:
-        """Share of path length or peak torque beyond which it is another motion."""
+        """Share of path length or peak torque beyond which a motion counts as another one."""
         return max(MAX_ERROR, 2.0 * self.tolerance)
 
-    def compared(self, level: Level, below: list[Comparison]) -> Comparison:
-        """Compare a level, those below it done; what robot or torques do not tell apart only once."""
+    def compare(self, level: Level, below: list[Comparison]) -> Comparison:
+        """Compare a level after the lower ones; reuse results where robot or torques are equal."""
         description = self.plan.robot.description
         if below and adds_nothing(description, level, below[-1].level):
             return replace(below[-1], level=level, same_as=below[-1].same_as or below[-1].level.name)
@@ -135,7 +135,7 @@ class HighestLevel:
                 return replace(lower, level=level, plan=plan, same_as=lower.same_as or lower.level.name)
         if self._torque_error(plan, self.plan).max() <= EQUAL_TORQUES:
             return replace(self.own, level=level, plan=plan)
-        return self._simulated(level, plan)
+        return self._simulate_level(level, plan)
 
     def _torque_error(self, plan: CrossingPlan, reference: CrossingPlan) -> Array:
         """Return how far torques of two plans differ (T,), over the peak, each at rest after its end.
@@ -148,7 +148,7 @@ class HighestLevel:
         ]
         return (np.abs(torques[0] - torques[1]) / self.peak).max(axis=1)
 
-    def _simulated(self, level: Level, plan: CrossingPlan) -> Comparison:
+    def _simulate_level(self, level: Level, plan: CrossingPlan) -> Comparison:
         """Simulate the torques of a plan in the highest model.
 
         Raises:
@@ -157,7 +157,7 @@ class HighestLevel:
         torque, off = self._torque_error(plan, self.plan), np.full(len(self.times), np.nan)
         if torque.max() > self.lost:
             return Comparison(level, plan, torque, off, reason="torques of another motion, not simulated")
-        began = time.perf_counter()
+        started = time.perf_counter()
         try:
             run = self._run(plan)
         except NoAnswer as failure:
@@ -165,7 +165,7 @@ class HighestLevel:
                 raise
             return Comparison(level, plan, torque, off, reason=f"no simulation: {failure}")
         finally:
-            self.seconds += time.perf_counter() - began
+            self.seconds += time.perf_counter() - started
         reached = self.times <= min(run.duration, plan.duration)
         t = self.times[reached]
         off[reached] = self._distance(run.configuration(t), plan.platform(t))
@@ -231,14 +231,14 @@ def plan_of_level(description: RobotDescription, level: Level, reference: Crossi
 
 
 def model_of(description: RobotDescription, level: Level) -> ParallelRobot:
-    """Return the robot as a level sees it: other masses and springs, and no other solver."""
+    """Return the robot with the masses and springs of a level."""
     simplified = with_bodies(description, level.bodies)
     robot = ParallelRobot.from_description(simplified, flexibility=level.flexibility)
     return robot if level.elastic_inertia else replace(robot, elastic_inertia=False)
 
 
 def adds_nothing(description: RobotDescription, level: Level, below: Level) -> bool:
-    """Whether a robot has nothing of what a level takes into account beyond the one below it."""
+    """Whether a robot has none of the effects that a level adds to the level below."""
     if level.bodies != below.bodies:
         return False
     springs = [description.active_springs(compared.flexibility) for compared in (level, below)]

@@ -1,8 +1,8 @@
-"""Loops of an overconstrained mechanism whose dimensions were rounded: they miss one another by a little.
+"""Loops of an overconstrained mechanism whose dimensions were rounded.
 
-Exact dimensions would let rows of an overconstrained loop repeat others; written with seven digits they do so
-but for 1e-7, and no pose closes them all. Rows that are independent beyond such rounding are kept and close
-exactly; what the others stay open by is measured along each motion, and stands in its certificate.
+With exact dimensions some rows of an overconstrained loop repeat others. Written with seven digits they do so
+but for 1e-7, and no pose closes them all. Rows that are independent beyond such rounding close exactly. The
+gap of the others is measured along each motion and stands in its certificate.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from framework.arrays import Array
 from framework.errors import NotAssembled
 from framework.kinematics.assembly import Closing, all_loops_matrix, close_reference, nearby_configurations
-from framework.kinematics.closures import loop_equations
+from framework.kinematics.closures import loop_equations, row_weights
 from framework.kinematics.frames import frames_at
 from framework.kinematics.loop_structure import numerical_rank, row_pivots
 from framework.kinematics.mechanism import Mechanism
@@ -25,69 +25,68 @@ ROUNDED_ROW = 10 * EXPORT_ROUNDING  # singular value over the largest; the catal
 
 
 class AssembledMechanism(NamedTuple):
-    """A mechanism whose `rows` close exactly, and the pose at its reference in which they do."""
+    """A mechanism whose `rows` close exactly, and its closed pose at the reference."""
 
     mechanism: Mechanism
     closing: Closing
 
 
 def assembled_mechanism(mechanism: Mechanism) -> AssembledMechanism:
-    """Close the loops at the reference, rows left aside that repeat others but for rounding.
+    """Close the loops at the reference; set rows aside that repeat others but for rounding.
 
     A drawing may be assembled to the last digit where it was drawn, and locked there by its rounding: rows
-    that repeat others at poses nearby, too, are left aside.
+    that repeat others at poses nearby, too, are set aside.
 
     Raises:
-        NotAssembled: they do not close, and rounding is not why; see `close_reference`.
+        NotAssembled: the loops do not close, for another reason than rounding; see `close_reference`.
     """
     try:
         closing = close_reference(mechanism)
     except NotAssembled as failure:
-        kept = _without_rounded_rows(mechanism, failure.q)
-        if kept is None:
+        reduced = _set_rounded_rows_aside(mechanism, failure.q)
+        if reduced is None:
             raise
-        return AssembledMechanism(kept, close_reference(kept))
+        return AssembledMechanism(reduced, close_reference(reduced))
     matrix = all_loops_matrix(mechanism, closing.q)[:, mechanism.joints]
     if numerical_rank(matrix) > numerical_rank(matrix, ROUNDED_ROW):
-        kept = _without_rounded_rows(mechanism, closing.q)
-        if kept is not None and _is_rounded_nearby(mechanism, kept, closing.q):
-            return AssembledMechanism(kept, closing)
+        reduced = _set_rounded_rows_aside(mechanism, closing.q)
+        if reduced is not None and _is_rounded_nearby(mechanism, reduced, closing.q):
+            return AssembledMechanism(reduced, closing)
     return AssembledMechanism(mechanism, closing)
 
 
 def rounded_gap(mechanism: Mechanism, q: Array) -> float:
-    """Compute by how much the rounded rows are open at most [m or rad], over configurations q (T, nq)."""
+    """Compute the largest gap of the rounded rows [m or rad] over configurations q (T, nq)."""
     if not mechanism.rounded.names:
         return 0.0
     return float(np.abs(loop_equations(mechanism.rounded, frames_at(mechanism, q)).residual).max())
 
 
-def _without_rounded_rows(mechanism: Mechanism, q: Array) -> Mechanism | None:
-    """Return the mechanism without rows that repeat others but for rounding at q (nq,), None without such."""
+def _set_rounded_rows_aside(mechanism: Mechanism, q: Array) -> Mechanism | None:
+    """Set rows aside that repeat others but for rounding at q (nq,); None without any."""
     rows = mechanism.rows
     matrix = all_loops_matrix(mechanism, q)[:, mechanism.joints]
     rank = numerical_rank(matrix, ROUNDED_ROW)
-    if _gap(mechanism, q) > EXPORT_ROUNDING or rank == len(rows.names):
+    if _loop_gap(mechanism, q) > EXPORT_ROUNDING or rank == len(rows.names):
         return None
     order = row_pivots(matrix)
-    kept, others = np.sort(order[:rank]), np.sort(order[rank:])
-    return replace(mechanism, rows=rows.take(kept), rounded=rows.take(others))
+    independent, others = np.sort(order[:rank]), np.sort(order[rank:])
+    return replace(mechanism, rows=rows.take(independent), rounded=rows.take(others))
 
 
-def _is_rounded_nearby(mechanism: Mechanism, kept: Mechanism, q: Array) -> bool:
-    """Whether the rows that `kept` leaves aside repeat its own at the poses that it reaches nearby."""
-    poses = nearby_configurations(kept, q)
-    ranks = [
+def _is_rounded_nearby(mechanism: Mechanism, reduced: Mechanism, q: Array) -> bool:
+    """Whether at poses that `reduced` reaches nearby its rows repeat all others of the mechanism."""
+    poses = nearby_configurations(reduced, q)
+    ranks = {
         numerical_rank(all_loops_matrix(mechanism, pose)[:, mechanism.joints], ROUNDED_ROW) for pose in poses
-    ]
-    return (
-        set(ranks) == {len(kept.rows.names)}
-        and max(_gap(mechanism, pose) for pose in poses) <= EXPORT_ROUNDING
+    }
+    gaps = [_loop_gap(mechanism, pose) for pose in poses]
+    return ranks == {len(reduced.rows.names)} and max(gaps) <= EXPORT_ROUNDING
+
+
+def _loop_gap(mechanism: Mechanism, q: Array) -> float:
+    """Compute the largest residual of the rows at q (nq,) [robot lengths or rad]."""
+    weights = row_weights(mechanism, mechanism.rows.rotation)
+    return float(
+        np.abs(weights * loop_equations(mechanism.rows, frames_at(mechanism, q[None])).residual[0]).max()
     )
-
-
-def _gap(mechanism: Mechanism, q: Array) -> float:
-    """Compute by how much the rows are open at most at q (nq,) [robot lengths or rad]."""
-    rows = mechanism.rows
-    weights = np.where(rows.rotation, 1.0, 1.0 / mechanism.length)
-    return float(np.abs(weights * loop_equations(rows, frames_at(mechanism, q[None])).residual[0]).max())

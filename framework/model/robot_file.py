@@ -22,7 +22,7 @@ from framework.fields import (
     integer,
     list_of,
     mapping,
-    named,
+    mapping_of,
     number,
     one_of,
     optional,
@@ -131,7 +131,7 @@ _TREE: Table = {
     "version": required(_version),
     "urdf": required(text),
     "parameters": optional(anything, {}),  # read before the file is, see `parameters`
-    "locked": optional(named(number), {}),
+    "locked": optional(mapping_of(number), {}),
     "root": optional(one_of("root", ("fixed", "free")), "fixed"),
     "frames": optional(entries(anything), ()),
 }

@@ -16,7 +16,7 @@ from framework.fields import (
     entries,
     list_of,
     mapping,
-    named,
+    mapping_of,
     not_negative,
     number,
     one_of,
@@ -64,7 +64,7 @@ def robot_table(urdf: Tree, *, is_coupled: bool = False, locked: Sequence[str] =
         "springs": optional(entries(_spring(urdf, movable)), ()),
         "joints": optional(_joints(urdf, coordinates), {}),
         "gravity": optional(vector3, (0.0, 0.0, -9.81)),
-        "reference": optional(named(number, one_of("joint", coordinates)), {}),
+        "reference": optional(mapping_of(number, one_of("joint", coordinates)), {}),
         "scenes": optional(_scenes(urdf), {}),
         "left_out": optional(list_of(text), ()),
     }
@@ -197,7 +197,7 @@ def _joints(urdf: Tree, names: Sequence[str]) -> Reader[dict[str, dict[str, floa
     several = [name for name, joint in urdf.joints.items() if joint.kind in SEVERAL]
 
     def read(where: str, given: Any) -> dict[str, dict[str, float]]:
-        joints = named(record(_JOINT, _given_only), one_of("joint", [*names, *several]))
+        joints = mapping_of(record(_JOINT, _given_only), one_of("joint", [*names, *several]))
         values: dict[str, dict[str, float]] = {}
         for name, said in sorted(joints(where, given).items(), key=lambda item: item[0] not in several):
             coordinates = urdf.joints[name].coordinates if name in several else (name,)
@@ -321,7 +321,7 @@ def _wrenches(urdf: Tree) -> Reader[dict[str, Any]]:
     """Return a reader of wrenches by frame; a joint stands for its child."""
 
     def read(where: str, given: Any) -> dict[str, Any]:
-        stated = named(anything, _frame(urdf))(where, given)
+        stated = mapping_of(anything, _frame(urdf))(where, given)
         return {frame: FrameWrench.of(frame, wrench, where).document for frame, wrench in stated.items()}
 
     return read
@@ -331,7 +331,7 @@ def _scenes(urdf: Tree) -> Reader[dict[str, Scene]]:
     scene = {**_MOTION, "wrenches": optional(_wrenches(urdf))}
 
     def read(where: str, given: Any) -> dict[str, Scene]:
-        scenes = named(record(scene, _scene))(where, given)
+        scenes = mapping_of(record(scene, _scene))(where, given)
         return {name: replace(scene, name=name) for name, scene in scenes.items()}
 
     return read

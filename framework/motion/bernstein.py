@@ -18,14 +18,13 @@ from numpy.polynomial import chebyshev
 from framework.arrays import Array, BoolArray, read_only
 
 DEGREE, NODES = 3, 6  # of the polynomials; of a cell, an even number: none is in the middle
-MIN_DECAY = 2.0 ** (
-    1 - DEGREE - 2
-)  # of the last two coefficients over the largest, for a function to be resolved
+# of the last two coefficients over the largest, for a function to be resolved
+MIN_DECAY = 2.0 ** (1 - DEGREE - 2)
 VALUE_ROUNDING = 1e-11  # of the largest coefficient, that values at nodes may be off
 
 
 class Bernstein(NamedTuple):
-    """Functions on k cells: coefficients (k, DEGREE + 1, ...), and bounds (k, ...) of what these leave.
+    """Functions on k cells: coefficients (k, DEGREE + 1, ...), and bounds (k, ...) of their error.
 
     The bounds rest on the decay of Chebyshev coefficients, as the certificate of a plan does: where each is
     at most half of the one before, those not computed change values by no more than the last two.
@@ -75,13 +74,13 @@ def product_weights(first: int, second: int) -> Array:
 
 
 def multiply(first: Array, second: Array) -> Array:
-    """Multiply functions (k, a + 1, ...) and (k, b + 1, ...) to coefficients (k, a + b + 1, ...)."""
+    """Multiply functions of degrees a and b: coefficients (k, a + b + 1, ...) of the products."""
     weights = product_weights(first.shape[1] - 1, second.shape[1] - 1)
     return np.asarray(np.einsum("jab,ka...,kb...->kj...", weights, first, second))
 
 
 def elevation(degree: int, to: int) -> Array:
-    """Return the matrix (to + 1, degree + 1) from coefficients to those of a higher degree."""
+    """Return the matrix (to + 1, degree + 1) that raises the degree of coefficients."""
     return np.asarray(product_weights(to - degree, degree).sum(axis=1))
 
 

@@ -39,8 +39,7 @@ def _transform(size: int) -> Array:
     matrix = np.cos(np.pi * np.outer(k, size - 1 - k) / (size - 1)) * (2.0 / (size - 1))
     matrix[:, [0, -1]] *= 0.5
     matrix[[0, -1], :] *= 0.5
-    matrix.flags.writeable = False
-    return matrix
+    return read_only(matrix)
 
 
 def coefficients(values: Array) -> Array:
@@ -69,7 +68,7 @@ def evaluate(x: Array, series: Array) -> Array:
 
 
 def extrema(series: Array) -> Array:
-    """Return where in [-1, 1] the derivative of one Chebyshev series (size,) vanishes, ascending."""
+    """Return the zeros in [-1, 1] of the derivative of one Chebyshev series (size,), ascending."""
     return real_roots(derivative_matrix(len(series)) @ series)
 
 
@@ -130,16 +129,16 @@ class TimeFunction(ReadOnlyArrays):
             raise InvalidInput(f"time {t!r} is outside [{start:g}, {end:g}] s")
         flat = times.ravel()
         if len(self.edges) == 2:
-            values = self._on_panel(0, flat, order)
+            values = self._evaluate_panel(0, flat, order)
         else:
             panel = np.searchsorted(self.edges[1:-1], flat, side="right")
             values = np.empty((flat.size, self.coefficients.shape[2]))
             for p in np.unique(panel) if values.size else ():
                 inside = panel == p
-                values[inside] = self._on_panel(p, flat[inside], order)
+                values[inside] = self._evaluate_panel(p, flat[inside], order)
         return values.reshape(*times.shape, self.coefficients.shape[2])
 
-    def _on_panel(self, p: int, t: Array, order: int) -> Array:
+    def _evaluate_panel(self, p: int, t: Array, order: int) -> Array:
         """Compute values (T, k) of a derivative at t (T,) on one panel."""
         half = 0.5 * (self.edges[p + 1] - self.edges[p])
         local = (t - self.edges[p]) / half - 1.0
@@ -183,8 +182,8 @@ class TimeGrid(ReadOnlyArrays):
         """Coefficients of a series that its values at the nodes resolve: all but the last eighth."""
         return self.size - max(2, self.size // 8)
 
-    def resolved(self, values: Array) -> TimeFunction:
-        """Return the function through values (panels * size, k), without what is rounding of its series.
+    def fit_truncated(self, values: Array) -> TimeFunction:
+        """Fit the function through values (panels * size, k), coefficients that are rounding set to zero.
 
         Differentiating twice amplifies a coefficient by up to size^4, so rounding would grow if it were
         fed back. The last eighth of a resolved series is rounding and shows its size.
@@ -242,13 +241,12 @@ def _nodes_between(edges: Array, size: int) -> Array:
 
 @lru_cache(maxsize=64)
 def derivative_matrix(size: int, order: int = 1) -> Array:
-    """Return the matrix (size, size) from Chebyshev coefficients to those of the derivative of this order."""
+    """Return the matrix (size, size) from the coefficients of a function to its derivative's."""
     matrix = np.eye(size)
-    kept = max(size - order, 0)
-    matrix[:kept] = chebyshev.chebder(matrix, order, axis=0)[:kept]
-    matrix[kept:] = 0.0
-    matrix.flags.writeable = False
-    return matrix
+    count = max(size - order, 0)
+    matrix[:count] = chebyshev.chebder(matrix, order, axis=0)[:count]
+    matrix[count:] = 0.0
+    return read_only(matrix)
 
 
 @lru_cache(maxsize=16)
@@ -262,15 +260,6 @@ def _differentiation(size: int) -> tuple[Array, Array]:
 def basis_values(size: int) -> tuple[Array, Array, Array]:
     """Return Chebyshev polynomials and their first two derivatives at `nodes(size)`, each (size, size)."""
     derivative = derivative_matrix(size)
-    orders = _values(size), _values(size) @ derivative, _values(size) @ (derivative @ derivative)
-    for matrix in orders:
-        matrix.flags.writeable = False
-    return orders
-
-
-@lru_cache(maxsize=64)
-def _values(size: int) -> Array:
-    """Return the matrix (size, size) from Chebyshev coefficients to values at `nodes(size)`."""
-    matrix = np.asarray(chebyshev.chebvander(nodes(size), size - 1), dtype=float)
-    matrix.flags.writeable = False
-    return matrix
+    values = np.asarray(chebyshev.chebvander(nodes(size), size - 1), dtype=float)
+    first, second = values @ derivative, values @ (derivative @ derivative)
+    return read_only(values), read_only(first), read_only(second)

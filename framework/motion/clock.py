@@ -1,4 +1,4 @@
-"""In which parameter what follows from a law is smooth, and how fast that parameter runs.
+"""The parameter in which the functions that follow from a law are smooth, and its rate in time.
 
 With a polynomial in time that is time itself; with an optimal law s = phi(sigma(t)) it is xi(sigma), in which
 the squared speed is a Chebyshev series.
@@ -27,11 +27,11 @@ class Clock(Protocol):
     def edges(self) -> Array: ...
 
     def motion(self, p: Array) -> tuple[list[Array], Array, Array]:
-        """s and two time derivatives, dp/dt and its own, at p (T,), each (T,)."""
+        """Compute s and two time derivatives, dp/dt and d2p/dt2, at p (T,), each (T,)."""
         ...
 
-    def at(self, t: Array) -> Array:
-        """p at instants t (T,) [s]."""
+    def parameter(self, t: Array) -> Array:
+        """Compute p at instants t (T,) [s]."""
         ...
 
 
@@ -43,11 +43,11 @@ class InTime:
     edges: Array
 
     def motion(self, p: Array) -> tuple[list[Array], Array, Array]:
-        """s and two time derivatives at instants p (T,), and how time runs."""
+        """Compute s and two time derivatives at instants p (T,), and dp/dt = 1, d2p/dt2 = 0."""
         return [np.asarray(self.law(p, order)) for order in range(3)], np.ones(len(p)), np.zeros(len(p))
 
-    def at(self, t: Array) -> Array:
-        """The instants themselves."""
+    def parameter(self, t: Array) -> Array:
+        """Return the instants."""
         return t
 
 
@@ -60,19 +60,19 @@ class OnParameter:
 
     @cached_property
     def edges(self) -> Array:
-        """xi of the knots, and both ends."""
+        """xi (panels + 1,) of the knots, and both ends."""
         inner = self.law.stretch(self.law.phi.inverse(self.knots)) if len(self.knots) else np.empty(0)
         return np.concatenate([[-1.0], inner, [1.0]])
 
     def motion(self, p: Array) -> tuple[list[Array], Array, Array]:
-        """s and two time derivatives at p (T,), and dp/dt = xi' sqrt(z), d2p/dt2 = xi" z + xi' u."""
+        """Compute s and two time derivatives at p (T,), dp/dt = xi' sqrt(z) and d2p/dt2 = xi" z + xi' u."""
         law = self.law
         sigma = law.stretch.inverse(p)
-        s = [law.at_parameter(sigma, order) for order in range(3)]
+        s = [law.evaluate_at(sigma, order) for order in range(3)]
         z, u = law.squared_speed(sigma), 0.5 * law.squared_speed(sigma, 1)
         first, second = law.stretch(sigma, 1), law.stretch(sigma, 2)
         return s, np.asarray(first * np.sqrt(z)), np.asarray(second * z + first * u)
 
-    def at(self, t: Array) -> Array:
-        """xi at instants t (T,) [s]."""
+    def parameter(self, t: Array) -> Array:
+        """Compute xi at instants t (T,) [s]."""
         return self.law.stretch(self.law.parameter(t))

@@ -54,7 +54,7 @@ class MotionLaw(Protocol):
 
 
 class PlannedLaw(ABC):
-    """A law of this package: its derivatives are right by construction, and it can be written down.
+    """A law of this package, with exact derivatives, that can be written to a file.
 
     `kind` names it, `coefficients` (degree + 1,) are those of its Chebyshev series.
     """
@@ -70,7 +70,7 @@ class PlannedLaw(ABC):
 
     @property
     def edges(self) -> Array:
-        """Instants (k,) [s] between which it is resolved by some thirty points, both ends among them.
+        """Instants (k,) [s], ends included, between which some thirty points resolve the law.
 
         Empty for a law that needs no panels.
         """
@@ -90,7 +90,7 @@ class PlannedLaw(ABC):
 
     @abstractmethod
     def to_dict(self) -> dict[str, Any]:
-        """Return the law as plan.json has it."""
+        """Return the entry `law` of plan.json."""
 
 
 def orders_of(law: MotionLaw, t: ArrayLike, count: int = 3) -> list[Array]:
@@ -109,7 +109,7 @@ class Condition(NamedTuple):
 
 
 def conditions_at_instants(times: Iterable[float], values: Iterable[Iterable[float]]) -> list[Condition]:
-    """Return the conditions that s and its derivatives have these values (k, m) at times (k,)."""
+    """Return conditions: s and its derivatives have `values` (k, m) at times (k,)."""
     return [
         Condition(float(time), order, float(value))
         for time, orders in zip(times, values, strict=True)
@@ -157,7 +157,7 @@ class Law(ReadOnlyArrays, PlannedLaw):
 
     @staticmethod
     def from_conditions(conditions: Sequence[Condition], duration: float) -> Law:
-        """Return the law of least degree, one less than the number of conditions, that meets all of them.
+        """Solve for the law of least degree, one less than the number of conditions.
 
         Raises:
             InvalidInput: the duration is not positive, a condition is not finite or lies outside
@@ -197,7 +197,7 @@ class Law(ReadOnlyArrays, PlannedLaw):
         return Law.from_conditions([*ends, *inner], duration)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the law as plan.json has it."""
+        """Return the entry `law` of plan.json."""
         return {
             "degree": self.degree,
             "chebyshev": self.coefficients.tolist(),
@@ -210,7 +210,7 @@ class Law(ReadOnlyArrays, PlannedLaw):
         The zeros that the ends force on s' are divided out first, so that the sign near the ends is
         decided by the law and not by rounding.
         """
-        return _least_over_mean(_without_ends(self.degree, smoothness) @ self.coefficients)
+        return _least_over_mean(_divide_out_ends(self.degree, smoothness) @ self.coefficients)
 
 
 def laws_through(duration: float, smoothness: int, times: Array, values: Array) -> tuple[Array, Array]:
@@ -280,15 +280,15 @@ def _inside(size: int) -> Array:
 
 @lru_cache(maxsize=64)
 def _search_samples(smoothness: int, size: int) -> Array:
-    """Return the matrix (size, 2 m) from the coefficients of p to samples (m,) of p and of s" in x."""
+    """Return the matrix (size, 2 m) from coefficients of p to samples (m,) of p and of s"."""
     local, bends = nodes(SEARCH_SAMPLES * size), _integrals(smoothness, size)[2]
     polynomials = chebyshev.chebvander(local, len(bends) - 1)
     return np.vstack([polynomials[:, :size], polynomials @ bends]).T
 
 
 @lru_cache(maxsize=64)
-def _without_ends(degree: int, smoothness: int) -> Array:
-    """Return the matrix from the coefficients of s to those of s'(x) / (1 - x^2)^smoothness."""
+def _divide_out_ends(degree: int, smoothness: int) -> Array:
+    """Return the matrix from the coefficients of s to the series of s'(x) / (1 - x^2)^smoothness."""
     size = max(degree - 2 * smoothness, 1)
     local = nodes(2 * size + 4)[1:-1]
     slopes = chebyshev.chebvander(local, degree) @ derivative_matrix(degree + 1)

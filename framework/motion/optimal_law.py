@@ -227,13 +227,13 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
             InvalidInput: t lies outside [0, duration], or the order is above 4.
         """
         check_order(order, HIGHEST_ORDER)
-        return self.at_parameter(self.parameter(t), order)
+        return self.evaluate_at(self.parameter(t), order)
 
     def orders(self, t: ArrayLike, count: int) -> list[Array]:
         sigma = self.parameter(t)
-        return [self.at_parameter(sigma, order) for order in range(count)]
+        return [self.evaluate_at(sigma, order) for order in range(count)]
 
-    def at_parameter(self, sigma: ArrayLike, order: int = 0) -> Array:
+    def evaluate_at(self, sigma: ArrayLike, order: int = 0) -> Array:
         """Evaluate s or its time derivative [1/s^order] where the parameter is sigma."""
         phi = [self.phi(sigma, k) for k in range(order + 1)]
         if order == 0:

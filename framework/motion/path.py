@@ -37,13 +37,13 @@ class Path(Protocol):
     def __call__(self, s: ArrayLike, order: int = 0) -> Array: ...
 
 
-def expect_path(given: object) -> None:
-    """Raise InvalidInput unless what was given can be called and asked like a path."""
-    expect_call("path", given, ("n", "knots"), "a Line, an Arc or a Spline")
+def expect_path(path: object) -> None:
+    """Raise InvalidInput unless an object can be called like a path and has its attributes."""
+    expect_call("path", path, ("n", "knots"), "a Line, an Arc or a Spline")
 
 
 def _points(points: Any, least: int, kind: str) -> Array:
-    """Return points (m, n) as an array; raise InvalidInput if they do not make a path."""
+    """Return points (m, n) as an array; raise InvalidInput unless a path can pass through the points."""
     try:
         array = np.array(points, dtype=float)
     except (TypeError, ValueError):
@@ -64,7 +64,7 @@ def _stack(s: ArrayLike, values: Array) -> Array:
 
 
 def _hold(frozen: object, **values: Any) -> None:
-    """Set attributes that a frozen object works out from what it was given."""
+    """Set derived attributes of a frozen object."""
     for name, value in values.items():
         object.__setattr__(frozen, name, value)
 
@@ -110,10 +110,10 @@ class Line(PointPath):
 
     def __call__(self, s: ArrayLike, order: int = 0) -> Array:
         check_order(order)
-        along, direction = np.asarray(s, dtype=float)[..., None], self.end - self.start
+        shares, direction = np.asarray(s, dtype=float)[..., None], self.end - self.start
         if order == 0:
-            return np.asarray(self.start + along * direction)
-        return np.asarray(np.zeros_like(along) + (direction if order == 1 else 0.0 * direction))
+            return np.asarray(self.start + shares * direction)
+        return np.asarray(np.zeros_like(shares) + (direction if order == 1 else 0.0 * direction))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -138,24 +138,15 @@ class Arc(PointPath):
 
     def __post_init__(self) -> None:
         start, via, end = points = _points([self.start, self.via, self.end], 3, "arc")
-        chord, longer = via - start, end - start
-        length = float(np.linalg.norm(chord))
-        u = chord / length
-        bow = longer - (longer @ u) * u
-        height = float(np.linalg.norm(bow))
-        if height <= DEGENERATE_PATH * np.linalg.norm(longer):
-            raise InvalidInput(f"arc: its three points lie on a line: {points.tolist()}")
-        # in the axes u and v of its plane: start (0, 0), via (length, 0), end (longer . u, height)
-        v = bow / height
-        center = start + 0.5 * length * u + 0.5 * ((longer @ longer - (longer @ u) * length) / height) * v
+        center = _circle_center(points)
         radius = float(np.linalg.norm(start - center))
-        u = (start - center) / radius
+        u, chord = (start - center) / radius, via - start
         across = chord - (chord @ u) * u
         spokes = np.array([u, across / np.linalg.norm(across)])
         angle_via, angle_end = (
             float(np.arctan2(*(spokes @ (point - center))[::-1]) % (2 * np.pi)) for point in (via, end)
         )
-        # `via` lies between the ends: its angle decides which way round the arc goes
+        # `via` lies between the ends: its angle decides in which direction the arc turns
         angle = angle_end if angle_via < angle_end else angle_end - 2 * np.pi
         _hold(self, start=start, via=via, end=end, points=points)
         _hold(self, center=read_only(center), radius=radius, angle=angle, _spokes=read_only(spokes))
@@ -171,6 +162,21 @@ class Arc(PointPath):
         u, w = self._spokes
         wheel = self.radius * self.angle**order * (np.cos(turned) * u + np.sin(turned) * w)
         return _stack(s, wheel + self.center if order == 0 else wheel)
+
+
+def _circle_center(points: Array) -> Array:
+    """Compute the centre (n,) of the circle through three points (3, n); refuse points on a line."""
+    start, via, end = points
+    chord, longer = via - start, end - start
+    length = float(np.linalg.norm(chord))
+    u = chord / length
+    bow = longer - (longer @ u) * u
+    height = float(np.linalg.norm(bow))
+    if height <= DEGENERATE_PATH * np.linalg.norm(longer):
+        raise InvalidInput(f"arc: its three points lie on a line: {points.tolist()}")
+    # in the axes u and v of its plane: start (0, 0), via (length, 0), end (longer . u, height)
+    v = bow / height
+    return start + 0.5 * length * u + 0.5 * ((longer @ longer - (longer @ u) * length) / height) * v
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -221,7 +227,7 @@ class Spline(PointPath):
         return _stack(s, self._spline(flat, nu=order))
 
 
-def along(path: Path, law_values: list[Array]) -> list[Array]:
+def time_derivatives(path: Path, law_values: list[Array]) -> list[Array]:
     """Compute time derivatives of x(s(t)), orders 0 .. len(law_values) - 1 (at most 4), each (T, n).
 
     `law_values[k]` (T,) is the k-th time derivative of s. Faa di Bruno's formula, written out.

@@ -1,4 +1,4 @@
-"""A path of a user's own making: does it say the same in its values and in its derivatives?
+"""The check of a user's own path: whether its derivatives are the derivatives of its values.
 
 Torques are made of x(s), x'(s) and x''(s) as the path gives them; a path whose x' is not the derivative of
 its x has torques that belong to no motion, however well they converge. Tested is the integral,
@@ -29,32 +29,37 @@ def check_path(path: Path) -> None:
     """Test x' and x'' of a path against x at a few places.
 
     Raises:
-        InvalidInput: it is no path, the knots do not ascend inside (0, 1), a value is missing or not finite,
-            or path(s, 1) or path(s, 2) is not the derivative of what comes before it.
+        InvalidInput: no path, knots that do not ascend inside (0, 1), a value that is missing or not finite,
+            or path(s, 1) or path(s, 2) that is not the derivative of the order below.
     """
     expect_path(path)
     if isinstance(path, PointPath):
         return  # one of our own
     starts, lengths = _intervals(path)
+    for order in (1, 2):
+        _check_derivative(path, order, starts, lengths)
+
+
+def _check_derivative(path: Path, order: int, starts: Array, lengths: Array) -> None:
+    """Compare mean rates of a derivative over intervals with difference quotients of the order below."""
     nodes, weights = _gauss()
     inside = starts[:, None] + 0.5 * lengths[:, None] * (nodes + 1.0)
     ends = np.concatenate([starts, starts + lengths])
-    for order in (1, 2):
-        first, last = np.split(_values(path, ends, order - 1), 2)
-        rates = _values(path, inside.ravel(), order).reshape(*inside.shape, path.n)
-        means = 0.5 * np.einsum("k,ikn->in", weights, rates)
-        quotients = (last - first) / lengths[:, None]
-        size = np.maximum(np.abs(means), np.abs(quotients)).max(axis=0)
-        values = np.maximum(np.abs(first), np.abs(last)).max(axis=0)
-        allowed = WRONG_DERIVATIVE * size + DIFFERENCE_ROUNDING * values / lengths[:, None]
-        excess = np.abs(means - quotients) - allowed
-        if np.any(excess > 0):
-            i, component = np.unravel_index(int(np.argmax(excess)), excess.shape)
-            raise InvalidInput(
-                f"path: path(s, {order}) is not the derivative of path(s, {order - 1}): at s = "
-                f"{starts[i]:.4g} coordinate {component} has {means[i, component]:.6g} instead of "
-                f"{quotients[i, component]:.6g}"
-            )
+    first, last = np.split(_values(path, ends, order - 1), 2)
+    rates = _values(path, inside.ravel(), order).reshape(*inside.shape, path.n)
+    means = 0.5 * np.einsum("k,ikn->in", weights, rates)
+    quotients = (last - first) / lengths[:, None]
+    size = np.maximum(np.abs(means), np.abs(quotients)).max(axis=0)
+    values = np.maximum(np.abs(first), np.abs(last)).max(axis=0)
+    allowed = WRONG_DERIVATIVE * size + DIFFERENCE_ROUNDING * values / lengths[:, None]
+    excess = np.abs(means - quotients) - allowed
+    if np.any(excess > 0):
+        i, component = np.unravel_index(int(np.argmax(excess)), excess.shape)
+        raise InvalidInput(
+            f"path: path(s, {order}) is not the derivative of path(s, {order - 1}): at s = "
+            f"{starts[i]:.4g} coordinate {component} has {means[i, component]:.6g} instead of "
+            f"{quotients[i, component]:.6g}"
+        )
 
 
 @cache

@@ -28,17 +28,28 @@ def peak_sizes(function: Callable[[Array], Array], edges: Array, size: int) -> A
     largest = values.max(axis=0)
     padded = np.pad(values, ((1, 1), (0, 0)), constant_values=-np.inf)
     highest = (values >= padded[:-2]) & (values >= padded[2:]) & (values >= CANDIDATE_RATIO * largest)
-    at, component = np.nonzero(highest)
-    middle = t[at]
-    step = np.maximum(np.diff(t, prepend=edges[0])[at], np.diff(t, append=edges[-1])[at])
+    rows, component = np.nonzero(highest)
+    middle = t[rows]
+    step = np.maximum(np.diff(t, prepend=edges[0])[rows], np.diff(t, append=edges[-1])[rows])
+
+    def update_largest(instants: Array) -> Array:
+        """Return the sizes of the components at instants (..., m), the largest of each taken up."""
+        values = np.abs(function(instants.ravel())).reshape(*instants.shape, -1)
+        sizes = values[..., np.arange(len(component)), component]
+        np.maximum.at(largest, component, sizes.reshape(-1, len(component)).max(axis=0))
+        return sizes
+
     for _ in range(ZOOMS):
         points = np.clip(middle + step * np.array([[-1.0], [0.0], [1.0]]), edges[0], edges[-1])
-        sizes = np.abs(function(points.ravel())).reshape(3, len(at), -1)[:, np.arange(len(at)), component]
-        np.maximum.at(largest, component, sizes.max(axis=0))
-        before, centre, after = sizes
-        bend = 2.0 * centre - before - after
-        shift = np.divide(0.5 * (after - before), bend, out=np.zeros_like(bend), where=bend > 0.0)
-        middle = np.clip(points[1] + step * np.clip(shift, -1.0, 1.0), edges[0], edges[-1])
+        shift = _vertex(*update_largest(points))
+        middle = np.clip(points[1] + step * shift, edges[0], edges[-1])
         step = step * ZOOM_RATIO
-    np.maximum.at(largest, component, np.abs(function(middle))[np.arange(len(at)), component])
+    update_largest(middle)
     return largest
+
+
+def _vertex(left: Array, centre: Array, right: Array) -> Array:
+    """Return the vertex, in [-1, 1], of parabolas through values (m,) at -1, 0 and 1; 0 without a maximum."""
+    bend = 2.0 * centre - left - right
+    vertex = np.divide(0.5 * (right - left), bend, out=np.zeros_like(bend), where=bend > 0.0)
+    return np.clip(vertex, -1.0, 1.0)

@@ -31,7 +31,7 @@ class SpeedBasis(ReadOnlyArrays):
     size: int
 
     @staticmethod
-    def on_cells(cells: Array) -> SpeedBasis:
+    def from_cells(cells: Array) -> SpeedBasis:
         """Return the quintic B-splines on cells (k + 1,), k > 1."""
         return SpeedBasis(cells, len(cells) - 1 + SPLINE_DEGREE)
 

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from framework.output import written_together
-from framework.parallel.tasks import completed
+from framework.parallel.tasks import iterate_results
 
 PREFIX = ".crossing-kept-"
 Arrays = Mapping[str, NDArray[Any]]
@@ -30,14 +30,14 @@ K = TypeVar("K")
 
 
 class ArrayField(NamedTuple):
-    """An array of a chunk: the kind of its values as numpy has it (b, i, u, f, U), and its shape."""
+    """An array of a chunk: the kind of its values (b, i, u, f, U, as numpy) and its shape."""
 
     kind: str
     shape: tuple[int, ...]
 
 
 def fits(arrays: Arrays | None, table: Mapping[str, ArrayField]) -> bool:
-    """Whether arrays are those of a table and no others; None never."""
+    """Whether arrays have the names, kinds and shapes of a table; None never."""
     return arrays is not None and table == {
         name: ArrayField(array.dtype.kind, array.shape) for name, array in arrays.items()
     }
@@ -98,7 +98,7 @@ def complete_chunks(
     chunks = {name: stored[name] for name, task in tasks.items() if fits(stored.get(name), fields(task))}
     progress(chunks)
     missing = [item for item in tasks.items() if item[0] not in chunks]
-    for (name, _), chunk in completed(partial(_compute_item, compute), missing, executor):
+    for (name, _), chunk in iterate_results(partial(_compute_item, compute), missing, executor):
         chunks[name] = chunk
         if keeper is not None:
             keeper.keep(name, chunk)

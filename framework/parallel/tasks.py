@@ -16,12 +16,12 @@ K = TypeVar("K")
 R = TypeVar("R")
 
 
-def completed(
+def iterate_results(
     task: Callable[[K], R], chunks: Iterable[K], executor: Executor | None
 ) -> Iterator[tuple[K, R]]:
-    """Yield chunks with their results as they finish; without an executor in this process, in order.
+    """Yield chunks with results as they finish; without an executor in this process, in order.
 
-    What waits is cancelled when the iteration ends early. An executor must be able to pickle the task.
+    Waiting chunks are cancelled when the iteration ends early. An executor must be able to pickle the task.
     """
     if executor is None:
         for chunk in chunks:
@@ -40,7 +40,7 @@ def completed(
 
 @contextmanager
 def executor_of(*, workers: int = 1, dask: str | None = None) -> Iterator[Executor | None]:
-    """Return this process (None), `workers` processes of their own, or the cluster of a dask scheduler.
+    """Yield None for this process, or an executor of `workers` processes or of a dask scheduler.
 
     Args:
         dask: the scheduler's address, instead of `workers`.

@@ -25,7 +25,7 @@ from framework.errors import LostWorkers, whole_number
 from framework.parallel import MAX_WORKERS
 
 MAX_TRIES = 3  # processes that a task may cost
-PICKLING_ERRORS = (pickle.PicklingError, AttributeError, TypeError)  # what pickle says of what it cannot do
+PICKLING_ERRORS = (pickle.PicklingError, AttributeError, TypeError)
 T = TypeVar("T")
 
 
@@ -40,9 +40,9 @@ class _Worker(NamedTuple):
 
 
 class Workers(Executor):
-    """`count` processes, 1 or more. Tasks and what they return must be such as can be pickled.
+    """An executor of `count` processes, 1 or more; tasks and results must be picklable.
 
-    Leaving the `with` block by an exception, Ctrl-C included, kills the processes and drops what waits.
+    Leaving the `with` block by an exception, Ctrl-C included, kills the processes and drops waiting tasks.
 
     Raises:
         InvalidInput: the count is no such number.
@@ -60,7 +60,7 @@ class Workers(Executor):
             thread.start()
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
-        """Submit a call; `LostWorkers` ends its future if each process that tries it is killed."""
+        """Submit a call; its future fails with `LostWorkers` if each process tried is killed."""
         future: Future[T] = Future()
         with self._lock:
             if self._closed:
@@ -69,7 +69,7 @@ class Workers(Executor):
         return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Take no more tasks; wait for those that were taken, or drop those that have not begun."""
+        """Take no more tasks; wait for the tasks taken, or drop the ones not begun."""
         with self._lock:
             self._closed = True
             if cancel_futures:
@@ -95,7 +95,7 @@ class Workers(Executor):
             self.stop()
 
     def _drop(self) -> None:
-        """Cancel what waits."""
+        """Cancel the waiting tasks."""
         with suppress(queue.Empty):
             while True:
                 task = self._tasks.get_nowait()
@@ -103,15 +103,15 @@ class Workers(Executor):
                     task.future.cancel()
 
     def _serve(self) -> None:
-        """Run one process after the other, for as long as there are tasks."""
+        """Serve tasks by one process after the other until none is left."""
         worker: _Worker | None = None
         while (task := self._tasks.get()) is not None:
             if task.future.set_running_or_notify_cancel():
-                worker = self._computed(task, worker)
+                worker = self._settle(task, worker)
         if worker is not None:
-            self._ended(worker)
+            self._end_process(worker)
 
-    def _computed(self, task: _Task, worker: _Worker | None) -> _Worker | None:
+    def _settle(self, task: _Task, worker: _Worker | None) -> _Worker | None:
         """Settle a task; return the process that is left, if any."""
         try:
             message = pickle.dumps(task.call)
@@ -120,7 +120,7 @@ class Workers(Executor):
             return worker
         for _ in range(MAX_TRIES):
             try:
-                worker = worker or self._begun()
+                worker = worker or self._start_process()
             except OSError as error:
                 task.future.set_exception(LostWorkers(f"no worker process can be started: {error}"))
                 return None
@@ -130,12 +130,12 @@ class Workers(Executor):
                 worker.pipe.send_bytes(message)
                 answer = worker.pipe.recv_bytes()
             except (EOFError, OSError):
-                self._ended(worker)
+                self._end_process(worker)
                 worker = None
                 continue
             try:
                 fine, result = pickle.loads(answer)
-            except Exception as error:  # noqa: BLE001 - whatever keeps a result from being read here
+            except Exception as error:  # noqa: BLE001 - any reason why a result cannot be read
                 fine, result = False, error
             if fine:
                 task.future.set_result(result)
@@ -150,7 +150,7 @@ class Workers(Executor):
         )
         return None
 
-    def _begun(self) -> _Worker | None:
+    def _start_process(self) -> _Worker | None:
         """Start a process; None after `stop`."""
         ours, theirs = get_context("spawn").Pipe()
         process = get_context("spawn").Process(target=_work, args=(theirs,), daemon=True)
@@ -164,8 +164,8 @@ class Workers(Executor):
         theirs.close()  # else a dead process would not break the pipe
         return _Worker(process, ours)
 
-    def _ended(self, worker: _Worker) -> None:
-        """Close the pipe of a process, by which it ends; put a dead one away."""
+    def _end_process(self, worker: _Worker) -> None:
+        """End a process by closing its pipe, and wait for its end."""
         worker.pipe.close()
         worker.process.join()
         with self._lock:
@@ -184,11 +184,11 @@ def _work(pipe: Connection) -> None:
 
 
 def _answer(call: bytes) -> bytes:
-    """Return, pickled, the result or the error of a pickled call, or why it cannot be read."""
+    """Return, pickled, the result or the error of a pickled call, also of an unreadable one."""
     try:
         fn, args, kwargs = pickle.loads(call)
         return pickle.dumps((True, fn(*args, **kwargs)))
-    except Exception as error:  # noqa: BLE001 - an executor hands on whatever its tasks raise
+    except Exception as error:  # noqa: BLE001 - an executor passes on all errors of tasks
         error.add_note(f"in a worker process:\n{traceback.format_exc()}")
         return pickle.dumps((False, _portable(error)))
 

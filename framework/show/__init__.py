@@ -1,4 +1,4 @@
-"""Figures, and pages for the browser. Open `film` first: what pages and pictures show is sampled there.
+"""Figures, and pages for the browser. Open `film` first: it samples the motions that pages and pictures show.
 
 The only room that knows matplotlib and MeshCat. It draws, and computes no result.
 
@@ -7,12 +7,12 @@ What is shown
     captions            sentences about a film
     forces              all forces that the motors can give
     shapes, motors      the solids of a robot and of its motors
-    sight               from where a robot is looked at
+    sight               the direction from which a robot is looked at
 
 Figures
     style               the look of all figures
     plots               torques, law and certificate of a plan
-    phase_plane         s' and s" between what the motors allow
+    phase_plane         s' and s" within the limits of the motors
     force_polygon       forces along t_s at a crossing: available and needed
     map, locus_figures  maps over the workspace; the singular locus
     design_study, fidelity, robustness  one figure for each study
@@ -23,8 +23,8 @@ Pages
     scene               a film as a document in JSON
     page, page/         one HTML file with its scripts and styles
     map_page            a map with the values under the pointer
-    jogging, server     a robot moved by hand: what the page asks, and who answers
-    report, reproduction  the report of a plan, and how to have it again
+    jogging, server     a robot moved by hand: the answers to the page, and their server
+    report, reproduction  the report of a plan, and the command that makes the plan again
     jupyter             robots and plans that show themselves in notebooks
 """
 

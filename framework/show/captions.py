@@ -21,23 +21,23 @@ PROVEN = (
 )
 
 
-def said(name: str) -> str:
-    """Return a name as it is read: five_bar is five bar."""
+def display_name(name: str) -> str:
+    """Return a name in words: five bar for five_bar."""
     return name.replace("_", " ")
 
 
 def plan_name(plan: CrossingPlan, folder: str) -> str:
-    """Return the scene of a saved plan, as `show --scene` calls it; its folder where it is of none."""
+    """Return the scene of a saved plan as `show --scene` names scenes; its folder without one."""
     request = plan.request
-    asked_for = (request.path, request.duration, request.times, request.speeds, request.at)
+    requested = (request.path, request.duration, request.times, request.speeds, request.at)
     for name, scene in plan.robot.description.scenes.items():
-        if (scene_path(scene), scene.duration, scene.times, scene.speeds, scene.at) == asked_for:
+        if (scene_path(scene), scene.duration, scene.times, scene.speeds, scene.at) == requested:
             return f"Scene {name}"
     return f"Plan {folder}"
 
 
-def asked(robot: ParallelRobot) -> str:
-    """Return the words for t_s . W_p: a force along t_s, or a torque about it if the platform only turns."""
+def wrench_kind(robot: ParallelRobot) -> str:
+    """Return the kind of t_s . W_p: a force along t_s, or a torque about t_s of a turning platform."""
     return "force along" if np.any(robot.translations) else "torque about"
 
 
@@ -46,8 +46,8 @@ def unit(robot: ParallelRobot) -> str:
     return "N" if np.any(robot.translations) else "N m"
 
 
-def stated(robot: ParallelRobot, limit: Array, peak: float, *, reason: str = "") -> str:
-    """Describe motors by their torque limits (n_a,), and by the peak torque, 0 where there is none.
+def describe_motors(robot: ParallelRobot, limit: Array, peak: float, *, reason: str = "") -> str:
+    """Describe motors by their torque limits (n_a,) and the peak torque, 0 without one.
 
     `reason` tells why the peak torque sets the limit.
     """
@@ -64,28 +64,29 @@ def subtitle(film: Film) -> str:
     if not film.instants:
         return "keeps clear of the singularity"
     if not film.proved:
-        return f"goes through while it asks for {asked(film.robot)} t_s: fails"
+        return f"goes through while it asks for {wrench_kind(film.robot)} t_s: fails"
     if all(coasts(film, instant) for instant in film.instants):
         return "goes through coasting: works"
-    return f"goes through while it asks for no {asked(film.robot)} t_s: works"
+    return f"goes through while it asks for no {wrench_kind(film.robot)} t_s: works"
 
 
 def film_summary(film: Film) -> str:
     """Describe the motion at its singular instants in a few sentences."""
     if not film.instants:
-        held = "This motion meets no Type 2 singularity: the motors hold the platform all the way."
-        return f"{held} {_peak(film)}"
+        regular = "This motion meets no Type 2 singularity: the motors hold the platform all the way."
+        return f"{regular} {_peak(film)}"
     when = ", ".join(f"{instant.time:.3g} s" for instant in film.instants)
+    kind = wrench_kind(film.robot)
     if film.proved:
         return (
             f"This motion crosses the Type 2 singularity at t = {when} with finite torque: at that instant "
-            f"it asks for no {asked(film.robot)} t_s (t_s · W_p = 0). {_peak(film)}"
+            f"it asks for no {kind} t_s (t_s · W_p = 0). {_peak(film)}"
         )
     wrench = max(abs(instant.wrench) for instant in film.instants)
     rigid = " It is drawn with rigid parts: on springs the loops would tear." if film.drawn_rigid else ""
     return (
         f"This motion meets the Type 2 singularity at t = {when} while it asks for {wrench:.3g} "
-        f"{unit(film.robot)} {asked(film.robot).split()[1]} t_s: no motor torque is large enough. The curve "
+        f"{unit(film.robot)} {kind.split()[1]} t_s: no motor torque is large enough. The curve "
         f"of the torque goes off the scale there; it has no bound.{rigid}"
     )
 
@@ -107,7 +108,7 @@ def _entry(robot: ParallelRobot) -> CatalogueEntry | None:
     return entry if entry is not None and entry.file == robot.description.file else None
 
 
-def how(film: Film, instant: SingularityCrossing) -> str:
+def explain_crossing(film: Film, instant: SingularityCrossing) -> str:
     """Explain why a proven motion asks for nothing along t_s at a singular instant."""
     if film.plan is None:
         return ""
@@ -119,9 +120,8 @@ def how(film: Film, instant: SingularityCrossing) -> str:
         zero = "W_p does no work along t_s"
     else:
         zero = "W_p stands at a right angle to t_s"
-    return (
-        f"By its timing the motion needs no {asked(film.robot)} t_s at this instant (t_s · W_p = 0); {zero}."
-    )
+    kind = wrench_kind(film.robot)
+    return f"By its timing the motion needs no {kind} t_s at this instant (t_s · W_p = 0); {zero}."
 
 
 def coasts(film: Film, instant: SingularityCrossing) -> bool:
@@ -132,7 +132,7 @@ def coasts(film: Film, instant: SingularityCrossing) -> bool:
 
 
 def proof(film: Film) -> str:
-    """Return what is proven of a plan's torque, and by which number."""
+    """Return the proof of a plan's finite torque, with its numbers; empty without a plan."""
     if film.plan is None:
         return ""
     return PROVEN.format(film.plan.certificate)
@@ -143,7 +143,7 @@ def parts(film: Film) -> str:
     plan, robot = film.plan, film.robot
     if not robot.n_e or plan is None:
         return "rigid parts"
-    return f"{said(robot.flexibility)}, {plan.geometry} geometry"
+    return f"{display_name(robot.flexibility)}, {plan.geometry} geometry"
 
 
 def _peak(film: Film) -> str:
@@ -153,6 +153,6 @@ def _peak(film: Film) -> str:
 
 
 def _share(film: Film, instant: SingularityCrossing) -> float:
-    """|W_p| at an instant over its largest value of the film."""
+    """Return |W_p| at an instant over its largest value of the film."""
     size = np.linalg.norm(film.W_p, axis=1)
     return float(size[film.frame_at(instant.time)] / (size.max() or 1.0))

@@ -12,7 +12,7 @@ from matplotlib.collections import PathCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from framework.arrays import Array
+from framework.arrays import Array, BoolArray
 from framework.atlas.design_study import DesignStudy
 from framework.atlas.quantities import QUANTITIES
 from framework.show.plots import save
@@ -24,7 +24,7 @@ AREAS = {
     "free_area": "area on the reference's side of the locus",
     "carried_area": "area in which the load is carried",
 }
-COLORING_QUANTITY = "free_area"  # tells a design in one cell from the others, and is it again in the next
+COLORING_QUANTITY = "free_area"  # its colour identifies a design in all cells
 PALETTE = "cividis"
 MAX_LABEL_CHARACTERS = 24  # characters of a line beside a row
 
@@ -34,31 +34,44 @@ def plot_study(study: DesignStudy) -> Axes:
 
     A design has one colour in all cells. One that makes no robot is a cross below its parameters.
     """
-    names, values = study.designs.names, study.designs.values
+    parameters = dict(zip(study.designs.names, study.designs.values.T, strict=True))
     rows = [*(key for key in AREAS if key in study.columns), *study.task.keys]
-    size = (CELL_SIZE * len(names) + 1.6, CELL_SIZE * len(rows) + 0.4)
+    size = (CELL_SIZE * len(parameters) + 1.6, CELL_SIZE * len(rows) + 0.4)
     drawing = Figure(figsize=size, layout="constrained")
-    axes = drawing.subplots(len(rows), len(names), sharex="col", sharey="row", squeeze=False)
-    coloured = study.columns[COLORING_QUANTITY]
-    finite = coloured[np.isfinite(coloured)]
-    norm = Normalize(finite.min(), finite.max()) if finite.size else Normalize(0.0, 1.0)
+    axes = drawing.subplots(len(rows), len(parameters), sharex="col", sharey="row", squeeze=False)
+    norm = _color_scale(study.columns[COLORING_QUANTITY])
     for row, key in zip(axes, rows, strict=True):
-        for k, ax in enumerate(row):
-            marks = _draw(study, key, values[:, k], ax, norm)
+        for ax, values in zip(row, parameters.values(), strict=True):
+            marks = _draw(study, key, values, ax, norm)
         row[0].set_ylabel("\n".join([*wrap(_name(key), MAX_LABEL_CHARACTERS), f"[{_unit(study, key)}]"]))
-    for ax, name in zip(axes[-1], names, strict=True):
+    refused = np.array(list(map(bool, study.why)))
+    for ax, (name, values) in zip(axes[-1], parameters.items(), strict=True):
         ax.set_xlabel(name)
-    refused = np.array([bool(why) for why in study.why])
-    for ax, places in zip(axes[-1], values.T, strict=True):
-        below = {"transform": ax.get_xaxis_transform(), "clip_on": False}
-        ax.plot(places[refused], np.full(refused.sum(), 0.03), "x", color=ALARM, markersize=4, **below)
+        _mark_refused(ax, values[refused])
     bar = drawing.colorbar(marks, ax=axes, pad=0.02, aspect=40)
     bar.set_label(f"colour: {AREAS[COLORING_QUANTITY]}  [{_unit(study, COLORING_QUANTITY)}]")
-    refusals = f", {refused.sum()} of them make no robot (crosses)" if refused.any() else ""
-    head = f"{len(refused)} designs{refusals}\ndots: medians over the map, lines: least to largest"
-    drawing.suptitle(head, fontsize=8, x=0.02, ha="left")
+    drawing.suptitle(_heading(refused), fontsize=8, x=0.02, ha="left")
     first: Axes = axes[0, 0]
     return first
+
+
+def _heading(refused: BoolArray) -> str:
+    """Return the heading for designs of which some (a mask) make no robot."""
+    refusals = f", {refused.sum()} of them make no robot (crosses)" if refused.any() else ""
+    return f"{len(refused)} designs{refusals}\ndots: medians over the map, lines: least to largest"
+
+
+def _color_scale(values: Array) -> Normalize:
+    """Return the scale of colours between the finite extremes of values (designs,)."""
+    finite = values[np.isfinite(values)]
+    return Normalize(finite.min(), finite.max()) if finite.size else Normalize(0.0, 1.0)
+
+
+def _mark_refused(ax: Axes, parameters: Array) -> None:
+    """Mark designs that make no robot by crosses below their parameters (k,)."""
+    height = np.full(len(parameters), 0.03)
+    transform = ax.get_xaxis_transform()
+    ax.plot(parameters, height, "x", color=ALARM, markersize=4, transform=transform, clip_on=False)
 
 
 def _draw(study: DesignStudy, key: str, places: Array, ax: Axes, norm: Normalize) -> PathCollection:

@@ -16,9 +16,9 @@ from framework.kinematics.assembly import configuration
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import carried_points, joint_poses, planar_normal
 from framework.model.visuals import Shape
-from framework.show.captions import said
+from framework.show.captions import display_name
 from framework.show.sight import Projection, Sight, robot_sight
-from framework.show.style import axes_or_new, figure_file, styled
+from framework.show.style import axes_or_new, figure_file, use_style
 
 ROUND_OUTLINE_CORNERS = 32  # corners of a round outline
 LIGHT_DIRECTION = np.array([0.3, -0.5, 0.8])  # from where meshes are lit
@@ -47,7 +47,7 @@ def draw_robot(
     if planar_normal(robot) is None:
         ax.set_axis_off()
     else:
-        ax.set(xlabel=f"{_named(sight.onto.right)}  [m]", ylabel=f"{_named(sight.onto.up)}  [m]")
+        ax.set(xlabel=f"{_axis_name(sight.onto.right)}  [m]", ylabel=f"{_axis_name(sight.onto.up)}  [m]")
     return ax
 
 
@@ -63,7 +63,7 @@ def outlines(robot: ParallelRobot, q: Array, sight: Sight) -> list[tuple[int, Ar
     return [piece[1:] for piece in sorted(pieces, key=lambda piece: -piece[0])]
 
 
-def _named(direction: Array) -> str:
+def _axis_name(direction: Array) -> str:
     """Return the axis of the base that is nearest to a direction."""
     axis = int(np.argmax(np.abs(direction)))
     return ("" if direction[axis] > 0 else "−") + "xyz"[axis]
@@ -72,12 +72,12 @@ def _named(direction: Array) -> str:
 def _pieces(shape: Shape, joint: Array, onto: Projection) -> list[tuple[float, Array, Array]]:
     """Return depth, outline (m, 2) and colour (4,) of a shape's visible faces, its joint at a pose (7,)."""
 
-    def placed(local: Array) -> Array:
+    def to_base(local: Array) -> Array:
         return carried_points(joint, shape.in_node(local))
 
     color = np.array(shape.color, dtype=float)
     if shape.vertices is not None and shape.faces is not None:
-        triangles = placed(shape.vertices)[shape.faces]  # (F, 3, 3)
+        triangles = to_base(shape.vertices)[shape.faces]  # (F, 3, 3)
         normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
         normals /= np.maximum(np.linalg.norm(normals, axis=1), LEAST_DIVISOR)[:, None]
         bright = 0.55 + 0.45 * np.abs(normals @ LIGHT_DIRECTION) / np.linalg.norm(LIGHT_DIRECTION)
@@ -87,14 +87,14 @@ def _pieces(shape: Shape, joint: Array, onto: Projection) -> list[tuple[float, A
             (float(depth), flat, shade)
             for depth, flat, shade in zip(depths, onto(triangles), shades, strict=True)
         ]
-    center = placed(np.zeros((1, 3)))[0]
+    center = to_base(np.zeros((1, 3)))[0]
     angle = np.linspace(0.0, 2 * np.pi, ROUND_OUTLINE_CORNERS, endpoint=False)
     circle = np.stack([np.cos(angle), np.sin(angle), np.zeros(ROUND_OUTLINE_CORNERS)], axis=1)
     if shape.kind == "sphere":
         outline = onto(center) + shape.size[0] * circle[:, :2]
     elif shape.kind == "cylinder":
         ends = [shape.size[0] * circle + [0.0, 0.0, side * shape.size[1] / 2] for side in (-1, 1)]
-        outline = hull(onto(placed(np.concatenate(ends))))
+        outline = hull(onto(to_base(np.concatenate(ends))))
     else:
         outline = hull(onto(carried_points(joint, shape.corners())))
     return [(float(center @ onto.ahead), outline, color)]
@@ -133,7 +133,7 @@ def gallery_picture(robots: Sequence[ParallelRobot], kind: str) -> bytes:
     if kind not in GALLERY_KINDS:
         raise InvalidInput(choose_from("kind of picture", kind, GALLERY_KINDS))
     rows = -(-len(robots) // COLUMNS)
-    with styled():
+    with use_style():
         drawing = Figure(figsize=(CELL * COLUMNS, CELL * rows), layout="constrained")
         cells = drawing.subplots(rows, COLUMNS, squeeze=False).ravel()
         for cell in cells:
@@ -141,5 +141,5 @@ def gallery_picture(robots: Sequence[ParallelRobot], kind: str) -> bytes:
         for robot, cell in zip(robots, cells, strict=False):
             draw_robot(robot, ax=cell)
             cell.set_axis_off()
-            cell.set_title(said(robot.name))
+            cell.set_title(display_name(robot.name))
         return figure_file(drawing, kind, dpi=DOTS_PER_INCH)

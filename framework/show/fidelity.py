@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from framework.fidelity.fidelity_study import ERROR_ROUNDING, FidelityStudy
-from framework.show.captions import said
+from framework.show.captions import display_name
 from framework.show.style import ALARM, draw_dashed, figure, line_style
 
 
@@ -27,7 +27,7 @@ def plot_fidelity(study: FidelityStudy, axes: Sequence[Axes] | None = None) -> A
             ax.plot(
                 s,
                 np.where(errors > ERROR_ROUNDING, errors, np.nan),
-                label=said(comparison.level.name),
+                label=display_name(comparison.level.name),
                 **line_style(k),
             )
     for ax, label in zip(axes, ("torque error  [peak]", "platform error  [path lengths]"), strict=True):

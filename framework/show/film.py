@@ -36,7 +36,7 @@ FILM_FRAMES = 481
 
 @dataclass(frozen=True, eq=False)
 class Film:
-    """F frames of a motion with its loops closed in each of them.
+    """F frames of a motion, the loops closed in each.
 
     `W_p` is the wrench that all bodies' inertia and weight, less the wrenches of the world on them, ask of
     the platform, W_p = (dq/dx)' r with r the forces of the open tree: with massless legs the payload's.
@@ -69,7 +69,7 @@ class Film:
 
     @property
     def has_measure(self) -> bool:
-        """Whether there is a measure g of singularity."""
+        """Whether the measure g of singularity exists."""
         return not np.isnan(self.g).any()
 
     @cached_property
@@ -98,7 +98,7 @@ class Film:
 
 
 def film_motion(robot: ParallelRobot, request: Request, *, name: str = "") -> Film:
-    """Plan the motion and film it; a motion with a pole is filmed from its unproved law.
+    """Plan and film a motion; film a motion with a pole from its unproved law.
 
     Args:
         name: what stands above the picture, such as Scene C.
@@ -146,7 +146,7 @@ def film_plan(plan: CrossingPlan, *, name: str = "") -> Film:
 
 
 def _film(robot: ParallelRobot, motion: Motion, **facts: Any) -> Film:
-    """Film F instants of a motion, with the quantities along it."""
+    """Film F instants of a motion, with the quantities along the motion."""
     curves = wrench_curves(robot, motion)
     return Film(
         robot=robot,
@@ -162,7 +162,7 @@ def _film(robot: ParallelRobot, motion: Motion, **facts: Any) -> Film:
 
 
 def _frame_times(duration: float, instants: list[float]) -> Array:
-    """Return equidistant frames, the nearest of them moved onto each instant."""
+    """Return equidistant times (F,) [s], the nearest one moved onto each instant."""
     times = np.linspace(0.0, duration, FILM_FRAMES)
     for instant in instants:
         times[np.argmin(np.abs(times - instant))] = instant

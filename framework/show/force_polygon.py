@@ -16,7 +16,7 @@ from framework.crossing.result import CrossingPlan
 from framework.dynamics.platform_wrench import platform_wrench
 from framework.errors import InvalidInput, finite_numbers
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.show.captions import stated
+from framework.show.captions import describe_motors
 from framework.show.film import Film
 from framework.show.style import (
     ALARM,
@@ -33,7 +33,7 @@ from framework.show.style import (
 TIME_SAMPLES = 401
 SHOWN_DURATION_SHARE = 0.25  # of the duration, shown on either side of the crossing
 SHOWN_PATH_SHARE = 0.3  # of the path, shown on either side of a singular point
-# colour, dash and mark of a motion at its singular instant, and what is said of it
+# colour, dash and mark of a motion at its singular instant, and its verdict
 THREADS, MISSES = (GOOD, "-", "o", "threads the eye"), (ALARM, "--", "X", "misses the eye")
 ASSUMED_LIMIT_RATIO = 1.5  # over the plan's largest torque, where a motor of the robot file has no limit
 
@@ -63,7 +63,7 @@ def plot_eye(
     demand, reach = wrench.along(crossed.twist), wrench.reach(crossed.twist, limit)
     ax = axes_or_new(ax)
     top = 1.6 * max(float(np.abs(demand).max()), LEAST_DIVISOR)
-    _draw_band(ax, time, reach, stated(plan.robot, limit, float(np.abs(torque).max())))
+    _draw_band(ax, time, reach, describe_motors(plan.robot, limit, float(np.abs(torque).max())))
     ax.plot(time, demand, color=COLORS[1], label="what the motion asks for")
     draw_dashed(ax, 0.0)
     draw_dot(ax, 0.0, float(np.interp(0.0, time, demand)))
@@ -86,7 +86,7 @@ def _ordinate(robot: ParallelRobot, twist: Array) -> str:
 
 
 def plot_eyes(films: Sequence[Film], limit: Array, ax: Axes | None = None) -> Axes:
-    """Plot motions along one path in one eye: over s, the band of the motors is the same for all of them.
+    """Plot motions along one path in one eye: over s, all share the band of the motors.
 
     Args:
         films: of one robot and one path with a singular instant each.
@@ -101,30 +101,25 @@ def plot_eyes(films: Sequence[Film], limit: Array, ax: Axes | None = None) -> Ax
     twist = eye_twist(films)
     s = first.law(first.time)
     reach = first.motors.reach(twist, limit)
-    _draw_band(ax, s, reach, stated(first.robot, limit, peak_torque(films)))
+    _draw_band(ax, s, reach, describe_motors(first.robot, limit, peak_torque(films)))
     low = max(0.0, first.instants[0].s - SHOWN_PATH_SHARE)
     high = min(1.0, first.instants[0].s + SHOWN_PATH_SHARE)
-    top = 0.0
-    for film in films:
-        s_of_film, demand, s_singular = film.law(film.time), film.motors.along(twist), film.instants[0].s
-        color, dash, dot, verdict = THREADS if film.proved else MISSES
-        ax.plot(
-            s_of_film,
-            demand,
-            dash,
-            color=color,
-            linewidth=1.6,
-            label=f"{film.name or 'the motion'} asks: {verdict}",
-        )
-        ax.plot(
-            [s_singular], [np.interp(s_singular, s_of_film, demand)], dot, color=color, markersize=5, zorder=4
-        )
-        top = max(top, float(np.abs(demand[(low <= s_of_film) & (s_of_film <= high)]).max()))
+    top = max(_draw_demand(ax, film, twist, (low, high)) for film in films)
     draw_dashed(ax, first.instants[0].s, LOCUS, 0.8)
     ax.set(xlim=(low, high), ylim=(-1.25 * top, 1.25 * top))
     ax.set(xlabel="position on the path  $s$  (dashed: singular)", ylabel=_ordinate(first.robot, twist))
     legend_above(ax)
     return ax
+
+
+def _draw_demand(ax: Axes, film: Film, twist: Array, shown: tuple[float, float]) -> float:
+    """Draw the force along t_s that a film asks for; return its largest size at s within `shown`."""
+    s, demand, s_singular = film.law(film.time), film.motors.along(twist), film.instants[0].s
+    color, dash, dot, verdict = THREADS if film.proved else MISSES
+    label = f"{film.name or 'the motion'} asks: {verdict}"
+    ax.plot(s, demand, dash, color=color, linewidth=1.6, label=label)
+    ax.plot([s_singular], [np.interp(s_singular, s, demand)], dot, color=color, markersize=5, zorder=4)
+    return float(np.abs(demand[(shown[0] <= s) & (s <= shown[1])]).max())
 
 
 def _check_alike(films: Sequence[Film]) -> None:
@@ -141,7 +136,7 @@ def _check_alike(films: Sequence[Film]) -> None:
 
 
 def eye_twist(films: Sequence[Film]) -> Array:
-    """Return t_s (n,) at the singular instant of the first film; all films are projected on it."""
+    """Return t_s (n,) at the singular instant of the first film, on which all films are projected."""
     first = films[0]
     return first.t_s[first.frame_at(first.instants[0].time)]
 

@@ -33,7 +33,7 @@ def figure_vectors(robot: ParallelRobot, wrenches: Array) -> Array:
 
 
 def why_no_figure(robot: ParallelRobot) -> str | None:
-    """Return why the motors' forces are not drawn as one figure; None where they are, or are one number."""
+    """Return the reason why the motors' forces are not drawn as one figure; None if drawn or one number."""
     platform, kinds = robot.platform, len(set(robot.translations.tolist()))
     if robot.n == 1:
         return None

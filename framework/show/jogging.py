@@ -15,8 +15,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import joint_poses, platform_frame_twists, platform_positions
 from framework.locus.drawn_locus import locus_curves
 from framework.output import Document
-from framework.show.captions import asked as kind_of_hold
-from framework.show.captions import catalogue_entry, unit
+from framework.show.captions import catalogue_entry, unit, wrench_kind
 from framework.show.forces import drawn_sides, why_no_figure
 from framework.show.scene import drawn_locus, drawn_robot, floats
 from framework.show.sight import robot_sight
@@ -42,7 +41,7 @@ def hand_document(robot: ParallelRobot) -> Document:
     return drawn_robot(robot, poses, robot_sight(robot)) | {
         "kind": "hand",
         "about": catalogue_entry(robot),
-        "push": f"{HELD_WRENCH:g} {unit(robot)} {kind_of_hold(robot).split()[1]} t_s",
+        "push": f"{HELD_WRENCH:g} {unit(robot)} {wrench_kind(robot).split()[1]} t_s",
         "flat": robot.n == 2,
         "lines": _has_lines(robot),
         "no_figure": (why_no_figure(robot) or "") if len(robot.passive) else "",
@@ -61,7 +60,7 @@ def move_by_hand(robot: ParallelRobot, movement: Document) -> Document:
     `part` is platform or motor, or drag, with a `place` [m] of the platform's origin in the base.
 
     Raises:
-        InvalidInput: what is asked cannot be right.
+        InvalidInput: a movement that cannot be right.
     """
     try:
         q, part = np.array(movement["q"], dtype=float), movement["part"]
@@ -80,32 +79,33 @@ def move_by_hand(robot: ParallelRobot, movement: Document) -> Document:
 
 
 def _words(pose: JoggedPose) -> str:
-    """Describe a pose in a sentence or two, the first of them short."""
-    where = {"near": "Near", "singular": "On"}.get(pose.level)
-    if where is None:
+    """Describe a pose in one or two sentences, the first one short."""
+    preposition = {"near": "Near", "singular": "On"}.get(pose.level)
+    if preposition is None:
         return "The motors hold the platform. Lead it to where g is 0: the purple curve, where one is drawn."
     if pose.kind == "type_1":
-        how = "nearly stretched or folded" if pose.level == "near" else "stretched or folded"
-        return f"A leg is {how}. It is {where.lower()} its end, a Type 1 singularity, and follows no further."
+        state = "nearly stretched or folded" if pose.level == "near" else "stretched or folded"
+        end = f"It is {preposition.lower()} its end, a Type 1 singularity, and follows no further."
+        return f"A leg is {state}. {end}"
     if pose.kind == "type_2":
         sentence = (
             "The arrow is the motion of the platform that the motors hold least."
             if pose.level == "near"
             else "Motors that are locked do not resist a small motion along the arrow."
         )
-        return f"{where} a Type 2 singularity. {sentence}"
+        return f"{preposition} a Type 2 singularity. {sentence}"
     name, meaning = CLASSES[pose.kind]
     adverb = "There" if pose.level == "near" else "Here"
-    return f"{where} a {name}. {adverb} {meaning}."
+    return f"{preposition} a {name}. {adverb} {meaning}."
 
 
 def _has_lines(robot: ParallelRobot) -> bool:
     """Whether each motor's force has a line."""
     try:
-        held = hold_at(robot, robot.reference.q, np.zeros(robot.n))
+        hold = hold_at(robot, robot.reference.q, np.zeros(robot.n))
     except NotAssembled:
         return False
-    return action_lines(robot, held.motor_speed[None]) is not None
+    return action_lines(robot, hold.motor_speed[None]) is not None
 
 
 def _hold(robot: ParallelRobot, pose: JoggedPose) -> Document:
@@ -115,25 +115,24 @@ def _hold(robot: ParallelRobot, pose: JoggedPose) -> Document:
     """
     translations = robot.platform.translations
     try:
-        held = hold_at(robot, pose.q, HELD_WRENCH * pose.twist)
+        hold = hold_at(robot, pose.q, HELD_WRENCH * pose.twist)
     except NotAssembled:  # a Type 1 singularity: the platform does not determine the motors
         return {"torques": None, "sides": None, "lines": None}
     pushed = (
         pose.g is not None and pose.level != "singular" and (translations.all() or not translations.any())
     )
-    torques = held.torque if pushed else None
-    sides = drawn_sides(robot, held.motor_speed[None], np.ones(robot.n_a)) if pose.g is not None else None
-    near = pose.kind == "type_2"
-    lines = action_lines(robot, held.motor_speed[None]) if near else None
+    speeds = hold.motor_speed[None]
+    sides = drawn_sides(robot, speeds, np.ones(robot.n_a)) if pose.g is not None else None
+    lines = action_lines(robot, speeds) if pose.kind == "type_2" else None
     return {
-        "torques": None if torques is None else np.abs(torques).tolist(),
+        "torques": np.abs(hold.torque).tolist() if pushed and hold.torque is not None else None,
         "sides": None if sides is None else sides[0].tolist(),
         "lines": None if lines is None else np.stack([lines.place[0], lines.way[0]], axis=1).tolist(),
     }
 
 
 def _wobble(robot: ParallelRobot, pose: JoggedPose) -> Document | None:
-    """Return the platform's motion along t_s on the locus, its loops closed, and the motors' share of it."""
+    """Return the platform's motion along t_s on the locus, loops closed, and the motors' small motion."""
     if pose.kind != "type_2" or pose.level != "singular":
         return None
     loose = loose_motion(robot, pose)
@@ -152,14 +151,14 @@ def _wobble(robot: ParallelRobot, pose: JoggedPose) -> Document | None:
 def _loose_sentence(robot: ParallelRobot, loose: LooseMotion) -> str:
     """Describe how far the platform moves while the motors all but rest."""
     slides = robot.sliding[robot.actuated]
-    moved = [f"{1e3 * loose.shift:.3g} mm"] * (loose.shift > 0) + [f"{loose.turn:.2g} rad"] * (loose.turn > 0)
+    sizes = [f"{1e3 * loose.shift:.3g} mm"] * (loose.shift > 0) + [f"{loose.turn:.2g} rad"] * (loose.turn > 0)
     motors = [
         f"{scale * loose.motors[kind].max():.2g} {unit}"
         for kind, scale, unit in ((slides, 1e3, "mm"), (~slides, 1.0, "rad"))
         if kind.any()
     ]
     return (
-        f"It wobbles: {' with '.join(moved)} of the platform to either side take no more than "
+        f"It wobbles: {' with '.join(sizes)} of the platform to either side take no more than "
         f"{' or '.join(motors)} of a motor."
     )
 

@@ -11,28 +11,27 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from framework.crossing.result import CrossingPlan
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.show.captions import film_summary, said
+from framework.show.captions import display_name, film_summary
 from framework.show.drawing import draw_robot
 from framework.show.film import Film, film_plan
 from framework.show.moving import film_picture
-from framework.show.style import figure_file, styled
+from framework.show.style import figure_file, use_style
 
 Described = tuple[bytes, dict[str, str]]  # a PNG, and its metadata
 
 
 def robot_picture(robot: ParallelRobot) -> Described:
     """Draw a robot at its reference."""
-    with styled():
-        drawn: Axes = draw_robot(robot)
-        drawn.set_title(said(robot.name), loc="left")
-        drawing = drawn.figure
+    with use_style():
+        name, ax = display_name(robot.name), draw_robot(robot)
+        ax.set_title(name, loc="left")
+        drawing = ax.figure
         assert isinstance(drawing, Figure)
-        return figure_file(drawing, "png", dpi=120), {"alt": f"The robot {said(robot.name)} at its reference"}
+        return figure_file(drawing, "png", dpi=120), {"alt": f"The robot {name} at its reference"}
 
 
 def plan_picture(plan: CrossingPlan) -> Described:
@@ -42,7 +41,7 @@ def plan_picture(plan: CrossingPlan) -> Described:
 
 
 def show_figure(alt: str, drawing: Figure | None = None) -> None:
-    """Show a figure, pyplot's current one when None, with a description, and close it."""
+    """Show and close a figure, pyplot's current one when None, with a description."""
     import matplotlib.pyplot as plt
     from IPython.display import Image, display
 

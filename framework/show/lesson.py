@@ -15,13 +15,13 @@ from framework.crossing.planar_crossing import PATH_SMOOTHNESS, STEP_ASIDE, Plan
 from framework.crossing.result import CrossingPlan
 from framework.errors import NoAnswer
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.placements import joint_poses, rotated
+from framework.kinematics.placements import joint_poses, rotate_vector
 from framework.locus.drawn_locus import locus_curves
 from framework.motion.chebyshev import COEFFICIENT_ROUNDING, coefficients, nodes, tail
 from framework.motion.optimal_law import OptimalLaw
 from framework.motion.path import Path
 from framework.output import Document
-from framework.show.captions import said, why
+from framework.show.captions import display_name, why
 from framework.show.drawing import outlines
 from framework.show.sight import Projection, Sight, robot_sight
 from framework.show.standalone import page_part, standalone_page
@@ -45,7 +45,7 @@ def lesson_page(robot: ParallelRobot, path: Path, *, duration: float, name: str 
     """
     sight = robot_sight(robot)
     crossing = planar_crossing(robot, path, duration, sight.onto.up)
-    heading = said(robot.name) + (f", {name}" if name else "")
+    heading = display_name(robot.name) + (f", {name}" if name else "")
     title = f"Thread the needle: {heading}"
     return standalone_page(
         title,
@@ -62,15 +62,15 @@ def _document(robot: ParallelRobot, crossing: PlanarCrossing, sight: Sight) -> D
     ends = np.cumsum([0, *(each.shape[1] for each in series.values())]).tolist()
     locus = locus_curves(robot, crossing.point.q, crossing.point.platform)
     return {
-        "robot": said(robot.name),
+        "robot": display_name(robot.name),
         "duration": crossing.plans["off"].duration,
         "smoothness": PATH_SMOOTHNESS,
-        "motors": [said(motor) for motor in robot.actuator_names],
+        "motors": [display_name(motor) for motor in robot.actuator_names],
         "unit": robot.torque_units[0],
         "crossing": crossing.point.s,
         "why": why(robot),
         "length": robot.length,
-        "series": [_truncated(column) for each in series.values() for column in each.T],
+        "series": [_truncate(column) for each in series.values() for column in each.T],
         "slices": {key: [begin, end] for key, begin, end in zip(series, ends, ends[1:], strict=False)},
         "shapes": _outlines(crossing, sight),
         "locus": [_plane(robot, curve, onto).round(6).tolist() for curve in (locus.curves if locus else [])],
@@ -86,7 +86,7 @@ def _document(robot: ParallelRobot, crossing: PlanarCrossing, sight: Sight) -> D
 
 
 def _series(crossing: PlanarCrossing, onto: Projection) -> dict[str, Array]:
-    """Return Chebyshev series (N, k) in s of all that the page evaluates."""
+    """Return Chebyshev series (N, k) in s of the functions that the page evaluates."""
     for count in NODE_COUNTS:
         columns = _columns(crossing, 0.5 * (1.0 + nodes(count)), onto)
         series = {key: coefficients(values.reshape(count, -1)) for key, values in columns.items()}
@@ -96,8 +96,8 @@ def _series(crossing: PlanarCrossing, onto: Projection) -> dict[str, Array]:
 
 
 def _columns(crossing: PlanarCrossing, s: Array, onto: Projection) -> dict[str, Array]:
-    """Return what the page evaluates, at s (M,), each (M, ...)."""
-    robot, samples = crossing.robots["off"], crossing.at(s)
+    """Compute the functions that the page evaluates, at s (M,), each (M, ...)."""
+    robot, samples = crossing.robots["off"], crossing.sample(s)
     forward, back = (np.stack([_poses(robot, q, onto) for q in samples.q_aside[:, side]]) for side in (0, 1))
     along_axes = (forward - back) / (2.0 * STEP_ASIDE * robot.length)  # (2, M, k)
     axes = _plane(robot, np.eye(2), onto)  # the platform's axes on the paper, orthogonal
@@ -123,20 +123,20 @@ def _squared_speed(plan: CrossingPlan) -> list[float]:
         series = coefficients(law.squared_speed(0.5 * (1.0 + nodes(count)))[:, None])
         if tail(series) < SERIES_TAIL:
             break
-    return _truncated(series[:, 0])
+    return _truncate(series[:, 0])
 
 
 def _poses(robot: ParallelRobot, q: Array, onto: Projection) -> Array:
     """Return place (2), cosine and sine of each moving joint's pose on the paper, (M, 4 per joint)."""
     columns = []
     for pose in joint_poses(robot, q).transpose(1, 0, 2)[1:]:
-        columns += [onto(pose[:, :3]), onto(rotated(pose[:, 3:], onto.right))]
+        columns += [onto(pose[:, :3]), onto(rotate_vector(pose[:, 3:], onto.right))]
     return np.concatenate(columns, axis=1)
 
 
 def _outlines(crossing: PlanarCrossing, sight: Sight) -> list[Document]:
     """Return the outline (m, 2) of each body in its joint's frame on the paper, the farthest first."""
-    robot, q = crossing.robots["off"], crossing.searched.branch.closed(np.zeros(1)).q
+    robot, q = crossing.robots["off"], crossing.searched.branch.close(np.zeros(1)).q
     poses = [np.array([0.0, 0.0, 1.0, 0.0]), *_poses(robot, q, sight.onto)[0].reshape(-1, 4)]
     shapes = []
     for node, points, colour in outlines(robot, q[0], sight):
@@ -155,7 +155,7 @@ def _plane(robot: ParallelRobot, x: Array, onto: Projection) -> Array:
     return onto(space)
 
 
-def _truncated(series: Array) -> list[float]:
-    """Return a series without its last coefficients that are rounding."""
+def _truncate(series: Array) -> list[float]:
+    """Cut the last coefficients of a series that are rounding."""
     large = np.flatnonzero(np.abs(series) > COEFFICIENT_ROUNDING * np.abs(series).max(initial=0.0))
     return [float(value) for value in series[: large[-1] + 1 if large.size else 1]]

@@ -75,20 +75,20 @@ def plot_motor_locus(
 
 
 def _draw_from_dot(ax: Axes, line: Array, label: str) -> None:
-    """Draw a line (m, 2), a dot where it begins."""
+    """Draw a line (m, 2) with a dot at its start."""
     ax.plot(*line.T, label=label, **line_style(0))
     ax.plot(*line[0], "o", color=COLORS[0], markersize=3)
 
 
 def _label(ax: Axes, labels: list[str]) -> Axes:
-    """Name both axes, and put the legend above; returns them."""
+    """Name both axes and put the legend above; return the axes."""
     ax.set(xlabel=labels[0], ylabel=labels[1])
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
     return ax
 
 
 def _about(values: Array) -> tuple[float, float]:
-    """Return the range of an axis that holds a path and a margin around it."""
+    """Return the range of an axis around values (m,), with a margin."""
     middle, half = 0.5 * (values.min() + values.max()), 2.0 * max(float(np.ptp(values)), 1e-6)
     return float(middle - half), float(middle + half)
 

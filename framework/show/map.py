@@ -20,7 +20,7 @@ from framework.arrays import Array, BoolArray
 from framework.atlas.quantities import Quantity, unit_of
 from framework.atlas.workspace_map import WorkspaceMap
 from framework.motion.path import Path
-from framework.show.captions import said
+from framework.show.captions import display_name
 from framework.show.plots import save
 from framework.show.style import AXIS, BEYOND, COLUMN_WIDTH, LOCUS, NOT_CARRIED, PATH, SOFT, UNREACHED, Style
 from framework.statics.loading import LoadReason
@@ -60,37 +60,25 @@ def plot_map(
     workspace: WorkspaceMap, key: str = "g", ax: Axes | None = None, *, path: Path | None = None
 ) -> Axes:
     """Plot one quantity of a map, with the singular locus and a path on top."""
-    quantity, robot = quantity_of(workspace, key), workspace.robot
-    lacking = (
+    quantity = quantity_of(workspace, key)
+    lacking = [
         (not_carried(workspace, quantity), NOT_CARRIED, "load not carried"),
         (workspace.beyond_ranges, BEYOND, "beyond a limit"),
-    )
-    locus = workspace.locus
-    entries = map(len, (locus.curves, locus.unexplained, locus.why_not))
-    count = 2 + sum(map(bool, entries)) + sum(poses.any() for poses, *_ in lacking)
-    header = _header(workspace, quantity, entries=int(count))
+    ]
+    lacking = [entry for entry in lacking if entry[0].any()]
+    header = _header(workspace, quantity, lacking=len(lacking))
     ax, scale = _axes(workspace, header) if ax is None else (ax, None)
     edges = [cell_edges(span) for span in workspace.window.spans]
     ax.set_facecolor(UNREACHED)
     for poses, colour, _ in lacking:
-        if poses.any():
-            shade = np.ma.masked_where(~poses, poses)
-            ax.pcolormesh(*edges, shade.T, cmap=ListedColormap([colour]), rasterized=True, linewidth=0)
+        shade = np.ma.masked_where(~poses, poses)
+        ax.pcolormesh(*edges, shade.T, cmap=ListedColormap([colour]), rasterized=True, linewidth=0)
     _draw_values(workspace, quantity, edges, ax, scale)
     halo = [withStroke(linewidth=2.8, foreground="white")]
     _draw_locus(workspace, ax, halo)
-    axes = list(workspace.window.axes)
-    if path is not None:
-        line = path(np.linspace(0.0, 1.0, PATH_SAMPLES))[:, axes]
-        label = "path" if lies_in(workspace, path) else "path, projected"
-        ax.plot(*line.T, color=PATH, linewidth=1.6, linestyle="--", path_effects=halo, label=label)
-        ax.plot(*line[0], "o", color=PATH, markersize=4, markeredgecolor="white", markeredgewidth=0.8)
-    else:
-        start = robot.reference.x[axes]
-        ax.plot(*start, "P", color="black", markeredgecolor="white", markersize=6, label="reference")
+    _draw_path(workspace, path, ax, halo)
     for poses, colour, label in lacking:
-        if poses.any():
-            ax.plot([], [], "s", color=colour, label=f"{label}: {poses.sum()} poses")
+        ax.plot([], [], "s", color=colour, label=f"{label}: {poses.sum()} poses")
     ax.plot([], [], "s", color=UNREACHED, markeredgecolor=AXIS, label="not reached")
     _frame(workspace, header, ax)
     return ax
@@ -108,10 +96,10 @@ def _draw_values(
     finite = values[np.isfinite(values)]
     below, above = finite.min(initial=np.inf) < norm.vmin, finite.max(initial=-np.inf) > norm.vmax
     extend = "both" if below and above else "min" if below else "max" if above else "neither"
-    beside = {"ax": ax, "pad": 0.03} if scale is None else {"cax": scale}
-    bar = ax.figure.colorbar(mesh, extend=extend, **beside)
+    axes: Style = {"ax": ax, "pad": 0.03} if scale is None else {"cax": scale}
+    bar = ax.figure.colorbar(mesh, extend=extend, **axes)
     unit = unit_of(workspace.robot, quantity)
-    bar.set_label(f"{said(quantity.key)}  [{unit}]".replace("[1]", "(no unit)"))
+    bar.set_label(f"{display_name(quantity.key)}  [{unit}]".replace("[1]", "(no unit)"))
 
 
 def _draw_locus(workspace: WorkspaceMap, ax: Axes, halo: list[withStroke]) -> None:
@@ -124,6 +112,19 @@ def _draw_locus(workspace: WorkspaceMap, ax: Axes, halo: list[withStroke]) -> No
         ax.plot([], [], " ", label=NOT_TRACED)
 
 
+def _draw_path(workspace: WorkspaceMap, path: Path | None, ax: Axes, halo: list[withStroke]) -> None:
+    """Draw a path from the dot on, or the reference without one."""
+    axes = list(workspace.window.axes)
+    if path is None:
+        start = workspace.robot.reference.x[axes]
+        ax.plot(*start, "P", color="black", markeredgecolor="white", markersize=6, label="reference")
+        return
+    line = path(np.linspace(0.0, 1.0, PATH_SAMPLES))[:, axes]
+    label = "path" if lies_in(workspace, path) else "path, projected"
+    ax.plot(*line.T, color=PATH, linewidth=1.6, linestyle="--", path_effects=halo, label=label)
+    ax.plot(*line[0], "o", color=PATH, markersize=4, markeredgecolor="white", markeredgewidth=0.8)
+
+
 class _Header(NamedTuple):
     """The title and the legend above a map."""
 
@@ -133,11 +134,14 @@ class _Header(NamedTuple):
 
     @property
     def height(self) -> float:
-        """[in]"""
+        """The height [in]."""
         return LINE * (len(self.name) + len(self.title) + self.rows) + ABOVE
 
 
-def _header(workspace: WorkspaceMap, quantity: Quantity, entries: int) -> _Header:
+def _header(workspace: WorkspaceMap, quantity: Quantity, lacking: int) -> _Header:
+    """Return the header of a map; `lacking` kinds of poses have no value, beside the poses not reached."""
+    locus = workspace.locus
+    entries = 2 + lacking + sum(len(part) > 0 for part in (locus.curves, locus.unexplained, locus.why_not))
     name, below = (wrap(text, CHARACTERS) for text in (quantity.name, title(workspace)))
     return _Header(name, below, -(-entries // ENTRIES))
 
@@ -158,18 +162,18 @@ def _axes(workspace: WorkspaceMap, header: _Header) -> tuple[Axes, Axes]:
     inches = np.array([max(LEFT + width + BAR + RIGHT, COLUMN_WIDTH), BELOW + height + header.height])
     drawing = Figure(figsize=tuple(inches))
 
-    def placed(left: float, across: float) -> Axes:
+    def add_axes(left: float, across: float) -> Axes:
         corner, size = np.array([left, BELOW]) / inches, np.array([across, height]) / inches
         return drawing.add_axes((*corner, *size))
 
-    return placed(LEFT, width), placed(LEFT + width + 0.5 * BAR, 0.5 * BAR)
+    return add_axes(LEFT, width), add_axes(LEFT + width + 0.5 * BAR, 0.5 * BAR)
 
 
 def lies_in(workspace: WorkspaceMap, path: Path) -> bool:
     """Whether a path keeps the coordinates that the map holds."""
-    apart = np.abs(path(np.linspace(0.0, 1.0, PATH_SAMPLES)) - workspace.window.held)
-    apart /= workspace.robot.platform_scale
-    return bool(np.delete(apart, workspace.window.axes, axis=1).max(initial=0.0) < SAME_PLACE)
+    offset = np.abs(path(np.linspace(0.0, 1.0, PATH_SAMPLES)) - workspace.window.held)
+    offset /= workspace.robot.platform_scale
+    return bool(np.delete(offset, workspace.window.axes, axis=1).max(initial=0.0) < SAME_PLACE)
 
 
 def is_to_scale(workspace: WorkspaceMap) -> bool:
@@ -209,14 +213,14 @@ def _frame(workspace: WorkspaceMap, header: _Header, ax: Axes) -> None:
 def title(workspace: WorkspaceMap) -> str:
     """Return the title: the robot, the mode that the map shows, and the coordinates that are held."""
     robot, axes = workspace.robot, workspace.window.axes
-    held = [
+    coordinates = [
         f"{robot.axis_names[k]}\u00a0=\u00a0{round(value, 9) + 0.0:.4g}\u00a0{robot.axis_units[k]}"
         for k, value in enumerate(workspace.window.held)
         if k not in axes
     ]
-    flexible = "" if robot.flexibility == "rigid" else f", {said(robot.flexibility)}"
-    place = f", at {', '.join(held)}" if held else ""
-    return f"{said(robot.name)}{flexible}: working mode of the reference{place}"
+    flexible = "" if robot.flexibility == "rigid" else f", {display_name(robot.flexibility)}"
+    place = f", at {', '.join(coordinates)}" if coordinates else ""
+    return f"{display_name(robot.name)}{flexible}: working mode of the reference{place}"
 
 
 def cell_edges(span: Array) -> Array:

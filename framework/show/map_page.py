@@ -20,7 +20,7 @@ from framework.show.map import (
     lies_in,
     title,
 )
-from framework.show.standalone import packed, page_part, standalone_page
+from framework.show.standalone import pack, page_part, standalone_page
 from framework.show.style import LOCUS, NOT_CARRIED, PATH, UNREACHED
 from framework.statics.loading import LOAD_WORDS, LoadReason
 
@@ -75,11 +75,11 @@ def _document(workspace: WorkspaceMap, path: Path | None) -> Document:
         "edges": [cell_edges(span)[[0, -1]].tolist() for span in window.spans],
         "to_scale": is_to_scale(workspace),
         "quantities": [_quantity(workspace, quantity) for quantity in workspace.quantities],
-        "reason": packed(workspace.reason.astype(np.uint8)),
+        "reason": pack(workspace.reason.astype(np.uint8)),
         "reasons": workspace.reason_words,
-        "assembly": packed(workspace.assembly.astype(np.int8).view(np.uint8)),
+        "assembly": pack(workspace.assembly.astype(np.int8).view(np.uint8)),
         "has_sides": robot.n_a == robot.n and len(robot.passive) > 0,
-        "load": None if workspace.load is None else packed(workspace.load),
+        "load": None if workspace.load is None else pack(workspace.load),
         "loads": [LOAD_WORDS[kind] for kind in LoadReason],
         "unreached": _rgb(UNREACHED),
         "not_carried": _rgb(NOT_CARRIED),
@@ -98,7 +98,7 @@ def _quantity(workspace: WorkspaceMap, quantity: Quantity) -> Document:
         "name": quantity.name,
         "unit": unit_of(workspace.robot, quantity),
         "reading": _reading(quantity),
-        "values": packed(workspace.values[quantity.key].astype("<f4")),
+        "values": pack(workspace.values[quantity.key].astype("<f4")),
         "range": [float(norm.vmin or 0.0), float(norm.vmax or 0.0)],
         "decades": quantity.decades,
         "loaded": quantity.loaded,

@@ -23,12 +23,12 @@ from framework.show.plots import draw_torques
 from framework.show.scene import stated_limit
 from framework.show.sight import film_sight
 from framework.show.still import locus_of, plot_still
-from framework.show.style import ALARM, LOCUS, Style, figure_file, line_style, styled
+from framework.show.style import ALARM, LOCUS, Style, figure_file, line_style, use_style
 
 GIF_FRAMES = 60
 FRAME_TIME, SINGULAR_FRAME_TIME = 100, 2000  # [ms] of a frame, and of one at a singular instant
 FRAME_DPI = 100
-COLORS_KEPT = 64  # of a moving picture: few shades of each colour, for edges
+PALETTE_COLORS = 64  # of a moving picture: few shades of each colour, for edges
 FILM_WIDTH = 2.8  # [in] of each of several films side by side
 TITLE_LETTERS = 44  # in that width
 
@@ -38,7 +38,7 @@ PICTURE_KINDS = ("png", "svg", "pdf", *MOVING_KINDS)
 
 
 def film_picture(films: Sequence[Film], kind: str) -> bytes:
-    """Draw the robot, and beside it the eye of the needle or, without a crossing, its torques.
+    """Draw the robot beside the eye of the needle or, without a crossing, beside its torques.
 
     A gif and an apng move, and have several films side by side, the torques of each below its robot. An
     apng is a PNG of the singular instant to all programs that cannot move it.
@@ -56,9 +56,9 @@ def film_picture(films: Sequence[Film], kind: str) -> bytes:
 
 
 def _still(films: Sequence[Film], kind: str) -> bytes:
-    with styled():
+    with use_style():
         drawing, left, _ = _axes(films)
-        plot_still(_shown(films), left, limit=stated_limit(_shown(films), films))
+        plot_still(_drawn_film(films), left, limit=stated_limit(_drawn_film(films), films))
         return figure_file(drawing, kind, dpi=FRAME_DPI)
 
 
@@ -67,45 +67,61 @@ def _moving(films: Sequence[Film], kind: str) -> bytes:
     instants = [instant.time for film in films for instant in film.instants]
     end = max(float(film.time[-1]) for film in films)
     times = np.unique([*np.linspace(0.0, end, GIF_FRAMES), *instants])
-    with styled():
+    with use_style():
         stage = _stage(films) if len(films) == 1 else _stages(films)
-        canvas = FigureCanvasAgg(stage.drawing)
-        for t in times[:: -max(1, len(times) // 8)]:  # where the robots come, so that nothing is cut off
-            stage.move(float(t))
-        limits = np.array([[ax.get_xlim(), ax.get_ylim()] for ax in stage.robots])  # (N, 2, 2)
-        xlim, ylim = np.stack([limits[..., 0].min(axis=0), limits[..., 1].max(axis=0)], axis=1)
-        for ax in stage.robots:
-            ax.set(xlim=xlim, ylim=ylim)
-        stage.drawing.draw_without_rendering()
-        stage.drawing.set_layout_engine("none")
-        for mark in stage.marks:
-            mark.artist.set_animated(True)  # not drawn with what stays
-        canvas.draw()  # type: ignore[no-untyped-call]
-        stays = canvas.copy_from_bbox(stage.drawing.bbox)  # type: ignore[no-untyped-call]
-        pictures = []
-        for t in times:
-            stage.move(float(t))
-            canvas.restore_region(stays)  # type: ignore[no-untyped-call]
-            for mark in stage.marks:
-                mark.artist.draw(canvas.get_renderer())  # type: ignore[no-untyped-call]
-            pixels = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
-            pictures.append(Image.fromarray(pixels).convert("RGB"))
+        _fix_limits(stage, times)
+        pictures = _render(stage, times)
+    durations = [SINGULAR_FRAME_TIME if t in instants or t == end else FRAME_TIME for t in times]
+    return _animate(pictures, durations, kind)
+
+
+def _animate(pictures: Sequence[Image.Image], durations: list[int], kind: str) -> bytes:
+    """Encode pictures, each shown for a duration [ms], as a gif or apng of one palette."""
     some = Image.fromarray(np.concatenate([np.asarray(picture) for picture in pictures[::8]]))  # all colours
-    palette = some.quantize(COLORS_KEPT, method=Image.Quantize.FASTOCTREE)
+    palette = some.quantize(PALETTE_COLORS, method=Image.Quantize.FASTOCTREE)
     small = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     written = io.BytesIO()
-    lasting = [SINGULAR_FRAME_TIME if t in instants or t == end else FRAME_TIME for t in times]
-    animated: Style = {"save_all": True, "duration": lasting, "loop": 0}
+    animated: Style = {"save_all": True, "duration": durations, "loop": 0}
     if kind == "gif":
         small[0].save(written, "GIF", append_images=small[1:], **animated)
     else:
-        telling = small[lasting.index(SINGULAR_FRAME_TIME)]  # there is one: the end, if nothing is singular
-        telling.save(written, "PNG", default_image=True, append_images=small, **animated)
+        still = small[durations.index(SINGULAR_FRAME_TIME)]  # of a singular instant, or of the end
+        still.save(written, "PNG", default_image=True, append_images=small, **animated)
     return written.getvalue()
 
 
+def _fix_limits(stage: _Stage, times: Array) -> None:
+    """Give all robots the same limits of axes, wide enough at all times (T,) [s]."""
+    for t in times[:: -max(1, len(times) // 8)]:
+        stage.move(float(t))
+    limits = np.array([[ax.get_xlim(), ax.get_ylim()] for ax in stage.robots])  # (N, 2, 2)
+    xlim, ylim = np.stack([limits[..., 0].min(axis=0), limits[..., 1].max(axis=0)], axis=1)
+    for ax in stage.robots:
+        ax.set(xlim=xlim, ylim=ylim)
+
+
+def _render(stage: _Stage, times: Array) -> list[Image.Image]:
+    """Render the figure at times (T,) [s]; parts without a mark are rendered once."""
+    canvas = FigureCanvasAgg(stage.drawing)
+    stage.drawing.draw_without_rendering()
+    stage.drawing.set_layout_engine("none")
+    for mark in stage.marks:
+        mark.artist.set_animated(True)
+    canvas.draw()  # type: ignore[no-untyped-call]
+    background = canvas.copy_from_bbox(stage.drawing.bbox)  # type: ignore[no-untyped-call]
+    pictures = []
+    for t in times:
+        stage.move(float(t))
+        canvas.restore_region(background)  # type: ignore[no-untyped-call]
+        for mark in stage.marks:
+            mark.artist.draw(canvas.get_renderer())  # type: ignore[no-untyped-call]
+        pixels = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
+        pictures.append(Image.fromarray(pixels).convert("RGB"))
+    return pictures
+
+
 class _Mark(NamedTuple):
-    """What differs from instant to instant."""
+    """A part of a picture that changes with time."""
 
     artist: Artist
     move: Callable[[float], object]  # to an instant [s]
@@ -124,7 +140,7 @@ class _Stage(NamedTuple):
 
 
 def _stage(films: Sequence[Film]) -> _Stage:
-    """Return the robot of one film, and beside it the eye of the needle or its torques."""
+    """Return the robot of one film beside the eye of the needle or its torques."""
     drawing, left, marks = _axes(films)
     film, limit = films[0], stated_limit(films[0], films)
     return _Stage(drawing, [left], [_robot(film, left, limit), *marks])
@@ -144,13 +160,13 @@ def _stages(films: Sequence[Film]) -> _Stage:
         for instant in film.instants:
             ax.axvline(instant.time, color=LOCUS if film.proved else ALARM, linewidth=0.8, linestyle=":")
         ax.set(xlim=(0.0, film.time[-1]), ylim=(-largest, largest), xlabel="time  [s]")
-        marks.append(_moved_line(film, ax))
+        marks.append(_time_line(film, ax))
     below[0].set_ylabel(f"motor torque  [{films[0].robot.torque_units[0]}]")
     return _Stage(drawing, list(robots), marks)
 
 
 def _robot(film: Film, ax: Axes, limit: Array | None) -> _Mark:
-    """Draw the robot at the frame of an instant; of an unproved motion at the latest where it ends."""
+    """Draw the robot at the frame of an instant, of an unproved motion no later than its end."""
     locus, sight, end = locus_of(film), film_sight(film), _end(film)
 
     def draw(t: float) -> None:
@@ -172,34 +188,34 @@ def _robot(film: Film, ax: Axes, limit: Array | None) -> _Mark:
 
 
 def _end(film: Film) -> float:
-    """Return the singular instant that an unproved motion does not get beyond; infinite for others."""
+    """Return the singular instant that ends an unproved motion; infinite for proved ones."""
     return np.inf if film.proved else film.instants[0].time
 
 
-def _moved_line(film: Film, ax: Axes) -> _Mark:
+def _time_line(film: Film, ax: Axes) -> _Mark:
     line, end = ax.axvline(0.0, color="black", linewidth=0.8), _end(film)
     return _Mark(line, lambda t: line.set_xdata([min(t, end)] * 2))
 
 
-def _shown(films: Sequence[Film]) -> Film:
+def _drawn_film(films: Sequence[Film]) -> Film:
     """Return the film whose robot is drawn: the first that is proven."""
     return next((film for film in films if film.proved), films[0])
 
 
 def _axes(films: Sequence[Film]) -> tuple[Figure, Axes, list[_Mark]]:
-    """Make axes for the robot, and beside it for the eye, or for torques of a motion without crossing."""
+    """Make axes for the robot and, on the right, for the eye or, without crossing, the torques."""
     drawing = Figure(figsize=(8.4, 3.6), layout="constrained")
     left, right = drawing.subplots(1, 2, width_ratios=(1.0, 1.1))
-    film = _shown(films)
+    film = _drawn_film(films)
     if film.instants:
         plot_eyes(films, stated_limit(film, films), right)
         return drawing, left, [_dot(other_film, eye_twist(films), right) for other_film in films]
     draw_torques(right, film.robot, film.time, film.torque)
-    return drawing, left, [_moved_line(film, right)]
+    return drawing, left, [_time_line(film, right)]
 
 
 def _dot(film: Film, twist: Array, ax: Axes) -> _Mark:
-    """Draw a dot on a curve of the eye; it stays where an unproved motion ends."""
+    """Draw a dot on a curve of the eye, which stops at the end of an unproved motion."""
     s, demand = film.law(film.time), film.motors.along(twist)
     end = _end(film)
     color, _, mark, _ = THREADS if film.proved else MISSES

@@ -14,7 +14,7 @@ from pathlib import Path
 from framework.errors import MissingPackage
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.output import Document
-from framework.show.captions import said
+from framework.show.captions import display_name
 from framework.show.film import Film
 from framework.show.jogging import hand_document
 from framework.show.scene import film_documents
@@ -49,13 +49,13 @@ HAND_LEAD = (
 
 def film_page(films: Sequence[Film]) -> str:
     """Return the page, HTML, that plays films side by side."""
-    names = " and ".join(dict.fromkeys(said(film.robot.name) for film in films))
+    names = " and ".join(dict.fromkeys(display_name(film.robot.name) for film in films))
     return _scene_page(film_documents(films), names, FILM_LEAD)
 
 
 def hand_page(robot: ParallelRobot) -> str:
     """Return the page, HTML, with sliders that ask `move_by_hand`."""
-    return _scene_page([hand_document(robot)], said(robot.name), HAND_LEAD)
+    return _scene_page([hand_document(robot)], display_name(robot.name), HAND_LEAD)
 
 
 def scene_part(heading: str, lead: str) -> str:
@@ -76,7 +76,7 @@ def _scene_page(documents: Sequence[Document], heading: str, lead: str) -> str:
 
 @cache
 def _viewer() -> str:
-    """Return MeshCat's JavaScript and the licences of what is in it, as HTML."""
+    """Return MeshCat's JavaScript and its licences, as HTML."""
     package = find_spec("meshcat")
     if package is None or package.origin is None:
         raise MissingPackage(

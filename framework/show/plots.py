@@ -14,7 +14,7 @@ from framework.dynamics.finite_differences import FiniteDifferenceTorques
 from framework.dynamics.measure_along_path import MeasureAlongPath
 from framework.dynamics.wrench import wrench_along
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.show.captions import said, unit
+from framework.show.captions import display_name, unit
 from framework.show.film import Film, film_plan
 from framework.show.force_polygon import plot_eye
 from framework.show.phase_plane import plot_phase_plane
@@ -80,7 +80,7 @@ def plot_torques(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
 
 
 def plot_singularity(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
-    """Plot the singularity measure g along the path, of the robot at rest and as it deflects."""
+    """Plot the singularity measure g along the path, of the robot at rest and deflected."""
     ax = axes_or_new(ax)
     robot = plan.robot
     s = np.linspace(0.0, 1.0, CURVE_SAMPLES)
@@ -111,7 +111,7 @@ def plot_singularity(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
 
 
 def _mark_loaded(ax: Axes, plan: CrossingPlan) -> None:
-    """Mark where the loaded robot is singular, if that is to be seen beside where its geometry is."""
+    """Mark singular points of the loaded robot where visibly apart from the geometric ones."""
     visible = [
         loaded.s
         for crossing, loaded in zip(plan.crossings, plan.loaded_points, strict=True)
@@ -123,7 +123,7 @@ def _mark_loaded(ax: Axes, plan: CrossingPlan) -> None:
 
 
 def _magnify(ax: Axes, plan: CrossingPlan, measure: MeasureAlongPath) -> None:
-    """Show in a corner how far the deflections move the first crossing."""
+    """Magnify in a corner the shift of the first crossing by the deflections."""
     crossing = plan.crossings[0]
     at_rest = measure.nearest_at_rest(crossing.s)
     shift = abs(crossing.s - at_rest)
@@ -157,7 +157,7 @@ def _magnify(ax: Axes, plan: CrossingPlan, measure: MeasureAlongPath) -> None:
 
 
 def plot_wrench(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
-    """Plot t_s . W_p over time: it has to vanish where g does."""
+    """Plot t_s . W_p over time, which must vanish with g."""
     ax = axes_or_new(ax)
     times = _times(plan)
     _, wrench = wrench_along(plan.dynamics, times)
@@ -178,7 +178,7 @@ def plot_wrench(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
 def plot_raw_torques(
     raw: FiniteDifferenceTorques, robot: ParallelRobot, poles: Sequence[float], ax: Axes | None = None
 ) -> Axes:
-    """Plot torques of a raw sampling [N m], with the instants (poles) at which they are unbounded [s]."""
+    """Plot torques of a raw sampling [N m], with their poles [s], the instants of unbounded torque."""
     ax = axes_or_new(ax)
     draw_torques(ax, robot, raw.time, raw.torque)
     finite = np.abs(raw.torque[np.isfinite(raw.torque).all(axis=1)]).max(axis=1)
@@ -193,9 +193,9 @@ def plot_raw_torques(
 
 
 def plan_drawings(plan: CrossingPlan, film: Film | None = None) -> dict[str, Callable[[], Axes]]:
-    """Return what draws robot, law, torques, singularity and wrench of a plan, by their names.
+    """Return functions that draw robot, law, torques, singularity and wrench of a plan, by name.
 
-    Of a crossing its eye too, and of an optimal law its phase plane.
+    With crossings the eye too, and with an optimal law its phase plane.
     """
     drawings: dict[str, Callable[[], Axes]] = {
         "robot": lambda: plot_still(film_plan(plan) if film is None else film),
@@ -224,7 +224,7 @@ def save(draw: Callable[[], Axes], stem: Path) -> list[Path]:
 def draw_torques(ax: Axes, robot: ParallelRobot, time: Array, torque: Array) -> None:
     """Draw the torques (T, n_a) of the motors over time, and name the axes and the motors."""
     for k, (joint, curve) in enumerate(zip(robot.actuator_names, torque.T, strict=True)):
-        ax.plot(time, curve, label=said(joint), **line_style(k))
+        ax.plot(time, curve, label=display_name(joint), **line_style(k))
     units = ", ".join(dict.fromkeys(robot.torque_units))
     ax.set(xlabel="time  [s]", ylabel=f"motor torque  [{units}]")
     if robot.n_a <= MAX_LEGEND_CURVES:

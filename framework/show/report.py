@@ -1,4 +1,4 @@
-"""One page about a plan: the scene, the figures, the law, the certificate in words, how to have it again."""
+"""One page about a plan: scene, figures, law, certificate in words, and the command that repeats the plan."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from framework.dynamics.certificate import Certificate
 from framework.errors import point
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.frame_wrench import FrameWrench
-from framework.show.captions import asked, how, parts, said, why
+from framework.show.captions import display_name, explain_crossing, parts, why, wrench_kind
 from framework.show.film import Film, film_plan
 from framework.show.page import FILM_LEAD, scene_part, whole_page
 from framework.show.plots import plan_drawings
 from framework.show.reproduction import command_line, given_options, python_call
 from framework.show.scene import film_documents
-from framework.show.style import figure_file, styled
+from framework.show.style import figure_file, use_style
 
 PROVEN_TORQUE = (
     "The torques are functions of time known on {0.nodes} nodes; what their series leaves out is "
@@ -47,18 +47,18 @@ def report_page(plan: CrossingPlan, *, name: str = "", planned: Certificate | No
             read back: what is mere rounding may differ in it.
     """
     film = film_plan(plan, name=name)
-    heading = f"{said(plan.robot.name)}: {_what(plan)}"
+    heading = f"{display_name(plan.robot.name)}: {_describe_plan(plan)}"
     body = "\n".join(
         [
             '<div class="report">',
             scene_part(heading, FILM_LEAD),
             _section("What happens", _crossings(plan, film)),
-            _section("Figures", figures_with_captions(plan, film, _marked)),
+            _section("Figures", figures_with_captions(plan, film, _mark_indices)),
             _section("The law", _law(plan)),
             _section(
                 "The certificate, in words", _certificate(plan, film) + _both_certificates(plan, planned)
             ),
-            _section("What is left out", _neglected(plan)),
+            _section("What is left out", _neglected_table(plan)),
             _section("Parameters", _parameters(plan)),
             _section("How to reproduce it", _reproduction(plan)),
             "</div>",
@@ -67,7 +67,7 @@ def report_page(plan: CrossingPlan, *, name: str = "", planned: Certificate | No
     return whole_page(heading, body, film_documents([film]))
 
 
-def _what(plan: CrossingPlan) -> str:
+def _describe_plan(plan: CrossingPlan) -> str:
     count = len(plan.crossings)
     if not count:
         return "a motion without a singularity"
@@ -78,14 +78,14 @@ def _section(title: str, content: str) -> str:
     return f"<section><h2>{escape(title)}</h2>\n{content}</section>"
 
 
-def _marked(text: str) -> str:
+def _mark_indices(text: str) -> str:
     """Return a plain text as HTML, with the indices of t_s and W_p."""
     return re.sub(r"\b(t|W)_([sp])\b", r"\1<sub>\2</sub>", escape(text))
 
 
 def _table(rows: Iterable[Sequence[str]], head: Sequence[str] = ()) -> str:
     """Return a table of plain texts as HTML."""
-    cells = [[f"<th>{_marked(cell)}</th>" for cell in head]] if head else []
+    cells = [[f"<th>{_mark_indices(cell)}</th>" for cell in head]] if head else []
     cells += [[f"<td>{escape(cell)}</td>" for cell in row] for row in rows]
     lines = [f"<tr>{''.join(row)}</tr>" for row in cells]
     return '<div class="wide" tabindex="0"><table>' + "\n".join(lines) + "</table></div>"
@@ -98,7 +98,7 @@ def _number(value: float) -> str:
 def _crossings(plan: CrossingPlan, film: Film) -> str:
     robot = plan.robot
     peaks = ", ".join(
-        f"{said(joint)} {value:.4g} {unit}"
+        f"{display_name(joint)} {value:.4g} {unit}"
         for (joint, value), unit in zip(plan.peak_torque.items(), robot.torque_units, strict=True)
     )
     motion = (
@@ -106,10 +106,12 @@ def _crossings(plan: CrossingPlan, film: Film) -> str:
         f"{escape(peaks)}.</p>"
     )
     for instant in film.instants:
-        sentence = _marked(f"{why(robot)} {how(film, instant)}")
+        sentence = _mark_indices(f"{why(robot)} {explain_crossing(film, instant)}")
         motion += f"<p><b>At t = {instant.time:.4g} s:</b> {sentence}</p>"
     for joint, excess in plan.exceeded.items():
-        motion += f"<p><b>Warning:</b> {escape(said(joint))} exceeds its limits: {escape(excess)}.</p>"
+        motion += (
+            f"<p><b>Warning:</b> {escape(display_name(joint))} exceeds its limits: {escape(excess)}.</p>"
+        )
     if not plan.crossings:
         return f"{motion}<p>The path meets no singularity.</p>"
     loaded = any(point is not None for point in plan.loaded_points)
@@ -153,7 +155,7 @@ def _law(plan: CrossingPlan) -> str:
         specification = plan.optimality.specification
         return (
             f"<p>s(t) leads from the start of the path (s = 0) to its end (s = 1). It was optimised for "
-            f"{said(specification.goal)}: s = φ(σ), φ′ proportional to "
+            f"{display_name(specification.goal)}: s = φ(σ), φ′ proportional to "
             f"(σ (1 − σ))<sup>{specification.smoothness}</sup>, φ(1) = 1, and (dσ/dt)² = Σ c<sub>k</sub> "
             f"B<sub>k</sub>(ξ(σ)), with ξ and the functions B<sub>k</sub> (B-splines, or Chebyshev "
             f"polynomials on one cell) as plan.json has them; it takes {plan.duration:g} s. "
@@ -169,30 +171,30 @@ def _law(plan: CrossingPlan) -> str:
 
 def _certificate(plan: CrossingPlan, film: Film) -> str:
     certificate = plan.certificate
-    said_of = [PROVEN_TORQUE.format(certificate), PROVEN_LOOPS.format(certificate)]
+    sentences = [PROVEN_TORQUE.format(certificate), PROVEN_LOOPS.format(certificate)]
     if plan.crossings:
-        said_of.append(PROVEN_WRENCH.format(max(crossing.residual for crossing in plan.crossings)))
-        said_of += [_condition(crossing) for crossing in plan.crossings]
+        sentences.append(PROVEN_WRENCH.format(max(crossing.residual for crossing in plan.crossings)))
+        sentences += [_condition(crossing) for crossing in plan.crossings]
     if plan.robot.n_e:
         crossed = "; the crossings are those of the deformed robot" if plan.crossings else ""
-        said_of.append(
+        sentences.append(
             "Forces were taken on the undeformed robot (small displacements)."
             if plan.geometry == "rigid"
             else f"Forces and deflections were computed in turn, {certificate.passes} "
             f"time{'s' * (certificate.passes != 1)}, until one more time would have changed "
             f"them by {certificate.change:.1e} of the largest{crossed}."
         )
-    said_of.append(
+    sentences.append(
         "The platform advances along the path all the time (s′ > 0)."
         if certificate.monotone
         else "The law overshoots the ends of the path a little: s′ changes sign."
     )
     if not plan.crossings and film.has_measure:
-        said_of.append(
+        sentences.append(
             f"The measure of singularity |g| is {np.abs(film.g).min():.3g} or more at {len(film.g)} instants "
             f"of the motion."
         )
-    items = "".join(f"<li>{_marked(text)}</li>" for text in said_of)
+    items = "".join(f"<li>{_mark_indices(text)}</li>" for text in sentences)
     return (
         f"<ul>{items}</ul><p>All of it was computed from the law when this page was "
         "written: numbers near 1e-15 are rounding, and not the same twice.</p>"
@@ -211,7 +213,7 @@ _CERTIFIED = (
 
 
 def _both_certificates(plan: CrossingPlan, planned: Certificate | None) -> str:
-    """Return the certificate's numbers in plan.json beside those computed again from its law."""
+    """Return the certificate's numbers in plan.json beside the recomputed ones."""
     if planned is None:
         return ""
     rows = []
@@ -239,8 +241,8 @@ def _condition(crossing: Crossing) -> str:
     return f"The law was made to meet condition (8) at {instant}: t_s · W_p = {total or '0'} = 0."
 
 
-def _neglected(plan: CrossingPlan) -> str:
-    """Return the table of what the torques leave out."""
+def _neglected_table(plan: CrossingPlan) -> str:
+    """Return the table of effects that the torques leave out."""
     if not plan.neglected:
         return "<p>Nothing that the robot's file describes.</p>"
     units = dict(zip(plan.robot.actuator_names, plan.robot.torque_units, strict=True))
@@ -248,7 +250,7 @@ def _neglected(plan: CrossingPlan) -> str:
         (
             effect,
             "unknown" if torque is None else f"{torque:.2g} {units.get(motor, plan.robot.torque_units[0])}",
-            said(motor),
+            display_name(motor),
             "" if share is None else f"{100 * share:.2g} %",
         )
         for effect, torque, motor, share in plan.neglected
@@ -329,7 +331,7 @@ def figures_with_captions(plan: CrossingPlan, film: Film, marked: Callable[[str]
     """Return the figures as HTML; `marked` makes HTML of a plain text."""
     figures, drawings = [], plan_drawings(plan, film)
     for number, (name, caption) in enumerate(_captions(plan, film).items(), 1):
-        with styled():
+        with use_style():
             drawing = drawings[name]().figure
             assert isinstance(drawing, Figure)
             data = b64encode(figure_file(drawing, "svg")).decode("ascii")
@@ -340,8 +342,8 @@ def figures_with_captions(plan: CrossingPlan, film: Film, marked: Callable[[str]
     return f'<div class="figures">{"".join(figures)}</div>'
 
 
-def _own(plan: CrossingPlan) -> str:
-    """Explain why the curve of the eye differs from that of t_s . W_p, where it does."""
+def _explain_eye(plan: CrossingPlan) -> str:
+    """Explain how the curves of the eye and of t_s . W_p differ; empty where equal."""
     if not np.any(plan.robot.rotor_inertia):
         return ""
     return (
@@ -359,14 +361,14 @@ def _captions(plan: CrossingPlan, film: Film) -> dict[str, str]:
     if plan.crossings:
         captions["eye"] = (
             "The eye of the needle: at the singular instant the motors give nothing along t_s. The motion "
-            f"asks for nothing there.{_own(plan)}"
+            f"asks for nothing there.{_explain_eye(plan)}"
         )
     captions["torques"] = f"Motor torques, with {parts(film)}.{dashed}"
     captions["law"] = f"The law s(t) and its derivatives.{dashed}"
     if len(plan.robot.passive):
         vanishes = ": 0 at the singular instants, condition (8)" if plan.crossings else ""
         captions["singularity"] = "Measure of singularity along the path, 0 where singular."
-        captions["wrench"] = f"The {asked(plan.robot)} t_s that the motion asks for{vanishes}."
+        captions["wrench"] = f"The {wrench_kind(plan.robot)} t_s that the motion asks for{vanishes}."
     if plan.optimality is not None:
         captions["phase_plane"] = (
             "The phase plane: speed and acceleration along the path, and what the motors' limits allow."

@@ -14,11 +14,11 @@ from framework.crossing.scenes import scene_request
 from framework.errors import InvalidInput
 from framework.motion.path import Line
 
-ONLY_CALLED = ("at", "tolerance")  # what `plan_crossing` can be told and a command line cannot
+ONLY_CALLED = ("at", "tolerance")  # options of `plan_crossing` that a command line lacks
 
 
 def command_line(plan: CrossingPlan, folder: str) -> str | None:
-    """Return the `crossing plan` that makes the same plan into a folder; None if there is none."""
+    """Return the `crossing plan` that makes the same plan into a folder; None without one."""
     typed = {key: value for key, value in given_options(plan).items() if key not in ONLY_CALLED}
     wrenches = plan.dynamics.wrenches.entries
     if any(wrench.turns or wrench.rows.ndim > 1 for wrench in wrenches):
@@ -28,7 +28,7 @@ def command_line(plan: CrossingPlan, folder: str) -> str | None:
         return None
     robot = f"crossing plan {shlex.quote(robot_place(plan.robot))}"
     words = [robot, *motion, f"--flexibility {plan.robot.flexibility}"]
-    words += [_typed(key, value) for key, value in typed.items()]
+    words += [_format_option(key, value) for key, value in typed.items()]
     return " \\\n    ".join([*words, f"--out {shlex.quote(folder)}"])
 
 
@@ -43,7 +43,7 @@ def python_call(plan: CrossingPlan) -> str:
 def given_options(plan: CrossingPlan) -> dict[str, Any]:
     """Return the options of `plan_crossing` beside the path that differ from their defaults.
 
-    What depends on the robot if it is left out is always told.
+    Options whose default depends on the robot are always among them.
     """
     always = ("smoothness", "geometry") if plan.robot.n_e else ("smoothness",)
     options = {}
@@ -55,10 +55,10 @@ def given_options(plan: CrossingPlan) -> dict[str, Any]:
 
 
 def _path_options(plan: CrossingPlan, typed: dict[str, Any]) -> list[str] | None:
-    """Return the path as options: a line by its ends, others and imposed places by a scene that has them."""
+    """Return the path as options: the ends of a line, or a scene with the path; None without either."""
     path = plan.path
     if isinstance(path, Line) and Request.of(plan.robot, path, **typed) == plan.request:
-        return [f"--from {_listed(path.start)}", f"--to {_listed(path.end)}"]
+        return [f"--from {_format_numbers(path.start)}", f"--to {_format_numbers(path.end)}"]
     for name in plan.robot.description.scenes:
         try:
             of_scene = scene_request(plan.robot, name, **typed)
@@ -69,17 +69,17 @@ def _path_options(plan: CrossingPlan, typed: dict[str, Any]) -> list[str] | None
     return None
 
 
-def _typed(key: str, value: Any) -> str:
-    """Return one option as it is typed on the command line."""
+def _format_option(key: str, value: Any) -> str:
+    """Return one option in the form of the command line."""
     option = f"--{key.replace('_', '-')}"
     if value is True:
         return option
     if key == "wrenches":
         return " ".join(
-            f"--wrench-on {shlex.quote(frame)} {_listed(numbers)}" for frame, numbers in value.items()
+            f"--wrench-on {shlex.quote(frame)} {_format_numbers(numbers)}" for frame, numbers in value.items()
         )
-    return f"{option} {_listed(value)}".rstrip() if isinstance(value, tuple) else f"{option} {value}"
+    return f"{option} {_format_numbers(value)}".rstrip() if isinstance(value, tuple) else f"{option} {value}"
 
 
-def _listed(values: Iterable[float | None]) -> str:
+def _format_numbers(values: Iterable[float | None]) -> str:
     return " ".join("none" if value is None else repr(float(value)) for value in values)

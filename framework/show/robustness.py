@@ -10,7 +10,7 @@ from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullF
 
 from framework.control.run_monitor import ControlLoop
 from framework.control.study import Study
-from framework.show.captions import said
+from framework.show.captions import display_name
 from framework.show.style import ALARM, GOOD, Style, draw_dashed, figure, line_style
 
 LINEAR_AXIS_RATIO = 3.0  # torques that differ by less than that factor need no logarithms
@@ -28,7 +28,7 @@ def plot_robustness(
     for k, study in enumerate(studies):
         count = len(study.passed)
         share = np.arange(1, count + 1) / count
-        label = f"{said(study.controller)}: {study.probability:.1%} passed"
+        label = f"{display_name(study.controller)}: {study.probability:.1%} passed"
         for ax, values in zip(axes, (study.tracking_error, study.peak_torque.max(axis=1)), strict=True):
             ax.step(np.sort(values), share, where="post", label=label, **line_style(k))
     axes[0].set_xlabel("largest tracking error  [robot lengths, rad]")

@@ -24,27 +24,37 @@ from framework.locus.drawn_locus import LocusCurves, locus_curves, locus_patch
 from framework.model.description import RobotDescription
 from framework.model.visuals import Shape
 from framework.output import Document
-from framework.show.captions import asked, film_summary, how, proof, said, stated, subtitle, unit, why
+from framework.show.captions import (
+    describe_motors,
+    display_name,
+    explain_crossing,
+    film_summary,
+    proof,
+    subtitle,
+    unit,
+    why,
+    wrench_kind,
+)
 from framework.show.film import Film
 from framework.show.force_polygon import peak_torque, shown_limit
 from framework.show.forces import drawn_sides, figure_vectors, why_no_figure
 from framework.show.motors import motor_shapes
-from framework.show.shapes import placed
-from framework.show.sight import Sight, film_sight, tilted
-from framework.show.standalone import packed
+from framework.show.shapes import placement_along
+from framework.show.sight import Sight, film_sight, tilt_aside
+from framework.show.standalone import pack
 
 UNPROVED_TORQUE_RATIO = 2.5  # an unproved torque is drawn up to so many times what it is away from its pole
 COIL_LENGTH = 0.18  # length of a spring's coil, over the `length` of the document
 MAX_DRAWN_DEFLECTION = 0.35  # of the coil's length, or in radians: the largest deflection on the screen
 LOCUS_MARGIN = 0.9  # how far from the path the locus is drawn, in lengths of the robot
 
-# The curves of the locus about a frame of a film, that are to serve for platform coordinates (T, n).
+# The curves of the locus about a frame of a film, for platform coordinates (T, n).
 CurvesAbout = Callable[[Film, int, Array], LocusCurves | None]
 
 
 def floats(values: ArrayLike) -> str:
     """Encode an array for the page."""
-    return packed(np.asarray(values, dtype="<f4"))
+    return pack(np.asarray(values, dtype="<f4"))
 
 
 def film_documents(films: Sequence[Film]) -> list[Document]:
@@ -60,13 +70,9 @@ def film_documents(films: Sequence[Film]) -> list[Document]:
             traced.append((film.robot.description, locus))
         return locus
 
-    seen: list[tuple[RobotDescription, Sight]] = []
-    for film in sorted(films, key=lambda film: not film.instants):
-        if all(description != film.robot.description for description, _ in seen):
-            seen.append((film.robot.description, film_sight(film)))
-
     def document(film: Film) -> Document:
-        sight = next(sight for description, sight in seen if description == film.robot.description)
+        same_robot = [other for other in films if other.robot.description == film.robot.description]
+        sight = film_sight(min(same_robot, key=lambda other: not other.instants))
         limit, peak = stated_limit(film, films), peak_torque(_alike(film, films))
         return _film_document(film, sight, curves_about, limit, peak)
 
@@ -97,14 +103,14 @@ def _film_document(
     document = drawn_robot(robot, poses, sight)
     document |= {
         "kind": "film",
-        "title": film.name or said(robot.name),
+        "title": film.name or display_name(robot.name),
         "proved": film.proved,
         "refusal": film.refusal,
         "subtitle": subtitle(film),
         "summary": film_summary(film),
         "proof": proof(film),
         "why": why(robot),
-        "asked": asked(robot),
+        "asked": wrench_kind(robot),
         "unit": unit(robot),
         "duration": float(film.time[-1]),
         "time": floats(film.time),
@@ -116,7 +122,7 @@ def _film_document(
         "law": floats(film.law(film.time)),
         "g": floats(film.g) if film.has_measure else None,
         "power": floats(power),
-        "stated": stated(robot, limit, peak, reason=", no limit in its file" if unlimited else ""),
+        "stated": describe_motors(robot, limit, peak, reason=", no limit in its file" if unlimited else ""),
         "band": floats(film.motors.band(film.t_s, limit)),
         "polytope": _polytope(film, limit),
         "no_figure": why_no_figure(robot) or "",
@@ -137,7 +143,7 @@ def _instants(film: Film, platform: Array, power: Array) -> list[Document]:
         {
             "time": instant.time,
             "wrench": float(np.copysign(instant.wrench, np.interp(instant.time, film.time, power))),
-            "how": how(film, instant),
+            "how": explain_crossing(film, instant),
             "place": platform[film.frame_at(instant.time)].tolist(),
             "where": film.robot.place(instant.platform),
         }
@@ -176,13 +182,13 @@ def _solid(shape: Shape) -> Document:
         "color": shape.color,
     }
     if shape.vertices is not None and shape.faces is not None:
-        solid |= {"vertices": floats(shape.vertices), "faces": packed(shape.faces.astype("<u4"))}
+        solid |= {"vertices": floats(shape.vertices), "faces": pack(shape.faces.astype("<u4"))}
     return solid
 
 
 def _motors(robot: ParallelRobot, shapes: list[Shape], size: float) -> list[Document]:
-    named = zip(motor_shapes(robot, shapes, size), robot.actuator_names, robot.torque_units, strict=True)
-    return [_solid(shape) | {"name": name, "unit": unit} for shape, name, unit in named]
+    rows = zip(motor_shapes(robot, shapes, size), robot.actuator_names, robot.torque_units, strict=True)
+    return [_solid(shape) | {"name": name, "unit": unit} for shape, name, unit in rows]
 
 
 def _springs(film: Film, size: float) -> Document | None:
@@ -197,7 +203,7 @@ def _springs(film: Film, size: float) -> Document | None:
             {
                 "name": name,
                 "node": node,
-                "placement": _columns(placed(place, axis)),
+                "placement": _columns(placement_along(place, axis)),
                 "slides": bool(slides[k]),
                 "column": k,
             }
@@ -226,7 +232,7 @@ def _wrenches(film: Film) -> list[Document]:
     arrows = [_arrows(six) for six in (film.demands, *(wrench.at_origin for wrench in applied))]
     largest = np.max([document["largest"] for document in arrows], axis=0).tolist()
     for document, wrench in zip(arrows[1:], applied, strict=True):
-        document |= {"frame": said(wrench.frame), "origin": floats(wrench.origin)}
+        document |= {"frame": display_name(wrench.frame), "origin": floats(wrench.origin)}
     return [document | {"largest": largest} for document in arrows]
 
 
@@ -269,16 +275,16 @@ def _torque_limit(film: Film) -> float:
 
 
 def _locus(film: Film, platform: Array, curves_about: CurvesAbout) -> Document | None:
-    """Return the drawing of the locus where the film comes nearest to it."""
+    """Return the drawing of the locus near the film's closest approach; None without a measure."""
     if not film.has_measure:
         return None
     nearest = film.telling_frame if film.instants else int(np.argmin(np.abs(film.g)))
     patch = locus_patch(film.robot, film.q[nearest], film.x[nearest]) if film.instants else None
     if patch is not None:
         return {"kind": "patch", "count": len(patch), "points": floats(patch)}
-    held = not film.robot.platform.is_point  # other coordinates take part: the locus is that of one instant
-    frame = nearest if held else 0
-    curves = curves_about(film, frame, film.x[frame : frame + 1] if held else film.x)
+    momentary = not film.robot.platform.is_point  # the locus depends on other coordinates, of one instant
+    frame = nearest if momentary else 0
+    curves = curves_about(film, frame, film.x[frame : frame + 1] if momentary else film.x)
     return drawn_locus(film.robot, curves, platform)
 
 
@@ -293,11 +299,11 @@ def locus_lines(
     for curve in curves.curves:
         line = np.repeat(platform[:1], len(curve), axis=0)
         line[:, world] = curve
-        near = np.linalg.norm(line[:, None] - platform[None, ::20], axis=2).min(axis=1)
-        kept = near < beside * robot.length
-        kept |= kept.mean() > 0.5  # a curve that is mostly near is drawn whole
-        for piece in np.split(np.arange(len(line)), np.flatnonzero(np.diff(kept)) + 1):
-            if kept[piece[0]] and len(piece) > 1:
+        distance = np.linalg.norm(line[:, None] - platform[None, ::20], axis=2).min(axis=1)
+        drawn = distance < beside * robot.length
+        drawn |= drawn.mean() > 0.5  # a curve that is mostly near is drawn whole
+        for piece in np.split(np.arange(len(line)), np.flatnonzero(np.diff(drawn)) + 1):
+            if drawn[piece[0]] and len(piece) > 1:
                 pieces.append(line[piece])
     return pieces
 
@@ -305,14 +311,14 @@ def locus_lines(
 def drawn_locus(
     robot: ParallelRobot, curves: LocusCurves | None, platform: Array, *, beside: float = LOCUS_MARGIN
 ) -> Document | None:
-    """Encode these curves for the page."""
+    """Encode curves of the locus for the page; None without any."""
     pieces = [floats(line) for line in locus_lines(robot, curves, platform, beside=beside)]
     whole = robot.platform.is_point
     return {"kind": "curves", "curves": pieces, "whole": whole} if pieces else None
 
 
 def _points_in_sight(robot: ParallelRobot, shapes: list[Shape], poses: Array) -> Array:
-    """Return all places (m, 3) that a picture has to hold: of joints at all times, of bodies at some."""
+    """Return points (m, 3) that a picture must contain: joints at all times, bodies at some."""
     points = [frame_positions(robot, poses)]
     some = poses[[0, len(poses) // 2, -1]]
     points += [carried_points(pose[shape.node], shape.corners()) for pose in some for shape in shapes]
@@ -326,7 +332,7 @@ def _view(points: Array, sight: Sight) -> Document:
     return {
         "center": center.tolist(),
         "radius": max(float(np.linalg.norm(points - center, axis=1).max()), 1e-6),
-        "from": (tilted(sight.toward) if sight.planar else sight.toward).tolist(),
+        "from": (tilt_aside(sight.toward) if sight.planar else sight.toward).tolist(),
         "lowest": float(low[2]),
         "flat": sight.planar,
     }

@@ -7,14 +7,13 @@ of another origin, are refused: a web site open in the same browser gets nothing
 from __future__ import annotations
 
 import json
-import signal
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 from framework.errors import InvalidInput, NoAnswer
-from framework.interruption import SIGNALS
+from framework.interruption import interruptible
 from framework.output import Document
 
 MAX_REQUEST_BYTES = 65536
@@ -23,7 +22,7 @@ Answer = Callable[[Document], Document]
 
 
 class PageServer(ThreadingHTTPServer):
-    """Serves one page, and at /api/move the answers of one function."""
+    """A server of one page, and at /api/move of the answers of one function."""
 
     daemon_threads = True
 
@@ -39,25 +38,8 @@ class PageServer(ThreadingHTTPServer):
 
     def serve_until_interrupted(self) -> None:
         """Serve until Ctrl-C or SIGTERM, then close."""
-        with self, _ended_by_signals(), suppress(KeyboardInterrupt):
+        with self, interruptible(), suppress(KeyboardInterrupt):
             self.serve_forever(poll_interval=0.1)
-
-
-@contextmanager
-def _ended_by_signals() -> Iterator[None]:
-    """Let SIGINT and SIGTERM raise KeyboardInterrupt within the block: a server ends by them."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = {number: signal.getsignal(number) for number in SIGNALS}
-    heard = [number for number in SIGNALS if before[number] is not signal.SIG_IGN]
-    for number in heard:
-        signal.signal(number, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        for number in heard:
-            signal.signal(number, before[number])
 
 
 class _Handler(BaseHTTPRequestHandler):

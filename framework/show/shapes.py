@@ -21,13 +21,13 @@ def body_shapes(robot: ParallelRobot) -> list[Shape]:
     shapes = []
     for shape in read_visuals(robot.description, robot.model):
         if shape.vertices is not None and shape.faces is not None:
-            vertices, faces = thinned(shape.vertices, shape.faces)
+            vertices, faces = thin_mesh(shape.vertices, shape.faces)
             shape = shape._replace(vertices=vertices, faces=faces)
         shapes.append(shape)
     return shapes + _sticks(robot, {shape.node for shape in shapes})
 
 
-def thinned(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
+def thin_mesh(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
     """Return a mesh in which the vertices of each cell of a grid are merged into their mean."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     cell = max(float(np.linalg.norm(high - low)) / MESH_CELLS, 1e-12)
@@ -76,13 +76,15 @@ def _sticks(robot: ParallelRobot, dressed: set[int]) -> list[Shape]:
         for end in ends:
             length = float(np.linalg.norm(end))
             if node and length > MIN_STICK_LENGTH * robot.length:
-                shapes.append(Shape(node, "cylinder", (radius, length), placed(0.5 * end, end), STICK_COLOR))
+                shapes.append(
+                    Shape(node, "cylinder", (radius, length), placement_along(0.5 * end, end), STICK_COLOR)
+                )
         if node and ends:
             shapes.append(Shape(node, "sphere", (1.3 * radius,), np.eye(4), JOINT_COLOR))
     return shapes
 
 
-def placed(place: Array, axis: Array) -> Array:
+def placement_along(place: Array, axis: Array) -> Array:
     """Return a placement (4, 4) at `place` (3,) with z along `axis` (3,)."""
     third = axis / np.linalg.norm(axis)
     aside = np.eye(3)[int(np.argmin(np.abs(third)))]

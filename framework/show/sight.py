@@ -1,4 +1,4 @@
-"""The direction from which a robot is looked at: of many, the one that shows most of what has to be seen.
+"""The direction from which a robot is looked at: of many, the one that shows most of the robot.
 
 A planar robot is seen along its normal, from one side or the other; any other from all around, from eye
 level to halfway up. Bodies are measured as the picture has them: which is nearest to the eye in each cell.
@@ -6,6 +6,7 @@ level to halfway up. Bodies are measured as the picture has them: which is neare
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -28,7 +29,7 @@ LOSS_OPPOSITE = 0.3  # what the direction opposite to the usual one loses
 
 
 class Wanted(NamedTuple):
-    """What has to be seen beside the bodies."""
+    """Objects that a picture must show beside the bodies."""
 
     path: Array  # (m, 3)
     arrow: Array  # (3,) that is to lie across the sight, such as t_s
@@ -48,7 +49,7 @@ class Projection(NamedTuple):
 
 
 class Sight(NamedTuple):
-    """A robot's solids and from where they are looked at: what all pictures of one motion share."""
+    """A robot's solids and the direction to the eye, shared by all pictures of one motion."""
 
     shapes: list[Shape]  # of the bodies, and after them of the motors
     bodies: int  # how many are bodies
@@ -69,6 +70,7 @@ def robot_sight(robot: ParallelRobot, q: Array | None = None, wanted: Wanted | N
     return Sight(shapes, len(bodies), _best_direction(points, nodes, normal, wanted), normal is not None)
 
 
+@lru_cache(maxsize=4)
 def film_sight(film: Film) -> Sight:
     """Choose the sight on a motion by its first singular instant, or else halfway."""
     robot, k = film.robot, film.telling_frame
@@ -84,14 +86,14 @@ def film_sight(film: Film) -> Sight:
 
 
 def projection(toward: Array) -> Projection:
-    """Return the projection for an eye in a direction (3,) from the robot: z is up on paper, or else y."""
+    """Return the projection for an eye in a direction (3,) from the robot, z or else y up on paper."""
     upright = np.array([0.0, 1.0, 0.0]) if abs(toward[2]) > 0.7 else np.array([0.0, 0.0, 1.0])
     right = np.cross(upright, toward)
     right = right / np.linalg.norm(right)
     return Projection(right, np.cross(toward, right), -toward)
 
 
-def tilted(toward: Array) -> Array:
+def tilt_aside(toward: Array) -> Array:
     """Return the direction (3,) of an eye a little aside of the normal of a planar robot."""
     aside = np.array([0.0, -1.0, 0.0]) if abs(toward[2]) > 0.7 else np.array([0.5, 0.0, 0.8])
     direction = toward + FLAT_VIEW_SLOPE * aside
@@ -147,7 +149,7 @@ def _areas(points: Array, nodes: IntArray, onto: Projection) -> IntArray:
 
 
 def _seen(areas: IntArray) -> Array:
-    """Return the share (k,) of the moving bodies that is seen; `areas` (k, nodes), node 0 is the base."""
+    """Return the visible share (k,) of the moving bodies; `areas` (k, nodes), node 0 is the base."""
     moving = areas[:, 1:][:, areas[:, 1:].max(axis=0) > 0]
     if not moving.shape[1]:
         return np.ones(len(areas))
@@ -160,7 +162,7 @@ def _seen(areas: IntArray) -> Array:
 
 
 def _across(arrows: Array, directions: Array) -> Array:
-    """Return the part (k,) of the arrows' (m, 3) length that lies across the sight; 1 where there is none."""
+    """Return the share (k,) of the arrows' (m, 3) length across each sight; 1 without length."""
     length = np.linalg.norm(arrows, axis=1)
     along = directions @ arrows.T
     seen = np.sqrt(np.clip(length**2 - along**2, 0.0, None)).sum(axis=1)

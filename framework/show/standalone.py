@@ -39,7 +39,7 @@ def standalone_page(
     )
 
 
-def packed(values: np.ndarray) -> str:
+def pack(values: np.ndarray) -> str:
     """Encode an array for the scripts, row after row."""
     return base64.b64encode(np.ascontiguousarray(values).tobytes()).decode("ascii")
 

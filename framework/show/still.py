@@ -43,57 +43,50 @@ def plot_still(
     robot, k = film.robot, film.telling_frame if frame is None else frame
     sight = film_sight(film) if sight is None else sight
     ax = draw_robot(robot, film.q[k], ax, sight=sight)
-    onto, place = sight.onto, film.platform[k]
+    onto = sight.onto
     path_line = onto(film.platform)
     for piece, line in enumerate(locus_of(film) if locus is None else locus):
         label = None if piece else "singular locus"
         ax.plot(*onto(line).T, color=LOCUS, linewidth=1.4, zorder=2, label=label)
-    ax.plot(
-        *path_line.T,
-        color=PATH,
-        linewidth=1.4,
-        zorder=3,
-        label="path" if np.ptp(path_line, axis=0).max() > 0 else None,
-    )
+    label = "path" if np.ptp(path_line, axis=0).max() > 0 else None
+    ax.plot(*path_line.T, color=PATH, linewidth=1.4, zorder=3, label=label)
     for instant in film.instants:
-        ax.plot(
-            *path_line[film.frame_at(instant.time)],
-            "o",
-            color=LOCUS if film.proved else ALARM,
-            markersize=4,
-            zorder=6,
-        )
+        color = LOCUS if film.proved else ALARM
+        ax.plot(*path_line[film.frame_at(instant.time)], "o", color=color, markersize=4, zorder=6)
     if limit is not None and robot.n == 2 and robot.platform.is_point:
         _polygons(film, ax, path_line, limit, [k] if alone else None)
     if film.instants and k == film.telling_frame and len(robot.platform.sliding):
-        _action_lines(film, ax, k, place, onto)
-    reach = min(robot.length, 0.8 * float(np.ptp(ax.get_xlim())))
-    twist = r"$\mathbf{t}_s$" if film.instants else "least controlled motion"
-    arrows = (
-        (film.twists, TWIST, True, ARROW_LENGTH, twist),
-        (film.demands, WRENCH, False, ARROW_LENGTH, r"$\mathbf{W}_p$"),
-    )
-    for six, color, both, size, label in arrows:
-        # a platform that only turns has the axes of its turn and of its torque
-        part = six[:, :3] if len(robot.platform.sliding) else six[:, 3:]
-        largest = np.linalg.norm(part, axis=1).max()
-        if largest > 0 and film.has_measure:
-            tip = part[k] * size * reach / (np.linalg.norm(part[k]) or 1.0 if both else largest)
-            _arrow(ax, onto(place), onto(tip), color, both, label)
+        _action_lines(film, ax, k, onto)
+    if film.has_measure:
+        _draw_arrows(film, ax, k, onto)
     ax.autoscale_view()
     legend_above(ax, 3, fontsize=6)
     return ax
 
 
-def _action_lines(film: Film, ax: Axes, k: int, origin: Array, onto: Projection) -> None:
+def _draw_arrows(film: Film, ax: Axes, k: int, onto: Projection) -> None:
+    """Draw t_s and W_p at frame k: axes of turn and torque of a platform that only turns."""
+    reach = min(film.robot.length, 0.8 * float(np.ptp(ax.get_xlim())))
+    twist = r"$\mathbf{t}_s$" if film.instants else "least controlled motion"
+    for six, color, both, label in (
+        (film.twists, TWIST, True, twist),
+        (film.demands, WRENCH, False, r"$\mathbf{W}_p$"),
+    ):
+        part = six[:, :3] if len(film.robot.platform.sliding) else six[:, 3:]
+        largest = np.linalg.norm(part, axis=1).max()
+        if largest > 0:
+            tip = part[k] * ARROW_LENGTH * reach / (np.linalg.norm(part[k]) or 1.0 if both else largest)
+            _arrow(ax, onto(film.platform[k]), onto(tip), color, both, label)
+
+
+def _action_lines(film: Film, ax: Axes, k: int, onto: Projection) -> None:
     """Draw the lines along which the motors' forces act at frame k, dotted."""
     lines = action_lines(film.robot, film.motors.motor_speed[k : k + 1])
     if lines is None:
         return
     for motor, (place, direction) in enumerate(zip(lines.place[0], lines.way[0], strict=True)):
-        ends = (
-            origin + place + HALF_LINE_OF_ACTION * film.robot.length * np.array([[-1.0], [1.0]]) * direction
-        )
+        half = HALF_LINE_OF_ACTION * film.robot.length * direction
+        ends = film.platform[k] + place + np.array([[-1.0], [1.0]]) * half
         label = None if motor else "lines of the motors' forces"
         ax.plot(*onto(ends).T, color=GIVEN, linewidth=0.8, linestyle=(0, (1, 1.5)), zorder=3.2, label=label)
 

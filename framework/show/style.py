@@ -7,8 +7,8 @@ one plot have dashes besides. Text has a contrast of at least 4.5. Tests hold bo
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -69,15 +69,13 @@ _SETTINGS: dict[Any, Any] = {
 _UNDATED: dict[str, dict[str, None]] = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
 
 
-@contextmanager
-def styled() -> Iterator[None]:
-    """Draw and save within this style, leaving matplotlib's settings as they were."""
-    with matplotlib.rc_context(_SETTINGS):
-        yield
+def use_style() -> AbstractContextManager[None]:
+    """Return a context in which figures are drawn and saved in this style."""
+    return matplotlib.rc_context(_SETTINGS)
 
 
 def page_colors() -> str:
-    """Return the CSS that names these colours: --locus and so on."""
+    """Return the CSS that names the colours of pages: --locus and so on."""
     return ":root { " + " ".join(f"--{name}: {color};" for name, color in PAGE_COLORS.items()) + " }"
 
 
@@ -104,25 +102,25 @@ def draw_dot(ax: Axes, x: float, y: float, size: float = 4) -> None:
 
 
 def legend_above(ax: Axes, columns: int = 1, **options: Any) -> None:
-    """Put the legend over the axes, where it hides no curve; none where nothing has a label."""
+    """Put the legend over the axes, where no curve is hidden; none without labels."""
     if ax.get_legend_handles_labels()[0]:
         ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2, ncols=columns, **options)
 
 
 def line_style(k: int) -> Style:
-    """Return colour and dash of the k-th curve: either of them tells it from the others."""
+    """Return colour and dash of the k-th curve, either of which is its own."""
     return {"color": COLORS[k % len(COLORS)], "linestyle": DASHES[k % len(DASHES)]}
 
 
 def save_pages(drawings: Mapping[str, Callable[[], Axes | Figure]], document: Path) -> list[Path]:
-    """Draw and write one PDF, a page each, and beside it a PNG of each, by its name; return all files.
+    """Draw and write one PDF with a page a drawing, and a PNG of each, by name; return all files.
 
     Fonts are embedded once in a PDF: with a PDF for each figure that takes longer than drawing them.
     """
     from matplotlib.backends.backend_pdf import FigureCanvasPdf, PdfPages  # takes time to import
 
     files = [document]
-    with styled(), PdfPages(document, metadata=_UNDATED["pdf"]) as pages:
+    with use_style(), PdfPages(document, metadata=_UNDATED["pdf"]) as pages:
         for name, draw in drawings.items():
             drawing = draw().figure
             assert isinstance(drawing, Figure)

@@ -41,7 +41,7 @@ def test_what_the_motors_can_give_and_where_the_robot_is_are_the_frameworks(open
     path = scene_path(scene(robot, "C"))
     crossing = planar_crossing(robot, path, 1.5, np.array([0.0, 1.0, 0.0]))
     shares = np.array([0.1, 0.5, 0.66, 0.68, 0.95])
-    samples = crossing.at(shares)
+    samples = crossing.sample(shares)
     told = tab.evaluate(
         "shares => shares.map((s) => [crossing.lesson.reach(s, 1), ...crossing.lesson.along('place', s)])",
         shares.tolist(),

@@ -100,18 +100,18 @@ def test_a_pole_is_no_torque_with_friction_either():
     smooth = FullerModel.of(dynamics, dynamics.robot)
     rough = replace(smooth, friction=dynamics.robot.joint_friction)
     known = smooth.known_deflections()
-    assert np.isfinite(rough.torque(rough.moved(known))).all()
+    assert np.isfinite(rough.torque(rough.compute_pass(known))).all()
     with pytest.raises(NotConverged, match="pole"):
-        rough.torque(smooth.moved(known))
+        rough.torque(smooth.compute_pass(known))
     with pytest.raises(NotConverged, match="pole"):
-        smooth.torque(rough.moved(known))
+        smooth.torque(rough.compute_pass(known))
 
 
 def test_a_corrected_law_that_turns_back_is_none():
     dynamics = rubbing_elbow()
     much = FullerModel.of(dynamics, dynamics.robot, friction=100.0 * dynamics.robot.joint_friction)
     with pytest.raises(NotConverged, match="the corrected law turns back"):
-        much.moved(much.known_deflections())
+        much.compute_pass(much.known_deflections())
 
 
 def test_two_crossings_do_not_meet_one_singular_point():
@@ -119,9 +119,9 @@ def test_two_crossings_do_not_meet_one_singular_point():
     fuller = FullerModel.of(dynamics, dynamics.robot)
     assert len(fuller.searched.points) > 1
     fewer = replace(fuller, searched=fuller.searched._replace(points=fuller.searched.points[:1]))
-    fuller.moved(fuller.known_deflections())
+    fuller.compute_pass(fuller.known_deflections())
     with pytest.raises(NotConverged, match="same singular point"):
-        fewer.moved(fuller.known_deflections())
+        fewer.compute_pass(fuller.known_deflections())
 
 
 def test_masses_are_worth_what_the_plan_with_them_needs_more():

@@ -10,8 +10,8 @@ import pytest
 import robots
 from framework import InvalidInput, fidelity_study, plan_scene
 from framework.dynamics.open_loop import ErrorDynamics, error_dynamics, open_loop_error
-from framework.fidelity.chosen_level import kept_level, predicted_errors, predicted_level
-from framework.fidelity.fidelity_indicators import LevelError, _accumulated
+from framework.fidelity.chosen_level import predict_errors, predict_level, scene_level
+from framework.fidelity.fidelity_indicators import LevelError, _accumulate_errors
 from framework.model.fidelity_levels import LEVELS
 from tests.fidelity.test_kept_levels import PLANNED
 from tests.robots.every_robot import in_stages
@@ -25,8 +25,8 @@ def quick(case) -> bool:
 def test_the_level_that_simulation_found_is_predicted(case):
     name, scene = case
     description = robots.load(name).description
-    kept = kept_level(description, scene)
-    predicted = predicted_level(description, scene, tolerance=kept.tolerance)
+    kept = scene_level(description, scene)
+    predicted = predict_level(description, scene, tolerance=kept.tolerance)
     assert (predicted.level, predicted.simulated) == (kept.level, False)
 
 
@@ -41,7 +41,7 @@ def test_errors_are_predicted_to_a_tenth(case):
     """Of all levels that are within 10 %; what is predicted of one is at least what those above leave out."""
     name, scene = case
     study = fidelity_study(robots.load(name), scene, tolerance=1e-3)
-    predicted = predicted_errors(study.robot.description, scene).error
+    predicted = predict_errors(study.robot.description, scene).error
     simulated = [max(one.torque, one.platform) for one in study.levels]
     compared = [k for k in range(len(simulated) - 1) if simulated[k] < 0.1]
     for k in compared:
@@ -53,14 +53,14 @@ def test_errors_are_predicted_to_a_tenth(case):
 def test_a_scene_of_another_duration_is_predicted_and_keeps_nothing():
     description = robots.load("five_bar").description
     unlike = replace(description, scenes={"C": replace(description.scenes["C"], fidelity=None)})
-    assert kept_level(unlike, "C") is None
-    assert predicted_level(unlike, "C", duration=3.0, times=None, speeds=None).level == "payload"
+    assert scene_level(unlike, "C") is None
+    assert predict_level(unlike, "C", duration=3.0, times=None, speeds=None).level == "payload"
     with pytest.raises(InvalidInput, match="geometry: each level"):
-        predicted_level(description, "C", geometry="deformed")
+        predict_level(description, "C", geometry="deformed")
 
 
 def test_a_motion_without_a_rigid_plan_may_need_everything():
-    assert predicted_level(robots.load("five_bar").description, "B") == ("elastic_inertia", 0.01, False, None)
+    assert predict_level(robots.load("five_bar").description, "B") == ("elastic_inertia", 0.01, False, None)
 
 
 def test_a_standing_rod_that_lacks_a_constant_torque_falls_as_a_hyperbolic_cosine():
@@ -86,6 +86,6 @@ def test_an_error_that_is_not_a_number_is_not_none():
     names = [level.name for level in LEVELS]
     errors = {name: LevelError(0.01, 0.02) for name in names[:-1]}
     errors[names[2]] = LevelError(np.nan, 0.0)
-    indicators = _accumulated(errors, 1.0)
+    indicators = _accumulate_errors(errors, 1.0)
     assert [indicators.error[name] for name in names] == [np.inf] * 3 + [0.02] * (len(names) - 4) + [0.0]
-    assert indicators.chosen(0.1) == names[3]
+    assert indicators.choose_level(0.1) == names[3]

@@ -156,7 +156,7 @@ def test_a_platform_that_is_lost_is_lost_at_some_instant():
 def test_where_even_the_highest_level_is_not_enough_there_is_a_reason():
     study = replace(crossing_study(), tolerance=1e-15)
     assert study.enough is None
-    assert study.kept is None
+    assert study.scene_entry is None
     assert isinstance(study.refusal, NoAnswer)
     assert crossing_study().refusal is None
 
@@ -208,7 +208,7 @@ def test_indicators_do_not_grow_upwards():
 def test_the_scene_keeps_what_the_study_finds():
     kept = robots.load("five_bar").description.scenes["C"].fidelity
     study = replace(crossing_study(), tolerance=kept.tolerance)
-    assert study.kept == {"level": kept.level, "tolerance": kept.tolerance}
+    assert study.scene_entry == {"level": kept.level, "tolerance": kept.tolerance}
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -35,6 +35,6 @@ def test_the_kept_level_is_enough_and_the_one_below_it_is_not(case):
         return max(comparison.torque, comparison.platform)
 
     place = LEVELS.index(LEVELS_BY_NAME[kept.level])
-    assert error(highest.compared(LEVELS[place], [])) <= kept.tolerance
+    assert error(highest.compare(LEVELS[place], [])) <= kept.tolerance
     if place:
-        assert error(highest.compared(LEVELS[place - 1], [])) > kept.tolerance
+        assert error(highest.compare(LEVELS[place - 1], [])) > kept.tolerance

@@ -15,7 +15,7 @@ from framework.motion.speed_basis import ONE_CELL, SpeedBasis
 
 SERIES = SpeedSpace(SpeedBasis(np.array(ONE_CELL), 3), Stretch())
 CELLS = np.linspace(-1.0, 1.0, 8)
-SPLINES = SpeedSpace(SpeedBasis.on_cells(CELLS), Stretch())
+SPLINES = SpeedSpace(SpeedBasis.from_cells(CELLS), Stretch())
 NOTHING = Affine(np.empty((0, 3)), np.empty(0))
 
 

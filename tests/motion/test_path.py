@@ -10,7 +10,7 @@ import pytest
 
 from framework.errors import InvalidInput
 from framework.motion.law import Condition, Law
-from framework.motion.path import Arc, Line, Spline, along
+from framework.motion.path import Arc, Line, Spline, time_derivatives
 
 X = [0.1, 0.05, 0.0, -0.02, -0.05, -0.1, -0.1, 0.0]
 Y = [0.345, 0.3, 0.26, 0.2, 0.22, 0.3, 0.2, 0.1]
@@ -176,7 +176,7 @@ def exactly(path, t: float) -> list[list[float]]:
 @pytest.mark.parametrize("name", ["line", "arc", "arc in space"])
 def test_time_derivatives_along_a_path_agree_with_forty_digits(name):
     times = np.array([0.0, 0.4, 1.0, 1.3])
-    found = np.array(along(PATHS[name], [LAW(times, k) for k in range(5)]))  # (5, T, n)
+    found = np.array(time_derivatives(PATHS[name], [LAW(times, k) for k in range(5)]))  # (5, T, n)
     exact = np.array([exactly(PATHS[name], t) for t in times]).transpose(1, 0, 2)
     for order in range(5):
         # a sum of at most five products, each good to some eps of the largest values
@@ -188,7 +188,7 @@ def test_a_spline_is_differentiated_in_time_as_any_path():
     chords = np.linalg.norm(np.diff(POINTS[:6], axis=0), axis=1)
     at = np.concatenate([[0.0], np.cumsum(chords) / chords.sum()])
     t = 0.7
-    found = along(path, [LAW(np.array([t]), k) for k in range(5)])
+    found = time_derivatives(path, [LAW(np.array([t]), k) for k in range(5)])
     with mp.workdps(40):
         series = [mp.mpf(float(c)) for c in LAW.coefficients]
 
@@ -208,9 +208,11 @@ def test_a_spline_is_differentiated_in_time_as_any_path():
 
 def test_as_many_orders_come_out_as_go_in():
     for orders in range(1, 6):
-        assert len(along(PATHS["line"], [LAW(np.array([0.1]), k) for k in range(orders)])) == orders
+        assert (
+            len(time_derivatives(PATHS["line"], [LAW(np.array([0.1]), k) for k in range(orders)])) == orders
+        )
     with pytest.raises(InvalidInput, match=r"order.*from 0 to 4, got 5"):
-        along(PATHS["line"], [LAW(np.array([0.1]), k) for k in range(6)])
+        time_derivatives(PATHS["line"], [LAW(np.array([0.1]), k) for k in range(6)])
 
 
 def test_three_points_on_a_line_are_never_an_arc_whatever_rounding_makes_of_them():

@@ -29,7 +29,7 @@ from framework.kinematics.continuation.tracking import track_path
 from framework.kinematics.frames import frames_at
 from framework.kinematics.motion_rates import joint_rates, motion_at
 from framework.motion.chebyshev import TimeGrid
-from framework.motion.path import along
+from framework.motion.path import time_derivatives
 from tests.oracles.forward_simulation import forward_simulate
 
 H = 1e-30
@@ -246,8 +246,8 @@ def test_rates_along_a_path_with_large_rotations(robot, start, end):
     grid = TimeGrid(np.array([0.0, 1.0]), 96)
     t = grid.times
     s, ds, dds = 0.1 + 0.5 * t + 0.2 * t**2, 0.5 + 0.4 * t, np.full_like(t, 0.4)
-    closed = branch.closed(s)
-    x, dx, ddx = along(branch.path, [s, ds, dds])
+    closed = branch.close(s)
+    x, dx, ddx = time_derivatives(branch.path, [s, ds, dds])
     motion = motion_at(robot, closed, dx, ddx)
     v, a = grid.differentiate(closed.q - closed.q[0])
     np.testing.assert_allclose(motion.v, v, atol=3e-10 * np.abs(v).max())

@@ -9,7 +9,7 @@ import pytest
 
 import robots
 from framework import ParallelRobot
-from framework.show.captions import film_summary, how, parts, plan_name, proof, subtitle, why
+from framework.show.captions import explain_crossing, film_summary, parts, plan_name, proof, subtitle, why
 from tests.show.test_film import filmed
 
 
@@ -39,7 +39,7 @@ def test_a_subtitle_tells_the_scenes_apart(name, scene, said):
 def test_how_the_condition_is_met_is_how_the_motion_is_there(name, scene, how_so):
     film = filmed(name, scene)
     (instant,) = film.instants
-    assert how_so in how(film, instant)
+    assert how_so in explain_crossing(film, instant)
     k = int(np.argmin(np.abs(film.time - instant.time)))
     acceleration = film.path(film.law(instant.time), 1) * film.law(instant.time, 2)
     force, most = np.linalg.norm(film.W_p[k]), np.linalg.norm(film.W_p, axis=1).max()
@@ -50,7 +50,7 @@ def test_how_the_condition_is_met_is_how_the_motion_is_there(name, scene, how_so
 
 def test_a_motion_without_proof_has_none_and_says_when_its_springs_are_left_out():
     rigid, flexible = filmed("five_bar", "B"), filmed("five_bar", "B", "flexible_links")
-    assert proof(rigid) == how(rigid, rigid.instants[0]) == ""
+    assert proof(rigid) == explain_crossing(rigid, rigid.instants[0]) == ""
     assert "rigid" not in film_summary(rigid)
     assert "drawn with rigid parts" in film_summary(flexible)
 

@@ -15,7 +15,7 @@ from framework.locus.drawn_locus import locus_curves
 from framework.show.jogging import hand_document
 from framework.show.page import film_page, hand_page
 from framework.show.scene import film_documents, floats
-from framework.show.shapes import body_shapes, thinned
+from framework.show.shapes import body_shapes, thin_mesh
 from tests.show.test_film import filmed
 
 # Their meshes take seconds to read.
@@ -151,7 +151,7 @@ def test_a_thinned_mesh_keeps_its_shape_and_has_no_collapsed_faces():
     heights = np.linspace(0, 1, 100)
     vertices = np.array([[np.cos(a), np.sin(a), h] for h in heights for a in angles])
     faces = np.array([[i, i + 1, i + 400] for i in range(400 * 99 - 1)])
-    less, kept = thinned(vertices, faces)
+    less, kept = thin_mesh(vertices, faces)
     assert len(less) < len(vertices) / 10
     assert kept.max() < len(less)
     assert all(len(set(face)) == 3 for face in kept.tolist())

@@ -53,7 +53,7 @@ class LawProblem(NamedTuple):
     def basis_on(self, cells: Array) -> SpeedBasis:
         """Return the basis of z: splines on cells (k + 1,), or the series of the degree."""
         if self.degree is None:
-            return SpeedBasis.on_cells(cells)
+            return SpeedBasis.from_cells(cells)
         return SpeedBasis(np.array(ONE_CELL), self.degree + 1)
 
     @property

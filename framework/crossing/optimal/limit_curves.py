@@ -73,7 +73,7 @@ def limit_curves(plan: CrossingPlan) -> LimitCurves:
 
 def _motor_demand(plan: CrossingPlan, s: Array) -> MotorDemand:
     """Compute torques and speeds of the undeformed robot at s (T,), with damping and the planned friction."""
-    branch, robot = track_path(plan.robot, plan.path).under(plan.dynamics.wrenches), plan.robot
+    branch, robot = track_path(plan.robot, plan.path).with_wrenches(plan.dynamics.wrenches), plan.robot
     asked = demand(branch, Smoothstep(0), s, None, "rigid")
     constant, per_z, per_u = asked.torque
     friction = asked.friction(motor_friction(robot, plan.request.friction))

@@ -19,7 +19,7 @@ from framework.crossing.optimal.optimal_task import Task
 from framework.crossing.optimal.peak_bound import prove_no_law
 from framework.crossing.optimal.phase_plane import demand
 from framework.crossing.refusals.refusal_proofs import HoldingTorque, LeastLimits, SearchEvidence, advice_of
-from framework.errors import NoLaw, NotConverged, told_apart
+from framework.errors import NoLaw, NotConverged, format_distinct
 
 ADVISED_RESERVE = 1.02  # of a duration over the quickest found, which is met at its limits alone
 
@@ -43,7 +43,7 @@ def refuse_law(problem: LawProblem, none: NoneFound) -> NoLaw | NotConverged:
     would_do = "" if limits is None else f"; {advice_of(robot, limits)}"
     if holding is not None:
         where, unit = "start" if holding.s == 0 else "end", _unit(task, holding.joint)
-        needed, allowed = told_apart(holding.torque, holding.limit)
+        needed, allowed = format_distinct(holding.torque, holding.limit)
         rubs = robot.joint_friction.any()
         uncounted = " (dry friction, which may hold some of it, not counted)" if rubs else ""
         return NoLaw(
@@ -55,7 +55,7 @@ def refuse_law(problem: LawProblem, none: NoneFound) -> NoLaw | NotConverged:
     bound = prove_no_law(problem)
     none_is = "no law of free shape was found"
     if bound is not None:
-        needed, _ = told_apart(bound.value, 1.0)
+        needed, _ = format_distinct(bound.value, 1.0)
         none_is = f"no law is admissible: the torque of each peaks at {needed} times the limits or more"
     return NoLaw(f"{robot.name}: {none_is}: {evidence.sentence}{would_do}", proof=bound, evidence=evidence)
 

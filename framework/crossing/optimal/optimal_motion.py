@@ -137,7 +137,7 @@ def _elastic(task: Task, places: Sequence[CrossingPoint]) -> OptimalMotion:
                 return min(new, kept, key=lambda motion: _cost(task, motion))
             kept = new
         else:
-            tightened = sought.specification.tightened((1.0 - LIMIT_TIGHTENING) / excess)
+            tightened = sought.specification.tighten_limits((1.0 - LIMIT_TIGHTENING) / excess)
             sought = sought._replace(specification=tightened)
         deflections = DeflectionsOnPath(law, dynamics.deflections)
         places = crossing_places(task, deflections, places)

@@ -27,7 +27,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from framework.arrays import Array
-from framework.crossing.condition import CrossingPoint, bounds_of_terms, without_rounding
+from framework.crossing.condition import CrossingPoint, bounds_of_terms, remove_rounding
 from framework.dynamics.forces import balanced_forces, inertial_forces, motor_torque, static_forces
 from framework.dynamics.motor_friction import signs
 from framework.kinematics.continuation.tracking import Branch
@@ -164,7 +164,7 @@ def _linearised_forces(
     robot, (sigma, s) = branch.robot, places
     at_rest, per_z = slice(len(sigma)), slice(len(sigma), 2 * len(sigma))
     forces = inertial_forces(robot, motion)
-    wrenches = branch.wrenches.at(robot, motion.linearised.frames.at(at_rest), s)
+    wrenches = branch.wrenches.evaluate(robot, motion.linearised.frames.select(at_rest), s)
     forces[at_rest] = static_forces(robot, motion.q[at_rest], wrenches)
     if robot.is_damped and before is not None:
         root = np.sqrt(before(sigma))[:, None]
@@ -244,7 +244,7 @@ def _wrench_row(
     alpha, beta, gamma, _ = bounds_of_terms(branch, place, rate)
     least = np.array([gamma, slope**2 * beta + abs(bend) * alpha, slope * alpha])
     size = np.maximum(np.abs(parts).sum(axis=1), least)
-    return float(sigma[0]), without_rounding(row, size, 2)
+    return float(sigma[0]), remove_rounding(row, size, 2)
 
 
 def _three_motions(

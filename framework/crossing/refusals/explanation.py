@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from framework.crossing.durations import optimal_durations, polynomial_durations
+from framework.crossing.durations import OptimalDurations, optimal_durations, polynomial_durations
 from framework.crossing.feasibility import feasibility_on_path
 from framework.crossing.refusals.remedies import remedy_of
 from framework.crossing.request import Request
@@ -11,11 +11,8 @@ from framework.errors import LimitsExceeded, NoLaw, UnboundedTorque
 from framework.singularity.points_on_path import SearchedPath
 
 
-def explained(refusal: NoLaw, searched: SearchedPath, request: Request) -> NoLaw:
-    """Return a refusal with what condition (8) asks for at each singular point of the path.
-
-    And with the durations of laws of the kinds that it did not refuse.
-    """
+def with_explanation(refusal: NoLaw, searched: SearchedPath, request: Request) -> NoLaw:
+    """Return the refusal with condition (8) at each singular point, durations and remedy appended."""
     sentences = [str(refusal)]
     sentences += [
         feasibility.short_sentence for feasibility in feasibility_on_path(searched) if feasibility is not None
@@ -23,7 +20,7 @@ def explained(refusal: NoLaw, searched: SearchedPath, request: Request) -> NoLaw
     polynomial = polynomial_durations(searched, request.smoothness)
     if polynomial is not None:
         sentences.append(polynomial.sentence)
-    optimal = None if request.may_be_optimal else optimal_durations(searched, request)
+    optimal = _untried_durations(searched, request)
     if optimal is not None and optimal.shortest != 0.0:  # without limits nothing bounds it
         sentences.append(optimal.sentence)
     remedy = remedy_of(refusal, searched.branch.robot, request, optimal)
@@ -31,13 +28,18 @@ def explained(refusal: NoLaw, searched: SearchedPath, request: Request) -> NoLaw
 
 
 def with_remedy(pole: UnboundedTorque, searched: SearchedPath, request: Request) -> UnboundedTorque:
-    """Return the refusal of a law without condition (8), with what to ask for instead."""
-    optimal = None if request.may_be_optimal else optimal_durations(searched, request)
+    """Return the refusal of a law without condition (8), the remedy appended."""
+    optimal = _untried_durations(searched, request)
     return pole.advising(remedy_of(pole, searched.branch.robot, request, optimal))
 
 
+def _untried_durations(searched: SearchedPath, request: Request) -> OptimalDurations | None:
+    """Return the durations of the optimal law if the request excludes this law, else None."""
+    return None if request.may_be_optimal else optimal_durations(searched, request)
+
+
 def check_limits(plan: CrossingPlan) -> None:
-    """Raise LimitsExceeded where a plan leaves limits that it was asked to keep."""
+    """Raise LimitsExceeded where a plan with `keep_limits` exceeds limits."""
     exceeded = plan.exceeded if plan.request.keep_limits else {}
     if exceeded:
         listed = "; ".join(f"{joint}: {excess}" for joint, excess in exceeded.items())

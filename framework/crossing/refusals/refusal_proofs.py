@@ -10,7 +10,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.crossing.specification import Specification
-from framework.errors import told_apart
+from framework.errors import format_distinct
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.tolerances import LIMIT_MARGIN
 
@@ -19,9 +19,9 @@ RAISED_RATIO = 1.0 + 3.0 * LIMIT_MARGIN  # of limits over the least peak, for th
 
 @dataclass(frozen=True)
 class UnmetCondition:
-    """Condition (8) at path coordinate s, alpha s" + beta s'^2 + gamma = 0, which nothing there meets.
+    """Condition (8) at path coordinate s, alpha s" + beta s'^2 + gamma = 0, that no motion can meet.
 
-    `stop`: the path ends there, with s' = s" = 0, and gamma is not zero. Else alpha is zero, and no
+    `stop`: the path ends at s, with s' = s" = 0, and gamma is not zero. Else alpha is zero, and no
     s'^2 > 0 makes beta s'^2 + gamma vanish.
     """
 
@@ -33,7 +33,7 @@ class UnmetCondition:
 
 
 class LeastLimits(NamedTuple):
-    """Limits (n_a,) within which a law was found, in proportion to those that were asked for.
+    """Limits (n_a,) within which a law was found, in proportion to the limits asked for.
 
     torque_peak, speed_peak: the least peaks of torque and of speed found, over their limits, in the duration
         asked, each within the limits of the other; None where none was found or that has no limit.
@@ -51,32 +51,34 @@ class LeastLimits(NamedTuple):
     def of(
         specification: Specification, torque: float | None, speed: float | None, *, together: bool
     ) -> LeastLimits:
-        """Return the limits for peaks over those of a specification."""
+        """Return the least limits for peaks over the limits of a specification."""
 
-        def raised(peak: float | None, limit: Array) -> Array | None:
-            return None if peak is None else RAISED_RATIO * peak * limit
-
-        limits = raised(torque, specification.torque_limit), raised(speed, specification.speed_limit)
-        return LeastLimits(torque, speed, *limits, together)
+        return LeastLimits(
+            torque,
+            speed,
+            None if torque is None else RAISED_RATIO * torque * specification.torque_limit,
+            None if speed is None else RAISED_RATIO * speed * specification.speed_limit,
+            together,
+        )
 
     @property
     def options(self) -> list[dict[str, Array]]:
-        """The limits that may be raised, as options of a plan, without the margin that it leaves free."""
-        raised = {"torque_limit": self.torque, "speed_limit": self.speed}
-        given = {name: limit for name, limit in raised.items() if limit is not None}
-        return [given] if self.together else [{name: limit} for name, limit in given.items()]
+        """The limits to raise, as options of a plan without margin; alternatives, or all together."""
+        limits = {"torque_limit": self.torque, "speed_limit": self.speed}
+        options = {name: limit for name, limit in limits.items() if limit is not None}
+        return [options] if self.together else [{name: limit} for name, limit in options.items()]
 
 
 def advice_of(robot: ParallelRobot, limits: dict[str, Array]) -> str:
     """Return in words the limits (n_a,) of torque and speed that would do."""
     units = {"torque_limit": robot.torque_units, "speed_limit": robot.speed_units}
-    named = (f"{name} {_listed(robot, limit, units[name])}" for name, limit in limits.items())
-    return f"{' with '.join(named)} would do"
+    words = (f"{name} {_format_limits(robot, limit, units[name])}" for name, limit in limits.items())
+    return f"{' with '.join(words)} would do"
 
 
-def _listed(robot: ParallelRobot, limits: Array, units: Sequence[str]) -> str:
-    """Return limits rounded up to four digits: one of all motors, or by joint."""
-    rounded = [_rounded_up(limit) for limit in limits]
+def _format_limits(robot: ParallelRobot, limits: Array, units: Sequence[str]) -> str:
+    """Return limits rounded up to four digits: one for all motors, or by joint."""
+    rounded = [f"{round_up(limit, 4):.4g}" for limit in limits]
     if len(set(rounded)) == 1 and len(set(units)) == 1:
         return f"{rounded[0]} {units[0]}"
     return " ".join(
@@ -86,17 +88,17 @@ def _listed(robot: ParallelRobot, limits: Array, units: Sequence[str]) -> str:
     )
 
 
-def _rounded_up(value: float) -> str:
-    """Return a positive number as a text of four digits that is not below it."""
+def round_up(value: float, digits: int) -> float:
+    """Round a positive number up to so many digits; infinity stays."""
     if not np.isfinite(value):
-        return "inf"
-    unit = 10.0 ** (np.floor(np.log10(value)) - 3)
-    return f"{np.ceil(value / unit) * unit:.4g}"
+        return value
+    unit = 10.0 ** (np.floor(np.log10(value)) - digits + 1)
+    return float(f"{np.ceil(value / unit) * unit:.{digits}g}")
 
 
 @dataclass(frozen=True)
 class HoldingTorque:
-    """The motor at `joint` must hold more than its limit at rest, at the end s = 0 or 1 of the path.
+    """A torque above the limit of the motor at `joint`, needed at rest at an end s of the path.
 
     torque, limit: motor side [N m], or [N] of a motor that slides.
     """
@@ -108,12 +110,12 @@ class HoldingTorque:
 
 
 def _ratio_text(ratio: float | None) -> str:
-    return "" if ratio is None else told_apart(ratio, 1.0)[0]
+    return "" if ratio is None else format_distinct(ratio, 1.0)[0]
 
 
 @dataclass(frozen=True, eq=False)
 class SearchEvidence:
-    """What a search found in place of a law within the limits: no proof that there is none.
+    """Numbers of a search that found no law within the limits: no proof that none exists.
 
     cells: of the squared speed, on which it was searched.
     least: the limits within which a law was found, in the duration asked.
@@ -128,7 +130,7 @@ class SearchEvidence:
 
     @property
     def sentence(self) -> str:
-        """What was found, in words."""
+        """The numbers of the search, in words."""
         parts = []
         peaks = {"torque": self.least.torque_peak, "speed": self.least.speed_peak}
         if self.least.together:

@@ -1,7 +1,7 @@
-"""What to ask for instead: options of a plan with which a refusal becomes another answer.
+"""Remedies of refusals: options of a plan with which the answer becomes another.
 
 A law that was refused is not advised again, the other one only where condition (8) and the limits leave it a
-duration. Limits and durations are those of a law that was found on the way (`SearchEvidence`).
+duration. Limits and durations are those of a law that the search found (`SearchEvidence`).
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.crossing.durations import OptimalDurations
-from framework.crossing.refusals.refusal_proofs import SearchEvidence, UnmetCondition
+from framework.crossing.refusals.refusal_proofs import SearchEvidence, UnmetCondition, round_up
 from framework.crossing.request import Request
 from framework.errors import NoAnswer
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -24,7 +24,7 @@ DURATION_RESERVE = 1.02  # over the least duration, which is met at its limits a
 def remedy_of(
     refusal: NoAnswer, robot: ParallelRobot, request: Request, optimal: OptimalDurations | None
 ) -> dict[str, Any] | None:
-    """Return options of `plan_crossing` to give instead, None for one to leave out; None where none is known.
+    """Return options of `plan_crossing` to give instead, None for one to leave out; None without remedy.
 
     `bend` among them stands for `plan_with_modified_path`.
 
@@ -42,18 +42,19 @@ def remedy_of(
         return None
     if evidence.quickest is not None:
         return {"longest" if request.duration is None else "duration": evidence.quickest}
-    return None if evidence.limits is None else _named(robot, evidence.limits)
+    return None if evidence.limits is None else _limits_by_joint(robot, evidence.limits)
 
 
 def _with_optimal_law(request: Request, optimal: OptimalDurations | None) -> dict[str, Any] | None:
+    """Return the options of the optimal law, with its least duration where that is longer; None without."""
     if optimal is None or optimal.shortest is None or request.duration is None:
         return None
     least = DURATION_RESERVE * optimal.shortest
-    return OPTIMAL_LAW | ({"duration": rounded_up(least)} if least > request.duration else {})
+    return OPTIMAL_LAW | ({"duration": round_up(least, 3)} if least > request.duration else {})
 
 
-def _named(robot: ParallelRobot, limits: dict[str, Array]) -> dict[str, Any]:
-    """Return limits (n_a,) by option and joint, those of motors that have one."""
+def _limits_by_joint(robot: ParallelRobot, limits: dict[str, Array]) -> dict[str, Any]:
+    """Return limits (n_a,) by option and joint, infinite ones left out."""
     return {
         name: {
             joint: float(limit)
@@ -62,9 +63,3 @@ def _named(robot: ParallelRobot, limits: dict[str, Array]) -> dict[str, Any]:
         }
         for name, values in limits.items()
     }
-
-
-def rounded_up(value: float) -> float:
-    """Return a positive number with three digits that is not below it."""
-    unit = 10.0 ** (np.floor(np.log10(value)) - 2)
-    return float(f"{np.ceil(value / unit) * unit:.3g}")

@@ -1,4 +1,4 @@
-"""Singular points that cannot be crossed, by any law or by the polynomial, told before a law is sought."""
+"""Singular points that no law, or not the polynomial, can cross: refused before a law is sought."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ def check_crossable(branch: Branch, singular: SingularPoint) -> None:
     if stops_at(singular):
         end = "starts" if singular.s < 0.5 else "ends"
         condition = coefficients_at(branch, crossing_point(branch, singular, None, singular.s), None)
-        held = condition.gamma != 0.0
+        unmet = UnmetCondition(singular.s, *condition[:3], stop=True)
         raise NoLaw(
             f"{branch.robot.name}: at s = {singular.s:.6g} the path {end} on a Type 2 singularity; a stop on "
             f"the locus can never be crossed: move the path's end",
-            proof=UnmetCondition(singular.s, *condition[:3], stop=True) if held else None,
+            proof=unmet if condition.gamma != 0.0 else None,
         )
 
 

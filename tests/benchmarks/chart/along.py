@@ -20,7 +20,7 @@ from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.chebyshev import TimeGrid
 from framework.motion.law import Condition, Law, MotionLaw
-from framework.motion.path import Line, along
+from framework.motion.path import Line, time_derivatives
 from tests.benchmarks.chart import robot as given
 from tests.benchmarks.chart.bare import FLAT, IN_SPACE, BareRobot
 from tests.benchmarks.chart.bare import Motion as BareMotion
@@ -69,7 +69,7 @@ class Along:
 
     def platform(self, times: Array) -> list[Array]:
         """x, x', x" (T, n) at times (T,)."""
-        return along(self.branch.path, [self.law(times, order) for order in range(3)])
+        return time_derivatives(self.branch.path, [self.law(times, order) for order in range(3)])
 
     def nodes(self, count: float) -> Torque:
         """Ours: on Chebyshev nodes."""

@@ -100,7 +100,7 @@ def repeated_on_nodes(branch: Branch, chosen: Law) -> Elongated:
         count += 1
         before = one_pass(branch, grid, chosen, function, before)
         change = float(np.abs(before.residual / scale).max() / np.abs(before.caused / scale).max())
-        function = grid.resolved(before.caused)
+        function = grid.fit_truncated(before.caused)
         if change < least:
             least, best = change, function
         if change < SETTLED or change > 1e3 * least:

@@ -18,7 +18,7 @@ from framework.arrays import Array
 from framework.crossing.plan import plan_crossing
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.frames import frames_at
-from framework.motion.path import along
+from framework.motion.path import time_derivatives
 from framework.simulation import simulate
 from tests.benchmarks.chart import closed_form, integrators
 from tests.benchmarks.chart.bare import FLAT, BareRobot, Motion
@@ -78,7 +78,7 @@ def _bare(variant: Variant) -> tuple[BareRobot, Motion, Array]:
     powers = np.polynomial.Polynomial([float(c) for c in law.powers])
     s = [powers.deriv(k)(times) / variant.slower**k for k in range(3)]
     robot = BareRobot(variant.robot, assemble(variant.robot, variant.platform(0.0)).q, FLAT, (0, 1))
-    return robot, robot.motion(*along(variant.path, s)), times * variant.slower
+    return robot, robot.motion(*time_derivatives(variant.path, s)), times * variant.slower
 
 
 def _pinocchio_inverse(variant: Variant) -> Outcome:

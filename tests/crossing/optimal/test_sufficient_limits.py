@@ -7,7 +7,7 @@ import pytest
 
 import robots
 from framework import Line, NoLaw, plan_crossing, plan_scene
-from framework.errors import told_apart
+from framework.errors import format_distinct
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 DURATION = 1.5  # [s]
@@ -78,7 +78,7 @@ def test_a_speed_limit_is_kept_to_rounding_between_samples_too():
 
 @pytest.mark.parametrize("other", [0.92114, 0.921100001, 0.9211 * (1 + 1e-14), 1.0, -0.9211])
 def test_two_numbers_that_differ_are_shown_with_the_digits_that_differ(other):
-    one, two = told_apart(0.9211, other)
+    one, two = format_distinct(0.9211, other)
     assert one != two
     assert float(one) == pytest.approx(0.9211, rel=1e-3)
-    assert told_apart(other, other)[0] == told_apart(other, other)[1]
+    assert format_distinct(other, other)[0] == format_distinct(other, other)[1]
