@@ -22,14 +22,14 @@ from framework.crossing.options import MOTION
 from framework.crossing.saved import is_plan_folder
 from framework.crossing.scenes import scene, scene_path
 from framework.errors import InvalidInput, NoAnswer
-from framework.export.joint_trajectory import (
+from framework.export.mjcf import START, mjcf_text, ranges_left_out
+from framework.export.trajectory_file import (
     DEFAULT_SAMPLES,
     SAMPLE_RANGE,
     SIDES,
     describe_side,
     joint_trajectory,
 )
-from framework.export.mjcf import START, mjcf_text, ranges_left_out
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.output import write_file
 

@@ -12,8 +12,7 @@ import robots
 from framework import InvalidInput, plan_scene
 from framework.cli import main
 from framework.errors import RobotFileError
-from framework.export.joint_trajectory import joint_trajectory
-from framework.export.trajectory_file import read_joint_trajectory
+from framework.export.trajectory_file import joint_trajectory, read_joint_trajectory
 
 
 @pytest.fixture(scope="module")

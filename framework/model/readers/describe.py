@@ -1,4 +1,9 @@
-"""The records of a foreign file, once its tree is read and its loops are known."""
+"""The records of a foreign file, once its tree is read and its loops are known.
+
+A part of a larger robot can be asked for: it moves, and all else is locked where the reference has it, so
+that a leg of a humanoid or the wrist of an arm is examined without an edit to its file. Motors and what else
+acts along lengths go to the joints that they pull at. What is read and not kept is named with its size.
+"""
 
 from __future__ import annotations
 
@@ -6,26 +11,62 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
-from framework.errors import FrameworkError, RobotFileError
+from framework.errors import FrameworkError, RobotFileError, check_name, choose_from
 from framework.model.description import (
+    Actuator,
     Closure,
     Coupling,
     JointDynamics,
     ParsedRobot,
     Platform,
     RobotDescription,
+    locked_by_couplings,
 )
-from framework.model.readers.base_link import couplings_of_the_rest, lock, lock_all_but, loops_of_the_rest
-from framework.model.readers.left_out import LeftOut, left_out_of, moves
 from framework.model.readers.missing_fields import Known, Options, checked_reference, completed_description
-from framework.model.readers.transmissions import Motor, Pull, actuators_of, add_pulls
 from framework.model.readers.urdf_tree import UrdfTree
 from framework.model.robot_keys import joint_dynamics
 from framework.model.urdf_elements import declared_couplings, declared_dynamics
 
 # names that exporters give to every model
 _NO_NAMES = ("", "mjcf", "model", "mujoco", "mujoco model", "onshape", "robot", "scene", "urdf")
+
+
+class LeftOut(NamedTuple):
+    """An element that is not read, and the joints and links that it acts on.
+
+    Without the force of most elements a robot is still the same mechanism; where one decides how the
+    mechanism moves (`is_decisive`), it cannot be left out of parts that move.
+    """
+
+    what: str
+    acts_on: tuple[str, ...]
+    is_decisive: bool = False
+
+
+class Motor(NamedTuple):
+    """A motor, and what it pulls at: joints, each with its share in the angle at the output of the gear."""
+
+    name: str
+    shares: Mapping[str, float]
+    gear: float = 1.0
+    torque_limit: float | None = None  # motor side [N m]
+    acting: JointDynamics = JointDynamics()  # motor side, whether or not it is chosen
+
+    @classmethod
+    def on(cls, joint: str) -> Motor:
+        """Return a motor straight on a joint."""
+        return cls(joint, {joint: 1.0})
+
+
+class Pull(NamedTuple):
+    """What acts along a length: joints, each with its share in it, times a gear."""
+
+    name: str
+    shares: Mapping[str, float]
+    gear: float
+    acting: JointDynamics
 
 
 def describe(
@@ -136,3 +177,160 @@ def _acting(tree: UrdfTree, joints: Mapping[str, JointDynamics]) -> dict[str, Jo
     """Return springs, damping and friction of the coordinates that move: the dialect's, or <dynamics>."""
     declared = joint_dynamics(declared_dynamics(tree.root), {})
     return {name: value for name, value in {**declared, **joints}.items() if name in tree.coordinates}
+
+
+# ------------------------------------------------------------------ what moves
+
+
+def lock_all_but(tree: UrdfTree, base: str, reference: Mapping[str, float]) -> None:
+    """Lock all joints that the link `base` does not carry, at the reference [rad, m], else at zero.
+
+    Raises:
+        RobotFileError: there is no such link, or it carries no joint that moves.
+    """
+    check_name("--base", "link", base, tree.links)
+    carried = {
+        joint.name
+        for joint in tree.joints.values()
+        if joint.parent == base or any(above.child == base for above in tree.path_to_base(joint.parent))
+    }
+    if not any(tree.joints[name].moves for name in carried):
+        raise RobotFileError(
+            f"--base: no joint moves that link {base!r} carries; give a link nearer to the root"
+        )
+    for joint in list(tree.joints.values()):
+        if joint.moves and joint.name not in carried:
+            tree.fix(joint, *(reference.get(name, 0.0) for name in joint.coordinates))
+
+
+def lock(tree: UrdfTree, locked: Mapping[str, float | None], reference: dict[str, float]) -> None:
+    """Lock joints at a value [rad, m]; at the reference, else at zero, where it is None.
+
+    Of a ball J one turn may be held, J_rx, J_ry or J_rz: it becomes a cross about the other two, whose angles
+    come into the reference.
+
+    Raises:
+        RobotFileError: there is no such joint that moves, or it has several coordinates and a value.
+    """
+    for name, value in locked.items():
+        ball = tree.joints.get(name[:-3])
+        if ball is not None and ball.kind == "spherical" and name in ball.coordinates:
+            turn = [reference.pop(key, 0.0) for key in ball.coordinates]
+            reference.update(tree.hold_turn(ball, name[-1], value, turn))
+            continue
+        movable = [joint.name for joint in tree.joints.values() if joint.moves]
+        if name not in movable:
+            if name in tree.held:
+                continue  # by --base, or with another joint
+            raise RobotFileError(f"--lock: {choose_from('joint that moves', name, movable)}")
+        joint = tree.joints[name]
+        if value is not None and len(joint.coordinates) > 1 and value:
+            raise RobotFileError(
+                f"--lock: {name!r} is {joint.kind}; give {name} alone, and its turn by --reference "
+                f"{joint.coordinates[-1]}=VALUE"
+            )
+        values = [reference.get(name, 0.0) for name in joint.coordinates]
+        tree.fix(joint, *(values if value is None else [value] * len(values)))
+
+
+def loops_of_the_rest(tree: UrdfTree, closures: Sequence[Closure]) -> list[Closure]:
+    """Return the closures that still have a joint that moves between their frames."""
+    return [c for c in closures if any(tree.moving_chains(*map(tree.link_of, c.frames)))]
+
+
+def couplings_of_the_rest(tree: UrdfTree, couplings: Sequence[Coupling]) -> list[Coupling]:
+    """Return the couplings of two joints that still move; where one is held, hold the other with it."""
+    while more := locked_by_couplings(couplings, {name: values[0] for name, values in tree.held.items()}):
+        for name, value in more.items():
+            tree.fix(tree.joints[name], value)
+    return [c for c in couplings if tree.joints[c.joint].moves and tree.joints[c.of].moves]
+
+
+# ------------------------------------------------------------------ what acts
+
+
+def add_pulls(
+    pulls: Iterable[Pull],
+    joints: Mapping[str, JointDynamics],
+    tree: UrdfTree,
+    couplings: Sequence[Coupling],
+) -> tuple[dict[str, JointDynamics], list[LeftOut]]:
+    """Add what acts along lengths to the joints that they follow; return these, and what follows several."""
+    sums, left_out = dict(joints), list[LeftOut]()
+    for pull in pulls:
+        if not any((pull.acting.armature, pull.acting.damping, pull.acting.friction, pull.acting.stiffness)):
+            continue
+        shares, constant = shares_of_leaders(pull.shares, tree, couplings)
+        if len(shares) > 1:
+            text = (
+                f"{pull.name}: what acts along it pulls at {' and '.join(shares)}, which move independently"
+            )
+            left_out.append(LeftOut(text, tuple(shares)))
+            continue
+        for joint, share in shares.items():
+            acting = replace(pull.acting, rest=pull.acting.rest - pull.gear * constant)
+            sums[joint] = sums.get(joint, JointDynamics()) + acting.seen_through(pull.gear * share)
+    return sums, left_out
+
+
+def actuators_of(
+    motors: Sequence[Motor], tree: UrdfTree, couplings: Sequence[Coupling]
+) -> tuple[list[Actuator], list[str]]:
+    """Return the motors that drive one joint that moves, and the names of those that drive several.
+
+    A tendon over joints that couplings make one is a transmission to that one. Of two motors on a joint,
+    such as a servo's position and speed, the first is taken.
+    """
+    actuators: dict[str, Actuator] = {}
+    several = []
+    for motor in motors:
+        shares, _ = shares_of_leaders(motor.shares, tree, couplings)
+        if len(shares) > 1:
+            several.append(f"motor {motor.name!r}: pulls at {' and '.join(shares)}, which move independently")
+        for joint, share in shares.items() if len(shares) == 1 else ():
+            gear = abs(motor.gear * share)
+            if gear and joint not in actuators:
+                actuators[joint] = Actuator(joint, gear, torque_limit=motor.torque_limit)
+    return list(actuators.values()), several
+
+
+def shares_of_leaders(
+    shares: Mapping[str, float], tree: UrdfTree, couplings: Sequence[Coupling]
+) -> tuple[dict[str, float], float]:
+    """Return shares of joints as shares of those that follow no other and move, and a constant."""
+    followed = {coupling.joint: coupling for coupling in couplings}
+    leaders: dict[str, float] = {}
+    constant = 0.0
+    for name, value in shares.items():
+        joint, share = name, value
+        visited = {joint}
+        while joint in followed and followed[joint].of not in visited:
+            constant += share * followed[joint].offset
+            share *= followed[joint].ratio
+            joint = followed[joint].of
+            visited.add(joint)
+        if tree.joints[joint].moves:
+            leaders[joint] = leaders.get(joint, 0.0) + share
+        else:
+            constant += share * tree.held.get(joint, (0.0,))[0]
+    return {joint: share for joint, share in leaders.items() if share}, constant
+
+
+def left_out_of(tree: UrdfTree, items: Iterable[LeftOut]) -> tuple[str, ...]:
+    """Return what is left out of the parts that still move, each once.
+
+    Raises:
+        RobotFileError: it decides how they move.
+    """
+    concerned = [item for item in items if any(moves(tree, name) for name in item.acts_on)]
+    for item in concerned:
+        if item.is_decisive:
+            raise RobotFileError(item.what)
+    return tuple(dict.fromkeys(item.what for item in concerned))
+
+
+def moves(tree: UrdfTree, name: str) -> bool:
+    """Whether a joint moves, or a joint that carries the link of a name."""
+    if name in tree.joints:
+        return tree.joints[name].moves
+    return name in tree.parent_joint and any(joint.moves for joint in tree.path_to_base(name))

@@ -19,9 +19,8 @@ from typing import Any
 
 from framework.errors import RobotFileError, check_name, check_unique, choose_from, short
 from framework.model.description import Closure, ParsedRobot, locked_axes
-from framework.model.readers.describe import describe
+from framework.model.readers.describe import Motor, describe
 from framework.model.readers.missing_fields import Options, names_list
-from framework.model.readers.transmissions import Motor
 from framework.model.readers.urdf_tree import MAX_LOOPS, UrdfTree
 
 KEYS = ("closed_loop", "type", "name_mot", "joint_name", "joint_type")

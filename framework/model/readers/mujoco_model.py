@@ -20,7 +20,7 @@ import pinocchio as pin
 from framework.errors import MissingPackage, RobotFileError
 from framework.input import read_text
 from framework.model.inertia import check_inertia, symmetric
-from framework.model.readers.left_out import LeftOut
+from framework.model.readers.describe import LeftOut
 
 # [kg], [kg m^2] what MuJoCo is told that bodies without have: it refuses less than 1e-15
 STAND_IN_MASS, STAND_IN_INERTIA = 1e-12, 1e-14

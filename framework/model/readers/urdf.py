@@ -52,10 +52,9 @@ from framework.input import read_text
 from framework.model.description import Closure, ParsedRobot, locked_axes
 from framework.model.documents import naming, parse_yaml
 from framework.model.placement import inverse, placement
-from framework.model.readers.describe import describe
+from framework.model.readers.describe import Motor, describe
 from framework.model.readers.missing_fields import Options
 from framework.model.readers.sdf import Scope, read_cut_joint
-from framework.model.readers.transmissions import Motor
 from framework.model.readers.urdf_tree import UrdfTree
 from framework.model.urdf_elements import MOVING, local_name
 from framework.model.xml_reading import attribute, axis_of, child_element, numbers, only, origin_of
