@@ -45,28 +45,19 @@ class LeftOut(NamedTuple):
     is_decisive: bool = False
 
 
-class Motor(NamedTuple):
-    """A motor, and what it pulls at: joints, each with its share in the angle at the output of the gear."""
+class Pull(NamedTuple):
+    """A motor or a tendon, and the joints that it pulls at, each with its share in its length."""
 
-    name: str
+    name: str  # with its kind
     shares: Mapping[str, float]
     gear: float = 1.0
+    acting: JointDynamics = JointDynamics()  # before the gear; a motor's whether or not it is chosen
     torque_limit: float | None = None  # motor side [N m]
-    acting: JointDynamics = JointDynamics()  # motor side, whether or not it is chosen
 
     @classmethod
-    def on(cls, joint: str) -> Motor:
+    def motor_on(cls, joint: str) -> Pull:
         """Return a motor straight on a joint."""
-        return cls(joint, {joint: 1.0})
-
-
-class Pull(NamedTuple):
-    """What acts along a length: joints, each with its share in it, times a gear."""
-
-    name: str
-    shares: Mapping[str, float]
-    gear: float
-    acting: JointDynamics
+        return cls(f"motor {joint!r}", {joint: 1.0})
 
 
 def describe(
@@ -77,8 +68,8 @@ def describe(
     *,
     couplings: Sequence[Coupling] = (),
     platform: Platform | None = None,
-    motors: Sequence[Motor] = (),
-    pulls: Iterable[Pull] = (),
+    motors: Sequence[Pull] = (),
+    tendons: Iterable[Pull] = (),
     likely_motors: Sequence[str] = (),
     joints: Mapping[str, JointDynamics] | None = None,
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81),
@@ -108,7 +99,7 @@ def describe(
     if not loops and not couplings:
         raise _no_loop(options, closures[0] if closures else None)
     actuators, several = actuators_of(motors, tree, couplings)
-    acting, apart = add_pulls(pulls, joints or {}, tree, couplings)
+    acting, apart = add_pulls([*motors, *tendons], joints or {}, tree, couplings)
     description = RobotDescription(
         name=_name(tree.root, file),
         file=file,
@@ -258,7 +249,7 @@ def add_pulls(
     """Add what acts along lengths to the joints that they follow; return these, and what follows several."""
     sums, left_out = dict(joints), list[LeftOut]()
     for pull in pulls:
-        if not any((pull.acting.armature, pull.acting.damping, pull.acting.friction, pull.acting.stiffness)):
+        if replace(pull.acting, rest=0.0) == JointDynamics():
             continue
         shares, constant = shares_of_leaders(pull.shares, tree, couplings)
         if len(shares) > 1:
@@ -274,7 +265,7 @@ def add_pulls(
 
 
 def actuators_of(
-    motors: Sequence[Motor], tree: UrdfTree, couplings: Sequence[Coupling]
+    motors: Sequence[Pull], tree: UrdfTree, couplings: Sequence[Coupling]
 ) -> tuple[list[Actuator], list[str]]:
     """Return the motors that drive one joint that moves, and the names of those that drive several.
 
@@ -286,7 +277,7 @@ def actuators_of(
     for motor in motors:
         shares, _ = shares_of_leaders(motor.shares, tree, couplings)
         if len(shares) > 1:
-            several.append(f"motor {motor.name!r}: pulls at {' and '.join(shares)}, which move independently")
+            several.append(f"{motor.name}: pulls at {' and '.join(shares)}, which move independently")
         for joint, share in shares.items() if len(shares) == 1 else ():
             gear = abs(motor.gear * share)
             if gear and joint not in actuators:

@@ -19,7 +19,7 @@ from typing import Any
 
 from framework.errors import RobotFileError, check_name, check_unique, choose_from, short
 from framework.model.description import Closure, ParsedRobot, locked_axes
-from framework.model.readers.describe import Motor, describe
+from framework.model.readers.describe import Pull, describe
 from framework.model.readers.missing_fields import Options, names_list
 from framework.model.readers.urdf_tree import MAX_LOOPS, UrdfTree
 
@@ -62,7 +62,7 @@ def read_pair(file: Path, content: Mapping[Any, Any], tree: UrdfTree, options: O
     for i, name in enumerate(motors):
         check_name(f"name_mot[{i}]", "movable joint", name, tree.movable)
     check_unique("name_mot", motors)
-    return describe(tree, file, options, closures, motors=[Motor.on(name) for name in motors])
+    return describe(tree, file, options, closures, motors=[Pull.motor_on(name) for name in motors])
 
 
 def _replace_joints(tree: UrdfTree, content: Mapping[Any, Any]) -> None:

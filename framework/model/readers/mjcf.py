@@ -22,7 +22,7 @@ from framework.arrays import Array
 from framework.errors import RobotFileError
 from framework.model.description import Closure, Coupling, JointDynamics, ParsedRobot, locked_axes
 from framework.model.placement import from_quaternion, placement
-from framework.model.readers.describe import LeftOut, Motor, Pull, describe
+from framework.model.readers.describe import LeftOut, Pull, describe
 from framework.model.readers.missing_fields import Options
 from framework.model.readers.mujoco_model import mujoco_model
 from framework.model.readers.urdf_tree import MAX_LOOPS, UrdfTree
@@ -64,15 +64,15 @@ def read_mjcf(file: Path, root: ElementTree.Element, options: Options) -> Parsed
         for k, place in enumerate(_places(compiled.site_pos, compiled.site_quat))
     ]
     items = [*model.loops(tree, sites), *model.motors(), *model.left_out()]
-    motors, reference = _select_kind(Motor, items), model.reference()
+    reference = model.reference()
     return describe(
         tree,
         file,
         options,
         _select_kind(Closure, items),
         couplings=_select_kind(Coupling, items),
-        motors=motors,
-        pulls=model.pulls(motors),
+        motors=_select_kind(Pull, items),
+        tendons=model.tendons(),
         joints=model.acting(),
         gravity=tuple(compiled.opt.gravity.tolist()),
         reference={name: value for name, value in reference.items() if name in tree.coordinates},
@@ -295,11 +295,9 @@ class _Model:
                 joints.update(dict.fromkeys(coordinates_of(joint.name, joint.kind), acting))
         return joints
 
-    def pulls(self, motors: Iterable[Motor]) -> Iterator[Pull]:
-        """Yield what acts along motors and fixed tendons."""
+    def tendons(self) -> Iterator[Pull]:
+        """Yield fixed tendons with what acts along them."""
         model = self.compiled
-        for motor in motors:
-            yield Pull(f"motor {motor.name!r}", motor.shares, motor.gear, motor.acting)
         for k, (low, high) in enumerate(model.tendon_lengthspring):
             shares = self._shares("tendon", k)
             acting = JointDynamics(
@@ -310,9 +308,9 @@ class _Model:
                 rest=float(low - model.tendon_length0[k]),
             )
             if shares is not None:
-                yield Pull(f"tendon {self.name('tendon', k)!r}", shares, 1.0, acting)
+                yield Pull(f"tendon {self.name('tendon', k)!r}", shares, acting=acting)
 
-    def motors(self) -> Iterator[Motor | LeftOut]:
+    def motors(self) -> Iterator[Pull | LeftOut]:
         """Yield the motors on hinges, slides and fixed tendons of them, and others as left out."""
         model = self.compiled
         for k in range(model.nactuator):
@@ -334,7 +332,7 @@ class _Model:
                 yield LeftOut(f"motor {name!r}: no motor on a hinge or a slide", acts_on)
                 continue
             acting = JointDynamics(float(model.actuator_armature[k]), float(model.actuator_damping[k]))
-            yield Motor(name, shares, gear, self._force_limit(k), acting)
+            yield Pull(f"motor {name!r}", shares, gear, acting, self._force_limit(k))
 
     def _gear(self, k: int) -> float:
         return float(self.compiled.actuator_gear[k, 0])

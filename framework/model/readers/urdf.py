@@ -52,7 +52,7 @@ from framework.input import read_text
 from framework.model.description import Closure, ParsedRobot, locked_axes
 from framework.model.documents import naming, parse_yaml
 from framework.model.placement import inverse, placement
-from framework.model.readers.describe import Motor, describe
+from framework.model.readers.describe import Pull, describe
 from framework.model.readers.missing_fields import Options
 from framework.model.readers.sdf import Scope, read_cut_joint
 from framework.model.readers.urdf_tree import UrdfTree
@@ -97,14 +97,14 @@ def _read_loop(tree: UrdfTree, element: ElementTree.Element) -> Closure:
     only(element, where, (*_ENDS, "axis"), ("name", "type"))
     kind = _kind(element, where, _IN_URDF_PLUS)
     axes = _axes(element, where, kind)
-    return tree.close(name, kind, [(end, *_end(tree, element, where, end)) for end in _ENDS], axes)
+    return tree.close(name, kind, [_end(tree, element, where, end) for end in _ENDS], axes)
 
 
 def _read_coupling(tree: UrdfTree, element: ElementTree.Element) -> Closure | None:
     """Read the closure of a `<coupling>`; None of one that holds a joint, which is done."""
     name, where = _named(element)
     only(element, where, (*_ENDS, "ratio"), ("name", "type"))
-    first, second = (_end(tree, element, where, end)[0] for end in _ENDS)
+    first, second = (_end(tree, element, where, end)[1] for end in _ENDS)
     value = child_element(element, where, "ratio")
     only(value, f"{where}: <ratio>", (), ("value",))
     (ratio,) = numbers(f"{where}: <ratio>", attribute(value, f"{where}: <ratio>", "value"), 1)
@@ -125,18 +125,21 @@ def _read_coupling(tree: UrdfTree, element: ElementTree.Element) -> Closure | No
     return closure
 
 
-def _end(tree: UrdfTree, element: ElementTree.Element, where: str, end: str) -> tuple[str, Array]:
+def _end(
+    tree: UrdfTree, element: ElementTree.Element, where: str, end: str, origin: str = ""
+) -> tuple[str, str, Array]:
+    """Return the name of an end, its link and the placement there, of an `origin` beside it or within it."""
     body = child_element(element, where, end)
-    where = f"{where}: <{end}>"
-    only(body, where, ("origin",), ("link",))
-    link = tree.link(where, attribute(body, where, "link"))
-    return link, origin_of(body.find("origin"), f"{where}: <origin>")
+    only(body, f"{where}: <{end}>", () if origin else ("origin",), ("link",))
+    link = tree.link(f"{where}: <{end}>", attribute(body, f"{where}: <{end}>", "link"))
+    place = element.find(origin) if origin else body.find("origin")
+    return end, link, origin_of(place, f"{where}: <{origin or 'origin'}>")
 
 
 def _read_constraint(tree: UrdfTree, element: ElementTree.Element) -> Closure:
     name, where = _named(element)
     only(element, where, _PARTS, ("name", "type"))
-    kind, ends = _kind(element, where, _IN_ROS), []
+    kind = _kind(element, where, _IN_ROS)
     has_two = kind == "universal" or element.find("child_axis") is not None
     axes = _axes(element, where, kind, ("parent_axis", "child_axis") if has_two else ("parent_axis",))
     if kind == "prismatic" and has_two:
@@ -147,12 +150,7 @@ def _read_constraint(tree: UrdfTree, element: ElementTree.Element) -> Closure:
                 f"turn the frame by the rpy of <child_origin> instead"
             )
         axes = axes[:1]
-    for end in ("parent", "child"):
-        body = child_element(element, where, end)
-        only(body, f"{where}: <{end}>", (), ("link",))
-        origin = origin_of(element.find(f"{end}_origin"), f"{where}: <{end}_origin>")
-        link = tree.link(f"{where}: <{end}>", attribute(body, f"{where}: <{end}>", "link"))
-        ends.append((end, link, origin))
+    ends = [_end(tree, element, where, end, f"{end}_origin") for end in ("parent", "child")]
     return tree.close(name, kind, ends, axes)
 
 
@@ -233,7 +231,7 @@ def read_urdf(
     for name in tree.motors:
         if dialect == "ros":
             check_name("transmission", "movable joint", name, tree.movable)
-    motors = [Motor.on(name) for name in tree.motors if name in tree.movable]
+    motors = [Pull.motor_on(name) for name in tree.motors if name in tree.movable]
     likely = [*independent, *beside.get("independent", [])]
     parsed = describe(tree, file, options, closures, motors=motors, likely_motors=likely)
     return parsed._replace(dialect=dialect)
