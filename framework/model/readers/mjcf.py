@@ -54,7 +54,7 @@ def read_mjcf(file: Path, root: ElementTree.Element, options: Options) -> Parsed
         RobotFileError: names the element.
     """
     _refuse_nan(root)
-    compiled, left_out = mujoco_model(file)
+    compiled, left_out, unused = mujoco_model(file)
     model = _Model(compiled)
     if compiled.neq > MAX_LOOPS:
         raise RobotFileError(f"<equality>: at most {MAX_LOOPS} equalities are read")
@@ -77,6 +77,7 @@ def read_mjcf(file: Path, root: ElementTree.Element, options: Options) -> Parsed
         gravity=tuple(compiled.opt.gravity.tolist()),
         reference={name: value for name, value in reference.items() if name in tree.coordinates},
         left_out=[*left_out, *_select_kind(LeftOut, items)],
+        remarks=[f"not used: {unused}"] if unused else [],
     )._replace(dialect="mjcf")
 
 

@@ -32,7 +32,7 @@ _DISABLED = {
     "LIMIT": ("jnt_limited", "tendon_limited"),
     "GRAVITY": ("body_gravcomp",),
 }
-_UNUSED = ("sensors", "pairs", "excludes", "tuples", "skins", "lights", "textures", "materials")
+_UNUSED = ("sensors", "pairs", "excludes", "tuples", "skins", "lights", "textures", "materials", "hfields")
 _PLUGIN = re.compile(r"<extension\b.*?</extension\s*>|<plugin\b[^>]*/>|<plugin\b.*?</plugin\s*>", re.DOTALL)
 
 
@@ -41,6 +41,7 @@ class MujocoModel(NamedTuple):
 
     compiled: Any  # mujoco.MjModel
     left_out: list[LeftOut]
+    unused: str  # elements that no motion needs, by number and kind
 
 
 def mujoco_model(file: Path) -> MujocoModel:
@@ -81,6 +82,8 @@ def _without_log(mujoco: Any) -> Iterator[None]:
 
 def _model_of(mujoco: Any, spec: Any) -> MujocoModel:
     """Return the compiled model of a specification."""
+    counts = {kind: len(getattr(spec, kind)) for kind in (*_UNUSED, "cameras")}
+    unused = ", ".join(f"{count} {kind}" for kind, count in counts.items() if count)
     left_out = [*_without_unused(mujoco, spec), *_with_possible_inertias(mujoco, spec)]
     left_out += _without_needless_meshes(mujoco, spec)
     given = len(spec.keys[0].qpos) if spec.keys else 0
@@ -90,7 +93,7 @@ def _model_of(mujoco: Any, spec: Any) -> MujocoModel:
             f"<key> {spec.keys[0].name!r} qpos: needs {compiled.nq} numbers, one a coordinate, got {given}"
         )
     _apply_flags(mujoco, compiled)
-    return MujocoModel(compiled, left_out + more)
+    return MujocoModel(compiled, left_out + more, unused)
 
 
 def _apply_flags(mujoco: Any, compiled: Any) -> None:
@@ -150,6 +153,9 @@ def _included(folder: Path, text: str) -> Iterator[tuple[str, bytes]]:
 
 def _without_unused(mujoco: Any, spec: Any) -> Iterator[LeftOut]:
     """Delete what no motion needs, and actuators of plugins, which are named."""
+    for geom in list(spec.geoms):
+        if geom.type == mujoco.mjtGeom.mjGEOM_HFIELD:
+            spec.delete(geom)
     for kind in _UNUSED:
         for element in list(getattr(spec, kind)):
             spec.delete(element)
@@ -158,11 +164,6 @@ def _without_unused(mujoco: Any, spec: Any) -> Iterator[LeftOut]:
     for site in spec.sites:
         if site.meshname:
             site.type, site.meshname = mujoco.mjtGeom.mjGEOM_SPHERE, ""
-    for geom in list(spec.geoms):
-        if geom.type == mujoco.mjtGeom.mjGEOM_HFIELD:
-            spec.delete(geom)
-    for hfield in list(spec.hfields):
-        spec.delete(hfield)
     for actuator in list(spec.actuators):
         if actuator.plugin.active:
             yield LeftOut(f"actuator {actuator.name!r}: driven by a plugin", (actuator.target,))

@@ -50,6 +50,7 @@ _KINDS = {kind: kind for kind in ("fixed", "revolute", "prismatic", "universal",
 }
 _AXES = dict.fromkeys(("revolute", "prismatic", "screw"), ("axis",)) | {"universal": ("axis", "axis2")}
 _NOT_READ = ("gearbox",)
+_UNUSED = ("plugin", "sensor", "light", "battery", "actor", "projector", "particle_emitter", "gripper")
 _CONSTRAINTS = {"weld_constraint": "fixed", "ball_constraint": "ball"}  # of Drake
 _OWN = ("dynamics", "limit", "mimic")  # what a joint of the tree can have, and a closure cannot
 _DYNAMICS = {
@@ -130,6 +131,11 @@ def read_sdf(file: Path, root: ElementTree.Element, options: Options) -> ParsedR
         for name, joint in scope.joints.items()
         if joint.get("type") in _NOT_READ
     ]
+    left_out += [
+        LeftOut(f"link {name!r}: <gravity> off, {link.findtext('inertial/mass', '1')} kg", (name,))
+        for name, link in scope.links.items()
+        if link.findtext("gravity", "1").strip() in ("0", "false")
+    ]
     joints = [_joint(scope, name, pair) for name, pair in ends.items() if set(pair) <= part]
     chosen = _tree_joints(scope, joints)
     names = [joint.name for joint in chosen]
@@ -141,7 +147,16 @@ def read_sdf(file: Path, root: ElementTree.Element, options: Options) -> ParsedR
         if joint not in screws and (_dynamics(joint) != JointDynamics() or _own(joint.element, ("mimic",))):
             text = f"joint {joint.name!r}: what acts along it and what it mimics, where the loop is cut"
             left_out.append(LeftOut(text, (joint.links[1],)))
-    apart = [name for name in scope.links if name not in part]
+    apart = [
+        f"{name} of {link.findtext('inertial/mass', '1')} kg"
+        for name, link in scope.links.items()
+        if name not in part
+    ]
+    counts = {tag: sum(1 for _ in root.iter(tag)) for tag in _UNUSED}
+    unused = ", ".join(f"{count} <{tag}>" for tag, count in counts.items() if count)
+    remarks = [f"not used: {unused}"] if unused else []
+    if apart:
+        remarks.append(f"not read: {', '.join(apart)}, which no joint joins with the mechanism")
     plugged = [element.text or "" for element in root.iter("joint_name")]
     acting = {joint.name: _dynamics(joint) for joint in joints if joint in chosen or joint in screws}
     x, y, z = numbers("<gravity>", root.findtext("world/gravity", "0 0 -9.81"), 3)
@@ -155,7 +170,7 @@ def read_sdf(file: Path, root: ElementTree.Element, options: Options) -> ParsedR
         joints={name: joint for name, joint in acting.items() if joint != JointDynamics()},
         gravity=(x, y, z),
         left_out=left_out,
-        remarks=[f"not read: {', '.join(apart)}, which no joint joins with the mechanism"] if apart else [],
+        remarks=remarks,
     )._replace(dialect="sdf")
 
 
