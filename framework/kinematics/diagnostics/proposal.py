@@ -205,9 +205,12 @@ def _complete_at_pose(known: Known, motions: _Motions, *, by_joints: bool) -> Re
             return Resolved(replace(description, platform=platform), tuple(remarks))
     if by_joint:  # what stops this is the more precise reason
         ParallelRobot.from_description(replace(description, platform=by_joint[-1]))
+    idle = motions.basis @ null_space(motions.working.T @ motions.basis)  # (nv, k) or nearly
+    names = _holding_joints(motions, idle, description, tree)
+    remedy = f"hold joints (such as --lock {' '.join(names)})" if names else "give --platform and --axes"
     raise RobotFileError(
         f"no body is moved by all of the motors {', '.join(description.motor_joints)} along "
-        f"{motions.freedoms} axes; {part}give --platform and --axes"
+        f"{motions.freedoms} axes, and by them alone; {part}{'or ' * bool(part)}{remedy}"
     )
 
 
