@@ -63,6 +63,11 @@ def add(commands: Any) -> None:
     parser.add_argument(
         "--side", choices=tuple(SIDES), help="of the gears that the trajectory is on (default: joint)"
     )
+    parser.add_argument(
+        "--hinges",
+        action="store_true",
+        help="in a MuJoCo model: balls as three hinges each",
+    )
     group = parser.topic(MOTION)
     group.add_argument("--scene", metavar="S", help="a scene of the robot file, to be planned")
     parser.set_defaults(start=None, end=None)
@@ -80,6 +85,8 @@ def run(options: Namespace) -> Report:
         raise InvalidInput(f"--out: {options.program} is written to {valid}, got {options.out!r}").advising(
             {"out": str(file.with_suffix(SUFFIXES[options.program][0]))}
         )
+    if options.hinges and options.program != "mjcf":
+        raise InvalidInput("--hinges: of a MuJoCo model only; leave it out").advising({"hinges": None})
     lines: list[str] = []
     if options.program == "mjcf":
         if any(option is not None for option in (options.scene, options.samples, options.side)):
@@ -88,7 +95,7 @@ def run(options: Namespace) -> Report:
             ).advising(dict.fromkeys(("scene", "samples", "side")))
         saved = is_plan_folder(options.robot)
         robot = arguments.load_or_plan(options).robot if saved else arguments.load(options)
-        text, description = mjcf_text(robot), "a MuJoCo model with its loops"
+        text, description = mjcf_text(robot, hinges=options.hinges), "a MuJoCo model with its loops"
         lines.append(f"  {START}")
         if left_out := ranges_left_out(robot):
             lines.append(f"  without the ranges of {', '.join(left_out)}: the reference is outside")

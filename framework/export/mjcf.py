@@ -37,7 +37,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import is_ball, positions_beyond_limits
 from framework.model.description import Closure, locked_axes
 from framework.model.loop_rows import loop_rows
-from framework.model.urdf_writing import vector_text
+from framework.model.urdf_writing import AXIS, vector_text
 
 MIN_MASS, MIN_INERTIA = 1e-9, 1e-12  # [kg], [kg m^2] of bodies without; MuJoCo refuses less than 1e-15
 TIME_STEP = 1e-3  # [s]
@@ -57,8 +57,11 @@ TRIED_DEFLECTION = 1e-3  # [rad, robot lengths] by which springs are, where the 
 CLOSED_GAP = 1e-10
 
 
-def mjcf_text(robot: ParallelRobot) -> str:
+def mjcf_text(robot: ParallelRobot, *, hinges: bool = False) -> str:
     """Return the robot with its springs as MJCF; the keyframe `reference` is its assembled reference.
+
+    With `hinges` a ball J becomes three, J_rx, J_ry and J_rz, for programs that know no balls. They are at
+    zero in the reference; where the second is at a right angle, the other two are about one line.
 
     Raises:
         InvalidInput: a loop that MuJoCo has no equality for, see `equality_axes`.
@@ -77,11 +80,12 @@ def mjcf_text(robot: ParallelRobot) -> str:
     q, data = robot.reference.q, robot.model.createData()
     pin.forwardKinematics(robot.model, data, q, np.zeros(robot.model.nv))
     for j in range(1, robot.model.njoints):
-        bodies.append(_body(robot, data, j, bodies[robot.model.parents[j]]))
+        bodies.append(_body(robot, data, j, bodies[robot.model.parents[j]], hinges=hinges))
     _add_loops(robot, root, bodies)
     _add_motors(robot, root)
     keys = ElementTree.SubElement(root, "keyframe")
-    ElementTree.SubElement(keys, "key", name="reference", qpos=vector_text(qpos_of(robot.model, q)))
+    qpos = _qpos_of_hinges(robot.model, q) if hinges else qpos_of(robot.model, q)
+    ElementTree.SubElement(keys, "key", name="reference", qpos=vector_text(qpos))
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode") + "\n"
 
@@ -94,6 +98,12 @@ def qpos_of(model: pin.Model, q: Array) -> Array:
             place = slice(joint.idx_q, joint.idx_q + 4)
             qpos[place] = np.roll(q[place], 1)
     return qpos
+
+
+def _qpos_of_hinges(model: pin.Model, q: Array) -> Array:
+    """Return q (nq,) in the order of MuJoCo, balls as three hinges at zero."""
+    joints = list(model.joints)[1:]
+    return np.concatenate([np.zeros(3) if is_ball(j) else q[j.idx_q : j.idx_q + j.nq] for j in joints])
 
 
 def ranges_left_out(robot: ParallelRobot) -> tuple[str, ...]:
@@ -118,13 +128,14 @@ def _add_motors(robot: ParallelRobot, root: ElementTree.Element) -> None:
         root.append(speeds)
 
 
-def _body(robot: ParallelRobot, data: pin.Data, j: int, parent: ElementTree.Element) -> ElementTree.Element:
+def _body(
+    robot: ParallelRobot, data: pin.Data, j: int, parent: ElementTree.Element, *, hinges: bool
+) -> ElementTree.Element:
     """Return the body behind joint j, in that of its parent."""
     model = robot.model
-    name, column = str(model.names[j]), model.joints[j].idx_v
-    body = ElementTree.SubElement(
-        parent, "body", {"name": f"{name}_body"} | _placement_attributes(model.jointPlacements[j])
-    )
+    name, column, is_split = str(model.names[j]), model.joints[j].idx_v, hinges and is_ball(model.joints[j])
+    place = data.liMi[j] if is_split else model.jointPlacements[j]
+    body = ElementTree.SubElement(parent, "body", {"name": f"{name}_body"} | _placement_attributes(place))
     joint = {"name": name, "type": "ball"}
     if not is_ball(model.joints[j]):
         linear, angular = np.split(np.asarray(data.joints[j].S).ravel(), 2)  # the axis, fixed in the joint
@@ -144,7 +155,9 @@ def _body(robot: ParallelRobot, data: pin.Data, j: int, parent: ElementTree.Elem
     for limit in robot.limits:
         if limit.joint == name and name not in ranges_left_out(robot):
             joint |= {"limited": "true", "range": vector_text([limit.lower, limit.upper])}
-    ElementTree.SubElement(body, "joint", joint)
+    turns = [{"name": f"{name}_r{axis}", "type": "hinge", "axis": AXIS[axis]} for axis in "xyz"]
+    for turn in turns if is_split else [{}]:
+        ElementTree.SubElement(body, "joint", joint | turn)
     inertia = model.inertias[j]
     moments = _correct_inertia(inertia.inertia)
     ElementTree.SubElement(

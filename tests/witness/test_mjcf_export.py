@@ -274,3 +274,29 @@ def test_a_closure_that_no_equality_says_is_refused_by_name_and_axis():
     loose = replace(original, closures=(replace(original.closures[0], axes=("x",)),))
     with pytest.raises(InvalidInput, match=r"closure 'tip', which locks x .*has to move along y, z"):
         mjcf_text(ParallelRobot.from_description(loose))
+
+
+def test_balls_as_hinges_are_the_same_tree(tmp_path):
+    """At zero masses and weights are those of the balls; turned, sites are where balls put them."""
+    robot = ankle(tmp_path)
+    model, data = loaded(robot)
+    hinged = mujoco.MjModel.from_xml_string(mjcf_text(robot, hinges=True))
+    turned = mujoco.MjData(hinged)
+    assert mujoco.mjtJoint.mjJNT_BALL not in hinged.jnt_type
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_resetDataKeyframe(hinged, turned, 0)
+    for one, other in zip(tree_in_mujoco(model, data), tree_in_mujoco(hinged, turned), strict=True):
+        np.testing.assert_allclose(other, one, atol=1e-12)
+    angles = np.array([0.3, -0.2, 0.4])
+    for k in np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_BALL):
+        joint = model.joint(k)
+        for axis, angle in zip("xyz", angles, strict=True):
+            turned.qpos[hinged.joint(f"{joint.name}_r{axis}").qposadr] = angle
+        quaternion = data.qpos[joint.qposadr[0] :][:4]
+        for axis, angle in zip(np.eye(3), angles, strict=True):
+            turn = np.append(np.cos(angle / 2), np.sin(angle / 2) * axis)
+            mujoco.mju_mulQuat(quaternion, quaternion.copy(), turn)
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_kinematics(hinged, turned)
+    assert np.abs(data.site_xpos - turned.site_xpos).max() < 1e-12
+    np.testing.assert_allclose(turned.xpos, data.xpos, atol=1e-12)
