@@ -104,14 +104,26 @@ class _Joint(NamedTuple):
     axes: tuple[Array, ...]
 
     def motions(self) -> list[tuple[str, str, Array | None, str]]:
-        """Return name, kind, axis and the element's tag of each motion of one freedom, from the parent."""
+        """Return name, kind, axis and the axis' tag of each motion of one freedom, from the parent."""
         if self.kind == "screw":
             (axis,) = self.axes
-            return [(self.name, "continuous", axis, ""), (f"{self.name}_slide", "prismatic", axis, "")]
+            return [
+                (self.name, "continuous", axis, "axis"),
+                (f"{self.name}_slide", "prismatic", axis, "slide"),
+            ]
         kind = "continuous" if self.kind in ("revolute", "universal") else self.kind
         names = (self.name, f"{self.name}_2")
         turns = zip(names, self.axes, _AXES.get(self.kind, ()), strict=False)
         return [(name, kind, axis, tag) for name, axis, tag in turns] or [(self.name, kind, None, "")]
+
+    def dynamics(self) -> dict[str, JointDynamics]:
+        """Return damping, friction and spring of each motion that has some."""
+        acting = {}
+        for name, _, _, tag in self.motions() if self.axes else ():
+            paths = {f"{tag}/dynamics/{key}": "0" for key in _DYNAMICS.values()}
+            values = dict(zip(_DYNAMICS, _values(self.element, f"joint {self.name!r}", paths), strict=True))
+            acting[name] = JointDynamics(**values | ({} if values["stiffness"] else {"rest": 0.0}))
+        return {name: joint for name, joint in acting.items() if joint != JointDynamics()}
 
 
 def read_sdf(file: Path, root: ElementTree.Element, options: Options) -> ParsedRobot:
@@ -126,52 +138,53 @@ def read_sdf(file: Path, root: ElementTree.Element, options: Options) -> ParsedR
         _add_models(scope, parent, file.parent, "", WORLD)
     ends = {name: _ends(scope, name) for name in scope.joints}
     part = _largest_part(scope, ends)
-    left_out = [
-        LeftOut(f"joint {name!r}: {joint.get('type')}: not read", (name, *ends[name]), is_decisive=True)
-        for name, joint in scope.joints.items()
-        if joint.get("type") in _NOT_READ
-    ]
-    left_out += [
-        LeftOut(f"link {name!r}: <gravity> off, {link.findtext('inertial/mass', '1')} kg", (name,))
-        for name, link in scope.links.items()
-        if link.findtext("gravity", "1").strip() in ("0", "false")
-    ]
     joints = [_joint(scope, name, pair) for name, pair in ends.items() if set(pair) <= part]
-    chosen = _tree_joints(scope, joints)
-    names = [joint.name for joint in chosen]
+    names = _tree_joints(scope, joints)
     cut = [joint for joint in joints if joint.name not in names]
-    tree = UrdfTree(_urdf(scope, joints, chosen, part, file.stem))
-    closures = [_closure(tree, joint) for joint in cut]
-    screws = [joint for joint in joints if joint.kind == "screw"]
-    for joint in cut:
-        if joint not in screws and (_dynamics(joint) != JointDynamics() or _own(joint.element, ("mimic",))):
-            text = f"joint {joint.name!r}: what acts along it and what it mimics, where the loop is cut"
-            left_out.append(LeftOut(text, (joint.links[1],)))
-    apart = [
-        f"{name} of {link.findtext('inertial/mass', '1')} kg"
-        for name, link in scope.links.items()
-        if name not in part
-    ]
-    counts = {tag: sum(1 for _ in root.iter(tag)) for tag in _UNUSED}
-    unused = ", ".join(f"{count} <{tag}>" for tag, count in counts.items() if count)
-    remarks = [f"not used: {unused}"] if unused else []
-    if apart:
-        remarks.append(f"not read: {', '.join(apart)}, which no joint joins with the mechanism")
+    tree = UrdfTree(_urdf(scope, joints, names, part, file.stem))
+    within = [joint for joint in joints if joint.name in names or joint.kind == "screw"]
     plugged = [element.text or "" for element in root.iter("joint_name")]
-    acting = {joint.name: _dynamics(joint) for joint in joints if joint in chosen or joint in screws}
     x, y, z = numbers("<gravity>", root.findtext("world/gravity", "0 0 -9.81"), 3)
     return describe(
         tree,
         file,
         options,
-        closures,
-        couplings=[*map(_thread, screws), *(pair for joint in chosen for pair in _couplings(joint, names))],
+        [_closure(tree, joint) for joint in cut],
+        couplings=[coupling for joint in within for coupling in _couplings(joint, names)],
         likely_motors=[name for name in names if name.rsplit("::", 1)[-1] in plugged],
-        joints={name: joint for name, joint in acting.items() if joint != JointDynamics()},
+        joints={name: acting for joint in within for name, acting in joint.dynamics().items()},
         gravity=(x, y, z),
-        left_out=left_out,
-        remarks=remarks,
+        left_out=list(_left_out(scope, ends, cut)),
+        remarks=list(_remarks(root, scope, part)),
     )._replace(dialect="sdf")
+
+
+def _left_out(scope: Scope, ends: Mapping[str, tuple[str, str]], cut: Sequence[_Joint]) -> Iterator[LeftOut]:
+    """Yield what decides motions or acts, and is not in the records."""
+    for name, element in scope.joints.items():
+        if element.get("type") in _NOT_READ:
+            text = f"joint {name!r}: {element.get('type')}: not read"
+            yield LeftOut(text, (name, *ends[name]), is_decisive=True)
+    for name, link in scope.links.items():
+        if link.findtext("gravity", "1").strip() in ("0", "false"):
+            yield LeftOut(f"link {name!r}: <gravity> off, {_mass(link)} kg", (name,))
+    for joint in cut:
+        if joint.kind != "screw" and (joint.dynamics() or _own(joint.element, ("mimic",))):
+            text = f"joint {joint.name!r}: what acts along it and what it mimics, where the loop is cut"
+            yield LeftOut(text, (joint.links[1],))
+
+
+def _remarks(root: ElementTree.Element, scope: Scope, part: set[str]) -> Iterator[str]:
+    """Yield what no motion needs, by number, and links beside the mechanism."""
+    counts = {tag: sum(1 for _ in root.iter(tag)) for tag in _UNUSED}
+    if unused := ", ".join(f"{count} <{tag}>" for tag, count in counts.items() if count):
+        yield f"not used: {unused}"
+    if apart := [f"{name} of {_mass(link)} kg" for name, link in scope.links.items() if name not in part]:
+        yield f"not read: {', '.join(apart)}, which no joint joins with the mechanism"
+
+
+def _mass(link: ElementTree.Element) -> str:
+    return link.findtext("inertial/mass", "1").strip()
 
 
 def _scope_name(prefix: str, name: str) -> str:
@@ -353,32 +366,21 @@ def _own(joint: ElementTree.Element, tags: Sequence[str] = _OWN) -> str:
     return ", ".join(tag for tag in tags for axis in joint.findall("axis") if axis.find(tag) is not None)
 
 
-def _dynamics(joint: _Joint) -> JointDynamics:
-    """Return damping, friction and spring of a joint's axis."""
-    paths = {f"axis/dynamics/{tag}": "0" for tag in _DYNAMICS.values()}
-    values = dict(zip(_DYNAMICS, _values(joint.element, f"joint {joint.name!r}", paths), strict=True))
-    return JointDynamics(**values | ({} if values["stiffness"] else {"rest": 0.0}))
-
-
 def _couplings(joint: _Joint, names: Sequence[str]) -> Iterator[Coupling]:
-    """Yield the coupling of a joint that mimics another."""
-    where = f"joint {joint.name!r}: <mimic>"
-    for mimic in joint.element.findall("axis/mimic"):
-        of = joint.element.get("scope", "") + (mimic.get("joint") or "")
-        check_name(where, "joint", of, names)
-        defaults = {"multiplier": "1", "offset": "0", "reference": "0"}
-        ratio, offset, reference = _values(mimic, where, defaults)
-        yield Coupling(joint.name, of, ratio, offset - ratio * reference)
-
-
-def _thread(joint: _Joint) -> Coupling:
-    """Return the coupling of a screw's slide with its turn; positive pitches are right-handed."""
+    """Yield the coupling of a joint that mimics another, and of a screw's slide with its turn."""
     where, element = f"joint {joint.name!r}", joint.element
-    (left_handed,) = numbers(f"{where}: <thread_pitch>", element.findtext("thread_pitch", "0"), 1)  # [rad/m]
-    (pitch,) = numbers(f"{where}: <screw_thread_pitch>", element.findtext("screw_thread_pitch", "1"), 1)
-    if element.find("screw_thread_pitch") is None and left_handed:
-        return Coupling(f"{joint.name}_slide", joint.name, -1.0 / left_handed)
-    return Coupling(f"{joint.name}_slide", joint.name, pitch / (2.0 * np.pi))
+    for mimic in element.findall("axis/mimic"):
+        of = element.get("scope", "") + (mimic.get("joint") or "")
+        check_name(f"{where}: <mimic>", "joint", of, names)
+        defaults = {"multiplier": "1", "offset": "0", "reference": "0"}
+        ratio, offset, reference = _values(mimic, f"{where}: <mimic>", defaults)
+        yield Coupling(joint.name, of, ratio, offset - ratio * reference)
+    if joint.kind == "screw":
+        pitch, left_handed = _values(element, where, {"screw_thread_pitch": "1", "thread_pitch": "0"})
+        lead = pitch / (2.0 * np.pi)  # [m/rad]
+        if left_handed and element.find("screw_thread_pitch") is None:
+            lead = -1.0 / left_handed  # which was in [rad/m]
+        yield Coupling(f"{joint.name}_slide", joint.name, lead)
 
 
 # ------------------------------------------------------------------ the tree and what it is cut from
@@ -397,7 +399,7 @@ def _largest_part(scope: Scope, ends: Mapping[str, tuple[str, str]]) -> set[str]
     return set(groups[counts.index(max(counts))])
 
 
-def _tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[_Joint]:
+def _tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
     """Choose the joints of a tree: those with something of their own first, and balls last."""
     mimicked = {mimic.get("joint") for joint in scope.joints.values() for mimic in joint.iter("mimic")}
 
@@ -415,11 +417,11 @@ def _tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[_Joint]:
             first |= second
             groups |= dict.fromkeys(second, first)
             chosen.add(joint.name)
-    return [joint for joint in joints if joint.name in chosen]
+    return [joint.name for joint in joints if joint.name in chosen]
 
 
 def _urdf(
-    scope: Scope, joints: Sequence[_Joint], chosen: Sequence[_Joint], part: set[str], name: str
+    scope: Scope, joints: Sequence[_Joint], chosen: Sequence[str], part: set[str], name: str
 ) -> ElementTree.Element:
     """Return the tree as a URDF, from the world or the first link that is nobody's child outwards."""
     root = ElementTree.Element("robot", name=name)
@@ -428,7 +430,7 @@ def _urdf(
     waiting = [WORLD if WORLD in part else next((link for link in links if link not in children), links[0])]
     for link in waiting:  # which grows
         root.append(_link(scope, link))
-        for joint in chosen:
+        for joint in (joint for joint in joints if joint.name in chosen):
             if link in joint.links and not set(joint.links) <= set(waiting):
                 step = 1 if link == joint.links[0] else -1
                 root.extend(_joint_elements(joint, step))
@@ -438,7 +440,7 @@ def _urdf(
                 root.append(joint_element(f"{other}_mount", "fixed", stub, other, origin=origin))
                 waiting.append(other)
     for joint in joints:
-        if joint.kind == "screw" and joint not in chosen:
+        if joint.kind == "screw" and joint.name not in chosen:
             root.extend(_joint_elements(joint, 1))
     return root
 

@@ -260,6 +260,28 @@ def test_a_jack_lifts_its_nut_by_the_lead_of_its_screw(tmp_path, thread, lead):
     np.testing.assert_allclose(plan.torque(np.zeros(1)), -mass * 9.81 * lead / (2 * np.pi), rtol=1e-9)
 
 
+def test_links_without_gravity_beside_the_mechanism_and_what_no_motion_needs_are_named(tmp_path):
+    text = five_bar('<link name="hook"/><plugin name="p" filename="f"/><light name="l"/>')
+    parsed = read(
+        tmp_path, text.replace('<link name="left_rod">', '<link name="left_rod"><gravity>0</gravity>')
+    )
+    assert parsed.description.left_out == ("link 'left_rod': <gravity> off, 0.5 kg",)
+    assert parsed.remarks[:2] == (
+        "not used: 1 <plugin>, 1 <light>",
+        "not read: hook of 1 kg, which no joint joins with the mechanism",
+    )
+
+
+def test_damping_is_that_of_each_axis_of_a_universal_joint(tmp_path):
+    damped = "<dynamics><damping>{}</damping></dynamics>"
+    second = f"<axis2><xyz>0 1 0</xyz>{damped.format(0.2)}</axis2>"
+    joint = f"<parent>left_crank</parent><child>left_rod</child>{axis()}</joint>"
+    text = five_bar().replace('name="left_elbow" type="revolute"', 'name="left_elbow" type="universal"')
+    text = text.replace(joint, joint.replace(axis(), axis(damped.format(0.1)) + second))
+    joints = read(tmp_path, text, motors=["left_motor", "right_motor"]).description.joints
+    assert joints == {"left_elbow": JointDynamics(damping=0.1), "left_elbow_2": JointDynamics(damping=0.2)}
+
+
 def test_comments_and_prefixes_that_xml_forbids_are_mended(tmp_path):
     text = five_bar("<!-- a -- b --><gz:thing gz:of='1'/>")
     assert read(tmp_path, text).description.closures[0].name == "tip"
