@@ -206,8 +206,8 @@ def _complete_at_pose(known: Known, motions: _Motions, *, by_joints: bool) -> Re
     if by_joint:  # what stops this is the more precise reason
         ParallelRobot.from_description(replace(description, platform=by_joint[-1]))
     idle = motions.basis @ null_space(motions.working.T @ motions.basis)  # (nv, k) or nearly
-    names = _holding_joints(motions, idle, description, tree)
-    remedy = f"hold joints (such as --lock {' '.join(names)})" if names else "give --platform and --axes"
+    holding = _holding_joints(motions, idle, description, tree)
+    remedy = f"hold joints (such as --lock {' '.join(holding)})" if holding else "give --platform and --axes"
     raise RobotFileError(
         f"no body is moved by all of the motors {', '.join(description.motor_joints)} along "
         f"{motions.freedoms} axes, and by them alone; {part}{'or ' * bool(part)}{remedy}"
@@ -291,8 +291,9 @@ def _close_near_reference(description: RobotDescription) -> _Motions:
     basis = find_free_motions(mechanism, q, _rank(mechanism, q))
     moves = centres_of_mass(mechanism, q) @ basis
     idle = basis @ null_space(moves, NEARLY_AT_REST)
-    coupled = {name for coupling in description.couplings for name in (coupling.joint, coupling.of)}
-    turned = [*description.motor_joints, *coupled]  # what a motor or a thread turns is no idle turn
+    turned = list(description.motor_joints)  # what a motor or a thread turns is no idle turn
+    if moves.any():
+        turned += [name for coupling in description.couplings for name in (coupling.joint, coupling.of)]
     driven = idle[columns_of(mechanism.model, turned)]
     parts = basis @ row_space(moves, NEARLY_AT_REST), idle @ row_space(driven, NEARLY_AT_REST)
     return _Motions(mechanism, q, basis, np.concatenate(parts, axis=1), tuple(remarks))

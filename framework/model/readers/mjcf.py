@@ -232,7 +232,9 @@ class _Model:
         offset, ratio, *higher = data[:5].tolist()
         where = f"{kind} equality {name!r}"
         if first is None or second is None:
-            return LeftOut(f"{where}: of a spatial tendon", tuple(tree.coordinates), is_decisive=True)
+            return LeftOut(
+                f"{where}: of a spatial tendon, which is not read", tuple(tree.coordinates), is_decisive=True
+            )
         joints = tuple(first | second)
         if second and any(higher[:3]):
             text = (
