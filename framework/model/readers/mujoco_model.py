@@ -237,26 +237,41 @@ def _weighs(mujoco: Any, geom: Any, body: Any) -> bool:
 
 
 def _compiled(spec: Any) -> tuple[Any, list[LeftOut]]:
-    """Compile; where a mesh cannot be, do so without meshes, and return what that decides."""
+    """Compile without the meshes that MuJoCo refuses, one by one; return what that decides."""
     masses, inertias = spec.compiler.boundmass, spec.compiler.boundinertia
     spec.compiler.boundmass = max(masses, STAND_IN_MASS)
     spec.compiler.boundinertia = max(inertias, STAND_IN_INERTIA)
-    left_out = []
-    try:
-        model = spec.compile()
-    except ValueError as error:
-        with_meshes = [geom for geom in spec.geoms if geom.meshname]
-        if not with_meshes:
-            raise
-        for geom in with_meshes:
-            text = f"body {geom.parent.name!r}: its inertia is that of a mesh: {_one_line(str(error))}"
-            left_out.append(LeftOut(text, (geom.parent.name,), is_decisive=True))
-            spec.delete(geom)
-        for mesh in list(spec.meshes):
-            spec.delete(mesh)
-        model = spec.compile()
+    left_out, model = list[LeftOut](), None
+    while model is None:
+        try:
+            model = spec.compile()
+        except ValueError as error:
+            left_out += _without_refused_meshes(spec, _one_line(str(error)))
     if masses < STAND_IN_MASS:
         model.body_mass[model.body_mass <= STAND_IN_MASS] = 0.0
     if inertias < STAND_IN_INERTIA:
         model.body_inertia[model.body_inertia <= STAND_IN_INERTIA] = 0.0
     return model, left_out
+
+
+def _without_refused_meshes(spec: Any, error: str) -> list[LeftOut]:
+    """Delete geoms of the mesh in whose line the error is, of all meshes where it names none of them.
+
+    Raises:
+        RobotFileError: the error, where there is no mesh.
+    """
+    left_out = []
+    geoms = [geom for geom in spec.geoms if geom.meshname]
+    if not geoms:
+        raise RobotFileError(error)
+    line = error.partition(": ")[0]
+    named = {geom.meshname for geom in geoms if line in (geom.info, spec.mesh(geom.meshname).info)}
+    for geom in geoms:
+        if geom.meshname in named or not named:
+            text = f"body {geom.parent.name!r}: its inertia is that of a mesh: {error}"
+            left_out.append(LeftOut(text, (geom.parent.name,), is_decisive=True))
+            spec.delete(geom)
+    for mesh in list(spec.meshes):
+        if mesh.name in named or not named:
+            spec.delete(mesh)
+    return left_out
