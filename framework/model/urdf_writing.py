@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -54,6 +55,53 @@ def joint_element(
             limit.attrib |= zip(("lower", "upper"), map(repr, limits), strict=True)
         element.append(limit)
     return element
+
+
+class Motion(NamedTuple):
+    """A joint of a chain: `place` (4, 4) is its origin in the link before."""
+
+    name: str
+    kind: str
+    place: Array
+    axis: Array | None = None
+    limits: Sequence[float] | None = None
+
+
+def chain_elements(
+    parent: str, motions: Sequence[Motion], body: str, end: Array, taken: set[str]
+) -> Iterator[ElementTree.Element]:
+    """Yield the joints between two links, and a link without mass behind each but the last.
+
+    Args:
+        end: (4, 4) placement of the body behind the last joint; a fixed joint where it is none.
+        taken: names of links, which grow by those of the chain.
+    """
+    for motion in motions:
+        is_last = motion is motions[-1] and np.array_equal(end, np.eye(4))
+        child = body if is_last else free_name(f"{motion.name}_link", taken)
+        if not is_last:
+            yield ElementTree.Element("link", name=child)
+        yield joint_element(
+            motion.name,
+            motion.kind,
+            parent,
+            child,
+            origin=origin_element(motion.place),
+            axis=None if motion.axis is None else vector_text(motion.axis),
+            limits=motion.limits,
+        )
+        parent = child
+    if parent != body:
+        mount = free_name(f"{body}_mount", taken)
+        yield joint_element(mount, "fixed", parent, body, origin=origin_element(end))
+
+
+def free_name(wanted: str, taken: set[str]) -> str:
+    """Return a name with underscores behind until it is free, and take it."""
+    while wanted in taken:
+        wanted += "_"
+    taken.add(wanted)
+    return wanted
 
 
 def visual_element(shape: str, words: dict[str, str], place: Array) -> ElementTree.Element:

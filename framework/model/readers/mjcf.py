@@ -28,9 +28,10 @@ from framework.model.readers.mujoco_model import mujoco_model
 from framework.model.readers.urdf_tree import MAX_LOOPS, UrdfTree
 from framework.model.urdf_elements import SEVERAL, coordinates_of
 from framework.model.urdf_writing import (
+    Motion,
+    chain_elements,
+    free_name,
     inertial_element,
-    joint_element,
-    origin_element,
     vector_text,
     visual_element,
 )
@@ -120,7 +121,8 @@ class _Model:
         self.compiled = compiled
         names = [self.name("body", k) for k in range(compiled.nbody)]
         self.taken = {*names, ""}
-        self.bodies = [WORLD, *(names[k] or self._free_name(f"body_{k}") for k in range(1, compiled.nbody))]
+        unnamed = (names[k] or free_name(f"body_{k}", self.taken) for k in range(1, compiled.nbody))
+        self.bodies = [WORLD, *unnamed]
         self.joints: list[_Joint] = []
         for j, kind in enumerate(compiled.jnt_type):
             k = compiled.jnt_bodyid[j]
@@ -131,43 +133,30 @@ class _Model:
     def name(self, kind: str, number: int) -> str:
         return str(getattr(self.compiled, kind)(number).name)
 
-    def _free_name(self, wanted: str) -> str:
-        name = wanted
-        while name in self.taken:
-            name += "_"
-        self.taken.add(name)
-        return name
-
     # -------------------------------------------------------------- the tree
 
     def urdf(self, name: str) -> ElementTree.Element:
         """Return the bodies as a URDF: a link for each, and one between the joints of a body."""
         model, root = self.compiled, ElementTree.Element("robot", name=name)
-        links = {}
+        links = [ElementTree.SubElement(root, "link", name=body) for body in self.bodies]
         for k, place in enumerate(_places(model.body_pos, model.body_quat)):
-            body, parent, offset = self.bodies[k], self.bodies[model.body_parentid[k]], place
-            joints = self.joints[model.body_jntadr[k] :][: model.body_jntnum[k]]
+            motions, end = [], place
             # a joint turns about a point of the body; its link stands in that point, the body's own behind it
-            for joint in joints:
+            for joint in self.joints[model.body_jntadr[k] :][: model.body_jntnum[k]]:
                 point = joint.view.pos if joint.kind != "floating" else np.zeros(3)
-                is_last = joint is joints[-1] and not point.any()
-                child = body if is_last else self._free_name(f"{joint.name}_link")
-                root.append(_joint_element(joint, parent, child, offset @ placement(None, point)))
-                links[child] = ElementTree.SubElement(root, "link", name=child)
-                parent, offset = child, placement(None, -point)
-            if body not in links:
-                links[body] = ElementTree.SubElement(root, "link", name=body)
-                if k:
-                    mount = self._free_name(f"{body}_mount")
-                    root.append(joint_element(mount, "fixed", parent, body, origin=origin_element(offset)))
+                motions.append(_motion(joint, end @ placement(None, point)))
+                end = placement(None, -point)
+            if k:
+                parent = self.bodies[model.body_parentid[k]]
+                root.extend(chain_elements(parent, motions, self.bodies[k], end, self.taken))
             if k and (model.body_mass[k] or model.body_inertia[k].any()):
                 turn = from_quaternion(*model.body_iquat[k])
                 inertia = turn @ np.diag(model.body_inertia[k]) @ turn.T
-                links[body].append(inertial_element(model.body_mass[k], model.body_ipos[k], inertia))
+                links[k].append(inertial_element(model.body_mass[k], model.body_ipos[k], inertia))
         for k, place in enumerate(_places(model.geom_pos, model.geom_quat)):
             if model.geom_type[k] in _SHAPES:
                 shape = _visual(_SHAPES[model.geom_type[k]], model.geom_size[k], place)
-                links[self.bodies[model.geom_bodyid[k]]].append(shape)
+                links[model.geom_bodyid[k]].append(shape)
         return root
 
     def reference(self) -> dict[str, float]:
@@ -399,17 +388,11 @@ def _closure_kind(kind: str, data: Array) -> str:
     return "fixed" if kind == "weld" and data[10] else "spherical"
 
 
-def _joint_element(joint: _Joint, parent: str, child: str, origin: Array) -> ElementTree.Element:
-    view, is_limited = joint.view, joint.has_one and joint.view.limited[0]
-    return joint_element(
-        joint.name,
-        joint.kind,
-        parent,
-        child,
-        origin=origin_element(origin),
-        axis=vector_text(view.axis) if joint.has_one else None,
-        limits=(view.range - view.qpos0).tolist() if is_limited else None,
-    )
+def _motion(joint: _Joint, place: Array) -> Motion:
+    """Return a joint of the URDF at a placement (4, 4) in the link before."""
+    view = joint.view
+    limits = (view.range - view.qpos0).tolist() if joint.has_one and view.limited[0] else None
+    return Motion(joint.name, joint.kind, place, view.axis if joint.has_one else None, limits)
 
 
 def _visual(shape: str, size: Array, place: Array) -> ElementTree.Element:

@@ -246,7 +246,7 @@ def _compiled(spec: Any) -> tuple[Any, list[LeftOut]]:
         try:
             model = spec.compile()
         except ValueError as error:
-            left_out += _without_refused_meshes(spec, _one_line(str(error)))
+            left_out += _delete_refused_meshes(spec, _one_line(str(error)))
     if masses < STAND_IN_MASS:
         model.body_mass[model.body_mass <= STAND_IN_MASS] = 0.0
     if inertias < STAND_IN_INERTIA:
@@ -254,7 +254,7 @@ def _compiled(spec: Any) -> tuple[Any, list[LeftOut]]:
     return model, left_out
 
 
-def _without_refused_meshes(spec: Any, error: str) -> list[LeftOut]:
+def _delete_refused_meshes(spec: Any, error: str) -> list[LeftOut]:
     """Delete geoms of the mesh in whose line the error is, of all meshes where it names none of them.
 
     Raises:

@@ -32,13 +32,7 @@ from framework.model.readers.describe import LeftOut, describe
 from framework.model.readers.missing_fields import Options
 from framework.model.readers.urdf_tree import UrdfTree, merge_sharing
 from framework.model.urdf_elements import local_name
-from framework.model.urdf_writing import (
-    inertial_element,
-    joint_element,
-    origin_element,
-    vector_text,
-    visual_element,
-)
+from framework.model.urdf_writing import Motion, chain_elements, inertial_element, visual_element
 from framework.model.xml_reading import attribute, child_element, numbers
 
 WORLD, MODEL = "world", "__model__"
@@ -428,20 +422,21 @@ def _urdf(
     children = {joint.links[1] for joint in joints}
     links = [link for link in scope.links if link in part]
     waiting = [WORLD if WORLD in part else next((link for link in links if link not in children), links[0])]
+    taken = {*links, WORLD}
     for link in waiting:  # which grows
         root.append(_link(scope, link))
         for joint in (joint for joint in joints if joint.name in chosen):
             if link in joint.links and not set(joint.links) <= set(waiting):
                 step = 1 if link == joint.links[0] else -1
-                root.extend(_joint_elements(joint, step))
-                origin = origin_element(inverse(joint.places[::step][1]))
-                other = joint.links[::step][1]
-                stub = f"{joint.motions()[::step][-1][0]}_link"
-                root.append(joint_element(f"{other}_mount", "fixed", stub, other, origin=origin))
+                other, end = joint.links[::step][1], inverse(joint.places[::step][1])
+                root.extend(chain_elements(link, _motions(joint, step), other, end, taken))
                 waiting.append(other)
     for joint in joints:
         if joint.kind == "screw" and joint.name not in chosen:
-            root.extend(_joint_elements(joint, 1))
+            stub = ElementTree.SubElement(root, "link", name=f"{joint.name}_stub")
+            root.extend(
+                chain_elements(joint.links[0], _motions(joint, 1), stub.get("name", ""), np.eye(4), taken)
+            )
     return root
 
 
@@ -468,25 +463,13 @@ def _link(scope: Scope, name: str) -> ElementTree.Element:
     return link
 
 
-def _joint_elements(joint: _Joint, step: int) -> Iterator[ElementTree.Element]:
-    """Yield the URDF's elements of a joint's motions, from parent to child for step 1, else for -1.
-
-    Behind each motion stands a link without mass, at the place of the joint.
-    """
-    origin, parent = joint.places[::step][0], joint.links[::step][0]
-    for name, kind, axis, tag in joint.motions()[::step]:
-        child = f"{name}_link"
-        yield ElementTree.Element("link", name=child)
-        yield joint_element(
-            name,
-            kind,
-            parent,
-            child,
-            origin=origin_element(origin),
-            axis=None if axis is None else vector_text(step * axis),
-            limits=_limits(joint, tag) if tag else None,
-        )
-        parent, origin = child, np.eye(4)
+def _motions(joint: _Joint, step: int) -> list[Motion]:
+    """Return the joints of the URDF for a joint, from parent to child for step 1, else for -1."""
+    places = [joint.places[::step][0], np.eye(4)]
+    return [
+        Motion(name, kind, place, axis if axis is None else step * axis, _limits(joint, tag) if tag else None)
+        for (name, kind, axis, tag), place in zip(joint.motions()[::step], places, strict=False)
+    ]
 
 
 def _limits(joint: _Joint, tag: str) -> tuple[float, float] | None:
@@ -521,8 +504,7 @@ def read_cut_joint(scope: Scope, tree: UrdfTree, element: ElementTree.Element) -
 def _closure(tree: UrdfTree, joint: _Joint) -> Closure:
     """Return the closure of a joint that is cut, of the joint's own kind; a screw's stub is fixed."""
     if joint.kind == "screw":
-        stub = f"{joint.name}_slide_link", np.eye(4)
-        pair = (("1", *stub), ("2", joint.links[1], joint.places[1]))
+        pair = (("1", f"{joint.name}_stub", np.eye(4)), ("2", joint.links[1], joint.places[1]))
         return tree.close(f"{joint.name}_end", "fixed", pair)
     ends = zip("12", joint.links, joint.places, strict=True)
     return tree.close(joint.name, joint.kind, list(ends), joint.axes)
