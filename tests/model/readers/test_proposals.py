@@ -13,6 +13,7 @@ from framework.errors import RobotFileError
 from framework.kinematics.diagnostics.proposal import propose
 from framework.kinematics.mechanism import Mechanism
 from framework.model.readers.recognise import parse_any
+from tests.model.readers.foreign_files import short_move
 
 DATA = Path(__file__).parents[2] / "data" / "dialects"
 GRIPPER = DATA / "mirrored_gripper.xml"
@@ -206,3 +207,37 @@ def test_two_legs_that_no_body_joins_move_by_their_joints_or_one_is_held(tmp_pat
     names = whole.remarks[-1].partition("--lock ")[2].partition(")")[0].split()
     taken = proposed(tmp_path, text, locked=dict.fromkeys(names)).description
     assert ParallelRobot.from_description(taken).n == 2
+
+
+def three_bars(difference: float, tilt: float) -> str:
+    """A parallelogram with a third bar, drawn at zero; rods differ by a length [m], axes are tilted [rad]."""
+    ball = '<geom size="0.005" mass="0.1" pos="0.003 0 0.02"/>'
+    rods, ends, loops = "", "", ""
+    for name, side in (("left", -0.5), ("right", 0.5)):
+        x, z, length = side * 0.0145, side * 0.0039, 0.0423 + side * difference
+        rods += (
+            f'<body name="{name}" pos="{x} 0 {z}"><joint name="{name}" axis="{tilt * side} 1 0"/>{ball}'
+            f'<site name="{name}" pos="0 0 {length}"/></body>'
+        )
+        ends += (
+            f'<body name="{name}_end" pos="{x} 0 {z + side * difference}"><joint axis="0 1 0"/>'
+            f'<geom size="0.005" mass="0.01"/><site name="{name}_end"/></body>'
+        )
+        loops += f'<weld site1="{name}" site2="{name}_end"/>'
+    return (
+        f'<mujoco><worldbody><body name="bar"><joint name="bar" axis="0 1 0"/>{ball}<body name="plate" '
+        f'pos="0 0 0.0423"><joint name="plate" axis="0 1 0"/>{ball}{ends}</body></body>{rods}</worldbody>'
+        f'<equality>{loops}</equality><actuator><motor joint="bar"/></actuator></mujoco>'
+    )
+
+
+@pytest.mark.parametrize("tilt", [1e-8, 1e-7, 1e-6])
+def test_bars_that_are_drawn_closed_are_not_locked_by_the_rounding_of_their_axes(tmp_path, tilt):
+    robot = ParallelRobot.from_description(proposed(tmp_path, three_bars(5e-5, tilt)).description)
+    assert check_robot(robot).mobility == 1
+    assert short_move(robot).certificate.rounded_gap < 1e-6
+
+
+def test_bars_whose_axes_are_not_parallel_are_locked(tmp_path):
+    with pytest.raises(RobotFileError, match="the loops leave no freedom"):
+        proposed(tmp_path, three_bars(0.0, 0.1))
