@@ -341,7 +341,11 @@ def _holding_joints(
     names = dict.fromkeys([*springs, *reversed(tree.movable)])
     free = [name for name in names if name in tree.movable and name not in description.motor_joints]
     held = motions.independent(left, free)
-    return held if len(held) == left.shape[1] else []
+    if len(held) == left.shape[1]:
+        return held
+    serial = _serial(Known(tree, description))
+    freedoms = [name for joint in serial for name in tree.joints[joint].coordinates]
+    return serial if len(freedoms) == left.shape[1] else []
 
 
 def _check_driven(motions: _Motions, description: RobotDescription, tree: UrdfTree) -> None:
