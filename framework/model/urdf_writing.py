@@ -57,7 +57,7 @@ def joint_element(
     return element
 
 
-class Motion(NamedTuple):
+class ChainJoint(NamedTuple):
     """A joint of a chain: `place` (4, 4) is its origin in the link before."""
 
     name: str
@@ -68,7 +68,7 @@ class Motion(NamedTuple):
 
 
 def chain_elements(
-    parent: str, motions: Sequence[Motion], body: str, end: Array, taken: set[str]
+    parent: str, motions: Sequence[ChainJoint], body: str, end: Array, taken: set[str]
 ) -> Iterator[ElementTree.Element]:
     """Yield the joints between two links, and a link without mass behind each but the last.
 

@@ -28,7 +28,7 @@ from framework.model.readers.mujoco_model import mujoco_model
 from framework.model.readers.urdf_tree import MAX_LOOPS, UrdfTree
 from framework.model.urdf_elements import SEVERAL, coordinates_of
 from framework.model.urdf_writing import (
-    Motion,
+    ChainJoint,
     chain_elements,
     free_name,
     inertial_element,
@@ -388,11 +388,11 @@ def _closure_kind(kind: str, data: Array) -> str:
     return "fixed" if kind == "weld" and data[10] else "spherical"
 
 
-def _motion(joint: _Joint, place: Array) -> Motion:
+def _motion(joint: _Joint, place: Array) -> ChainJoint:
     """Return a joint of the URDF at a placement (4, 4) in the link before."""
     view = joint.view
     limits = (view.range - view.qpos0).tolist() if joint.has_one and view.limited[0] else None
-    return Motion(joint.name, joint.kind, place, view.axis if joint.has_one else None, limits)
+    return ChainJoint(joint.name, joint.kind, place, view.axis if joint.has_one else None, limits)
 
 
 def _visual(shape: str, size: Array, place: Array) -> ElementTree.Element:

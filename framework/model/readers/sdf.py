@@ -32,7 +32,7 @@ from framework.model.readers.describe import LeftOut, describe
 from framework.model.readers.missing_fields import Options
 from framework.model.readers.urdf_tree import UrdfTree, merge_sharing
 from framework.model.urdf_elements import local_name
-from framework.model.urdf_writing import Motion, chain_elements, inertial_element, visual_element
+from framework.model.urdf_writing import ChainJoint, chain_elements, inertial_element, visual_element
 from framework.model.xml_reading import attribute, child_element, numbers
 
 WORLD, MODEL = "world", "__model__"
@@ -463,11 +463,13 @@ def _link(scope: Scope, name: str) -> ElementTree.Element:
     return link
 
 
-def _motions(joint: _Joint, step: int) -> list[Motion]:
+def _motions(joint: _Joint, step: int) -> list[ChainJoint]:
     """Return the joints of the URDF for a joint, from parent to child for step 1, else for -1."""
     places = [joint.places[::step][0], np.eye(4)]
     return [
-        Motion(name, kind, place, axis if axis is None else step * axis, _limits(joint, tag) if tag else None)
+        ChainJoint(
+            name, kind, place, axis if axis is None else step * axis, _limits(joint, tag) if tag else None
+        )
         for (name, kind, axis, tag), place in zip(joint.motions()[::step], places, strict=False)
     ]
 
