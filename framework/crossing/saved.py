@@ -351,9 +351,9 @@ def read_document(file: FilePath, command: str) -> dict[str, Any]:
 
 
 def _find_robot(stated: dict[str, Any], file: FilePath, named: str | FilePath | None) -> ParallelRobot:
-    """Load the robot of `mapping_of` if given, else of the robot file that the plan states."""
+    """Load the robot of `named` if given, else of the robot file that the plan states."""
     if named is not None:
-        place = robot_file_of(str(mapping_of))
+        place = robot_file_of(str(named))
     else:
         entries, name = catalogue(), stated["robot_file"]
         place = entries[name].file if name in entries else file.parent / name
