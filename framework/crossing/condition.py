@@ -19,6 +19,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from framework.arrays import Array
+from framework.crossing.motion_scales import coordinate_sizes
 from framework.dynamics.forces import inertial_forces, static_forces
 from framework.errors import NoLaw, NotConverged, point
 from framework.kinematics.continuation.tracking import Branch
@@ -239,7 +240,7 @@ def bounds_of_terms(branch: Branch, place: CrossingPoint, rate: float) -> Array:
     largest `rate` [1/s, over s'].
     """
     robot = branch.robot
-    lengths = np.where(robot.translations, 1.0, robot.length)
+    lengths = coordinate_sizes(robot)
     tangent, escape = (
         float(np.abs(twist * lengths).max())
         for twist in (robot.platform.path_twist(branch.path, place.s), place.twist)

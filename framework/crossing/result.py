@@ -128,10 +128,14 @@ class CrossingPlan:
         return v if np.ndim(t) else v[0]
 
     @property
+    def _times(self) -> Array:
+        """Instants (PEAK_SAMPLES,) [s] at which peaks and limits are looked at."""
+        return np.linspace(0.0, self.duration, PEAK_SAMPLES)
+
+    @property
     def peak_torque(self) -> dict[str, float]:
         """Largest |torque| [N m] of each motor, by joint."""
-        times = np.linspace(0.0, self.duration, PEAK_SAMPLES)
-        peaks = np.abs(self.torque(times)).max(axis=0)
+        peaks = np.abs(self.torque(self._times)).max(axis=0)
         return dict(zip(self.robot.actuator_names, map(float, peaks), strict=True))
 
     @property
@@ -161,7 +165,7 @@ class CrossingPlan:
 
     def _motor_excesses(self) -> Iterator[tuple[str, str]]:
         """Yield joints of motors with a torque or a speed beyond its limit, in words."""
-        times, robot = np.linspace(0.0, self.duration, PEAK_SAMPLES), self.robot
+        times, robot = self._times, self.robot
         for what, values, units in (
             ("torque", self.torque(times), robot.torque_units),
             ("speed", self.motor_angle(times, 1), robot.speed_units),
@@ -177,7 +181,7 @@ class CrossingPlan:
 
     def _position_excesses(self) -> Iterator[tuple[str, str]]:
         """Yield joints with a position beyond the limits of the URDF, in words."""
-        times, limits = np.linspace(0.0, self.duration, PEAK_SAMPLES), self.robot.limits
+        times, limits = self._times, self.robot.limits
         q = self.dynamics.configuration(times)
         s_worst = self.law(times[shares_beyond_limits(limits, q).argmax(axis=0)])
         s_of_joint = dict(zip([limit.joint for limit in limits], s_worst, strict=True))

@@ -174,8 +174,11 @@ class TimeGrid(ReadOnlyArrays):
 
     def fit(self, values: Array) -> TimeFunction:
         """Return the function through values (panels * size, k) at `times`."""
-        stacked = values.reshape(len(self.edges) - 1, self.size, -1)
-        return TimeFunction(self.edges, coefficients(stacked))
+        return TimeFunction(self.edges, coefficients(self._on_panels(values)))
+
+    def _on_panels(self, values: Array) -> Array:
+        """Return values (panels * size, k) as (panels, size, k)."""
+        return values.reshape(len(self.edges) - 1, self.size, -1)
 
     @property
     def resolvable(self) -> int:
@@ -188,7 +191,7 @@ class TimeGrid(ReadOnlyArrays):
         Differentiating twice amplifies a coefficient by up to size^4, so rounding would grow if it were
         fed back. The last eighth of a resolved series is rounding and shows its size.
         """
-        series = coefficients(values.reshape(len(self.edges) - 1, self.size, -1))
+        series = coefficients(self._on_panels(values))
         floor = NOISE_FACTOR * np.abs(series[:, self.resolvable :]).max(axis=1, keepdims=True)
         series[np.abs(series) <= floor] = 0.0
         series[:, self.resolvable :] = 0.0
@@ -212,7 +215,7 @@ class TimeGrid(ReadOnlyArrays):
         """Compute two time derivatives at the nodes of values (panels * size, k), each of the same shape."""
         first, second = _differentiation(self.size)
         half = 0.5 * np.diff(self.edges)[:, None, None]
-        stacked = values.reshape(len(self.edges) - 1, self.size, -1)
+        stacked = self._on_panels(values)
         slopes, curvatures = first @ stacked / half, second @ stacked / half**2
         return slopes.reshape(values.shape), curvatures.reshape(values.shape)
 
@@ -262,4 +265,5 @@ def basis_values(size: int) -> tuple[Array, Array, Array]:
     derivative = derivative_matrix(size)
     values = np.asarray(chebyshev.chebvander(nodes(size), size - 1), dtype=float)
     first, second = values @ derivative, values @ (derivative @ derivative)
-    return read_only(values), read_only(first), read_only(second)
+    values.setflags(write=False)  # in its own order: products with a copy differ in the last bit
+    return values, read_only(first), read_only(second)

@@ -38,8 +38,7 @@ from framework.show.captions import (
 from framework.show.film import Film
 from framework.show.force_polygon import peak_torque, shown_limit
 from framework.show.forces import drawn_sides, figure_vectors, why_no_figure
-from framework.show.motors import motor_shapes
-from framework.show.shapes import placement_along
+from framework.show.shapes import motor_shapes, placement_along
 from framework.show.sight import Sight, film_sight, tilt_aside
 from framework.show.standalone import pack
 

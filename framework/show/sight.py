@@ -17,8 +17,7 @@ from framework.kinematics.placements import carried_points, joint_poses, planar_
 from framework.locus.drawn_locus import locus_patch
 from framework.model.visuals import Shape
 from framework.show.film import Film
-from framework.show.motors import motor_shapes
-from framework.show.shapes import body_shapes, surface_points
+from framework.show.shapes import body_shapes, motor_shapes, surface_points
 
 USUAL_DIRECTION = np.array([0.75, -1.35, 0.65])  # from the robot to the eye: of directions alike the nearest
 USUAL_NORMAL = np.array([0.2, -1.0, 2.0])  # on whose side the eye is, of a planar robot
