@@ -204,11 +204,9 @@ class OneLineParser(argparse.ArgumentParser):
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         """Refuse a value that is none of the choices, as argparse does, with the nearest one."""
         if action.choices is not None and value not in action.choices:
-            from framework.errors import nearest
+            from framework.errors import did_you_mean
 
-            similar = " or ".join(map(repr, nearest(str(value), action.choices)))
-            hint = f"; did you mean {similar}?" if similar else ""
-            listed = ", ".join(action.choices)
+            hint, listed = did_you_mean(value, action.choices), ", ".join(action.choices)
             raise argparse.ArgumentError(action, f"invalid choice: {value!r}{hint} (choose from {listed})")
 
     def _get_value(self, action: argparse.Action, arg_string: str) -> Any:

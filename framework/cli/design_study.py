@@ -59,12 +59,13 @@ def report_design_study(options: Namespace) -> Report:
         return _report(compute_study(None), robot.name)
     kept = KeptChunks.of(Path(options.out), study_setup(task, designs))
     with written_stepwise(options, DOCUMENT, lambda: len(kept.read()), "chunks") as folder:
-        from framework.show.design_study import save_study_figure
+        from framework.show.design_study import plot_study
+        from framework.show.plots import save
 
         study = compute_study(kept)
         write_study(study, folder)
         options.progress.start("drawing the figure")
-        save_study_figure(study, folder)
+        save(lambda: plot_study(study), folder / "study")
     return _report(study, robot.name)
 
 

@@ -174,9 +174,9 @@ class TimeGrid(ReadOnlyArrays):
 
     def fit(self, values: Array) -> TimeFunction:
         """Return the function through values (panels * size, k) at `times`."""
-        return TimeFunction(self.edges, coefficients(self._on_panels(values)))
+        return TimeFunction(self.edges, coefficients(self._stack_panels(values)))
 
-    def _on_panels(self, values: Array) -> Array:
+    def _stack_panels(self, values: Array) -> Array:
         """Return values (panels * size, k) as (panels, size, k)."""
         return values.reshape(len(self.edges) - 1, self.size, -1)
 
@@ -191,7 +191,7 @@ class TimeGrid(ReadOnlyArrays):
         Differentiating twice amplifies a coefficient by up to size^4, so rounding would grow if it were
         fed back. The last eighth of a resolved series is rounding and shows its size.
         """
-        series = coefficients(self._on_panels(values))
+        series = coefficients(self._stack_panels(values))
         floor = NOISE_FACTOR * np.abs(series[:, self.resolvable :]).max(axis=1, keepdims=True)
         series[np.abs(series) <= floor] = 0.0
         series[:, self.resolvable :] = 0.0
@@ -215,7 +215,7 @@ class TimeGrid(ReadOnlyArrays):
         """Compute two time derivatives at the nodes of values (panels * size, k), each of the same shape."""
         first, second = _differentiation(self.size)
         half = 0.5 * np.diff(self.edges)[:, None, None]
-        stacked = self._on_panels(values)
+        stacked = self._stack_panels(values)
         slopes, curvatures = first @ stacked / half, second @ stacked / half**2
         return slopes.reshape(values.shape), curvatures.reshape(values.shape)
 
