@@ -160,8 +160,8 @@ class OneLineParser(argparse.ArgumentParser):
 
     def __init__(self, *, examples: Iterable[str] = (), **settings: Any) -> None:
         self.examples = tuple(examples)
-        shown = "\n  ".join(["examples:", *self.examples])
-        super().__init__(allow_abbrev=False, epilog=shown, formatter_class=_Help, **settings)
+        epilog = "\n  ".join(["examples:", *self.examples])
+        super().__init__(allow_abbrev=False, epilog=epilog, formatter_class=_Help, **settings)
         self._optionals.title = "output"
         # argparse takes -1e-3 for an option, and what has a unit; none of ours begins like a number
         self._negative_number_matcher = re.compile(r"^-\.?\d")
@@ -264,8 +264,8 @@ def _check_first(arguments: Sequence[str]) -> None:
 
         raise Misuse(f"{choose_from('command', first, COMMANDS)} (see `crossing --help`)")
     if meant and first not in ("-h", "--help", "--version"):
-        at = arguments.index(meant)
-        instead = shlex.join(["crossing", meant, *arguments[at + 1 :], *arguments[:at]])
+        index = arguments.index(meant)
+        instead = shlex.join(["crossing", meant, *arguments[index + 1 :], *arguments[:index]])
         raise Misuse(f"{first}: options stand behind the command", instead)
 
 

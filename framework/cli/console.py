@@ -48,8 +48,8 @@ def _escape(letter: str) -> str:
 def report(text: str) -> None:
     """Print a report on stdout, in the width and the colours of its terminal; raises as `tell`."""
     if sys.stdout is not None:
-        shown = _printable(text, "\n\t")
-        _tell(lay_out(shown, width_of(sys.stdout), colour=shows_colours(sys.stdout)), sys.stdout)
+        visible = _printable(text, "\n\t")
+        _tell(lay_out(visible, width_of(sys.stdout), colour=shows_colours(sys.stdout)), sys.stdout)
 
 
 def tell(text: str, *, aside: bool = False) -> None:

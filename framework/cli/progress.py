@@ -70,14 +70,14 @@ class Progress:
         self._done = done
 
     def _show(self) -> None:
-        shown, wait = "", FIRST
+        printed, wait = "", FIRST
         with suppress(OSError, ValueError):  # the terminal has gone
             while not self._ended.wait(wait):
                 line, wait = printable(self.sentence)[: shutil.get_terminal_size().columns - 1], INTERVAL
-                if line != shown:
+                if line != printed:
                     sys.stderr.write(f"{ERASE}{line}")
                     sys.stderr.flush()
-                shown = line
-            if shown:
+                printed = line
+            if printed:
                 sys.stderr.write(ERASE)
                 sys.stderr.flush()

@@ -87,9 +87,9 @@ class CrossingPoint(NamedTuple):
 
 
 def crossing_point(
-    branch: Branch, singular: SingularPoint | CrossingPoint, deflection: Deflection | None, near: float
+    branch: Branch, singular: SingularPoint | CrossingPoint, deflection: Deflection | None, s_guess: float
 ) -> CrossingPoint:
-    """Find the singular point of the (deflected) robot on its path, near s = `near`.
+    """Find the singular point of the (deflected) robot on its path, near s = `s_guess`.
 
     An imposed point is returned as it is.
 
@@ -121,7 +121,7 @@ def crossing_point(
         previous = s, close_loops(robot, branch.path(s), guess(s))
         return type2_matrix(robot, previous[1].linearised)
 
-    root = root_of_g(passive, near)
+    root = root_of_g(passive, s_guess)
     if root.converged:  # by a last step along the tangent so small that loops stay closed
         s = np.array([root.place])
         q, x = guess(s), branch.path(s)

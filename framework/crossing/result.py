@@ -290,6 +290,6 @@ def _condition(
     """Return condition (8) where and when the motion crosses, with its own deflections."""
     if request.geometry != "deformed" or not dynamics.robot.n_e:
         return to_cross.at_rest[k][1]
-    deflection, near = Deflection.evaluate(dynamics.deflection, time), float(dynamics.law(np.array(time)))
-    place = crossing_point(to_cross.branch, to_cross.crossing_points[k], deflection, near)
+    deflection, s_guess = Deflection.evaluate(dynamics.deflection, time), float(dynamics.law(np.array(time)))
+    place = crossing_point(to_cross.branch, to_cross.crossing_points[k], deflection, s_guess)
     return coefficients_at(to_cross.branch, place, deflection)

@@ -28,9 +28,9 @@ SIDES = {
 }
 # of the header: the side, and whether all is before the springs of drives and links
 FRAME_IDS = {
-    f"{side}_side{'_before_springs' if before else ''}": (side, before)
+    f"{side}_side{'_before_springs' if with_springs else ''}": (side, with_springs)
     for side in SIDES
-    for before in (False, True)
+    for with_springs in (False, True)
 }
 BEFORE_SPRINGS = "; before the springs of drives and links"
 

@@ -83,11 +83,11 @@ def _accumulate_errors(errors: Mapping[str, LevelError], growth: float) -> Indic
     An error that is not a number is unknown and counts as infinite.
     """
     names = [level.name for level in LEVELS]
-    known = {name: np.where(np.isfinite(one), one, np.inf) for name, one in errors.items()}
-    largest = [0.0, *(known.get(name, np.array(np.inf)).max() for name in reversed(names[:-1]))]
+    counted = {name: np.where(np.isfinite(one), one, np.inf) for name, one in errors.items()}
+    largest = [0.0, *(counted.get(name, np.array(np.inf)).max() for name in reversed(names[:-1]))]
     words = {
         name: f"torques {_percent(torque)}, platform {_percent(platform)}"
-        for name, (torque, platform) in known.items()
+        for name, (torque, platform) in counted.items()
     }
     return Indicators(
         dict(zip(names, np.maximum.accumulate(largest)[::-1].tolist(), strict=True)),

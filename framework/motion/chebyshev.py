@@ -72,17 +72,17 @@ def extrema(series: Array) -> Array:
     return real_roots(derivative_matrix(len(series)) @ series)
 
 
-def real_roots(series: Array, *, margin: float = SAME_PLACE) -> Array:
+def real_roots(series: Array) -> Array:
     """Return the real roots in [-1, 1] of one Chebyshev series (size,), ascending, by the colleague matrix.
 
     Those of degree 2, as of p' of a law through one crossing, are closed.
 
-    `margin` accepts roots that rounding has pushed off the real axis or over an end.
+    Roots that rounding has pushed off the real axis or over an end, within SAME_PLACE, are accepted.
     """
     size = np.abs(series)
     degree = int(np.flatnonzero(size > COEFFICIENT_ROUNDING * size.max(initial=0.0)).max(initial=0))
-    # |T_k| is at most largest^k wherever the margin lets a root be: the constant may outweigh all others
-    largest = 1.0 + 2.0 * margin**0.25
+    # |T_k| is at most largest^k where roots are accepted: the constant may outweigh all others
+    largest = 1.0 + 2.0 * SAME_PLACE**0.25
     if degree == 0 or size[0] > size[1 : degree + 1] @ largest ** np.arange(1, degree + 1):
         return np.empty(0)
     if degree == 2:  # of c2 (2 x^2 - 1) + c1 x + c0
@@ -96,8 +96,8 @@ def real_roots(series: Array, *, margin: float = SAME_PLACE) -> Array:
         matrix = matrix.copy()
         matrix[:, 0] -= (series[:degree] / series[degree] * weights)[::-1]
         roots = np.linalg.eigvals(matrix)
-    real = np.real(roots[np.abs(np.imag(roots)) <= np.sqrt(margin)])
-    return np.sort(np.clip(real[np.abs(real) <= 1 + margin], -1.0, 1.0))
+    real = np.real(roots[np.abs(np.imag(roots)) <= np.sqrt(SAME_PLACE)])
+    return np.sort(np.clip(real[np.abs(real) <= 1 + SAME_PLACE], -1.0, 1.0))
 
 
 @lru_cache(maxsize=64)

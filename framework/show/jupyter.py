@@ -45,9 +45,9 @@ def show_figure(alt: str, drawing: Figure | None = None) -> None:
     import matplotlib.pyplot as plt
     from IPython.display import Image, display
 
-    shown = plt.gcf() if drawing is None else drawing
-    display(Image(figure_file(shown, "png", dpi=shown.dpi), alt=alt))  # type: ignore[no-untyped-call]
-    plt.close(shown)
+    displayed = plt.gcf() if drawing is None else drawing
+    display(Image(figure_file(displayed, "png", dpi=displayed.dpi), alt=alt))  # type: ignore[no-untyped-call]
+    plt.close(displayed)
 
 
 def show_film(films: Sequence[Film], alt: str) -> None:

@@ -209,8 +209,8 @@ def _springs(film: Film, size: float) -> Document | None:
         )
     for kind, columns, unit_length in (("slide", slides, COIL_LENGTH * size), ("turn", ~slides, 1.0)):
         largest = np.abs(film.deflection[:, columns]).max(initial=0.0)
-        shown = MAX_DRAWN_DEFLECTION * unit_length
-        factors[kind] = _round_down(shown / largest) if largest > 0 else 1.0
+        largest_drawn = MAX_DRAWN_DEFLECTION * unit_length
+        factors[kind] = _round_down(largest_drawn / largest) if largest > 0 else 1.0
     return {
         "coils": coils,
         "factors": factors,
