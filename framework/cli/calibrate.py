@@ -84,9 +84,10 @@ def calibration_text(calibration: Calibration) -> str:
     geometry = calibration.geometry
     outliers = f"; outliers: rows {', '.join(map(str, calibration.outliers))}" if calibration.outliers else ""
     lines = [HEAD.format(calibration, len(geometry.names), _noise_text(calibration), outliers)]
-    driven = calibration.measured.driven
     errors = zip(calibration.measured.names, calibration.error_before, calibration.error_after, strict=True)
-    lines += [f"  {name}\t{old:.2e}\t{new:.2e}" for name, old, new in list(errors)[driven:]]
+    lines += [
+        f"  {name}\t{old:.2e}\t{new:.2e}" for name, old, new in list(errors)[calibration.measured.driven :]
+    ]
     lines += ["  parameters [m, rad]", "  name\toff by\tdeviation"]
     rows = zip(geometry.names, calibration.values, calibration.deviations, strict=True)
     changed = [row for row in rows if abs(row[1]) > NO_CHANGE * row[2]]

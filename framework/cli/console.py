@@ -1,7 +1,7 @@
-"""The one place where a command speaks: its report on stdout, its complaint in one line on stderr.
+"""The output of commands: reports on stdout, complaints in one line on stderr.
 
-Names and numbers in it come from files and command lines of strangers: they may hold control characters,
-line breaks or thousands of letters.
+Names and numbers come from files and command lines of strangers, with control characters, line breaks or
+thousands of letters.
 """
 
 from __future__ import annotations

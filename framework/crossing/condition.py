@@ -4,11 +4,10 @@ At a Type 2 singularity the motors hold no wrench along the platform's twist t_s
 the motion asks for none there: t_s . W_p = 0, with W_p the wrench that inertia and weight of all bodies ask
 of the platform (Briot and Arakelian 2010, condition (8)).
 
-t_s . W_p = motion . r with r the forces of the open tree (`dynamics.forces`), wrenches of the world among
-them, and `motion` the joint rates that belong to t_s (motors locked). On a path, r is affine in s" and
-quadratic in s', and its coefficients come out of a few evaluations of the inverse dynamics the robot already
-has (after toppra, which recovers its constraint coefficients in the same way). delta comes of viscous
-damping, and of deflections that are changing.
+t_s . W_p = motion . r, with r the forces of the open tree (`dynamics.forces`), wrenches of the world
+included, and `motion` the joint rates of t_s with locked motors. On a path, r is affine in s" and quadratic
+in s'. A few evaluations of the inverse dynamics give its coefficients (toppra recovers its constraint
+coefficients in the same way). delta is due to viscous damping and to changing deflections.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """plan.json: a plan written down, and read back for its request and its law.
 
-Crossings, torques and certificate are computed anew from the law, and compared with those of the file leaf by
-leaf: nothing in the file is believed.
+Crossings, torques and certificate are computed anew from the law and compared with the file, value by value:
+nothing in the file is believed.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Functions of time as Chebyshev series, panel by panel.
 
-Everything that a plan knows as a function of time is sampled on Chebyshev points and carried by its
-coefficients. A removable quotient 0/0 between two nodes is then no event at all, and how fast the
-coefficients fall tells whether the function was resolved: `TimeFunction.tail` is the certificate.
-A function with kinks of a known place (the knots of a spline) gets a panel on either side.
+All functions of time of a plan are sampled on Chebyshev points and represented by their coefficients. A
+removable quotient 0/0 between two nodes is then no event. The decay of the coefficients tells whether the
+function is resolved: `TimeFunction.tail` is the certificate. A function with kinks, as at the knots of a
+spline, gets a panel on either side.
 
 Source: Trefethen, Approximation Theory and Approximation Practice, SIAM 2013, chapters 3, 8 and 21.
 """

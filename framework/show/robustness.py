@@ -1,4 +1,4 @@
-"""Figure of a robustness study: how far the runs leave the plan, and what the motors had to give."""
+"""Figure of a robustness study: tracking errors of the runs, and peak torques of their motors."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """The direction from which a robot is looked at: of many, the one that shows most of the robot.
 
 A planar robot is seen along its normal, from one side or the other; any other from all around, from eye
-level to halfway up. Bodies are measured as the picture has them: which is nearest to the eye in each cell.
+level to halfway up. A body is measured by the cells of the picture in which it is nearest to the eye.
 """
 
 from __future__ import annotations

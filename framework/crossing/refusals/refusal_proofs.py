@@ -1,4 +1,4 @@
-"""What refusals rest on: proofs (`NoLaw.proof`), or what a search found instead (`NoLaw.evidence`)."""
+"""The grounds of refusals: proofs (`NoLaw.proof`), or numbers of a search (`NoLaw.evidence`)."""
 
 from __future__ import annotations
 
