@@ -62,6 +62,10 @@ def test_the_margin_of_a_pose_is_told_with_its_status(capsys):
     assert found["distance"] == pytest.approx(0.3 - np.sqrt(0.06), rel=1e-9)  # straight below, on the locus
     assert 0.99 < found["at_least"] / found["distance"] <= 1
     assert "at most 0.05505" in found["status"]
+    mapped_within = mapped(
+        capsys, "five_bar", "--size", 5, "--quantity", "g", "--nearest", 0, 0.3, "--within", 0.03
+    )
+    assert mapped_within[1]["nearest_singular_pose"]["at_least"] == pytest.approx(0.03)
 
 
 def test_what_is_kept_of_a_map_is_named_by_the_working_mode_too():

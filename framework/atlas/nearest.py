@@ -1,8 +1,8 @@
 """The nearest singular pose to a pose: the margin that a user keeps from Type 2.
 
 Rays leave the pose in many directions and are followed by continuation, all at once, until a leg ends or g
-changes its sign. From where the shortest ones meet the locus g = 0, its foot point is found by Newton's
-method: the nearest point x' to x on the tangent plane of g at y,
+changes its sign; where they do is found by halving steps. From where the shortest ones meet the locus g = 0,
+its foot point is found by Newton's method: the nearest point x' to x on the tangent plane of g at y,
 
     x' = x + a (a . (y - x) - g(y)) / a . a,        a = dg/dy,
 
@@ -33,9 +33,10 @@ from framework.tolerances import NEWTON_STEP, RANK_LOST
 RAY_STEP = 0.02  # [robot lengths, rad] along a ray
 RAYS = {1: 2, 2: 96, 3: 300}  # directions, by the number of platform coordinates
 RAYS_IN_MORE = 600  # of a platform with more coordinates
-MAX_STARTS = 8  # the shortest rays that are gone on from
+MAX_STARTS = 8  # of Newton's method, from where the shortest rays meet the locus
+FAR_RATIO = 1.25  # of where a ray's stretch begins, to where the first one ends: farther ones are left out
 MAX_FOOT_STEPS = 30  # steps towards a foot point
-MAX_HALVINGS = 45  # of a step along a ray: to rounding
+MAX_HALVINGS, COARSE_HALVINGS = 45, 10  # of a step along a ray: to rounding; of those that are compared
 DIFFERENCE_STEP = 1e-5  # [robot lengths, rad] for the slope of g
 
 
@@ -53,6 +54,7 @@ class NearestSingularPose(ReadOnlyArrays):
     x: Array | None  # (n,) of the platform
     q: Array | None  # (nq,)
     twist: Array | None  # (n,) t_s, see `twist_norm`
+    leg_end: float = np.inf  # in the same unit, where the first ray ends: at a Type 1 pose, or almost
 
     @property
     def status(self) -> str:
@@ -60,6 +62,8 @@ class NearestSingularPose(ReadOnlyArrays):
         regular = "no proof of regular poses about it"
         if self.at_least > 0:
             regular = f"at least {self.at_least:.6g} {self.unit}, proved for Type 1 and Type 2"
+        if self.leg_end < self.distance:
+            regular += f"; a leg ends (Type 1) at {self.leg_end:.4g} {self.unit}"
         if self.x is not None:
             return f"{regular}; at most {self.distance:.6g} {self.unit}, Type 2"
         if self.at_least >= self.within:
@@ -95,30 +99,34 @@ def nearest_singular_pose(
     unit = "robot lengths and rad" if robot.translations.any() else "rad"
     unit = "m" if robot.translations.all() else unit
     directions = _directions(robot.n)
-    hits = _hits(robot, centre.q[0], centre.x[0], directions, reach)
-    feet = [_foot(robot, hit, centre.x[0]) for hit in hits]
-    feet += [_bisect_ray(robot, hit, centre.x[0]) for hit in hits[:1]]
+    crossed, ended = _follow_rays(robot, centre.q[0], centre.x[0], directions, reach)
+    hits = _advance_to_ends(robot, crossed, centre.x[0], by_sign=True)
+    ends = _advance_to_ends(robot, ended, centre.x[0], by_sign=False)
+    feet = [_find_foot(robot, hit, centre.x[0]) for hit in hits[:MAX_STARTS]]
+    feet += [hit for hit in hits if _is_singular(robot, hit)][:1]
     near = [foot for foot in feet if foot is not None and foot.distance <= reach]
     nearest = min(near, key=lambda foot: foot.distance, default=None)
     radius = reach if nearest is None else nearest.distance
     proved = regular_ball(robot, centre.q[0], centre.x[0], radius, max_cells=max_cells).radius
     search = (proved * size, unit, reach * size, len(directions))
+    leg_end = size * min((end.distance for end in ends), default=np.inf)
     if nearest is None:
-        return NearestSingularPose(np.inf, *search, None, None, None)
+        return NearestSingularPose(np.inf, *search, None, None, None, leg_end)
     twist = uncontrolled_motion(robot, linearised_at(robot, nearest.q[None], nearest.x[None])).twist
-    return NearestSingularPose(nearest.distance * size, *search, nearest.x, nearest.q, twist)
+    found = nearest.x, nearest.q, twist
+    return NearestSingularPose(nearest.distance * size, *search, *found, leg_end)
 
 
-class Hit(NamedTuple):
-    """A stretch of a ray that meets the locus."""
+class Stretches(NamedTuple):
+    """Stretches of K rays, from poses that are reached."""
 
-    q: Array  # (nq,) at the start
-    start: Array  # (n,) of the platform
-    end: Array  # (n,)
+    q: Array  # (K, nq) at the start
+    start: Array  # (K, n) of the platform
+    end: Array  # (K, n)
 
 
 class Foot(NamedTuple):
-    """A singular pose and its distance [robot lengths, rad]."""
+    """A pose, singular or almost, and its distance [robot lengths, rad]."""
 
     distance: float
     x: Array
@@ -145,50 +153,84 @@ def _sign(robot: ParallelRobot, q: Array, x: Array) -> Array:
     return np.linalg.slogdet(type2_matrix(robot, linearised_at(robot, q, x)))[0]
 
 
-def _hits(robot: ParallelRobot, q: Array, x: Array, directions: Array, reach: float) -> list[Hit]:
-    """Find the hits of the shortest rays that meet the locus."""
+def _follow_rays(
+    robot: ParallelRobot, q: Array, x: Array, directions: Array, reach: float
+) -> tuple[Stretches, Stretches]:
+    """Find the stretches on which rays first meet the locus, and those on which they end before."""
     rays = directions * robot.platform_scale
     count = max(int(np.ceil(reach / RAY_STEP)), 1)
     live = np.arange(len(rays))
-    start_q = np.repeat(q[None], len(rays), axis=0)
+    all_q = np.repeat(q[None], len(rays), axis=0)
     sign = _sign(robot, q[None], x[None])[0]
-    hits: list[Hit] = []
+    crossed: list[Stretches] = []
+    ended: list[Stretches] = []
     for k in range(count):
         start, end = (x + rays[live] * (reach * step / count) for step in (k, k + 1))
-        step = step_poses(robot, start_q[live], start, end, STEP_PARTS)
+        step = step_poses(robot, all_q[live], start, end, STEP_PARTS)
         reached = step.reason == PoseReason.REACHED
-        live, start, end, end_q = live[reached], start[reached], end[reached], step.q[reached]
+        across = reached.copy()
+        across[reached] = _sign(robot, step.q[reached], end[reached]) != sign
+        for stretches, mask in ((crossed, across), (ended, ~reached)):
+            stretches.append(Stretches(all_q[live[mask]], start[mask], end[mask]))
+        all_q[live] = step.q
+        live = live[reached & ~across]
         if not len(live):
             break
-        crossed = _sign(robot, end_q, end) != sign
-        hits += [Hit(*one) for one in zip(start_q[live[crossed]], start[crossed], end[crossed], strict=True)]
-        start_q[live] = end_q
-        live = live[~crossed]
-        if len(hits) >= MAX_STARTS or not len(live):
-            break
-    return hits[:MAX_STARTS]
+    return _join_nearest(crossed, robot, x), _join_nearest(ended, robot, x)
 
 
-def _bisect_ray(robot: ParallelRobot, hit: Hit, x: Array) -> Foot | None:
-    """Find the singular pose on the ray itself, by bisection."""
-    q, start, end = hit
-    sign = _sign(robot, q[None], start[None])[0]
-    for _ in range(MAX_HALVINGS):
-        middle = 0.5 * (start + end)
-        step = step_poses(robot, q[None], start[None], middle[None], STEP_PARTS)
-        if step.reason[0] != PoseReason.REACHED:
-            return None
-        if _sign(robot, step.q, middle[None])[0] == sign:
-            q, start = step.q[0], middle
-        else:
-            end = middle
-    return Foot(float(np.linalg.norm((start - x) / robot.platform_scale)), start, q)
+def _join_nearest(stretches: list[Stretches], robot: ParallelRobot, x: Array) -> Stretches:
+    """Return the stretches that begin hardly farther from x than the first one ends."""
+    joined = Stretches(*(np.concatenate(parts) for parts in zip(*stretches, strict=True)))
+    begin, end = (np.linalg.norm((y - x) / robot.platform_scale, axis=1) for y in joined[1:])
+    near = begin <= FAR_RATIO * end.min(initial=np.inf)
+    return Stretches(*(part[near] for part in joined))
 
 
-def _foot(robot: ParallelRobot, hit: Hit, x: Array) -> Foot | None:
+def _advance_to_ends(robot: ParallelRobot, stretches: Stretches, x: Array, *, by_sign: bool) -> list[Foot]:
+    """Find the last poses before rays end, or before g changes its sign, the nearest first.
+
+    All are found coarsely, and the nearest to rounding.
+    """
+    coarse = _advance(robot, stretches, by_sign=by_sign, halvings=COARSE_HALVINGS)
+    distance = np.linalg.norm((coarse.start - x) / robot.platform_scale, axis=1)
+    order = np.argsort(distance, kind="stable")
+    nearest = Stretches(*(part[order[:1]] for part in coarse))
+    fine = _advance(robot, nearest, by_sign=by_sign, halvings=MAX_HALVINGS - COARSE_HALVINGS)
+    feet = [(y, q) for q, y, _ in zip(*fine, strict=True)]
+    feet += [(coarse.start[k], coarse.q[k]) for k in order[1:]]
+    return [Foot(float(np.linalg.norm((y - x) / robot.platform_scale)), y, q) for y, q in feet]
+
+
+def _advance(robot: ParallelRobot, stretches: Stretches, *, by_sign: bool, halvings: int) -> Stretches:
+    """Return what is left of stretches before they end, or g changes its sign, by steps halved where refused.
+
+    A long step near an end is not trusted, a shorter one is: its length stays until it is refused in turn.
+    """
+    q, start, end = (part.copy() for part in stretches)
+    sign, share, size = _sign(robot, q, start), np.zeros(len(q)), np.full(len(q), 0.5)
+    while (live := np.flatnonzero(size > 0.5 ** (halvings + 1))).size:
+        ends = (share + size)[live]
+        origin, target = (start[live] + (end - start)[live] * part[:, None] for part in (share[live], ends))
+        step = step_poses(robot, q[live], origin, target)
+        good = (step.reason == PoseReason.REACHED) & (ends < 1.0)
+        if by_sign:
+            good[good] = _sign(robot, step.q[good], target[good]) == sign[live[good]]
+        q[live[good]], share[live[good]] = step.q[good], ends[good]
+        size[live[~good]] *= 0.5
+    return Stretches(q, start + (end - start) * share[:, None], end)
+
+
+def _is_singular(robot: ParallelRobot, hit: Foot) -> bool:
+    """Return whether g is zero to rounding at a pose."""
+    matrices = type2_matrix(robot, linearised_at(robot, hit.q[None], hit.x[None]))
+    return bool(abs(bordered_solution(matrices, 0).g[0]) < RANK_LOST)
+
+
+def _find_foot(robot: ParallelRobot, hit: Foot, x: Array) -> Foot | None:
     """Find the foot point of x near a hit; None where Newton's method does not lead to one."""
     scale, n = robot.platform_scale, robot.n
-    q, y, _ = hit
+    _, y, q = hit
     offsets = np.concatenate([np.zeros((1, n)), np.eye(n), -np.eye(n)]) * DIFFERENCE_STEP * scale
     for _ in range(MAX_FOOT_STEPS):
         step = step_poses(robot, np.tile(q, (2 * n + 1, 1)), np.tile(y, (2 * n + 1, 1)), y + offsets)

@@ -146,10 +146,10 @@ def _step_once(robot: ParallelRobot, q: Array, start: Array, end: Array) -> Step
         same = small[_keep_working_mode(robot, linearised, end_linearised, small)]
         # where branches cross, the tangent turns by more than the correction of one branch tells
         twist, _ = robot.platform.twist(end, twist)
-        turn = joint_rates(robot, end_linearised.at(same), twist[same], np.zeros((len(same), robot.n_e)))
+        turn = joint_rates(robot, end_linearised.select(same), twist[same], np.zeros((len(same), robot.n_e)))
         turn = np.abs((turn - move[same]) / robot.column_scale).max(axis=1)
         bent = ~is_straight(turn, correction[same], advance[same])
-        bent[bent] = lost_equations(robot, end_linearised.at(same[bent]), BRANCHES_CROSS) > 0
+        bent[bent] = lost_equations(robot, end_linearised.select(same[bent]), BRANCHES_CROSS) > 0
     reason = np.where(closed, PoseReason.OTHER_MODE, PoseReason.OPEN).astype(np.uint8)
     reason[same[~bent]] = PoseReason.REACHED
     return StepEnds(corrected, reason)
@@ -161,6 +161,6 @@ def _keep_working_mode(
     """Whether no Type 1 singularity lies between start and end, for `which` (t,) of T steps."""
     sure = keeps_sign(start.factors.slogdet, end.factors.slogdet)
     return np.array(
-        [sure[k] or keeps_working_mode(robot, start.at(k), end.at(k))[0] for k in which.tolist()],
+        [sure[k] or keeps_working_mode(robot, start.select(k), end.select(k))[0] for k in which.tolist()],
         dtype=np.bool_,
     )

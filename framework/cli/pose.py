@@ -24,7 +24,7 @@ from framework.dynamics.pointwise_dynamics import Instant, dynamics_at
 from framework.errors import InvalidInput, NoAnswer, NotAssembled
 from framework.kinematics.continuation.forward_kinematics import forward_kinematics
 from framework.kinematics.continuation.tracking import assemble
-from framework.kinematics.mistaken_units import beyond_reach, more_than_a_turn
+from framework.kinematics.mistaken_units import remark_on_reach, remark_on_turns
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pose import describe_pose
 from framework.output import Document
@@ -217,12 +217,12 @@ def _wrench_in_words(wrench: Array) -> str:
 
 def _degrees(robot: ParallelRobot, motor_joints: list[float]) -> str:
     """Describe motors asked to turn more than once, as the end of a sentence; empty for none."""
-    return more_than_a_turn(robot, dict(zip(robot.actuator_names, motor_joints, strict=True)))
+    return remark_on_turns(robot, dict(zip(robot.actuator_names, motor_joints, strict=True)))
 
 
 def _describe_distance(robot: ParallelRobot, point: list[float]) -> str:
     """Describe a platform that no link can reach, as the end of a sentence; empty where one may."""
-    return beyond_reach(robot, np.array(point)[robot.platform.sliding])
+    return remark_on_reach(robot, np.array(point)[robot.platform.sliding])
 
 
 def _assembly(robot: ParallelRobot, options: Namespace) -> Report:

@@ -77,6 +77,7 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         "platform point whose nearest singular pose is looked for, its margin [m, rad]",
         nargs="+",
     )
+    add_number(group, "--within", "R", "how far it is looked for, half a robot's length by default [m, rad]")
     add_executor(parser)
     add_out(
         parser,
@@ -200,7 +201,7 @@ def _write(workspace: WorkspaceMap, path: Path | None, folder: FilePath) -> None
 def _margin(options: Namespace, robot: ParallelRobot) -> NearestSingularPose | None:
     if options.nearest is None:
         return None
-    return nearest_singular_pose(robot, assemble(robot, options.nearest).q)
+    return nearest_singular_pose(robot, assemble(robot, options.nearest).q, within=options.within)
 
 
 def _report(workspace: WorkspaceMap, margin: NearestSingularPose | None) -> Report:
@@ -222,7 +223,8 @@ def _report(workspace: WorkspaceMap, margin: NearestSingularPose | None) -> Repo
         lines.append("\t".join([f"  {quantity.name} [{unit_of(robot, quantity)}]", *cells]))
     if margin is not None:
         lines += _margin_lines(robot, margin)
-        entry = {key: getattr(margin, key) for key in ("status", "distance", "at_least", "unit", "within")}
+        keys = ("status", "distance", "at_least", "leg_end", "unit", "within")
+        entry = {key: getattr(margin, key) for key in keys}
         document["nearest_singular_pose"] = entry | {"platform": margin.x, "twist": margin.twist}
     return document, "\n".join(lines)
 

@@ -21,7 +21,7 @@ from framework.control.estimation import Measurement, RobotState, consistent_sol
 from framework.control.reference import Reference
 from framework.dynamics.forces import tree_forces
 from framework.errors import InvalidInput
-from framework.kinematics.closures import closure_drift, loop_equations, scaled
+from framework.kinematics.closures import closure_drift, loop_equations, scale_jacobian
 from framework.kinematics.external_wrenches import AppliedWrench
 from framework.kinematics.frames import frame_motions, frames_at
 from framework.kinematics.loop_matrices import scaled_loops
@@ -66,7 +66,7 @@ class ComputedTorque:
         )
         motion = _constrained_motion(ref, k, state, command)
         columns = robot.following
-        J = scaled(robot, motion.loops, robot.loops.rotation)  # (R, m, nv) dimensionless
+        J = scale_jacobian(robot, motion.loops, robot.loops.rotation)  # (R, m, nv) dimensionless
         r = tree_forces(robot, motion) * robot.column_scale
         P = J[:, :, columns].transpose(0, 2, 1)
         if self.multipliers is None:
@@ -110,7 +110,7 @@ def _constrained_motion(reference: Reference, k: int, state: RobotState, ddx: Ar
     drift = np.concatenate([dtwist - platform_drift, -closure_drift(rows, frames, motions)], axis=1)
     a[:, columns] = solve(whole, drift)
     s = np.asarray(reference.law(np.repeat(reference.times[k], len(state.q))))
-    return _Motion(state.q, v, a, loops, reference.wrenches.at(robot, frames, s))
+    return _Motion(state.q, v, a, loops, reference.wrenches.evaluate(robot, frames, s))
 
 
 def _planned_multipliers(reference: Reference) -> Array:

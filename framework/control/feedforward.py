@@ -36,7 +36,7 @@ class FeedforwardPD:
         """
         robot, motion = reference.robot, reference.motion
         mass = dynamics_at(robot, motion.q[0]).platform_inertia
-        from_motors = np.linalg.pinv(motor_speeds(robot, motion.linearised.at(0))[0][0])
+        from_motors = np.linalg.pinv(motor_speeds(robot, motion.linearised.select(0))[0][0])
         inertia = np.diag(from_motors.T @ mass @ from_motors)  # (n_a,) [kg m^2], what each motor turns
         rate = np.full(robot.n_a, frequency)
         if robot.n_e and robot.rotor_inertia.all():

@@ -41,7 +41,7 @@ class Reference(ReadOnlyArrays):
     def planned_wrenches(self) -> dict[str, Array]:
         """The wrenches (K, 6) by frame, on base axes, along the planned motion."""
         frames = self.motion.linearised.frames
-        return self.wrenches.on_base_axes(self.robot, frames, np.asarray(self.law(self.times)))
+        return self.wrenches.evaluate_on_base_axes(self.robot, frames, np.asarray(self.law(self.times)))
 
 
 def reference_of(plan: CrossingPlan, *, period: float) -> Reference:

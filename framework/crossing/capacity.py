@@ -108,10 +108,6 @@ def largest_load_of(
     unit = request.external_wrenches
     if not unit.push:
         raise InvalidInput("wrenches: give a wrench that is not zero, whose largest multiple is looked for")
-    if not request.bounded:
-        raise InvalidInput(
-            "wrenches: a largest multiple needs a law that keeps limits; give a torque limit, or optimize"
-        )
     specification = specification_of(robot, request)
     if not (specification.limited or specification.limited_speeds):
         raise InvalidInput("torque_limit or speed_limit is needed: without limits no multiple is the largest")

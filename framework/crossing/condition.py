@@ -135,7 +135,7 @@ def crossing_point(
 
 def imposed_point(branch: Branch, s: float) -> CrossingPoint:
     """Return the point of the path at s as a crossing point, singular or not: rounded data impose such."""
-    closed = branch.closed(s)
+    closed = branch.close(s)
     kind, twist, motion, _ = uncontrolled_motion(branch.robot, closed.linearised)
     return _orient_along_path(branch, s, closed, twist, motion, kind)
 
@@ -194,7 +194,7 @@ def coefficients_at(branch: Branch, place: CrossingPoint, deflection: Deflection
     motion = _unit_motions(branch, place, linearised, deflection, pace)
     inertial = inertial_forces(robot, motion) * place.motion  # (5, nv) terms of sums
     damping = robot.joint_damping * motion.v * place.motion
-    wrenches = branch.wrenches.at(robot, linearised.frames, np.array([place.s]))
+    wrenches = branch.wrenches.evaluate(robot, linearised.frames, np.array([place.s]))
     gamma = static_forces(robot, place.q[None], wrenches)[0] * place.motion
     rate = float(np.abs(motion.v[1] / robot.column_scale).max())
     terms = np.array([inertial[0], inertial[1], gamma, damping[1]])
@@ -221,7 +221,7 @@ def _unit_motions(
         elastic[0, 2:], elastic[1, 2] = deflection.rate, deflection.acceleration
     speeds, accelerations = np.array([0.0, 1.0, 0.0, pace, -pace]), np.eye(5)[0]
     x, dx, ddx = time_derivatives(branch.path, [np.full(5, place.s), speeds, accelerations])
-    stack = linearised.at(np.zeros(5, dtype=np.intp))
+    stack = linearised.select(np.zeros(5, dtype=np.intp))
     return motion_at(robot, ClosedStack(stack.frames.q, x, stack), dx, ddx, *elastic)
 
 

@@ -82,7 +82,9 @@ def motion_table(dynamics: InverseDynamics, count: int) -> MotionTable:
     for sampled in (dynamics.platform, dynamics.motor_angle, dynamics.deflection):
         values += [sampled(times, order) for order in (1, 2)]
     values += [robot.coordinates.positions(dynamics.configuration(times))[:, robot.passive]]
-    values += [robot.coordinates.named(dynamics.velocity(times, order))[:, robot.passive] for order in (1, 2)]
+    values += [
+        robot.coordinates.to_named_axes(dynamics.velocity(times, order))[:, robot.passive] for order in (1, 2)
+    ]
     return MotionTable(motion_columns(robot), np.concatenate(values, axis=1))
 
 

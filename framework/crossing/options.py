@@ -194,7 +194,7 @@ class PlanOptions:
     torque_limit: Limit = _option(  # noqa: RUF009 - frozen
         "largest torque [N m] of all motors, of each, or JOINT=N of some, motor side; none: no limit",
         "; a force [N] where a motor slides. In Python a number, a list or a dict by joint, None for "
-        "no limit. The robot file's by default; never exceeded by the optimal law",
+        "no limit. The robot file's by default; no law of a plan exceeds them",
         typed={"nargs": "+", "metavar": "N"},
         topic=LIMITS,
     )

@@ -69,10 +69,10 @@ class PlanarCrossing(NamedTuple):
     def sample(self, s: Array) -> CrossingSamples:
         """Sample the crossing at s (M,), ascending, none the crossing itself."""
         robot, branch = self.robots["off"], self.searched.branch
-        closed = branch.closed(s)
+        closed = branch.close(s)
         measure, twist = _measure_with_twist(robot, closed)
         nearest = int(np.argmin(np.abs(measure.g)))
-        _, crossing_twist = _measure_with_twist(robot, branch.closed(np.array([self.point.s])))
+        _, crossing_twist = _measure_with_twist(robot, branch.close(np.array([self.point.s])))
         size = twist_norm(robot, crossing_twist[0]) * sign_along(twist[nearest], branch.path(s, 1)[nearest])
         speeds = motor_speeds(robot, closed.linearised)[0]
         g = measure.g[:, None, None]
@@ -89,7 +89,7 @@ class PlanarCrossing(NamedTuple):
     def _forces(self, robot: ParallelRobot, s: Array, g: Array, motion: Array) -> AskedForces:
         """Compute torques times g and t_s . W_p of a robot at s (M,), `motion` (M, nv) that of t_s."""
         branch = self.searched.branch
-        closed = branch.closed(s)
+        closed = branch.close(s)
         slope, bend = branch.path(s, 1), branch.path(s, 2)
         parts = (
             static_forces(robot, closed.q),

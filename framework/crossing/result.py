@@ -27,6 +27,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import positions_beyond_limits, shares_beyond_limits
 from framework.motion.law import PlannedLaw
 from framework.motion.path import Path
+from framework.motion.peaks import peak_sizes
 from framework.singularity.points_on_path import SingularPoint
 from framework.tolerances import SAME_PLACE
 
@@ -129,13 +130,14 @@ class CrossingPlan:
 
     @property
     def _times(self) -> Array:
-        """Instants (PEAK_SAMPLES,) [s] at which peaks and limits are looked at."""
+        """Instants (PEAK_SAMPLES,) [s] at which limits are looked at."""
         return np.linspace(0.0, self.duration, PEAK_SAMPLES)
 
-    @property
+    @cached_property
     def peak_torque(self) -> dict[str, float]:
         """Largest |torque| [N m] of each motor, by joint."""
-        peaks = np.abs(self.torque(self._times)).max(axis=0)
+        edges, size = self.dynamics.torques.edges, self.dynamics.torques.coefficients.shape[1]
+        peaks = peak_sizes(self.torque, edges, size)
         return dict(zip(self.robot.actuator_names, map(float, peaks), strict=True))
 
     @property

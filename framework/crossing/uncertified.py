@@ -49,7 +49,7 @@ def plan_or_sample(
     law, crossings = law_before_proof(searched, request)
     if robot.n_e:
         rigid = ParallelRobot.from_description(robot.description, flexibility="rigid")
-        branch = track_path(rigid, path).under(request.external_wrenches)
+        branch = track_path(rigid, path).with_wrenches(request.external_wrenches)
     else:
         rigid, branch = robot, searched.branch
     raw = finite_difference_torques(rigid, path, law, samples=samples, branch=branch)

@@ -72,7 +72,7 @@ def moving_with(
         ahead = -robot.platform.residual(linearised.frames, x)
         near = integrate(robot, before.motion.q, joint_rates(robot, linearised, ahead, q_e - before.q_e))
     closed = close_loops(robot, x, near)
-    return branch.loaded(motion_at(robot, closed, dx, ddx, *rates), s[0])
+    return branch.load_motion(motion_at(robot, closed, dx, ddx, *rates), s[0])
 
 
 def spring_scale(robot: ParallelRobot) -> Array:

@@ -18,7 +18,7 @@ import pinocchio as pin
 from framework.arrays import Array
 from framework.kinematics.external_wrenches import AppliedWrench
 from framework.kinematics.frame_variations import bracket, tree_columns
-from framework.kinematics.frames import along_joints_slope
+from framework.kinematics.frames import forces_on_joints_slope
 from framework.kinematics.loop_curvature import loop_curvature
 from framework.kinematics.motion_changes import MotionChanges
 from framework.kinematics.motion_rates import Motion
@@ -43,7 +43,7 @@ def force_slopes(robot: ParallelRobot, motion: Motion) -> ForceSlopes:
         pin.computeRNEADerivatives(model, data, q, v, a)
         by_q[k], by_v[k], mass[k] = data.dtau_dq, data.dtau_dv, data.M
     if robot.joint_stiffness.any():
-        by_q += along_joints_slope(robot, robot.neutral, motion.q, robot.joint_stiffness)
+        by_q += forces_on_joints_slope(robot, robot.neutral, motion.q, robot.joint_stiffness)
     by_v[:, range(nv), range(nv)] += robot.joint_damping
     for wrench in motion.wrenches:
         by_q -= wrench_slope(robot, motion.linearised.frames.screws, wrench)

@@ -21,9 +21,9 @@ import pinocchio as pin
 
 from framework.arrays import Array
 from framework.kinematics.external_wrenches import AppliedWrench
-from framework.kinematics.frames import along_joints, difference
+from framework.kinematics.frames import difference, forces_on_joints
 from framework.kinematics.linearised_loops import LinearisedLoops
-from framework.kinematics.motion_rates import Motion, without_elastic_rates
+from framework.kinematics.motion_rates import Motion, freeze_deflections
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import scratch_of
 from framework.linalg.ordered_sums import solve
@@ -98,7 +98,7 @@ def inertial_forces(robot: ParallelRobot, motion: JointMotion) -> Array:
 def _as_felt(robot: ParallelRobot, motion: JointMotion) -> JointMotion:
     """Return the motion whose rates and accelerations cause forces, see `ParallelRobot.elastic_inertia`."""
     if robot.n_e and not robot.elastic_inertia:
-        return without_elastic_rates(robot, motion.q, motion.v, motion.a)
+        return freeze_deflections(robot, motion.q, motion.v, motion.a)
     return motion
 
 
@@ -114,7 +114,7 @@ def _rnea(robot: ParallelRobot, model: pin.Model, motion: JointMotion) -> Array:
 def spring_torques(robot: ParallelRobot, q: Array, stiffness: Array) -> Array:
     """Compute torques (T, nv) of springs of this stiffness (nv,): those on joints of the URDF, or all."""
     turned = difference(robot, robot.neutral, q)
-    return along_joints(robot, robot.neutral, q, stiffness * (turned - robot.joint_rest))
+    return forces_on_joints(robot, robot.neutral, q, stiffness * (turned - robot.joint_rest))
 
 
 def joint_forces(robot: ParallelRobot, motion: Motion) -> Forces:

@@ -23,7 +23,7 @@ from framework.dynamics.forward_dynamics import forward_dynamics
 from framework.dynamics.pointwise_dynamics import entry_of
 from framework.errors import InvalidInput
 from framework.kinematics.inverse_kinematics import require_square
-from framework.kinematics.motion_changes import coordinate_steps, motion_changes, solved_rates
+from framework.kinematics.motion_changes import coordinate_steps, motion_changes, solve_rates
 from framework.kinematics.motion_rates import Motion, platform_twists
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.platform import CoordinateRates
@@ -77,7 +77,7 @@ def forward_derivatives(
             f"acceleration; give the links of the springs mass, or leave the springs out"
         )
     motion, n = instant._motion, robot.n
-    motion = motion.under(tuple(one._replace(turns=one.frame in turning) for one in motion.wrenches))
+    motion = motion.with_wrenches(tuple(one._replace(turns=one.frame in turning) for one in motion.wrenches))
     x = platform_rates_of(robot, motion)
     others = np.concatenate([robot.elastic, robot.structure.idle])
     changes = motion_changes(robot, motion, coordinate_steps(robot, x, others))
@@ -91,7 +91,7 @@ def forward_derivatives(
     units = np.broadcast_to(np.eye(size), (len(motion.q), size, size))
     right = np.zeros((*units.shape[:2], motion.linearised.residual.shape[1]))
     right[..., :n] = units[..., :n]
-    rates = solved_rates(robot, motion.linearised, right, others, units[..., n:])  # (T, size, nv)
+    rates = solve_rates(robot, motion.linearised, right, others, units[..., n:])  # (T, size, nv)
     by_y, by_dy, inertia = np.split(rates @ changed.swapaxes(1, 2), 3, axis=2)
     pushed = robot.gear_ratio * rates[..., robot.actuated]
     answers = np.linalg.solve(inertia, np.concatenate([-by_y[..., :d], -by_dy[..., :d], pushed], axis=2))

@@ -50,7 +50,7 @@ from framework.errors import (
 from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.frames import difference
-from framework.kinematics.inverse_kinematics import without_spin
+from framework.kinematics.inverse_kinematics import remove_idle_spin
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.motion.chebyshev import TimeFunction, TimeGrid
 from framework.motion.law import MotionLaw, PlannedLaw, is_number
@@ -307,8 +307,8 @@ def _result(
     robot, grid = branch.robot, state.grid
     torques = grid.fit(motor_torque(robot, state.motion, state.forces.joint_torque))
     q, s = state.motion.q, state.law(grid.times)
-    if not branch.continued(s).any():  # a continuation is smooth as it is
-        q = without_spin(robot, branch.origin, q, branch.path(s))
+    if not branch.is_continued(s).any():  # a continuation is smooth as it is
+        q = remove_idle_spin(robot, branch.origin, q, branch.path(s))
     u = difference(robot, branch.origin, q)
     offsets = grid.fit(u)
     turned = difference(robot, robot.neutral, branch.origin[None]) + u

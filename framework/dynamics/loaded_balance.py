@@ -162,7 +162,7 @@ def _loads(
 ) -> Loaded:
     """The loads along a course whose loops are closed."""
     motion = motion_at(robot, closed, course.dx, course.ddx, course.dl, course.ddl)
-    motion = motion.under(wrenches.at(robot, closed.linearised.frames, course.s))
+    motion = motion.with_wrenches(wrenches.evaluate(robot, closed.linearised.frames, course.s))
     load = tree_forces(robot, motion)
     load[:, robot.elastic] += stiffer * robot.stiffness * course.l
     return Loaded(motion, load)

@@ -23,7 +23,7 @@ class MeasureAlongPath(NamedTuple):
 
     def of_rest(self, s: Array) -> Array:
         """Compute g (T,) at ascending path coordinates s (T,), springs at rest."""
-        return singularity_measure(self.result.robot, self.at_rest.branch.closed(s).linearised).g
+        return singularity_measure(self.result.robot, self.at_rest.branch.close(s).linearised).g
 
     def of_motion(self, t: Array) -> Array:
         """Compute g (T,) at ascending instants t (T,), with the deflections of the motion."""

@@ -51,8 +51,8 @@ def error_dynamics(result: InverseDynamics, times: Array) -> ErrorDynamics:
 
     def lacking(closed: ClosedStack, dx: Array, ddx: Array) -> Array:
         """Compute W - G' tau (T, n)."""
-        world = result.wrenches.at(robot, closed.linearised.frames, s)
-        return platform_wrench(robot, motion_at(robot, closed, dx, ddx).under(world)).lacking(torque)
+        world = result.wrenches.evaluate(robot, closed.linearised.frames, s)
+        return platform_wrench(robot, motion_at(robot, closed, dx, ddx).with_wrenches(world)).lacking(torque)
 
     def slope(at: Callable[[Array], Array], steps: Array) -> Array:
         """Compute the derivatives (T, n, n) along each coordinate by central differences."""

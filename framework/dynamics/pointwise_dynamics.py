@@ -35,7 +35,7 @@ from framework.dynamics.reactions import (
 from framework.errors import SingularPose
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, assembled_at
-from framework.kinematics.loop_matrices import clearance, near_type_2
+from framework.kinematics.loop_matrices import clearance, find_near_type2
 from framework.kinematics.motion_rates import Motion, motion_at, platform_twists
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.pinocchio_memory import scratch_of
@@ -193,7 +193,7 @@ def dynamics_at(
     third = given_rates("dddx", dddx, robot.n, count)
     r = tree_forces(robot, motion)
     forces = balanced_forces(robot, motion.linearised, r)
-    for k in map(int, near_type_2(robot, motion.linearised, RANK_LOST)):
+    for k in map(int, find_near_type2(robot, motion.linearised, RANK_LOST)):
         if dddx is None:
             raise type2_pose(
                 robot,
@@ -202,7 +202,7 @@ def dynamics_at(
             )
         limit = forces_through_singularity(
             robot,
-            ClosedStack(motion.q[k : k + 1], prescribed.x[k : k + 1], motion.linearised.at(k)),
+            ClosedStack(motion.q[k : k + 1], prescribed.x[k : k + 1], motion.linearised.select(k)),
             rates=(prescribed.dx[k], prescribed.ddx[k], third[k]),
             wrenches={frame: wrench[k] for frame, wrench in prescribed.wrenches.items()},
         )
@@ -252,7 +252,7 @@ def entry_of(q: ArrayLike) -> int | slice:
 
 def require_hold(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> None:
     """Raise SingularPose if the motors do not hold the robot at one of T platforms x (T, n)."""
-    singular = near_type_2(robot, linearised, RANK_LOST)
+    singular = find_near_type2(robot, linearised, RANK_LOST)
     if len(singular):
         raise type2_pose(robot, x[int(singular[0])], "and its derivatives have a pole there")
 

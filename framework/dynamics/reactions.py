@@ -26,7 +26,7 @@ from framework.kinematics.external_wrenches import (
     applied_wrench,
     check_frame,
     expect_wrenches,
-    moved_wrench,
+    move_wrench,
 )
 from framework.kinematics.frames import rotations
 from framework.kinematics.linearised_loops import LinearisedLoops
@@ -80,7 +80,7 @@ def stacked_rows(name: str, entries: ArrayLike, width: int, count: int) -> Array
 def under_wrenches(robot: ParallelRobot, motion: Motion, wrenches: Wrenches) -> Motion:
     """Return the motion under wrenches of the world, (6,) or (T, 6) each."""
     frames = motion.linearised.frames
-    return motion.under(
+    return motion.with_wrenches(
         tuple(applied_wrench(robot, frames, frame, wrench) for frame, wrench in wrenches.items())
     )
 
@@ -91,7 +91,7 @@ def loop_loads(robot: ParallelRobot, linearised: LinearisedLoops, r: Array, join
     wrench, position = linearised.loops.wrench, frames.position[:, rows.second]
     signs = frames.carried[rows.second] - frames.carried[rows.first]
     screws = frames.screws.swapaxes(1, 2)[:, :, columns]
-    jacobian = matmul(moved_wrench(wrench, position), screws) * signs[:, columns]
+    jacobian = matmul(move_wrench(wrench, position), screws) * signs[:, columns]
     jacobian = jacobian + rows.coupling_jacobian(robot.model.nv)[:, columns]
     scale = robot.column_scale[columns]  # columns in radians and robot lengths, and so are the rows
     lengths = robot.row_lengths
@@ -115,7 +115,7 @@ def closure_wrenches(robot: ParallelRobot, loops: LoopLoads) -> dict[str, Array]
 
     Of a closure with frames [a, b] it is exerted BY b's body ON a's body, at a's origin.
     """
-    at_first, wrenches, first = moved_wrench(loops.wrench, loops.displacement), {}, 0
+    at_first, wrenches, first = move_wrench(loops.wrench, loops.displacement), {}, 0
     for closure in robot.description.closures:
         rows = slice(first, first + len(closure.axes))
         first = rows.stop
@@ -154,14 +154,14 @@ def joint_reactions(robot: ParallelRobot, motion: Motion, loops: LoopLoads) -> d
     carrying = _carrying(model)
     ends = np.array([model.frames[frame].parentJoint for frame in robot.frames], dtype=np.intp)
     of_loops = carrying[ends[robot.rows.second]] - carrying[ends[robot.rows.first]]  # (rows, joints)
-    about_base = moved_wrench(loops.wrench, loops.position)
+    about_base = move_wrench(loops.wrench, loops.position)
     # wrenches about the base's origin, summed for each joint and moved to its own
     carried = matmul(of_loops.T, loops.multipliers[:, :, None] * about_base)
     for load in motion.wrenches:
         carried += carrying[load.joint][:, None] * load.wrench[:, None]
-    reactions -= moved_wrench(carried, -position)
+    reactions -= move_wrench(carried, -position)
     moved = np.einsum("mj,tkm,tmi->tjki", of_loops, loops.free, about_base)
-    moved = moved_wrench(moved, -position[:, :, None])
+    moved = move_wrench(moved, -position[:, :, None])
     names = {j: str(model.names[j]) for j in range(1, model.njoints)}
     return {name: _determinate(robot, reactions[:, j], moved[:, j]) for j, name in names.items()}
 

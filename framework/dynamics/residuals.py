@@ -150,10 +150,10 @@ def checked_motion(branch: Branch, result: InverseDynamics, times: Array) -> tup
     q = integrate(robot, result.origin, offsets)
     closed = ClosedStack(q, x, linearised_at(robot, q, x))
     if robot.n_e and result.geometry == "rigid":
-        motion = motion_at(robot, branch.closed(s[0]), dx, ddx)
+        motion = motion_at(robot, branch.close(s[0]), dx, ddx)
     else:
         motion = motion_at(robot, closed, dx, ddx, *rates)
-    return closed, branch.loaded(motion, s[0])
+    return closed, branch.load_motion(motion, s[0])
 
 
 def _joint_torques(state: DeflectionSolution, times: Array) -> Array:

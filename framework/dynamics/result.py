@@ -122,7 +122,7 @@ class InverseDynamics(ReadOnlyArrays):
         closed = close_loops(self.robot, x, self.configuration(times))
         rates = self.deflection(times, 1), self.deflection(times, 2)
         motion = motion_at(self.robot, closed, dx, ddx, *rates)
-        return motion.under(self.wrenches.at(self.robot, closed.linearised.frames, s[0]))
+        return motion.with_wrenches(self.wrenches.evaluate(self.robot, closed.linearised.frames, s[0]))
 
     def velocity(self, t: ArrayLike, order: int = 1) -> Array:
         """Evaluate joint velocities (order 1) or accelerations (order 2), (T, nv)."""

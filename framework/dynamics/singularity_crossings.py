@@ -11,7 +11,7 @@ from framework.dynamics.elasticity import DeflectionSolution
 from framework.dynamics.forces import tree_forces
 from framework.dynamics.result import InverseDynamics, SingularityCrossing
 from framework.errors import NoLaw, UnboundedTorque
-from framework.kinematics.continuation.tracking import Branch, escaping
+from framework.kinematics.continuation.tracking import Branch, escape_error
 from framework.kinematics.linearised_loops import ClosedStack, linearised_at
 from framework.kinematics.loop_matrices import type2_matrix
 from framework.kinematics.modes import mode_signs
@@ -101,7 +101,7 @@ def rigid_crossings(
     # only the size of the forces is wanted of the samples: a guess will do
     q = np.concatenate([*(singular.q[None] for _, singular in met), branch.guess(s[0][count:])])
     closed = ClosedStack(q, x, linearised_at(robot, q, x))
-    forces = tree_forces(robot, branch.loaded(motion_at(robot, closed, dx, ddx), s[0]))
+    forces = tree_forces(robot, branch.load_motion(motion_at(robot, closed, dx, ddx), s[0]))
     return tuple(
         _rigid_crossing(robot, law.duration, t, singular, forces[[k, *range(count, len(forces))]])
         for k, (t, singular) in enumerate(met)
@@ -118,7 +118,7 @@ def check_kind(robot: ParallelRobot, singular: SingularPoint) -> None:
     """
     if singular.corank > 1 and (singular.kind != "type_2" or singular.contact == "tangential"):
         reason = UNCROSSABLE.get(singular.kind, "a Type 2 singularity that it touches without crossing it")
-        raise escaping(robot, singular.s, singular.platform, singular.corank, f"the path meets {reason}")
+        raise escape_error(robot, singular.s, singular.platform, singular.corank, f"the path meets {reason}")
     if singular.kind != "type_2":
         raise NoLaw(f"{robot.name}: at s = {singular.s:.6g} the path meets {UNCROSSABLE[singular.kind]}")
 

@@ -140,7 +140,7 @@ def _drift(
 ) -> Array:
     """Compute v' (lambda . c" + w . x") v (T, p) for joint rates v (T, p, nv)."""
     count = v.shape[1]
-    stack = frames.at(np.repeat(np.arange(len(q)), count))
+    stack = frames.select(np.repeat(np.arange(len(q)), count))
     motions = frame_motions(robot, stack, stack.q, v.reshape(-1, v.shape[2]))
     loops = closure_drift(robot.loops, stack, motions).reshape(*v.shape[:2], -1)
     platform = robot.platform.drift(stack, motions).reshape(*v.shape[:2], -1)

@@ -22,7 +22,7 @@ from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.inverse_kinematics import close_loops, require_square
 from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, linearised_at
 from framework.kinematics.loop_matrices import clearance
-from framework.kinematics.motion_rates import Motion, joint_rates, motion_at, without_elastic_rates
+from framework.kinematics.motion_rates import Motion, freeze_deflections, joint_rates, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.rotations import whole_turns
 from framework.tolerances import MAX_MOTOR_MISFIT
@@ -169,11 +169,9 @@ def _by_motors(robot: ParallelRobot, angles: list[Array], progress: Callable[[in
     rates = joint_rates(robot, linearised, units, np.zeros((len(q), 0))).transpose(1, 2, 0)  # (T, nv, n)
     to_twist = np.linalg.pinv(rates[:, robot.actuated])
     v = np.einsum("tvn,tna,ta->tv", rates, to_twist, dq_a)
-    drifting = without_elastic_rates(robot, q, v, np.zeros_like(v))
+    drifting = freeze_deflections(robot, q, v, np.zeros_like(v))
     missing = ddq_a - drifting.a[:, robot.actuated]
-    return without_elastic_rates(
-        robot, q, v, drifting.a + np.einsum("tvn,tna,ta->tv", rates, to_twist, missing)
-    )
+    return freeze_deflections(robot, q, v, drifting.a + np.einsum("tvn,tna,ta->tv", rates, to_twist, missing))
 
 
 def _poses_by_motors(robot: ParallelRobot, q_a: Array, progress: Callable[[int], None]) -> Array:

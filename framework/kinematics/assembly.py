@@ -1,4 +1,4 @@
-"""Closing the loops of a mechanism near the reference of its file; neither platform nor motors are given."""
+"""Close the loops of a mechanism near the reference of its file, without prescribed platform or motors."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ import numpy as np
 
 from framework.arrays import LEAST_DIVISOR, Array, IntArray, ReadOnlyArrays
 from framework.errors import NotAssembled, finite_numbers
-from framework.kinematics.closures import loop_equations, scaled, turned_over
-from framework.kinematics.frames import difference, frames_at, integrate
+from framework.kinematics.closures import find_turned_over, loop_equations, row_weights, scale_jacobian
+from framework.kinematics.frames import difference, frames_at, integrate_columns
 from framework.kinematics.mechanism import Mechanism, columns_of
-from framework.kinematics.mistaken_units import more_than_a_turn
+from framework.kinematics.mistaken_units import remark_on_turns
 from framework.tolerances import BRANCHES_MEET, CLOSED_LOOP, RANK_ROUNDING, REFERENCE_MOVE
 
 MAX_NEWTON_STEP = 0.5  # [rad or lengths of the robot] that one Newton step may move a joint
 NEARBY_DISTANCE = 0.05  # [rad, lengths] from the reference to where its rank is compared with
-MAX_NEARBY, NEARBY_DRAWS = 2, 8  # configurations taken, if they lie in different directions, and drawn
-MIN_NEARBY_RATIO = 0.1  # of that distance: what closes nearer has come back
+MAX_NEARBY, NEARBY_DRAWS = 2, 8  # configurations in different directions, and draws for them
+MIN_NEARBY_RATIO = 0.1  # of that distance: a configuration that closes nearer is the reference again
 SAME_DIRECTION_COSINE = 0.99  # between two directions, either sign
 MAX_ITERATIONS = 100
 ROUNDING_GAP = 1e-15  # [rad, lengths] below which no Newton step improves the loops
@@ -27,7 +27,7 @@ MIN_DAMPING = 1e-4  # share of a Newton step that is still tried
 
 @dataclass(frozen=True, eq=False)
 class Configuration(ReadOnlyArrays):
-    """A configuration whose loops are closed: holding one proves it.
+    """A configuration with closed loops, made by solvers alone.
 
     `q` (nq,), platform `x` (n,), largest loop equation `residual` [m or rad], Newton `iterations`.
     """
@@ -38,46 +38,46 @@ class Configuration(ReadOnlyArrays):
     iterations: int
 
 
-def configuration(robot: Mechanism, given: Any, *, stacks: bool = False) -> Array:
-    """Return all joints q (nq,), of an array or of what `assemble` and `forward_kinematics` return.
+def configuration(robot: Mechanism, pose: Any, *, stacks: bool = False) -> Array:
+    """Return the joints q (nq,) of an array or of a `Configuration`.
 
     Args:
-        stacks: whether T configurations (T, nq) will do as well.
+        stacks: whether T configurations (T, nq) are accepted as well.
 
     Raises:
-        InvalidInput: it has the wrong shape, or is not finite.
+        InvalidInput: wrong shape, or numbers that are not finite.
     """
-    q = getattr(given, "q", given)
+    q = getattr(pose, "q", pose)
     return finite_numbers(f"q, all joints of {robot.name},", q, robot.model.nq, stacks=stacks)
 
 
 class Closing(NamedTuple):
-    """The configuration found by closing the loops, and what stays open."""
+    """The last iterate of the search for closed loops, and the gap that remains."""
 
     q: Array  # (nq,)
     residual: float  # largest loop equation [m or rad]
-    worst: float  # the same, in lengths of the robot and radians
+    gap: float  # largest loop equation, in lengths of the robot and radians
     iterations: int
 
 
 def close_reference(mechanism: Mechanism) -> Closing:
     """Return the assembled configuration at the robot file's `reference`, springs at rest.
 
-    The joints that the file gives are held while the others close the loops; if that cannot be, all
-    joints give way, as little as possible. It decides the working and the assembly mode.
+    The joints that the file states rest while the others close the loops; if that fails, all joints move,
+    as little as possible. The result decides the working and the assembly mode.
 
     Raises:
-        NotAssembled: the loops do not close from there, or only far from what the file gives, or turned
-            over; carries the last iterate and the residual.
+        NotAssembled: the loops do not close from the reference, or only far from it, or turned over; carries
+            the last iterate and the residual.
     """
-    given_columns = columns_of(mechanism.model, mechanism.description.reference)
-    others = np.setdiff1d(mechanism.joints, given_columns)
-    closing = _close(mechanism, mechanism.q_near, others) if len(given_columns) and len(others) else None
-    if closing is None or closing.worst > CLOSED_LOOP:
+    stated = columns_of(mechanism.model, mechanism.description.reference)
+    others = np.setdiff1d(mechanism.joints, stated)
+    closing = _close(mechanism, mechanism.q_near, others) if len(stated) and len(others) else None
+    if closing is None or closing.gap > CLOSED_LOOP:
         closing = _close(mechanism, mechanism.q_near, mechanism.joints)
-    if closing.worst > CLOSED_LOOP:
-        raise _left_open(mechanism, closing)
-    turned = turned_over(mechanism, frames_at(mechanism, closing.q[None]))
+    if closing.gap > CLOSED_LOOP:
+        raise _open_error(mechanism, closing)
+    turned = find_turned_over(mechanism, frames_at(mechanism, closing.q[None]))
     if turned is not None:
         raise _not_assembled(
             mechanism,
@@ -85,101 +85,100 @@ def close_reference(mechanism: Mechanism) -> Closing:
             f"give a reference nearer to an assembled configuration",
             closing,
         )
-    _check_near(mechanism, closing, given_columns)
+    _check_distance(mechanism, closing, stated)
     return closing
 
 
 def _close(mechanism: Mechanism, start: Array, free: IntArray) -> Closing:
     """Close all loops by damped Newton steps of least norm of the columns `free`, from `start`."""
     rows, lengths = mechanism.rows, mechanism.column_scale[free]
-    weights = np.where(rows.rotation, 1.0, 1.0 / mechanism.length)
+    weights = row_weights(mechanism, rows.rotation)
 
-    def mismatch(q: Array) -> float:
+    def gap_norm(q: Array) -> float:
         return float(np.linalg.norm(weights * loop_equations(rows, frames_at(mechanism, q)).residual[0]))
 
     q, iterations = start[None], 0
-    reduced = mismatch(q)
-    while iterations < MAX_ITERATIONS and reduced > ROUNDING_GAP:
+    least = gap_norm(q)
+    while iterations < MAX_ITERATIONS and least > ROUNDING_GAP:
         iterations += 1
         loops = loop_equations(rows, frames_at(mechanism, q))
-        jacobian = scaled(mechanism, loops.jacobian, rows.rotation)[0][:, free]
+        jacobian = scale_jacobian(mechanism, loops.jacobian, rows.rotation)[0][:, free]
         joint = -np.linalg.lstsq(jacobian, weights * loops.residual[0], rcond=RANK_ROUNDING)[0]
-        step = np.zeros((1, mechanism.model.nv))
-        step[0, free] = joint * min(1.0, MAX_NEWTON_STEP / max(np.abs(joint).max(), LEAST_DIVISOR)) * lengths
+        step = joint * min(1.0, MAX_NEWTON_STEP / max(np.abs(joint).max(), LEAST_DIVISOR)) * lengths
         fraction = 1.0
-        while (
-            after := mismatch(integrate(mechanism, q, fraction * step))
-        ) > reduced and fraction > MIN_DAMPING:
+        while True:
+            trial = integrate_columns(mechanism, q, free, fraction * step[None])
+            trial_gap = gap_norm(trial)
+            if trial_gap <= least or fraction <= MIN_DAMPING:
+                break
             fraction *= 0.5
-        if after >= reduced:
+        if trial_gap >= least:
             break
-        q, reduced = integrate(mechanism, q, fraction * step), after
-    left = np.abs(loop_equations(rows, frames_at(mechanism, q)).residual[0])
-    return Closing(q[0], float(left.max()), float((weights * left).max()), iterations)
+        q, least = trial, trial_gap
+    residual = np.abs(loop_equations(rows, frames_at(mechanism, q)).residual[0])
+    return Closing(q[0], float(residual.max()), float((weights * residual).max()), iterations)
 
 
-def _left_open(mechanism: Mechanism, closing: Closing) -> NotAssembled:
+def _open_error(mechanism: Mechanism, closing: Closing) -> NotAssembled:
     """Return the error for loops that stay open."""
     rows = mechanism.rows
-    left = np.abs(loop_equations(rows, frames_at(mechanism, closing.q[None])).residual[0])
-    row = int(np.argmax(left * np.where(rows.rotation, mechanism.length, 1.0)))
+    residual = np.abs(loop_equations(rows, frames_at(mechanism, closing.q[None])).residual[0])
+    row = int(np.argmax(residual * np.where(rows.rotation, mechanism.length, 1.0)))
     return _not_assembled(
         mechanism,
-        f"the loops do not close near the reference: {rows.names[row]} stays {left[row]:.3g} "
+        f"the loops do not close near the reference: {rows.names[row]} stays {residual[row]:.3g} "
         f"{'rad' if rows.rotation[row] else 'm'} apart after {closing.iterations} iterations; check the link "
         f"lengths and give a reference nearer to an assembled configuration",
-        closing._replace(residual=float(left[row])),
+        closing._replace(residual=float(residual[row])),
     )
 
 
-def _check_near(mechanism: Mechanism, closing: Closing, given: IntArray) -> None:
-    """Refuse an assembled configuration in which a joint is far from what the file gives."""
-    moved = difference(mechanism, mechanism.q_near, closing.q[None])[0]
-    far = np.abs(moved / mechanism.column_scale)[given]
-    if not far.max(initial=0.0) > REFERENCE_MOVE:
+def _check_distance(mechanism: Mechanism, closing: Closing, stated: IntArray) -> None:
+    """Refuse an assembled configuration with a `stated` joint far from its value in the file."""
+    offset = difference(mechanism, mechanism.q_near, closing.q[None])[0]
+    distances = np.abs(offset / mechanism.column_scale)[stated]
+    if not distances.max(initial=0.0) > REFERENCE_MOVE:
         return
-    column = int(given[np.argmax(far)])
+    column = int(stated[np.argmax(distances)])
     joint = mechanism.coordinates.name_of(column)
     value = mechanism.description.reference[joint]
     raise _not_assembled(
         mechanism,
         f"the reference is not near an assembled configuration: {joint} is given as {value:g}, the loops "
-        f"close at {value + moved[column]:.4g}; give all joints, so that one way of assembling is meant",
+        f"close at {value + offset[column]:.4g}; give all joints, so that one way of assembling is meant",
         closing,
     )
 
 
-def _not_assembled(mechanism: Mechanism, what: str, closing: Closing) -> NotAssembled:
-    turns = more_than_a_turn(mechanism, mechanism.description.reference)
-    return NotAssembled(f"{mechanism.name}: {what}{turns}", q=closing.q, residual=closing.residual)
+def _not_assembled(mechanism: Mechanism, reason: str, closing: Closing) -> NotAssembled:
+    turns = remark_on_turns(mechanism, mechanism.description.reference)
+    return NotAssembled(f"{mechanism.name}: {reason}{turns}", q=closing.q, residual=closing.residual)
 
 
 def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array, ...]:
     """Find assembled configurations (nq,) about `NEARBY_DISTANCE` from the reference (nq,), springs at rest.
 
-    The reference moved along motions that its loops allow, drawn at random but always alike, and closed
-    again; of a structure none.
+    The reference moves along motions that its loops allow, drawn at random but always alike, and is closed
+    again. A structure has no such configuration.
     """
-    joints, lengths = mechanism.joints, mechanism.column_scale
+    joints = mechanism.joints
     values, right = np.linalg.svd(all_loops_matrix(mechanism, reference)[:, joints])[1:]
     allowed = right[int(np.sum(values > BRANCHES_MEET * values.max(initial=0.0))) :]
     random = np.random.default_rng(0)
     configurations: list[Array] = []
-    ways: list[Array] = []
+    directions: list[Array] = []
     for _ in range(NEARBY_DRAWS if len(allowed) > 1 else len(allowed)):
-        motion = (allowed @ random.standard_normal(len(joints))) @ allowed  # whatever basis `allowed` is
-        step = np.zeros((1, mechanism.model.nv))
-        step[0, joints] = NEARBY_DISTANCE * motion / np.abs(motion).max() * lengths[joints]
-        closing = _close(mechanism, integrate(mechanism, reference[None], step)[0], joints)
-        direction = difference(mechanism, reference, closing.q[None])[0] / lengths
-        size = float(np.linalg.norm(direction))
-        new = all(
-            abs(direction @ earlier) < SAME_DIRECTION_COSINE * size * np.linalg.norm(earlier)
-            for earlier in ways
-        )
-        if closing.worst <= CLOSED_LOOP and size > MIN_NEARBY_RATIO * NEARBY_DISTANCE and new:
+        motion = (allowed @ random.standard_normal(len(joints))) @ allowed  # the same for every basis
+        step = NEARBY_DISTANCE * motion / np.abs(motion).max() * mechanism.column_scale[joints]
+        closing = _close(mechanism, integrate_columns(mechanism, reference, joints, step), joints)
+        offset = difference(mechanism, reference, closing.q[None])[0] / mechanism.column_scale
+        size = float(np.linalg.norm(offset))
+        if closing.gap > CLOSED_LOOP or size <= MIN_NEARBY_RATIO * NEARBY_DISTANCE:
+            continue
+        direction = offset / size
+        if all(abs(direction @ other) < SAME_DIRECTION_COSINE for other in directions):
             configurations.append(closing.q)
-            ways.append(direction)
+            directions.append(direction)
         if len(configurations) == MAX_NEARBY:
             break
     return tuple(configurations)
@@ -189,4 +188,4 @@ def all_loops_matrix(mechanism: Mechanism, q: Array) -> Array:
     """Compute the Jacobian (rows, nv) of all loop equations at q (nq,), without dimension."""
     rows = mechanism.rows
     jacobian = loop_equations(rows, frames_at(mechanism, q[None])).jacobian
-    return scaled(mechanism, jacobian, rows.rotation)[0]
+    return scale_jacobian(mechanism, jacobian, rows.rotation)[0]

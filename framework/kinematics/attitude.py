@@ -1,11 +1,11 @@
 """The attitude of a platform in one, two or three coordinates: charts of SO(3).
 
-A chart turns the attitude R of the platform's frame into coordinates. To first order their rates are what
-k couples yield on the angular velocity w of the frame,
+A chart turns the attitude R of the platform's frame into coordinates. To first order their rates are the
+powers of k couples on the angular velocity w of the frame,
 
-    v = couples(R) w = E(x) dx,
+    v = couples(R) w = E(x) dx.
 
-and every one of A, B, C, t_s and W_p of the robot stands on this v; so W_p . v is a power in every chart.
+A, B, C, t_s and W_p of the robot refer to this v, so W_p . v is a power in every chart.
 
     one axis      the twist angle about that base axis [rad], counted on through full turns: v = dx; the
                   couple is along the axis where the platform turns about it alone
@@ -29,7 +29,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from framework.arrays import Array, IntArray, ReadOnlyArrays
-from framework.linalg.ordered_sums import cross, dot
+from framework.linalg.ordered_sums import cross, dot, product_rates
 from framework.linalg.rotations import left_jacobian_coefficients, rotation_matrix, rotation_vector
 from framework.tolerances import FILE_ROUNDING
 
@@ -39,7 +39,7 @@ COMPLEX_STEP = 1e-200  # of a complex-step derivative: its square is zero, so th
 
 @dataclass(frozen=True, eq=False)
 class Attitude(ReadOnlyArrays):
-    """A chart of k coordinates; T attitudes are rotations R (T, 3, 3), columns the frame's axes.
+    """A chart of k coordinates of attitudes R (T, 3, 3), columns the frame's axes.
 
     Unless a subclass says otherwise the couples are base axes and v = dx; without axes nothing turns.
     """
@@ -65,7 +65,7 @@ class Attitude(ReadOnlyArrays):
         return np.zeros((len(w), len(self.axes), 3))
 
     def couple_rate_changes(self, rotation: Array, w: Array, turn: Array, dw: Array) -> Array:
-        """Compute what a small `turn` (T, 3) with a change dw of w makes of `couple_rates`, (T, k, 3)."""
+        """Compute the change (T, k, 3) of `couple_rates` for a small `turn` (T, 3) and a change dw of w."""
         return np.zeros((len(w), len(self.axes), 3))
 
     def turning(self, rotation: Array, v: Array) -> Array:
@@ -77,9 +77,9 @@ class Attitude(ReadOnlyArrays):
         return dx, ddx
 
     def rate_changes(self, motion: AttitudeRates, step: AttitudeRates) -> AttitudeRates:
-        """Compute the small turn of a step, and what it makes of v = E(x) dx and of its time derivative.
+        """Compute the small turn of a step, and its changes of v = E(x) dx and dv/dt, each (T, k).
 
-        `motion` and `step` are x, dx, ddx and small changes of them, each (T, k).
+        `motion` and `step` are x, dx, ddx and small changes of x, dx, ddx, each (T, k).
         """
         return step
 
@@ -95,7 +95,7 @@ def attitude_about(axes: IntArray) -> Attitude:
 
 @dataclass(frozen=True, eq=False)
 class TwistAngle(Attitude):
-    """One axis, and the turn about it by the swing-twist decomposition: that which leaves the least."""
+    """The turn about one axis by the swing-twist decomposition, which leaves the least other turn."""
 
     def coordinates(self, rotation: Array) -> Array:
         i = int(self.axes[0])
@@ -150,10 +150,10 @@ class SwingTwistAngle(DirectionChart, TwistAngle):
 
 
 def twist_angle_for(angle: TwistAngle, rotations: Array) -> TwistAngle:
-    """Return the chart for a frame with these attitudes (T, 3, 3): does it turn about the axis alone?"""
+    """Return the chart of attitudes (T, 3, 3): `angle` if the frame turns about its axis alone."""
     axes = rotations[:, int(angle.axes[0])]  # the base's axis in the frame
-    alone = np.abs(axes - axes[0]).max() <= FILE_ROUNDING
-    return angle if alone else SwingTwistAngle(angle.axes)
+    fixed = np.abs(axes - axes[0]).max() <= FILE_ROUNDING
+    return angle if fixed else SwingTwistAngle(angle.axes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,19 +210,16 @@ class RotationVector(Attitude):
         return rotation_vector(rotation @ target.transpose(0, 2, 1))[:, self.axes]
 
     def rates(self, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array]:
-        r, dr, ddr = (self._vector(part) for part in (x, dx, ddx))
-        omega, alpha, _ = _left_jacobian_products((r, dr, ddr), (dr, ddr, np.zeros_like(ddr)))
+        omega, alpha, _ = self._left_jacobian_products((x, dx, ddx), (dx, ddx, np.zeros_like(ddx)))
         return omega[:, self.axes], alpha[:, self.axes]
 
     def rate_changes(self, motion: AttitudeRates, step: AttitudeRates) -> AttitudeRates:
-        """Compute them from phi = E(x) step: dw = phi' + phi x w, and the rate of that along the motion."""
+        """Compute phi = E(x) step, dw = phi' + phi x w and its rate along the motion, (T, 3)."""
         omega, alpha = (self._vector(part) for part in self.rates(*motion))
-        r, dr, ddr = (self._vector(part) for part in motion)
-        s, ds, dds = (self._vector(part) for part in step)
-        phi, dphi, ddphi = _left_jacobian_products((r, dr, ddr), (s, ds, dds))
-        changes = (phi, dphi + cross(phi, omega), ddphi + cross(dphi, omega) + cross(phi, alpha))
-        turn, dw, dalpha = (part[:, self.axes] for part in changes)
-        return turn, dw, dalpha
+        phi, dphi, ddphi = self._left_jacobian_products(motion, step)
+        dw = dphi + cross(phi, omega)
+        dalpha = ddphi + cross(dphi, omega) + cross(phi, alpha)
+        return phi[:, self.axes], dw[:, self.axes], dalpha[:, self.axes]
 
     def unwrap(self, x: Array, near: Array) -> Array:
         angle = np.sqrt(dot(x, x))[:, None]
@@ -236,22 +233,15 @@ class RotationVector(Attitude):
         vector[:, self.axes] = x
         return vector
 
-
-def _left_jacobian_products(rotation: AttitudeRates, step: AttitudeRates) -> AttitudeRates:
-    """Compute phi = E(r) s and two time derivatives, (T, 3), for those of r and of s."""
-    (r, dr, ddr), (s, ds, dds) = rotation, step
-    (a, a1, a2), (b, b1, b2) = left_jacobian_coefficients(dot(r, r))[..., None]
-    rate, second = (2.0 * dot(r, dr))[:, None], (2.0 * (dot(dr, dr) + dot(r, ddr)))[:, None]
-    da, dda = a1 * rate, a2 * rate**2 + a1 * second
-    db, ddb = b1 * rate, b2 * rate**2 + b1 * second
-    # r x s and r x (r x s) with two time derivatives
-    once = cross(r, s)
-    donce = cross(dr, s) + cross(r, ds)
-    ddonce = cross(ddr, s) + 2.0 * cross(dr, ds) + cross(r, dds)
-    twice = cross(r, once)
-    dtwice = cross(dr, once) + cross(r, donce)
-    ddtwice = cross(ddr, once) + 2.0 * cross(dr, donce) + cross(r, ddonce)
-    phi = s + a * once + b * twice
-    dphi = ds + da * once + a * donce + db * twice + b * dtwice
-    ddphi = dds + dda * once + 2 * da * donce + a * ddonce + ddb * twice + 2 * db * dtwice + b * ddtwice
-    return phi, dphi, ddphi
+    def _left_jacobian_products(self, motion: AttitudeRates, step: AttitudeRates) -> Array:
+        """Compute phi = E(r) s and two time derivatives, (3, T, 3), of components of r and s with theirs."""
+        r, s = (np.array([self._vector(part) for part in parts]) for parts in (motion, step))
+        square = product_rates(dot, r, r)[..., None]
+        once = product_rates(cross, r, s)
+        twice = product_rates(cross, r, once)
+        # functions of |r|^2 with two derivatives by it, as functions of time
+        a, b = (
+            (f[0], f[1] * square[1], f[2] * square[1] ** 2 + f[1] * square[2])
+            for f in left_jacobian_coefficients(square[0, :, 0])[..., None]
+        )
+        return s + product_rates(np.multiply, a, once) + product_rates(np.multiply, b, twice)

@@ -1,4 +1,4 @@
-"""The table of a robot's equations and the sparsity of their Jacobian: all that does not depend on q."""
+"""The table of a robot's equations and the sparsity of their Jacobian, which do not depend on q."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Equations(ReadOnlyArrays):
     def of(
         mechanism: Mechanism, platform: PlatformCoordinates, loops: LoopRows, columns: IntArray, n_a: int
     ) -> Equations:
-        """Return the table for these loop equations and `columns`, of which the first n_a have motors."""
+        """Return the table of loop equations and `columns`, of which the first n_a have motors."""
         carried, n = scratch_of(mechanism).carried, platform.n
         own = platform.felt_by(carried[0])
         signs = np.concatenate([own, carried[loops.second] - carried[loops.first]])

@@ -5,8 +5,8 @@ of the frame, with which it then turns. It is one part of the forces of the open
 
     r = RNEA(q, v, a) - sum over wrenches of J(q)' w(s),        J (6, nv) the Jacobian of the frame,
 
-so that all that stands on r has it: condition (8), torques, deflections and their geometric stiffness, laws.
-A wrench does not depend on velocity; one that does (a cutting force, drag) is not among these.
+so everything computed from r counts it: condition (8), torques, deflections, geometric stiffness, laws.
+Wrenches that depend on velocity (a cutting force, drag) are not supported.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class AppliedWrench(NamedTuple):
     @property
     def at_origin(self) -> Array:
         """The wrench (T, 6) at its frame's origin, base axes."""
-        return moved_wrench(self.wrench, -self.origin)
+        return move_wrench(self.wrench, -self.origin)
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class ExternalWrenches:
         """
         expect_wrenches(wrenches)
         return ExternalWrenches(
-            tuple(FrameWrench.of(str(frame), given) for frame, given in (wrenches or {}).items())
+            tuple(FrameWrench.of(str(frame), wrench) for frame, wrench in (wrenches or {}).items())
         )
 
     def check_frames(self, mechanism: Mechanism) -> None:
@@ -75,7 +75,7 @@ class ExternalWrenches:
 
     @property
     def push(self) -> bool:
-        """Whether any of them is not zero."""
+        """Whether any wrench is not zero."""
         return any(bool(np.any(entry.rows[..., -6:])) for entry in self.entries)
 
     @property
@@ -85,24 +85,24 @@ class ExternalWrenches:
 
     @property
     def document(self) -> dict[str, Any]:
-        """The wrenches by frame, as a robot file or plan.json has them."""
+        """The wrenches by frame, in the form of a robot file or plan.json."""
         return {entry.frame: entry.document for entry in self.entries}
 
-    def at(self, mechanism: Mechanism, frames: FrameStack, s: Array) -> tuple[AppliedWrench, ...]:
-        """Compute the wrenches at T configurations, whose frames are given, at path coordinates s (T,)."""
-        wrenches = self.on_base_axes(mechanism, frames, s)
+    def evaluate(self, mechanism: Mechanism, frames: FrameStack, s: Array) -> tuple[AppliedWrench, ...]:
+        """Compute the wrenches at `frames` of T configurations and path coordinates s (T,)."""
+        wrenches = self.evaluate_on_base_axes(mechanism, frames, s)
         return tuple(
             applied_wrench(mechanism, frames, entry.frame, wrenches[entry.frame], turns=entry.turns)
             for entry in self.entries
         )
 
-    def on_base_axes(self, mechanism: Mechanism, frames: FrameStack, s: Array) -> dict[str, Array]:
-        """Compute the same by frame, (T, 6) at its origin on base axes."""
+    def evaluate_on_base_axes(self, mechanism: Mechanism, frames: FrameStack, s: Array) -> dict[str, Array]:
+        """Compute the wrenches (T, 6) at path coordinates s (T,) by frame, at its origin on base axes."""
         wrenches = {}
         for entry in self.entries:
             wrench = entry(s)
             if entry.turns:
-                rotation = _placed(mechanism, frames, frame_of(mechanism.model, entry.frame))[1]
+                rotation = _frame_pose(mechanism, frames, frame_of(mechanism.model, entry.frame))[1]
                 wrench = matvec(rotation[:, None], wrench.reshape(-1, 2, 3)).reshape(-1, 6)
             wrenches[entry.frame] = wrench
         return wrenches
@@ -112,7 +112,7 @@ NO_WRENCHES = ExternalWrenches()
 
 
 def wrench_on_platform(robot: ParallelRobot, W: ArrayLike) -> tuple[str, tuple[float, ...]]:
-    """Return the platform's frame, and a wrench (6,) on it of components W (n,) on the platform's axes.
+    """Return the platform's frame and its wrench (6,) for components W (n,) on the platform's axes.
 
     Raises:
         InvalidInput: not n finite numbers; or axes that turn with the platform, or joints for axes.
@@ -144,29 +144,29 @@ def check_frame(mechanism: Mechanism, frame: object) -> None:
 def applied_wrench(
     mechanism: Mechanism, frames: FrameStack, frame: str, wrench: ArrayLike, *, turns: bool = False
 ) -> AppliedWrench:
-    """Compute what a wrench (6,) or (T, 6), at a frame's origin on base axes, is at T configurations.
+    """Compute a wrench (6,) or (T, 6), at a frame's origin on base axes, as joint forces at T configurations.
 
     Args:
         frames: of the robot, at these configurations.
-        turns: whether it turns on with its frame.
+        turns: whether the wrench turns with its frame.
     """
     index = frame_of(mechanism.model, frame)
-    position, _ = _placed(mechanism, frames, index)
-    wrench = moved_wrench(np.broadcast_to(np.asarray(wrench, dtype=float), (len(position), 6)), position)
+    position, _ = _frame_pose(mechanism, frames, index)
+    wrench = move_wrench(np.broadcast_to(np.asarray(wrench, dtype=float), (len(position), 6)), position)
     joint = int(mechanism.model.frames[index].parentJoint)
     carried = carriers(mechanism.model, np.array([joint]))[0]
     generalised = matvec(frames.screws, wrench) * carried
     return AppliedWrench(frame, joint, read_only(wrench), read_only(generalised), read_only(position), turns)
 
 
-def moved_wrench(wrench: Array, arm: Array) -> Array:
-    """Move wrenches (..., 6) from a point to the place from which an arm (..., 3) leads there."""
-    moved = wrench.copy()
-    moved[..., 3:] += cross(arm, wrench[..., :3])
-    return moved
+def move_wrench(wrench: Array, arm: Array) -> Array:
+    """Refer wrenches (..., 6) at a point to another one; the arm (..., 3) leads from that to the point."""
+    result = wrench.copy()
+    result[..., 3:] += cross(arm, wrench[..., :3])
+    return result
 
 
-def _placed(mechanism: Mechanism, frames: FrameStack, index: int) -> tuple[Array, Array]:
+def _frame_pose(mechanism: Mechanism, frames: FrameStack, index: int) -> tuple[Array, Array]:
     """Compute origins (T, 3) and rotations (T, 3, 3) of one frame of pinocchio's."""
     if index in mechanism.frames:
         k = mechanism.frames.index(index)

@@ -5,7 +5,7 @@ before joint i, and eta a small motion, a frame is displaced by Phi = sum eta_i 
 it, and
 
     dV = Phi' + Phi x V + sum S_i dv_i,                 Phi'  = sum eta_i (V_p x S_i),
-    dA = Phi" + Phi' x V + Phi x A + (what dv, da add),  Phi" = sum eta_i (V_p x (V_p x S_i) + A_p x S_i),
+    dA = Phi" + Phi' x V + Phi x A + (terms of dv, da),  Phi" = sum eta_i (V_p x (V_p x S_i) + A_p x S_i),
 
 x the bracket of screws. Every loop equation is a product of two vectors of frames (`LoopRows`), so its value,
 rates and their changes are those of a product. Source of the rules for screws: J. Carpentier and N. Mansard,
@@ -22,10 +22,10 @@ import numpy as np
 
 from framework.arrays import Array, BoolArray, IntArray
 from framework.kinematics.closures import row_factors
-from framework.kinematics.frames import FrameStack
+from framework.kinematics.frames import FrameStack, move_frames, turn_vectors
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.pinocchio_memory import carriers, scratch_of
-from framework.linalg.ordered_sums import cross, dot
+from framework.linalg.ordered_sums import cross, dot, product_rates
 from framework.model.loop_rows import LoopRows
 
 
@@ -35,7 +35,7 @@ class TreeColumns(NamedTuple):
     owner: IntArray  # (nv,) the joint of each column, which is the body that it moves
     parent: IntArray  # (nv,) the body before it
     carried: Array  # (bodies, nv) 1 where the column moves the body
-    before: BoolArray  # (nv, nv) True where column i moves what column j turns about or slides along
+    before: BoolArray  # (nv, nv) True where column i moves the axis that column j turns about or slides along
 
 
 @lru_cache(maxsize=64)
@@ -48,7 +48,7 @@ def tree_columns(mechanism: Mechanism) -> TreeColumns:
 
 
 def bracket(a: Array, b: Array) -> Array:
-    """Compute the bracket of screws (..., 6): the rate of b where it moves along with twist a."""
+    """Compute the bracket of screws (..., 6): the rate of a screw b that moves with twist a."""
     turning = a[..., 3:]
     linear = cross(turning, b[..., :3]) + cross(a[..., :3], b[..., 3:])
     return np.concatenate([linear, cross(turning, b[..., 3:])], axis=-1)
@@ -82,39 +82,45 @@ class TreeMotion:
         V = columns.carried @ (S * v[..., None])  # (T, bodies, 6)
         own = bracket(V[:, columns.owner], S)
         A = columns.carried @ (S * a[..., None] + own * v[..., None])
-        before, quicker = V[:, columns.parent], A[:, columns.parent]
-        once = bracket(before, S)
-        twice = bracket(before, once) + bracket(quicker, S)
+        by_parent = bracket(V[:, columns.parent], S)
+        twice = bracket(V[:, columns.parent], by_parent) + bracket(A[:, columns.parent], S)
+        screws = np.concatenate([S, by_parent, twice], axis=2)
         bodies = scratch_of(mechanism).bodies
         twist, acceleration = V[:, bodies], A[:, bodies]
-        placed = np.concatenate([frames.rotation.swapaxes(2, 3), frames.position[:, :, None]], axis=2)
-        rate = carried_along(twist, placed)
-        second = carried_along(acceleration, placed) + turned(twist, rate)
-        moved = np.concatenate([S, once, twice], axis=2)
-        rates = FrameRates(placed, rate, second)
-        return TreeMotion(columns, frames, v, moved, own, twist, acceleration, rates)
+        rate = move_frames(twist, frames.placements)
+        second = move_frames(acceleration, frames.placements) + turn_vectors(twist, rate)
+        rates = FrameRates(frames.placements, rate, second)
+        return TreeMotion(columns, frames, v, screws, own, twist, acceleration, rates)
 
     def variation(self, dq: Array, dv: Array, da: Array) -> FrameVariation:
-        """Compute what small motions dq (T, k, nv), changes of rates dv and of accelerations da make."""
+        """Compute the changes of the frames for small motions dq (T, k, nv) and changes dv, da of rates."""
         carried, S = self.frames.carried, self.frames.screws[:, None]
         displaced = (dq[:, :, None] * carried) @ self.moved_screws[:, None]  # (T, k, F, 18)
-        phi, once, twice = displaced[..., :6], displaced[..., 6:12], displaced[..., 12:]
+        phi, dphi, ddphi = displaced[..., :6], displaced[..., 6:12], displaced[..., 12:]
         V, A = self.twist[:, None], self.acceleration[:, None]
-        quicker, sooner = S * dv[..., None], S * da[..., None] + self.own_rates[:, None] * dv[..., None]
+        rate_twists = S * dv[..., None]
+        acceleration_twists = S * da[..., None] + self.own_rates[:, None] * dv[..., None]
         if dv.any():
-            bodies = self.columns.carried @ quicker
-            sooner = sooner + bracket(bodies[:, :, self.columns.owner], S) * self.v[:, None, :, None]
-        dV = once + bracket(phi, V) + carried @ quicker
-        dA = twice + bracket(once, V) + bracket(phi, A) + carried @ sooner
+            bodies = self.columns.carried @ rate_twists
+            turned_screws = bracket(bodies[:, :, self.columns.owner], S)
+            acceleration_twists = acceleration_twists + turned_screws * self.v[:, None, :, None]
+        dV = dphi + bracket(phi, V) + carried @ rate_twists
+        dA = ddphi + bracket(dphi, V) + bracket(phi, A) + carried @ acceleration_twists
+        return FrameVariation(phi, dV, dA, self._changed_rates(phi, dV, dA))
+
+    def _changed_rates(self, phi: Array, dV: Array, dA: Array) -> FrameRates:
+        """Compute the changes of axes and origins for a displacement and changes of twist, (T, k, F, 6)."""
+        V, A = self.twist[:, None], self.acceleration[:, None]
         value, rate = self.rates.value[:, None], self.rates.rate[:, None]
-        moved = carried_along(phi, value)
-        moved_rate = carried_along(dV, value) + turned(V, moved)
-        moved_second = carried_along(dA, value) + turned(A, moved) + turned(dV, rate) + turned(V, moved_rate)
-        return FrameVariation(phi, dV, dA, FrameRates(moved, moved_rate, moved_second))
+        change = move_frames(phi, value)
+        rate_change = move_frames(dV, value) + turn_vectors(V, change)
+        second_change = move_frames(dA, value) + turn_vectors(A, change)
+        second_change = second_change + turn_vectors(dV, rate) + turn_vectors(V, rate_change)
+        return FrameRates(change, rate_change, second_change)
 
 
 class FrameVariation(NamedTuple):
-    """What k small changes make of the frames at T instants; screws about the base's origin."""
+    """Changes of the frames at T instants by k small steps; screws about the base's origin."""
 
     displacement: Array  # (T, k, F, 6) Phi
     twist: Array  # (T, k, F, 6) dV
@@ -124,20 +130,7 @@ class FrameVariation(NamedTuple):
 
 def row_variation(rows: LoopRows, motion: TreeMotion, variation: FrameVariation) -> tuple[Array, Array]:
     """Compute the changes (T, k, m) of the first and the second time derivative of loop equations."""
-    (a0, b0), (a1, b1), (a2, b2) = (row_factors(rows, part[:, None]) for part in motion.rates)
-    (da0, db0), (da1, db1), (da2, db2) = (row_factors(rows, part) for part in variation.rates)
-    once = dot(da1, b0) + dot(a1, db0) + dot(da0, b1) + dot(a0, db1)
-    twice = dot(da2, b0) + dot(a2, db0) + dot(da0, b2) + dot(a0, db2) + 2.0 * (dot(da1, b1) + dot(a1, db1))
-    return rows.weight * once, rows.weight * twice
-
-
-def turned(twist: Array, vectors: Array) -> Array:
-    """Compute w x c for twists (..., F, 6) and vectors c (..., F, 4, 3)."""
-    return cross(twist[..., None, 3:], vectors)
-
-
-def carried_along(twist: Array, placed: Array) -> Array:
-    """Compute the velocities (..., F, 4, 3) of axes and origins under twists (..., F, 6) about the base."""
-    moved = turned(twist, placed)
-    moved[..., 3, :] += twist[..., :3]
-    return moved
+    a, b = row_factors(rows, np.stack(motion.rates)[:, :, None])
+    da, db = row_factors(rows, np.stack(variation.rates))
+    _, rate, second = rows.weight * (product_rates(dot, da, b) + product_rates(dot, a, db))
+    return rate, second

@@ -1,9 +1,8 @@
 """Poses, joint screws and motions of a robot's frames for a stack of configurations.
 
-The only place, with `dynamics.forces`, that loops over configurations in Python: pinocchio is called
-there and nothing else; all that follows is stacked numpy. Twists are (linear, angular) on the axes of the
-base frame: those of frames at the frame's origin (pinocchio's LOCAL_WORLD_ALIGNED), the screws of the
-joints at the origin of the base (pinocchio's WORLD).
+Only this module and `dynamics.forces` loop over configurations in Python, to call pinocchio; all else is
+stacked numpy. Twists are (linear, angular) on the axes of the base frame. Twists of frames are taken at the
+frame's origin (pinocchio's LOCAL_WORLD_ALIGNED), screws of joints at the origin of the base (WORLD).
 """
 
 from __future__ import annotations
@@ -20,21 +19,35 @@ from framework.linalg.ordered_sums import cross, matvec
 
 
 class FrameStack(NamedTuple):
-    """The robot's frames (F of them, `Mechanism.frames`) at T configurations."""
+    """Frames (F, `Mechanism.frames`) of the robot and screws of its joints at T configurations."""
 
-    position: Array  # (T, F, 3) [m]
-    rotation: Array  # (T, F, 3, 3), columns are the frame's axes
-    screws: (
-        Array  # (T, nv, 6) twist, at the base's origin, of what a joint carries when it moves at unit rate
-    )
+    placements: Array  # (T, F, 4, 3) the three axes of each frame, then its origin [m]
+    screws: Array  # (T, nv, 6) twists at the base's origin of the bodies that a joint carries, for unit rates
     carried: Array  # (F, nv) 1 where the joint carries the frame, else 0
-    q: Array  # (T, nq) the configurations
+    q: Array  # (T, nq)
 
-    def at(self, k: int | slice | IntArray) -> FrameStack:
-        """Return the frames of one configuration, T = 1, or of some."""
-        here = slice(k, k + 1) if isinstance(k, int) else k
-        position, rotation, screws, carried, q = self
-        return FrameStack(position[here], rotation[here], screws[here], carried, q[here])
+    @property
+    def position(self) -> Array:
+        """Origins of the frames, (T, F, 3) [m]."""
+        return self.placements[:, :, 3]
+
+    @property
+    def rotation(self) -> Array:
+        """Rotation matrices of the frames, (T, F, 3, 3), columns are the axes."""
+        return self.placements[:, :, :3].swapaxes(2, 3)
+
+    def select(self, k: int | slice | IntArray) -> FrameStack:
+        """Return the frames at one configuration, T = 1, or at some."""
+        which = slice(k, k + 1) if isinstance(k, int) else k
+        return FrameStack(self.placements[which], self.screws[which], self.carried, self.q[which])
+
+    @property
+    def slopes(self) -> Array:
+        """Derivatives of axes and origins along the joints, (T, F, 4, nv, 3)."""
+        jacobian = self.jacobian.swapaxes(2, 3)
+        slopes = cross(jacobian[:, :, None, :, 3:], self.placements[..., None, :])
+        slopes[:, :, 3] = jacobian[..., :3]
+        return slopes
 
     @property
     def jacobian(self) -> Array:
@@ -46,7 +59,7 @@ class FrameStack(NamedTuple):
 
 
 class FrameMotions(NamedTuple):
-    """Twists and their rates of the frames at T instants."""
+    """Twists of the frames and their rates at T instants."""
 
     rates: Array  # (2, T, F, 6) `twist` and `drift`
 
@@ -61,8 +74,8 @@ class FrameMotions(NamedTuple):
         return self.rates[1]
 
     @staticmethod
-    def at_origins(spatial: Array, position: Array) -> FrameMotions:
-        """Make them of twists and spatial accelerations (2, T, F, 6) at the base's origin, overwritten."""
+    def from_spatial(spatial: Array, position: Array) -> FrameMotions:
+        """Convert twists and spatial accelerations (2, T, F, 6) at the base's origin, overwritten."""
         spatial[..., :3] += cross(spatial[..., 3:], position)
         spatial[1, ..., :3] += cross(spatial[0, ..., 3:], spatial[0, ..., :3])
         return FrameMotions(spatial)
@@ -85,13 +98,25 @@ def frames_at(mechanism: Mechanism, q: Array) -> FrameStack:
 
 def stacked_frames(scratch: Scratch, placements: Array, screws: Array, q: Array) -> FrameStack:
     """Return the frames at q (T, nq) among all placements (T, frames, 12), with the screws (T, nv, 6)."""
-    poses = placements.take(scratch.frames, axis=1)
-    return FrameStack(poses[:, :, 9:], rotations(poses), screws, scratch.carried, q)
+    poses = placements.take(scratch.frames, axis=1).reshape(len(q), len(scratch.frames), 4, 3)
+    return FrameStack(poses, screws, scratch.carried, q)
 
 
 def rotations(placements: Array) -> Array:
-    """Compute rotation matrices (..., 3, 3) of placements (..., 12) as `Scratch` has them."""
+    """Return rotation matrices (..., 3, 3) of placements (..., 12) of `Scratch`."""
     return placements[..., :9].reshape(*placements.shape[:-1], 3, 3).swapaxes(-1, -2)
+
+
+def turn_vectors(twist: Array, vectors: Array) -> Array:
+    """Compute w x c for twists (..., F, 6) and vectors c (..., F, 4, 3)."""
+    return cross(twist[..., None, 3:], vectors)
+
+
+def move_frames(twist: Array, placements: Array) -> Array:
+    """Compute velocities (..., F, 4, 3) of axes and origins for twists (..., F, 6) at the base's origin."""
+    velocities = turn_vectors(twist, placements)
+    velocities[..., 3, :] += twist[..., :3]
+    return velocities
 
 
 def frame_motions(mechanism: Mechanism, frames: FrameStack, q: Array, v: Array) -> FrameMotions:
@@ -106,7 +131,7 @@ def frame_motions(mechanism: Mechanism, frames: FrameStack, q: Array, v: Array) 
         scratch.update()
         twist[k] = velocities
         drift[k] = accelerations
-    return FrameMotions.at_origins(moving.take(scratch.bodies, axis=2), frames.position)
+    return FrameMotions.from_spatial(moving.take(scratch.bodies, axis=2), frames.position)
 
 
 def integrate(mechanism: Mechanism, q: Array, step: Array) -> Array:
@@ -136,8 +161,8 @@ def difference(mechanism: Mechanism, start: Array, q: Array) -> Array:
         return q - start
     pairs = np.broadcast_arrays(start, q)
     flat = (np.ascontiguousarray(part).reshape(-1, model.nq) for part in pairs)
-    ways = [pin.difference(model, first, end) for first, end in zip(*flat, strict=True)]
-    return np.array(ways).reshape(*pairs[0].shape[:-1], model.nv)
+    differences = [pin.difference(model, first, end) for first, end in zip(*flat, strict=True)]
+    return np.array(differences).reshape(*pairs[0].shape[:-1], model.nv)
 
 
 def _difference_slopes(mechanism: Mechanism, start: Array, q: Array) -> Array:
@@ -146,10 +171,10 @@ def _difference_slopes(mechanism: Mechanism, start: Array, q: Array) -> Array:
     return np.array([pin.dDifference(mechanism.model, start, row, pin.ArgumentPosition.ARG1) for row in rows])
 
 
-def along_joints(mechanism: Mechanism, start: Array, q: Array, force: Array) -> Array:
+def forces_on_joints(mechanism: Mechanism, start: Array, q: Array, force: Array) -> Array:
     """Compute generalised forces (T, nv) at q (T, nq) of forces (T, nv) along `difference` from `start`.
 
-    The same but for balls, whose rotation vectors are no coordinates of their angular velocity.
+    Only on balls the two differ: a rotation vector is no coordinate of the angular velocity.
     """
     model = mechanism.model
     if model.nq == model.nv or not force.any():
@@ -157,10 +182,10 @@ def along_joints(mechanism: Mechanism, start: Array, q: Array, force: Array) -> 
     return matvec(_difference_slopes(mechanism, start, q).swapaxes(1, 2), force)
 
 
-def along_joints_slope(mechanism: Mechanism, start: Array, q: Array, stiffness: Array) -> Array:
-    """Compute the derivative (T, nv, nv) of `along_joints` of forces stiffness (nv,) times `difference`.
+def forces_on_joints_slope(mechanism: Mechanism, start: Array, q: Array, stiffness: Array) -> Array:
+    """Compute the derivative (T, nv, nv) of `forces_on_joints` of forces stiffness (nv,) times `difference`.
 
-    A ball has the same stiffness about all axes: what it gives is that times its rotation vector.
+    A ball has the same stiffness about all axes, so its torque is this stiffness times its rotation vector.
     """
     model = mechanism.model
     if model.nq == model.nv:

@@ -1,15 +1,15 @@
 """The motion of idle turns, which neither the platform nor the loops determine.
 
-A rod between two balls may turn about its own line and moves no centre of mass by that. Where nothing acts on
-such a turn it is held still. Where balls have damping (or armature, which counts where no damping does), it
-goes as these drive it: with G their values on the diagonal and Z(q) the motion of the turn alone,
+A rod between two balls may turn about its own line without moving a centre of mass. Such a turn rests if
+nothing acts on it. Balls with damping drive it; so do balls with armature where none has damping. With G the
+values of damping or armature on the diagonal and Z(q) the motion of the turn alone,
 
     Z' G v = 0        no torque of the damping along the turn; no angular momentum of the armature
     Z' G a = -dZ/dt' G v
 
-so that the rates remain a function of the pose, linear in those of the platform, as the laws need it. Only
-balls count whose three values are alike: nothing there depends on the angle of the turn. What the other of
-the two and the rod's own inertia leave to be held, `dynamics.residuals` measures on the planned motion.
+So the rates remain a function of the pose, linear in those of the platform, as the laws need it. Only balls
+count whose three values are alike, since their effect does not depend on the angle of the turn. The torque
+that the other of the two and the rod's own inertia leave is measured by `dynamics.residuals`.
 """
 
 from __future__ import annotations
@@ -29,49 +29,48 @@ from framework.kinematics.tree_model import is_ball
 class IdleTurns:
     """The k idle turns at T instants."""
 
-    ways: Array  # Z (T, nv, k): the motion of each turn alone
+    motions: Array  # Z (T, nv, k): the motion of each turn alone
     rows: Array  # (T, k, nv): a motion v is free along the turns where rows v = 0
-    weights: Array  # G (k, nv) of each turn; zero where it is held still
+    weights: Array  # G (k, nv) of each turn; zero where it rests
 
-    def freed(self, rates: Array, right: Array | float = 0.0) -> Array:
-        """Return rates (..., T, nv) with the turns added for which rows rates = right (T, k)."""
+    def add_turns(self, rates: Array, right: Array | float = 0.0) -> Array:
+        """Add the turns to rates (..., T, nv) for which rows rates = right (T, k)."""
         missing = right - np.einsum("tkv,...tv->...tk", self.rows, rates)
-        turns = np.linalg.solve(self.rows @ self.ways, missing[..., None])[..., 0]
-        return rates + np.einsum("tvk,...tk->...tv", self.ways, turns)
+        turns = np.linalg.solve(self.rows @ self.motions, missing[..., None])[..., 0]
+        return rates + np.einsum("tvk,...tk->...tv", self.motions, turns)
 
     def rows_rate(self, robot: ParallelRobot, linearised: LinearisedLoops, jacobian_rate: Array) -> Array:
         """Compute the time derivative (T, k, nv) of the rows for that of dF/dq (T, n + m, nv)."""
-        rates = _following(robot, linearised, jacobian_rate @ self.ways)
+        rates = _closing_motions(robot, linearised, jacobian_rate @ self.motions)
         return rates.transpose(0, 2, 1) * self.weights
 
 
 def idle_turns(robot: ParallelRobot, linearised: LinearisedLoops) -> IdleTurns | None:
-    """Return the idle turns where balls drive some of them; None where all are held still."""
+    """Return the idle turns if balls drive some; None if all rest."""
     weights = _weights(robot)
     if not weights.any():
         return None
-    ways = turn_motions(robot, linearised)
-    rows = ways.transpose(0, 2, 1) * weights
+    motions = turn_motions(robot, linearised)
+    rows = motions.transpose(0, 2, 1) * weights
     for k in np.flatnonzero(~weights.any(axis=1)):
         rows[:, k, robot.structure.idle[k]] = 1.0
-    return IdleTurns(ways, rows, weights)
+    return IdleTurns(motions, rows, weights)
 
 
 def driven_turns(robot: ParallelRobot) -> IntArray:
-    """Return those of the robot's idle columns whose turns balls drive; the others are held still."""
+    """Return the idle columns of the robot whose turns balls drive; the others rest."""
     return robot.structure.idle[_weights(robot).any(axis=1)]
 
 
 @lru_cache(maxsize=16)
 def _weights(robot: ParallelRobot) -> Array:
-    """Choose what drives each idle turn (k, nv): damping of balls, else armature, else nothing."""
+    """Return the damping of balls that drives each idle turn (k, nv), else their armature, else zero."""
     weights = np.zeros((len(robot.structure.idle), robot.model.nv))
     drives = [_alike_on_balls(robot, values) for values in (robot.joint_damping, robot.model.armature)]
     if len(weights) and any(values.any() for values in drives):
-        ways = turn_motions(robot, linearised_at_reference(robot))[0]
-        for k, direction in enumerate(ways.T):
-            felt = [values for values in drives if np.abs(values * direction).max() > 0.0]
-            weights[k] = felt[0] if felt else 0.0
+        motions = turn_motions(robot, linearised_at_reference(robot))[0]
+        for k, motion in enumerate(motions.T):
+            weights[k] = next((values for values in drives if np.abs(values * motion).max() > 0.0), 0.0)
     return read_only(weights)
 
 
@@ -88,13 +87,13 @@ def _alike_on_balls(robot: ParallelRobot, values: Array) -> Array:
 def turn_motions(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
     """Compute Z (T, nv, k): motions of the joints that turn one idle joint alone."""
     idle = robot.structure.idle
-    ways = _following(robot, linearised, linearised.jacobian[:, :, idle])
-    ways[:, idle] = np.eye(len(idle))
-    return ways
+    motions = _closing_motions(robot, linearised, linearised.jacobian[:, :, idle])
+    motions[:, idle] = np.eye(len(idle))
+    return motions
 
 
-def _following(robot: ParallelRobot, linearised: LinearisedLoops, left: Array) -> Array:
-    """Compute the motions (T, nv, k) of the joints that follow which undo what is left (T, n + m, k)."""
-    motions = np.zeros((len(left), robot.model.nv, left.shape[2]))
-    motions[:, robot.moving] = -linearised.factors.solve(left.transpose(2, 0, 1)).transpose(1, 2, 0)
+def _closing_motions(robot: ParallelRobot, linearised: LinearisedLoops, gaps: Array) -> Array:
+    """Compute motions (T, nv, k) of the moving joints that undo changes `gaps` (T, n + m, k) of F."""
+    motions = np.zeros((len(gaps), robot.model.nv, gaps.shape[2]))
+    motions[:, robot.moving] = -linearised.factors.solve(gaps.transpose(2, 0, 1)).transpose(1, 2, 0)
     return motions

@@ -4,11 +4,11 @@ With x and the deflections q_e given, F(q) = [platform(q) - x ; closures(q)] = 0
 coordinates. Its Jacobian along them is square and regular everywhere but in Type 1 singularities; in
 particular Type 2 singularities do not trouble it.
 
-What spins idly between two balls is fixed by none of these equations. Planning holds the rate of such a spin
-at zero about axes that move along; the angle that this comes to depends on the way there, steps of Newton's
-method included, and so is no smooth function of time to the last digits. Where configurations are to be
-interpolated (`without_spin`), each has the angle whose rotation vector from the start of the branch has no
-component along the axis: no force feels the difference, as no centre of mass moves.
+None of these equations fixes the spin of a rod between two balls. Planning holds the rate of such a spin at
+zero about axes that move with the rod. The resulting angle depends on the poses before, steps of Newton's
+method included, so it is no smooth function of time to the last digits. Where configurations are interpolated
+(`remove_idle_spin`), the rotation vector of the ball from the start of the branch has no component along the
+axis. No force depends on the difference, as no centre of mass moves.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ MAX_SPIN_STEPS, MAX_SPIN_STEP = 20, 1.0  # Newton steps towards it, [rad] that o
 
 
 def require_square(robot: ParallelRobot) -> None:
-    """Raise InvalidInput unless x and the loops determine all joints, and there are motors enough."""
-    held_by_springs = robot.structure.springs_alone
-    if held_by_springs:
+    """Raise InvalidInput unless x and the loops determine all joints, with enough motors."""
+    springs_alone = robot.structure.springs_alone
+    if springs_alone:
         raise InvalidInput(
-            f"{robot.name}, {robot.flexibility}: {', '.join(held_by_springs)} can only be closed by springs: "
+            f"{robot.name}, {robot.flexibility}: {', '.join(springs_alone)} can only be closed by springs: "
             f"the joints cannot move along them; lock fewer axes there (axes: [...]) or leave those axes "
             f"out of the springs' motion"
         )
@@ -46,7 +46,7 @@ def require_square(robot: ParallelRobot) -> None:
 
 
 def require_mobility(robot: ParallelRobot) -> None:
-    """Raise InvalidInput unless there are as many platform axes as freedoms, and no fewer motors."""
+    """Raise InvalidInput unless the robot has as many platform axes as freedoms, and no fewer motors."""
     loops = len(robot.loops.names)
     joints = len(robot.moving)
     mobility = joints - loops
@@ -91,7 +91,7 @@ def close_each(
     farthest: float = np.inf,
     last_step: float = NEWTON_STEP,
 ) -> NewtonResult[LinearisedLoops]:
-    """Close the loops wherever they close, as `close_loops` does, and tell where; options of `newton`."""
+    """Close the loops at each instant of x (T, n), or not; options of `newton`."""
 
     def evaluate(q: Array, which: Which) -> LinearisedLoops:
         return linearised_at(robot, q, x[which])
@@ -113,29 +113,29 @@ def close_each(
 
 def idle_balls(robot: ParallelRobot) -> IntArray:
     """Return entries of the velocity vector that are idle and belong to balls."""
-    if not len(robot.structure.idle):  # to look at joints, each a copy, takes as long as to close the loops
+    if not len(robot.structure.idle):  # reading joints, each a copy, takes as long as closing the loops
         return robot.structure.idle
     first = np.array([joint.idx_v for joint in robot.model.joints[1:] if is_ball(joint)], dtype=np.intp)
     columns = first[:, None] + np.arange(3)
     return np.intersect1d(robot.structure.idle, columns).astype(np.intp)
 
 
-def without_spin(robot: ParallelRobot, origin: Array, q: Array, x: Array) -> Array:
-    """Turn configurations q (T, nq) at x (T, n) so that their offset from `origin` (nq,) has no idle spin.
+def remove_idle_spin(robot: ParallelRobot, origin: Array, q: Array, x: Array) -> Array:
+    """Turn the idle balls of q (T, nq) at x (T, n) to zero spin from `origin` (nq,).
 
     Raises:
-        NotAssembled: one of them is on a singularity of the inverse kinematics.
+        NotAssembled: a configuration is on a singularity of the inverse kinematics.
     """
     idle = idle_balls(robot)
     for _ in range(MAX_SPIN_STEPS if len(idle) and len(q) else 0):
         spin = difference(robot, origin, q)[:, idle]
         if np.abs(spin).max() <= SPIN_ROUNDING:
             break
-        freely = turn_motions(robot, linearised_at(robot, q, x))[:, :, np.isin(robot.structure.idle, idle)]
+        turns = turn_motions(robot, linearised_at(robot, q, x))[:, :, np.isin(robot.structure.idle, idle)]
         rates = np.stack(
-            [difference_rates(robot, origin, q, freely[:, :, k])[:, idle] for k in range(len(idle))], axis=2
+            [difference_rates(robot, origin, q, turns[:, :, k])[:, idle] for k in range(len(idle))], axis=2
         )
-        back = np.linalg.solve(rates, -spin[:, :, None])
-        back /= np.maximum(np.abs(back).max(axis=1, keepdims=True) / MAX_SPIN_STEP, 1.0)
-        q = close_loops(robot, x, integrate(robot, q, (freely @ back)[:, :, 0])).q
+        angles = np.linalg.solve(rates, -spin[:, :, None])
+        angles /= np.maximum(np.abs(angles).max(axis=1, keepdims=True) / MAX_SPIN_STEP, 1.0)
+        q = close_loops(robot, x, integrate(robot, q, (turns @ angles)[:, :, 0])).q
     return q

@@ -1,11 +1,10 @@
 """Exact derivatives of the pose and of A, B, C along the motors and along the springs, loops closed.
 
-With F = [platform - x ; closures] and the motors held, the passive joints close what a deflection opens,
-P dq_p = -dc, and the platform goes along; with the platform held instead, all joints follow. A, B and C
-change with the wrenches and the screws that make dF/dq (`jacobian_change`), in the basis of
-`matrices_and_rates`.
+F = [platform - x ; closures]. With the motors at rest the passive joints close the gap of a deflection,
+P dq_p = -dc, and move the platform. With the platform at rest all joints follow. A, B and C change with the
+wrenches and screws in dF/dq (`jacobian_change`), in the basis of `matrices_and_rates`.
 
-Springs are whatever joints stand beside those of the robot: the geometric parameters of a robot are those of
+Springs are any joints added to those of the robot: the geometric parameters of a robot are the springs of
 `framework.identification.geometry.geometry_of(robot).model`, and these are the derivatives along them.
 """
 
@@ -22,8 +21,8 @@ from framework.kinematics.continuation.forward_kinematics import check_motors_ar
 from framework.kinematics.frame_variations import bracket, tree_columns
 from framework.kinematics.inverse_kinematics import require_mobility
 from framework.kinematics.linearised_loops import ClosedStack, assembled_at
-from framework.kinematics.loop_matrices import near_type_2
-from framework.kinematics.motion_changes import solved_rates
+from framework.kinematics.loop_matrices import find_near_type2
+from framework.kinematics.motion_changes import solve_rates
 from framework.kinematics.motion_rates import jacobian_change
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.velocity_matrices import matrices_and_changes
@@ -43,12 +42,12 @@ class PoseSlopes(ReadOnlyArrays):
 
 @dataclass(frozen=True, eq=False)
 class KinematicDerivatives(ReadOnlyArrays):
-    """Derivatives at one pose, idle joints held.
+    """Derivatives at one pose, with idle joints at rest.
 
     Attributes:
-        motors: along the motors' joints, joint side of the gears; deflections held.
-        springs: along the deflections q_e; motors held.
-        q_a: (n_a, n_e) of the motors' joints along the deflections, with the platform held.
+        motors: along the motors' joints, joint side of the gears, at constant deflections.
+        springs: along the deflections q_e, with the motors at rest.
+        q_a: (n_a, n_e) of the motors' joints along the deflections, with the platform at rest.
     """
 
     motors: PoseSlopes
@@ -57,32 +56,32 @@ class KinematicDerivatives(ReadOnlyArrays):
 
 
 def kinematic_derivatives(robot: ParallelRobot, q: ArrayLike | Configuration) -> KinematicDerivatives:
-    """Compute how the pose at q (nq,) depends on the motors and on the deflections of springs.
+    """Compute the derivatives of the pose at q (nq,) along the motors and the deflections of springs.
 
     Loop equations that springs alone can close stay open, such as those of planar robots across their plane.
 
     Raises:
         InvalidInput: q is not assembled; motors that depend on one another, or a platform that does not
             determine the joints.
-        SingularPose: the motors do not hold the robot there (Type 2): they do not tell the pose.
-        NotAssembled: the platform does not determine the joints there (Type 1).
+        SingularPose: the motors do not determine the pose (Type 2).
+        NotAssembled: the platform does not determine the joints (Type 1).
     """
     closed = assembled_at(robot, q)
     require_mobility(robot)
     check_motors_are_free(robot)
     linearised, n_e = closed.linearised, robot.n_e
-    if len(near_type_2(robot, linearised, RANK_LOST)):
+    if len(find_near_type2(robot, linearised, RANK_LOST)):
         raise SingularPose(
             f"{robot.name}: at {', '.join(robot.axis_names)} = {point(closed.x[0])} the motors do not hold "
             f"the robot (Type 2), and the pose has no derivative along them",
             platform=closed.x[0],
         )
-    nothing = np.zeros((1, n_e, robot.n + len(robot.loops.names)))
-    held = solved_rates(robot, linearised, nothing, robot.elastic, np.eye(n_e)[None])[0]
+    at_rest = np.zeros((1, n_e, robot.n + len(robot.loops.names)))
+    joints = solve_rates(robot, linearised, at_rest, robot.elastic, np.eye(n_e)[None])[0]
     return KinematicDerivatives(
         motors=_slopes(robot, closed, robot.actuated),
         springs=_slopes(robot, closed, robot.elastic),
-        q_a=held[:, robot.actuated].T,
+        q_a=joints[:, robot.actuated].T,
     )
 
 
@@ -93,7 +92,7 @@ def _slopes(robot: ParallelRobot, closed: ClosedStack, columns: IntArray) -> Pos
     if len(robot.following):
         opened = closed.linearised.closures[0][:, columns].T
         steps[:, robot.following] = -closed.linearised.passive_factors.solve(opened[:, None])[:, 0]
-    linearised, tree = closed.linearised.at(np.zeros(k, dtype=np.intp)), tree_columns(robot)
+    linearised, tree = closed.linearised.select(np.zeros(k, dtype=np.intp)), tree_columns(robot)
     screws = linearised.frames.screws
     stepped = screws * steps[..., None]
     before = tree.before.T.astype(float) @ stepped

@@ -29,7 +29,7 @@ from framework.tolerances import FILE_ROUNDING
 
 @dataclass(frozen=True, eq=False)
 class LinearisedLoops:
-    """F and its derivatives at T configurations; m independent loop equations."""
+    """F and its derivatives at T configurations, with m independent loop equations."""
 
     equations: Equations
     frames: FrameStack
@@ -37,17 +37,17 @@ class LinearisedLoops:
     residual: Array  # (T, n + m)
     entries: Array  # (T, E) of dF/dq, as `equations.pattern` has them
 
-    def at(self, k: int | slice | IntArray) -> LinearisedLoops:
-        """Return those of one instant, T = 1, or of some."""
-        here = slice(k, k + 1) if isinstance(k, int) else k
-        loops = LoopWrenches(*(part[here] for part in self.loops))
+    def select(self, k: int | slice | IntArray) -> LinearisedLoops:
+        """Return the equations at one instant, T = 1, or at some."""
+        which = slice(k, k + 1) if isinstance(k, int) else k
+        loops = LoopWrenches(*(part[which] for part in self.loops))
         return LinearisedLoops(
-            self.equations, self.frames.at(here), loops, self.residual[here], self.entries[here]
+            self.equations, self.frames.select(which), loops, self.residual[which], self.entries[which]
         )
 
     @property
     def gap(self) -> Array:
-        """Largest loop equation (T,) [m or rad], of all of them."""
+        """Largest of all loop equations (T,) [m or rad], redundant ones too."""
         return np.abs(self.loops.residual).max(axis=1, initial=0.0)
 
     @cached_property
@@ -95,7 +95,7 @@ class LinearisedLoops:
 
 @dataclass(frozen=True, eq=False)
 class ClosedStack:
-    """T configurations `q` (T, nq) on the prescribed `x` (T, n), with the equations `linearised` there."""
+    """Configurations `q` (T, nq) on the prescribed `x` (T, n), with their `linearised` equations."""
 
     q: Array
     x: Array
@@ -103,7 +103,7 @@ class ClosedStack:
 
 
 def linearised_at(robot: ParallelRobot, q: Array, x: Array | None) -> LinearisedLoops:
-    """Compute F and its derivatives at q (T, nq) for the platform at x (T, n); None: where q has it."""
+    """Compute F and its derivatives at q (T, nq) and x (T, n); None: the platform's own x."""
     equations, frames, n = robot.equations, frames_at(robot, q), robot.n
     loops, residual = loop_wrenches(robot.rows, frames), np.zeros((len(q), len(equations.bodies)))
     if x is not None:
@@ -133,13 +133,13 @@ def assembled_at(robot: ParallelRobot, q: ArrayLike | Configuration, *, stacks: 
     """Return a configuration q (nq,), or a `Configuration`, with its equations (T = 1), loops being closed.
 
     Args:
-        stacks: whether T configurations (T, nq) will do as well.
+        stacks: whether T configurations (T, nq) are accepted as well.
 
     Raises:
         InvalidInput: q has the wrong shape, is not finite, or leaves a loop open.
     """
     expect_robot(robot)
-    q = np.array(configuration(robot, q, stacks=stacks), ndmin=2)  # a copy: what was given may change
+    q = np.array(configuration(robot, q, stacks=stacks), ndmin=2)  # a copy: the caller's array may change
     linearised = linearised_at(robot, q, None)
     gaps = np.abs(linearised.loops.residual) / robot.row_lengths
     if gaps.max(initial=0.0) > FILE_ROUNDING:

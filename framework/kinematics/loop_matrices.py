@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from framework.arrays import Array, IntArray
-from framework.kinematics.closures import scaled
+from framework.kinematics.closures import scale_jacobian
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.tolerances import RANK_LOST
@@ -18,12 +18,12 @@ CHOLESKY_CLEARANCE = 1e-4  # singular values of P whose squares are above what r
 
 def scaled_loops(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
     """Compute all columns (T, m, nv) of the independent loop equations, in radians and robot lengths."""
-    return scaled(robot, linearised.closures, robot.loops.rotation)
+    return scale_jacobian(robot, linearised.closures, robot.loops.rotation)
 
 
 def scaled_platform(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
     """Compute the platform's rows (T, n, nv), in radians and robot lengths."""
-    return scaled(robot, linearised.platform, ~robot.translations)
+    return scale_jacobian(robot, linearised.platform, ~robot.translations)
 
 
 def independent_loops_matrix(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
@@ -42,11 +42,11 @@ def clearance(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
     return values.min(axis=1, initial=np.inf)
 
 
-def near_type_2(robot: ParallelRobot, linearised: LinearisedLoops, level: float) -> IntArray:
+def find_near_type2(robot: ParallelRobot, linearised: LinearisedLoops, level: float) -> IntArray:
     """Find the instants, ascending, whose `clearance` is below a level.
 
-    Mostly there are none, and that is proved without singular values, at a tenth of their cost: they are all
-    above c where P'P - c^2 has a Cholesky factor.
+    Usually no instant is below. A Cholesky factor of P'P - c^2 proves it at a tenth of the cost of singular
+    values: all of them are above c.
     """
     P = passive_matrix(robot, linearised)
     try:

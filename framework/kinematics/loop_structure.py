@@ -1,9 +1,8 @@
 """Independent loop equations and idle joints of a mechanism, decided once at its assembled reference.
 
-A planar robot written in 3D closes its loop out of the plane for nothing; such rows are redundant
-everywhere, and found by rank-revealing QR. A rank that drops in passing is a singularity and is the business
-of `singularity`; one that is lower at the reference than beside it is refused, for what is decided there
-would be wrong everywhere else.
+A planar robot written in 3D has loop equations out of its plane that follow from the others in all poses.
+Rank-revealing QR finds such redundant rows. A rank that drops at single poses is a singularity, see
+`singularity`. A reference with a lower rank than nearby poses is refused: its structure holds nowhere else.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ import numpy as np
 from framework.arrays import LEAST_DIVISOR, Array, IntArray, ReadOnlyArrays
 from framework.errors import SingularReference
 from framework.kinematics.assembly import all_loops_matrix
-from framework.kinematics.closures import scaled
+from framework.kinematics.closures import scale_jacobian
 from framework.kinematics.frames import frames_at
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.platform import PlatformCoordinates
@@ -30,14 +29,14 @@ class LoopStructure(ReadOnlyArrays):
     """The independent rows and idle joints of a mechanism, decided once at its reference."""
 
     independent: IntArray  # (m,) ascending, of the mechanism's `rows`: equations that do not repeat others
-    dropped: IntArray  # (rows - m,) ascending, those that do
-    springs_alone: tuple[str, ...]  # names of those that springs can move and joints cannot
-    idle: IntArray  # passive joints to hold still because their motion moves nothing
+    dropped: IntArray  # (rows - m,) ascending, equations that repeat others
+    springs_alone: tuple[str, ...]  # names of equations that springs can move and joints cannot
+    idle: IntArray  # passive joints that rest because their motion moves nothing
     row_sizes: Array  # (m,) divides the independent equations where rank is judged
 
     @staticmethod
     def of(mechanism: Mechanism, passive: IntArray, matrices: Sequence[Array]) -> LoopStructure:
-        """Decide by the `motion_matrix` of the reference, first of the `matrices`, and of poses beside it.
+        """Decide by `motion_matrix` at the reference, first of the `matrices`, and at poses nearby.
 
         Args:
             passive: entries of the velocity vector without a motor and without a spring.
@@ -58,20 +57,20 @@ class LoopStructure(ReadOnlyArrays):
 def singular_reference(
     mechanism: Mechanism, passive: IntArray, poses: Sequence[Array], matrices: Sequence[Array]
 ) -> SingularReference | None:
-    """Return the error for a reference on a singularity of the loops; None where it is regular.
+    """Return the error for a reference on a singularity of the loops; None for a regular one.
 
     The loops, or the loops and the platform along the passive joints, have a lower rank at the reference, the
-    first of the `poses` (nq,), than at the others. `matrices` are those of `motion_matrix` there.
+    first of the `poses` (nq,), than at another pose. `matrices` are those of `motion_matrix` at the poses.
     """
     at_reference, rows = matrices[0], len(mechanism.rows.names)
-    for beside in matrices[1:]:
-        lost = _lost_rows(at_reference[-rows:, mechanism.joints], beside[-rows:, mechanism.joints])
-        still = _lost_rows(at_reference[:, passive].T, beside[:, passive].T)
-        if len(lost) or len(still):
+    for nearby in matrices[1:]:
+        lost = _lost_rows(at_reference[-rows:, mechanism.joints], nearby[-rows:, mechanism.joints])
+        stuck = _lost_rows(at_reference[:, passive].T, nearby[:, passive].T)
+        if len(lost) or len(stuck):
             return SingularReference(
                 mechanism.name,
                 rows=[mechanism.rows.names[k] for k in lost],
-                joints=[mechanism.coordinates.name_of(int(passive[k])) for k in still],
+                joints=[mechanism.coordinates.name_of(int(passive[k])) for k in stuck],
                 poses=[mechanism.reference_values(pose) for pose in poses[1:]],
             )
     return None
@@ -96,16 +95,16 @@ def rows_of_springs_alone(
     return ()
 
 
-def idle_columns(felt: Array, passive: IntArray) -> IntArray:
-    """Find passive joints to hold still because their motion moves nothing, such as a rod about its axis.
+def idle_columns(matrix: Array, passive: IntArray) -> IntArray:
+    """Find passive joints to hold at rest because their motion moves nothing, such as a rod about its axis.
 
-    Passive motions that neither the loops nor the platform feel, of `motion_matrix` (n + rows, n_p) at the
-    reference; one joint of each is chosen by pivoting. They carry no load as long as the body that they turn
-    is balanced about them; `dynamics.residuals` measures it.
+    Idle are passive motions in the null space of `motion_matrix` (n + rows, n_p) at the reference; pivoting
+    chooses one joint of each. They carry no load as long as the body that they turn is balanced about them;
+    `dynamics.residuals` measures the load.
     """
     if not len(passive):
         return np.empty(0, dtype=np.intp)
-    values, right = np.linalg.svd(felt)[1:]
+    values, right = np.linalg.svd(matrix)[1:]
     rank = int(np.sum(values > RANK_ROUNDING * max(float(values[0]), 1.0)))
     order = row_pivots(right[rank:].T) if rank < len(right) else np.empty(0, dtype=np.intp)
     return np.sort(passive[order[: len(passive) - rank]])
@@ -113,18 +112,18 @@ def idle_columns(felt: Array, passive: IntArray) -> IntArray:
 
 def motion_matrix(mechanism: Mechanism, platform: PlatformCoordinates, q: Array) -> Array:
     """Compute the dimensionless Jacobian (n + rows, nv) of platform and all loop equations at q (nq,)."""
-    moved = scaled(mechanism, platform.jacobian(frames_at(mechanism, q[None])), ~platform.translations)[0]
-    return np.concatenate([moved, all_loops_matrix(mechanism, q)])
+    jacobian = platform.jacobian(frames_at(mechanism, q[None]))
+    rows = scale_jacobian(mechanism, jacobian, ~platform.translations)[0]
+    return np.concatenate([rows, all_loops_matrix(mechanism, q)])
 
 
 def _lost_rows(at_reference: Array, nearby: Array) -> IntArray:
-    """Find the rows by which the rank of `nearby` exceeds that of `reference`, by pivoting."""
+    """Find the rows by which the rank of `nearby` exceeds that of `at_reference`, by pivoting."""
     rank, remaining = numerical_rank(nearby), numerical_rank(at_reference, BRANCHES_MEET)
     if remaining >= rank:
         return np.empty(0, dtype=np.intp)
-    kept = row_pivots(at_reference)[:remaining]
-    span = np.linalg.qr(nearby[kept].T)[0]
-    return np.sort(row_pivots(nearby - nearby @ span @ span.T)[: rank - len(kept)])
+    span = np.linalg.qr(nearby[row_pivots(at_reference)[:remaining]].T)[0]
+    return np.sort(row_pivots(nearby - nearby @ span @ span.T)[: rank - remaining])
 
 
 def numerical_rank(matrix: Array, level: float = RANK_ROUNDING) -> int:
@@ -134,16 +133,16 @@ def numerical_rank(matrix: Array, level: float = RANK_ROUNDING) -> int:
 
 
 def row_pivots(matrix: Array) -> IntArray:
-    """Order the rows of a matrix, each the farthest from the span of those before it."""
+    """Order the rows of a matrix, each the farthest from the span of its predecessors."""
     from scipy.linalg import qr
 
     return qr(matrix.T, mode="r", pivoting=True)[1]
 
 
 def _row_sizes(loops: Array) -> Array:
-    """Return divisors (m,) that make the largest entry of each equation (m, columns) 1, where far from that.
+    """Return divisors (m,) of equations (m, columns) whose largest entry is far from 1, else 1.
 
-    An equation may be written in any unit, or as any multiple of itself: none of that is a singularity.
+    An equation may be written in any unit, or as any multiple of itself, without being singular.
     """
     sizes = np.abs(loops).max(axis=1, initial=0.0)
     return np.where((sizes < ODD_SIZE) | (sizes > 1 / ODD_SIZE), np.maximum(sizes, LEAST_DIVISOR), 1.0)

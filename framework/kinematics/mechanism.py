@@ -1,7 +1,6 @@
 """A mechanism as pinocchio sees it: the open tree with its springs, and the loops that are to close.
 
-It may not close, and nothing is asked of it but its numbers: `check`, the search for a closed pose and the
-proof that a `ParallelRobot` starts from work on it.
+Its loops may stay open. `check`, the search for a closed pose and the making of a `ParallelRobot` work on it.
 """
 
 from __future__ import annotations
@@ -10,6 +9,7 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 from typing import Self
 
@@ -47,19 +47,19 @@ class Mechanism(ReadOnlyArrays):
     """
 
     description: RobotDescription
-    flexibility: str  # the least one with these springs, whatever was asked for
+    flexibility: str  # the least one with these springs
     model: pin.Model
     elastic: IntArray
     stiffness: Array  # (n_e,) [N/m] or [N m/rad]
     joint_stiffness: Array  # (nv,) of springs on joints of the URDF, joint side
-    joint_rest: Array  # (nv,) where those springs are at rest
+    joint_rest: Array  # (nv,) positions at which these springs have no torque
     joint_damping: Array  # (nv,) viscous [N m s/rad, N s/m]; the armature of the joints is in `model`
     joint_friction: Array  # (nv,) dry [N m, N]
     elastic_names: tuple[str, ...]  # (n_e,)
     frames: tuple[int, ...]  # pinocchio frames whose motion the equations need; the platform is 0
     rows: LoopRows  # all loop equations, redundant ones too
-    rounded: LoopRows  # those left aside, which repeat others but for rounding: see `rounded_loops`
-    directions: LockedDirections  # what the loop equations alone would let turn over
+    rounded: LoopRows  # rows set aside that repeat others but for rounding: see `rounded_loops`
+    directions: LockedDirections  # which the loop equations alone do not keep from turning over
     limits: tuple[JointLimit, ...]  # of the joints' positions, as the URDF has them
     q_near: Array  # (nq,) configuration of the robot file, nearly assembled
     length: float  # [m] size of the mechanism, to compare metres with radians
@@ -81,10 +81,9 @@ class Mechanism(ReadOnlyArrays):
     ) -> Self:
         """Read the mechanism or robot of a file with the springs of one flexibility.
 
-        The file is ours or of any dialect that `framework.model.readers` knows; `platform`, `axes`, `motors`,
-        `reference` [rad, m], `base`, `locked` and `platform_joints` say what a foreign file does not, as for
-        `read_any`; `parameters` are
-        values in place of those that a robot file declares.
+        The file is ours or of any dialect that `framework.model.readers` reads. `platform`, `axes`,
+        `motors`, `reference` [rad, m], `base`, `locked` and `platform_joints` complete a foreign file, as for
+        `read_any`; `parameters` replace values that a robot file declares.
 
         Raises:
             RobotFileError: see `read_any`; or pinocchio refuses the URDF.
@@ -101,7 +100,7 @@ class Mechanism(ReadOnlyArrays):
             platform_joints=platform_joints,
             parameters=parameters,
         )
-        return cls.of(_built(parsed, flexibility))
+        return cls.of(_build_mechanism(parsed, flexibility))
 
     @classmethod
     def from_description(cls, description: RobotDescription, *, flexibility: str = "rigid") -> Self:
@@ -113,11 +112,11 @@ class Mechanism(ReadOnlyArrays):
         """
         with naming(f"{description.file}: urdf"):
             urdf = parse_xml(description.urdf_text)
-        return cls.of(_built(ParsedRobot(description, urdf), flexibility))
+        return cls.of(_build_mechanism(ParsedRobot(description, urdf), flexibility))
 
     @classmethod
     def of(cls, mechanism: Mechanism) -> Self:
-        """Return the same numbers, without what a `ParallelRobot` adds to them."""
+        """Return the mechanism alone, without the additions of a `ParallelRobot`."""
         return cls(**{field.name: getattr(mechanism, field.name) for field in fields(Mechanism)})
 
     @property
@@ -142,7 +141,7 @@ class Mechanism(ReadOnlyArrays):
 
     @cached_property
     def joints(self) -> IntArray:
-        """All entries of the velocity vector but those of springs."""
+        """All entries of the velocity vector except springs."""
         return read_only(np.setdiff1d(np.arange(self.model.nv), self.elastic))
 
     @cached_property
@@ -159,7 +158,7 @@ class Mechanism(ReadOnlyArrays):
         return (*self.elastic_names, *(self.coordinates.name_of(int(column)) for column in sprung))
 
     def friction_sizes(self, columns: IntArray) -> str:
-        """Return the dry friction of these coordinates as text; empty without any."""
+        """Return the dry friction of coordinates as text; empty if none has friction."""
         return ", ".join(
             f"{self.coordinates.name_of(int(column))} {self.joint_friction[column]:.3g} "
             f"{'N' if self.sliding[column] else 'N m'}"
@@ -206,50 +205,49 @@ class Mechanism(ReadOnlyArrays):
 
 
 def columns_of(model: pin.Model, joints: Iterable[str]) -> IntArray:
-    """Return entries of the velocity vector that have these names."""
+    """Return the entries of the velocity vector by name."""
     names = coordinate_names(model)
     return np.array([names.index(name) for name in joints], dtype=int)
 
 
-def _built(parsed: ParsedRobot, flexibility: str) -> Mechanism:
-    description, urdf = parsed.description, parsed.urdf
+def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
+    description = parsed.description
     springs = description.active_springs(flexibility)
     model = _sprung_model(parsed, springs)
     model.gravity.linear = np.array(description.gravity)
+    joints = description.joints.items()
 
-    def acting(parameter: str) -> Array:
+    def acting(key: str) -> Array:
         """Return one parameter of the joints' springs, damping and friction, (nv,)."""
-        joints = description.joints.items()
-        return _on_joints(model, {name: getattr(joint, parameter) for name, joint in joints})
+        return _joint_vector(model, {name: getattr(joint, key) for name, joint in joints})
 
     model.armature[:] = acting("armature")
-    elastic_names = [name for spring in springs for name in spring.coordinates]
-    frames = [description.platform.frame]
-    for closure in description.closures:
-        frames += [name for name in closure.frames if name not in frames]
-    reference = named_axes(model).T @ _on_joints(model, description.reference)
+    elastic_names = tuple(chain.from_iterable(spring.coordinates for spring in springs))
+    ends = chain.from_iterable(closure.frames for closure in description.closures)
+    names = list(dict.fromkeys([description.platform.frame, *ends]))
+    frames = tuple(frame_of(model, name) for name in names)
+    reference = named_axes(model).T @ _joint_vector(model, description.reference)
     q_near = np.asarray(pin.integrate(model, pin.neutral(model), reference))
-    used = tuple(frame_of(model, name) for name in frames)
-    couplings = [_coupled(model, coupling) for coupling in description.couplings]
-    rows = loop_rows(description.closures, frames, couplings)
+    couplings = [_place_coupling(model, one) for one in description.couplings]
+    rows = loop_rows(description.closures, names, couplings)
     return Mechanism(
         description=description,
         flexibility=description.least_flexibility(flexibility),
         model=model,
         elastic=columns_of(model, elastic_names),
-        stiffness=np.array([value for spring in springs for value in spring.stiffness]),
+        stiffness=np.array([*chain.from_iterable(spring.stiffness for spring in springs)]),
         joint_stiffness=acting("stiffness"),
         joint_rest=acting("rest"),
         joint_damping=acting("damping"),
         joint_friction=acting("friction"),
-        elastic_names=tuple(elastic_names),
-        frames=used,
+        elastic_names=elastic_names,
+        frames=frames,
         rows=rows,
         rounded=rows.take(np.empty(0, dtype=int)),
-        directions=locked_directions(description.closures, frames),
-        limits=joint_limits(urdf, model),
+        directions=locked_directions(description.closures, names),
+        limits=joint_limits(parsed.urdf, model),
         q_near=q_near,
-        length=_length(model, q_near, used),
+        length=_length(model, q_near, frames),
     )
 
 
@@ -271,7 +269,7 @@ def _sprung_model(parsed: ParsedRobot, springs: Sequence[Spring]) -> pin.Model:
 
 
 def _balls_by_axes(urdf: ElementTree.Element, description: RobotDescription) -> list[str]:
-    """Return names of balls whose axes matter: those with unlike springs or damping about them."""
+    """Return names of balls with unlike springs or damping about their axes."""
     balls = []
     for joint in urdf.findall("joint"):
         name, kind = joint.get("name", ""), joint.get("type", "")
@@ -282,7 +280,7 @@ def _balls_by_axes(urdf: ElementTree.Element, description: RobotDescription) -> 
     return balls
 
 
-def _coupled(model: pin.Model, coupling: Coupling) -> CoupledJoints:
+def _place_coupling(model: pin.Model, coupling: Coupling) -> CoupledJoints:
     """Return a coupling with the places of its joints."""
     first, second = (model.joints[model.getJointId(name)] for name in (coupling.joint, coupling.of))
     return CoupledJoints(
@@ -296,13 +294,13 @@ def _coupled(model: pin.Model, coupling: Coupling) -> CoupledJoints:
 
 
 def frame_of(model: pin.Model, name: str) -> int:
-    """Return the index of the frame of a link or else of a joint: URDF lets the two share a name."""
+    """Return the index of the frame of a link, else of a joint: URDF lets the two share a name."""
     link = pin.FrameType.BODY
     is_link = model.existFrame(name, link)
     return int(model.getFrameId(name, link) if is_link else model.getFrameId(name))
 
 
-def _on_joints(model: pin.Model, values: Mapping[str, float]) -> Array:
+def _joint_vector(model: pin.Model, values: Mapping[str, float]) -> Array:
     """Return a vector (nv,) with values by joint name, zero elsewhere."""
     vector = np.zeros(model.nv)
     vector[columns_of(model, values)] = list(values.values())
@@ -310,11 +308,11 @@ def _on_joints(model: pin.Model, values: Mapping[str, float]) -> Array:
 
 
 def _length(model: pin.Model, q: Array, frames: Iterable[int]) -> float:
-    """Compute the size of the mechanism at q [m], to compare metres with radians; 1 if nothing has any.
+    """Compute the size of the mechanism at q [m], to compare metres with radians; 1 if nothing has a size.
 
-    It is the largest distance between joints, frames that move and those of the loops: where the robot stands
-    does not count. Where all of them meet in one point, as in a spherical robot, it is the largest radius of
-    gyration of a body about its joint.
+    It is the largest distance between joints, frames that move and frames of the loops, whatever the place of
+    the robot. If all of them meet in one point, as in a spherical robot, it is the largest radius of gyration
+    of a body about its joint.
     """
     data = model.createData()
     pin.framesForwardKinematics(model, data, q)

@@ -1,4 +1,4 @@
-"""Points in millimetres and angles in degrees, told by facts: no link reaches them, they are many turns."""
+"""Remarks on points in millimetres and angles in degrees: no link reaches them, they are many turns."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from framework.errors import point
 from framework.kinematics.mechanism import Mechanism, columns_of
 
 
-def more_than_a_turn(mechanism: Mechanism, joints: Mapping[str, float]) -> str:
-    """Return the end of a sentence on hinges beyond a full turn (joint: angle [rad]); empty where none is.
+def remark_on_turns(mechanism: Mechanism, joints: Mapping[str, float]) -> str:
+    """Return the end of a sentence on hinges beyond a full turn; empty if none is beyond.
 
-    Angles in degrees are.
+    `joints`: their angles [rad] by name.
     """
     columns = columns_of(mechanism.model, joints)
     turns = ", ".join(
@@ -28,7 +28,7 @@ def more_than_a_turn(mechanism: Mechanism, joints: Mapping[str, float]) -> str:
 def longest_reach(robot: Mechanism) -> float:
     """Return the length [m] of the links from the base to the platform's frame, one behind the other.
 
-    Slides at the end of their range, springs at rest; infinite where a joint moves without bound.
+    Slides are at the end of their range, springs at rest; infinite if a joint moves without bound.
     """
     model = robot.model
     frame = model.frames[model.getFrameId(robot.description.platform.frame)]
@@ -44,10 +44,10 @@ def longest_reach(robot: Mechanism) -> float:
     return reach
 
 
-def beyond_reach(robot: Mechanism, position: Array) -> str:
-    """Return the end of a sentence on a platform that no link leads to; empty where one may.
+def remark_on_reach(robot: Mechanism, position: Array) -> str:
+    """Return the end of a sentence on a platform that no link reaches; empty if one may.
 
-    `position`: the coordinates of its frame's origin that are given [m].
+    `position`: the prescribed coordinates of its frame's origin [m].
     """
     distance, reach = float(np.linalg.norm(position)), longest_reach(robot)
     if distance <= reach:

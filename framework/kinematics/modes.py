@@ -1,4 +1,4 @@
-"""Working modes and assembly modes: the signs that tell them, and the legs that a working mode is made of.
+"""Signs of working modes and assembly modes, and the legs of a working mode.
 
 With the platform given, the equations [platform - x ; closures] = 0 fall apart into blocks that are solved
 one after the other: the irreducible blocks of the sparsity pattern of their Jacobian (Dulmage and Mendelsohn
@@ -44,7 +44,7 @@ def passive_determinants(linearised: LinearisedLoops) -> tuple[Array, Array]:
 def keeps_sign(before: tuple[Array, Array], after: tuple[Array, Array]) -> BoolArray:
     """Whether determinants (T,), their signs and logarithms, have the same sign before and after.
 
-    A determinant of which no more than rounding is left has no sign.
+    A determinant at rounding has no sign.
     """
     (sign, size), (later_sign, later_size) = before, after
     return (later_sign == sign) & (later_size - size > np.log(DETERMINANT_LOST))
@@ -62,21 +62,20 @@ def keeps_working_mode(robot: ParallelRobot, before: LinearisedLoops, after: Lin
     """Whether no Type 1 singularity lies between two near configurations or at the second, (T,).
 
     Of T configurations `after`, each with the one before it, the first with `before` (T = 1).
-    det [dF/dq] also changes sign where the loop equations lose rank, and there a smooth branch goes on.
-    The map from the motions that the loops allow to the platform does not: with N a basis of those
-    motions, carried on from one configuration to the other, det (platform N) keeps its sign. A determinant
-    of which no more than rounding is left has no sign, and loops that have lost rank allow more than one
-    motion: no such configuration belongs to a mode.
+    det [dF/dq] also changes sign where the loop equations lose rank, although a smooth branch goes on. The
+    map from the motions that the loops allow to the platform does not: with N a basis of these motions,
+    continued from one configuration to the other, det (platform N) keeps its sign. A determinant at rounding
+    has no sign, and loops that have lost rank allow more than one motion; such configurations belong to no
+    mode.
     """
     columns = robot.moving
-
     loops = scaled_loops(robot, after)[:, :, columns]
     ranked = np.linalg.svd(loops, compute_uv=False).min(axis=1, initial=np.inf) >= RANK_LOST
     signs, sizes = map(np.concatenate, zip(before.factors.slogdet, after.factors.slogdet, strict=True))
     keep = ranked & keeps_sign((signs[:-1], sizes[:-1]), (signs[1:], sizes[1:]))
     for k in map(int, np.flatnonzero(ranked & ~keep)):
         bases, maps = [], []
-        for linearised in (after.at(k - 1) if k else before, after.at(k)):
+        for linearised in (after.select(k - 1) if k else before, after.select(k)):
             basis = np.linalg.svd(scaled_loops(robot, linearised)[0][:, columns])[2][loops.shape[1] :].T
             bases.append(basis)
             platform = scaled_platform(robot, linearised)[0][:, columns]
@@ -97,7 +96,7 @@ class Leg(ReadOnlyArrays):
 
 
 def legs(robot: ParallelRobot) -> tuple[Leg, ...]:
-    """Compute the legs in the order of their first motor; those without a motor last.
+    """Compute the legs in the order of their first motor; legs without a motor last.
 
     Raises:
         InvalidInput: the platform does not determine the joints.
@@ -107,24 +106,25 @@ def legs(robot: ParallelRobot) -> tuple[Leg, ...]:
 
     require_square(robot)
     part = robot.equations.moving
-    size = part.shape[0]
     # indices of 32 bits: before 1.15 scipy's matching takes no others
-    places = part.row.astype(np.int32), part.column.astype(np.int32)
-    pattern = csr_array((np.ones(len(part.row)), places), shape=part.shape)
+    entries = part.row.astype(np.int32), part.column.astype(np.int32)
+    pattern = csr_array((np.ones(len(part.row)), entries), shape=part.shape)
     row_of = maximum_bipartite_matching(pattern, perm_type="row")  # (columns,)
     matched = pattern[row_of]  # its diagonal is full: each column's own equation stands in its row
     label = connected_components(matched, directed=True, connection="strong")[1]
-    first, second = matched.nonzero()  # a column's equation has the other columns
+    first, second = matched.nonzero()  # the equation of the first column has the second one
     needs = np.eye(int(label.max(initial=-1)) + 1, dtype=bool)
     for _ in needs:
         np.logical_or.at(needs, label[first], needs[label[second]])
-    legs_found = []
-    for k in range(int(label.max(initial=-1)) + 1):
+
+    def leg(k: int) -> Leg:
         columns = np.flatnonzero(label == k)
         motors = tuple(robot.actuator_names[c] for c in columns if c < robot.n_a)
-        before = np.flatnonzero(needs[k, label] & (label != k))
-        legs_found.append(Leg(motors, np.asarray(row_of[columns], dtype=np.intp), columns, before))
-    return tuple(sorted(legs_found, key=lambda leg: int(leg.columns[0]) if leg.motors else size))
+        needed = np.flatnonzero(needs[k, label] & (label != k))
+        return Leg(motors, np.asarray(row_of[columns], dtype=np.intp), columns, needed)
+
+    all_legs = map(leg, range(len(needs)))
+    return tuple(sorted(all_legs, key=lambda leg: int(leg.columns[0]) if leg.motors else part.shape[0]))
 
 
 def leg_determinants(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:

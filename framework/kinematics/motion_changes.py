@@ -10,7 +10,6 @@ with the derivatives of `frame_variations` at fixed v and a. Regular at Type 2, 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -26,15 +25,15 @@ from framework.kinematics.platform import CoordinateRates
 
 
 class MotionSteps(NamedTuple):
-    """k small steps at T instants: displacements, changes of rates and of accelerations, three of each."""
+    """k small steps at T instants: displacements, changes of rates and of accelerations."""
 
     twist: CoordinateRates  # (T, k, n) along the platform's v, of v, of dv/dt
     columns: IntArray  # (c,) of the joints that step by themselves: deflections, idle joints
-    joints: CoordinateRates  # (T, k, c) of these
+    joints: CoordinateRates  # (T, k, c) of these joints
 
 
 class MotionChanges(NamedTuple):
-    """What steps make of the joints' positions, rates and accelerations, each (T, k, nv)."""
+    """Changes of the joints' positions, rates and accelerations by steps, each (T, k, nv)."""
 
     q: Array
     v: Array
@@ -46,18 +45,17 @@ def coordinate_steps(
 ) -> MotionSteps:
     """Return unit steps of coordinates at T instants: of all positions, then of rates, then of accelerations.
 
-    Coordinates are those of a platform at x, dx, ddx (T, n), and behind them the joints of c `columns`, none
-    by default, of deflections or idle joints: k = 3 (n + c) steps.
+    Coordinates are those of a platform at x, dx, ddx (T, n), then the joints of c `columns`, none by default,
+    of deflections or idle joints: k = 3 (n + c) steps.
     """
     columns = np.empty(0, dtype=np.intp) if columns is None else columns
     count, n = x[0].shape
     size = n + len(columns)
     steps = np.eye(3 * size).reshape(3 * size, 3, size).swapaxes(0, 1)
     units = np.repeat(steps[:, None], count, axis=1)
-    repeated = _three(np.repeat(part, 3 * size, axis=0) for part in x)
-    twists = robot.platform.twist_changes(repeated, _three(part[..., :n].reshape(-1, n) for part in units))
-    along = _three(part.reshape(count, 3 * size, n) for part in twists)
-    return MotionSteps(along, columns, _three(units[..., n:]))
+    motion = np.repeat(x, 3 * size, axis=1)
+    twists = robot.platform.twist_changes((*motion,), (*units[..., :n].reshape(3, -1, n),))
+    return MotionSteps((*np.reshape(twists, (3, count, 3 * size, n)),), columns, (*units[..., n:],))
 
 
 def motion_changes(robot: ParallelRobot, motion: Motion, steps: MotionSteps) -> MotionChanges:
@@ -70,33 +68,33 @@ def motion_changes(robot: ParallelRobot, motion: Motion, steps: MotionSteps) -> 
     tree = TreeMotion.of(robot, linearised.frames, motion.v, motion.a)
     still, closed = np.zeros((count, k, robot.model.nv)), np.zeros((count, k, len(robot.loops.names)))
     columns, joints = steps.columns, steps.joints
-    moved = np.concatenate([steps.twist[0], closed], axis=2)
-    dq = solved_rates(robot, linearised, moved, columns, joints[0])
+    displacement = np.concatenate([steps.twist[0], closed], axis=2)
+    dq = solve_rates(robot, linearised, displacement, columns, joints[0])
 
-    def left_over(dv: Array, order: int) -> Array:
-        """Return what the equations' derivatives of this order change by at fixed joint accelerations."""
+    def missing_change(dv: Array, order: int) -> Array:
+        """Compute the change of the equations' derivative still to be made by rates of this order."""
         variation = tree.variation(dq, dv, still)
         platform = robot.platform.velocity_changes(tree, variation)[order]
         loops = row_variation(robot.loops, tree, variation)[order]
         return np.concatenate([steps.twist[1 + order] - platform, -loops], axis=2)
 
-    dv = solved_rates(robot, linearised, left_over(still, 0), columns, joints[1])
-    da = solved_rates(robot, linearised, left_over(dv, 1), columns, joints[2])
+    dv = solve_rates(robot, linearised, missing_change(still, 0), columns, joints[1])
+    da = solve_rates(robot, linearised, missing_change(dv, 1), columns, joints[2])
     return MotionChanges(dq, dv, da)
 
 
-def solved_rates(
-    robot: ParallelRobot, linearised: LinearisedLoops, right: Array, columns: IntArray, known: Array
+def solve_rates(
+    robot: ParallelRobot, linearised: LinearisedLoops, right: Array, columns: IntArray, prescribed: Array
 ) -> Array:
-    """Solve (dF/dq) rates = right (T, k, n + m) for joint rates (T, k, nv), some of them known (T, k, c).
+    """Solve (dF/dq) rates = right (T, k, n + m) for joint rates (T, k, nv), some prescribed (T, k, c).
 
     Raises:
         NotAssembled: the platform does not determine the joints (Type 1).
     """
     rates = np.zeros((*right.shape[:2], robot.model.nv))
     if len(columns):
-        rates[..., columns] = known
-        right = right - known @ linearised.jacobian[:, :, columns].swapaxes(1, 2)
+        rates[..., columns] = prescribed
+        right = right - prescribed @ linearised.jacobian[:, :, columns].swapaxes(1, 2)
     rates[..., robot.moving] = moving_rates(robot, linearised, right.swapaxes(0, 1)).swapaxes(0, 1)
     return rates
 
@@ -110,8 +108,3 @@ def require_turns_at_rest(robot: ParallelRobot) -> None:
             f"{robot.name}: the damping or the armature of balls drives the idle turns {names}; "
             f"they are taken for turns at rest here: leave damping and armature of these balls out"
         )
-
-
-def _three(parts: Iterable[Array]) -> CoordinateRates:
-    position, rate, acceleration = parts
-    return position, rate, acceleration

@@ -1,7 +1,7 @@
-"""Velocities and accelerations of all joints for those of the platform, and how dF/dq changes on the way.
+"""Velocities and accelerations of all joints for those of the platform, and the rate of dF/dq.
 
-With x and the deflections q_e given, (dF/dq) v = [twist; 0] and (dF/dq) a = [twist rate; 0] - drift. Both are
-solved along the columns that follow, with one factorisation; idle turns rest, or go as `idle_turns` says.
+For prescribed x and deflections q_e, (dF/dq) v = [twist; 0] and (dF/dq) a = [twist rate; 0] - drift. Both are
+solved along the columns that follow, with one factorisation; idle turns rest or follow `idle_turns`.
 
 An entry of dF/dq is the power of a wrench W (of a loop equation, or a unit wrench of the platform) on the
 screw S of a joint, both about the base's origin, so that d/dt (W . S) = W' . S + W . S'. The wrenches turn
@@ -22,6 +22,7 @@ from framework.kinematics.external_wrenches import AppliedWrench
 from framework.kinematics.frames import (
     frame_motions,
     frames_at,
+    move_frames,
 )
 from framework.kinematics.idle_turns import idle_turns
 from framework.kinematics.linearised_loops import (
@@ -37,7 +38,7 @@ from framework.linalg.ordered_sums import cross
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Positions, velocities and accelerations of all coordinates at T instants, and what acts on them."""
+    """Positions, velocities and accelerations of all coordinates at T instants, and the world's wrenches."""
 
     q: Array  # (T, nq)
     v: Array  # (T, nv)
@@ -45,7 +46,7 @@ class Motion:
     linearised: LinearisedLoops
     wrenches: tuple[AppliedWrench, ...] = ()  # of the world
 
-    def under(self, wrenches: tuple[AppliedWrench, ...]) -> Motion:
+    def with_wrenches(self, wrenches: tuple[AppliedWrench, ...]) -> Motion:
         """Return the same motion under wrenches of the world."""
         return replace(self, wrenches=wrenches) if wrenches else self
 
@@ -99,8 +100,8 @@ def motion_at(
     return _motion_of_twist(robot, closed.q, closed.linearised, (twist, dtwist), (dq_e, ddq_e))
 
 
-def without_elastic_rates(robot: ParallelRobot, q: Array, v: Array, a: Array) -> Motion:
-    """Compute the motion of the same platform at the same deflections, as if these did not change."""
+def freeze_deflections(robot: ParallelRobot, q: Array, v: Array, a: Array) -> Motion:
+    """Compute the motion of the same platform with constant deflections, at q (T, nq), v and a (T, nv)."""
     frames = frames_at(robot, q)
     linearised = linearised_at(robot, q, robot.platform.coordinates(frames))
     twists = platform_twists(robot, Motion(q, v, a, linearised))
@@ -123,11 +124,11 @@ def _motion_of_twist(
     twist: tuple[Array, Array],
     elastic: tuple[Array, Array],
 ) -> Motion:
-    """Compute rates and accelerations of all joints for those of platform and deflections."""
+    """Compute the motion of all joints from rates and accelerations of platform and deflections."""
     v = joint_rates(robot, linearised, twist[0], elastic[0])
     turns = idle_turns(robot, linearised)
     if turns is not None:
-        v = turns.freed(v)
+        v = turns.add_turns(v)
     motions = frame_motions(robot, linearised.frames, q, v)
     drift = closure_drift(linearised.equations.loops, linearised.frames, motions)
     platform_drift = robot.platform.drift(linearised.frames, motions)
@@ -136,7 +137,7 @@ def _motion_of_twist(
     if turns is None:
         return motion
     rows_rate = turns.rows_rate(robot, linearised, jacobian_rate(robot, motion))
-    return replace(motion, a=turns.freed(motion.a, -np.einsum("tkv,tv->tk", rows_rate, v)))
+    return replace(motion, a=turns.add_turns(motion.a, -np.einsum("tkv,tv->tk", rows_rate, v)))
 
 
 def jacobian_rate(robot: ParallelRobot, motion: Motion) -> Array:
@@ -153,21 +154,20 @@ def jacobian_rate(robot: ParallelRobot, motion: Motion) -> Array:
 def jacobian_change(
     robot: ParallelRobot, linearised: LinearisedLoops, displaced: Array, screw_changes: Array
 ) -> Array:
-    """Compute what small displacements of the frames make of `LinearisedLoops.jacobian`, (T, n + m, nv).
+    """Compute the change (T, n + m, nv) of `LinearisedLoops.jacobian` for small displacements of frames.
 
     Args:
         displaced: (T, F, 6) of the frames, about the base's origin.
         screw_changes: (T, nv, 6) of the joints' screws.
     """
-    equations, frames, count = robot.equations, linearised.frames, len(displaced)
-    twists = displaced.copy()
-    twists[..., :3] += cross(twists[..., 3:], frames.position)
-    n, bodies, platform = robot.n, equations.bodies, robot.platform
-    wrench, rate = equation_wrenches(robot, frames, linearised.loops), np.zeros((count, len(bodies), 6))
-    rate[:, :n] = platform.wrench_rates(frames, twists[:, 0, 3:], screw_changes)
-    rate[:, n:] = wrench_rates(equations.loops, frames, twists)
+    equations, frames, n = robot.equations, linearised.frames, robot.n
+    velocities = move_frames(displaced, frames.placements)
+    wrench = equation_wrenches(robot, frames, linearised.loops)
+    rate = np.zeros_like(wrench)
+    rate[:, :n] = robot.platform.wrench_rates(frames, displaced[:, 0, 3:], screw_changes)
+    rate[:, n:] = wrench_rates(equations.loops, frames, velocities)
     # about the base's origin
-    moved = cross(twists[:, bodies, :3], wrench[..., :3])
-    rate[..., 3:] += moved + cross(frames.position[:, bodies], rate[..., :3])
+    moments = cross(velocities[:, equations.bodies, 3], wrench[..., :3])
+    rate[..., 3:] += moments + cross(frames.position[:, equations.bodies], rate[..., :3])
     parts = equations.pattern.entries(rate, frames.screws), equations.pattern.entries(wrench, screw_changes)
     return equations.pattern.dense(parts[0] + parts[1])

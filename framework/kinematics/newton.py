@@ -1,8 +1,8 @@
 """Newton's method on the loop equations of many configurations at once, each for itself.
 
-Which coordinates move and which equations they are to meet is data: all joints for a given platform (inverse
-kinematics), the passive ones for given motors (forward kinematics). The reference of a robot is closed in
-another way, since neither is given there (`assembly`), and so is the start of a simulation, its witness.
+The coordinates that move and the equations are arguments: all joints for a prescribed platform (inverse
+kinematics), the passive joints for prescribed motors (forward kinematics). The reference of a robot, where
+neither is prescribed, is closed by `assembly`; the start of a simulation, its witness, by its own code.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from framework.arrays import Array, IntArray
 from framework.kinematics.assembly import MAX_NEWTON_STEP
-from framework.kinematics.frames import integrate
+from framework.kinematics.frames import integrate_columns
 from framework.kinematics.mechanism import Mechanism
 from framework.linalg.banded_lu import Factors
 from framework.tolerances import NEWTON_STEP
@@ -53,14 +53,14 @@ def newton(
     farthest: float = np.inf,
     last_step: float = NEWTON_STEP,
 ) -> NewtonResult[S]:
-    """Find q (T, nq) near the guess (T, nq) that meets the equations; only `columns` (k,) move.
+    """Solve the equations for q (T, nq) near the guess (T, nq), where only `columns` (k,) move.
 
-    Steps are bounded. What has no solution is told by `closed` and leaves the others alone.
+    Steps are bounded. An instant without a solution is not `closed` and leaves the others alone.
 
     Args:
         evaluate: the equations at q (t, nq) for some of the instants.
         linear: their values and derivatives.
-        farthest: an instant is given up when a step asks for more [rad, lengths of the robot].
+        farthest: an instant is given up at a larger step [rad, lengths of the robot].
         last_step: an instant is closed after a step as small as this, but for about its square.
     """
     lengths = robot.column_scale[columns]
@@ -79,7 +79,7 @@ def newton(
             if not largest < np.inf:  # one instant without numbers spoils all that are factored with it
                 finite = np.isfinite(residual).all(axis=1)
                 sound = np.isfinite(size) if finite.all() else finite
-        except np.linalg.LinAlgError:
+        except np.linalg.LinAlgError:  # one instant is singular
             sound = factors.slogdet[0] != 0
         if sound is not None:
             live, size, largest = np.arange(len(guess))[live][sound], size[sound], np.inf
@@ -92,14 +92,12 @@ def newton(
             break
         if largest > MAX_NEWTON_STEP:
             steps /= np.maximum(size / MAX_NEWTON_STEP, 1.0)[:, None]
-        moved = np.zeros((len(size), robot.model.nv))
-        moved[:, columns] = steps * lengths
-        ahead = integrate(robot, q[live], moved)
+        stepped = integrate_columns(robot, q[live], columns, steps * lengths)
         if len(size) == len(q):
-            q = ahead
+            q = stepped
         else:
             q = q.copy()
-            q[live] = ahead
+            q[live] = stepped
     else:
         linearised = evaluate(q[live], live)
     closed = np.zeros(len(guess), dtype=bool)

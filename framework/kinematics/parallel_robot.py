@@ -1,4 +1,4 @@
-"""A parallel robot: a mechanism with a platform and motors, assembled, and what counts of it proved."""
+"""A parallel robot: an assembled mechanism with a platform and motors, its loop structure determined."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ from framework.model.loop_rows import LoopRows
 class ParallelRobot(Mechanism):
     """A mechanism that is assembled, with a platform and motors.
 
-    A robot is the mechanism (its tree, its springs, its loops); which coordinates are driven (`actuated`,
-    n_a), sprung (`elastic`, n_e) and neither (`passive`, n_p), index sets into pinocchio's velocity vector,
-    the first two in the order of the robot file; the platform's coordinates x; the assembled `reference`; and
-    what was decided of its loops there, `structure`. All else is derived from these. q_a is the joint side of
-    the gear; the motor angle is gear_ratio * q_a.
+    A robot is the mechanism (its tree, its springs, its loops); the index sets of its actuated (n_a), elastic
+    (n_e) and passive (n_p) coordinates in pinocchio's velocity vector, the first two in the order of the
+    robot file; the platform's coordinates x; the assembled `reference`; and the `structure` of the loops at
+    the reference. All else is derived from these. q_a is the joint side of the gear; the motor angle is
+    gear_ratio * q_a.
 
-    `dataclasses.replace` keeps what was proved: it is for other masses, springs and motors, and for lengths
-    that are a little off. Where more is changed, `ParallelRobot.of` proves it anew.
+    `dataclasses.replace` keeps reference and structure: it is for other masses, springs and motors, and for
+    lengths that are a little off. After larger changes `ParallelRobot.of` determines both anew.
     """
 
     platform: PlatformCoordinates
@@ -45,7 +45,7 @@ class ParallelRobot(Mechanism):
     gear_ratio: Array  # (n_a,) motor angle over joint angle
     rotor_inertia: Array  # (n_a,) [kg m^2], motor side
     reference: Configuration  # assembled; fixes the working and the assembly mode
-    structure: LoopStructure  # which loop equations count, and which joints do not
+    structure: LoopStructure  # independent loop equations and idle joints
     equations: Equations  # the independent loops and the platform, and where their Jacobian has entries
     elastic_inertia: bool = True  # False: a model whose bodies do not feel how the springs move
 
@@ -58,10 +58,11 @@ class ParallelRobot(Mechanism):
             SingularReference: the reference is on a singularity of the loops, see `singular_reference`.
         """
         mechanism, closed = assembled_mechanism(mechanism)
-        numbers, description = vars(Mechanism.of(mechanism)), mechanism.description
+        description = mechanism.description
         poses = (closed.q, *nearby_configurations(mechanism, closed.q))
-        attitudes = frames_at(mechanism, np.stack(poses)).rotation[:, 0]
-        platform = PlatformCoordinates.of(description.platform, mechanism.model).charted(attitudes)
+        frames = frames_at(mechanism, np.stack(poses))
+        platform = PlatformCoordinates.of(description.platform, mechanism.model)
+        platform = platform.choose_chart(frames.rotation[:, 0])
         actuated = columns_of(mechanism.model, description.motor_joints)
         passive = np.setdiff1d(mechanism.joints, actuated)
         matrices = [motion_matrix(mechanism, platform, q) for q in poses]
@@ -71,15 +72,17 @@ class ParallelRobot(Mechanism):
         structure = LoopStructure.of(mechanism, passive, matrices)
         moving = np.concatenate([actuated, np.setdiff1d(passive, structure.idle)])
         loops = mechanism.rows.take(structure.independent)
-        x = platform.coordinates(frames_at(mechanism, closed.q[None]))[0]
+
         return cls(
-            **numbers,
+            **vars(Mechanism.of(mechanism)),
             platform=platform,
             actuated=actuated,
             passive=passive,
             gear_ratio=np.array([actuator.gear_ratio for actuator in description.actuators]),
             rotor_inertia=np.array([actuator.rotor_inertia for actuator in description.actuators]),
-            reference=Configuration(closed.q, x, closed.residual, closed.iterations),
+            reference=Configuration(
+                closed.q, platform.coordinates(frames)[0], closed.residual, closed.iterations
+            ),
             structure=structure,
             equations=Equations.of(mechanism, platform, loops, moving, len(actuated)),
         )
@@ -159,7 +162,7 @@ class ParallelRobot(Mechanism):
 
     @property
     def axis_names(self) -> tuple[str, ...]:
-        """Names of the platform coordinates, e.g. ("x", "y"), or those of joints."""
+        """Names of the platform coordinates, e.g. ("x", "y"), or names of joints."""
         return self.description.platform.names
 
     @cached_property
@@ -169,7 +172,7 @@ class ParallelRobot(Mechanism):
 
     @property
     def loop_lengths(self) -> Array:
-        """Those of the independent loop equations, (m,)."""
+        """Characteristic scale of the independent loop equations, (m,), see `row_lengths`."""
         return self.row_lengths[self.structure.independent]
 
     @cached_property
@@ -190,10 +193,10 @@ class ParallelRobot(Mechanism):
 
 
 def length_units(slides: Iterable[bool]) -> list[str]:
-    """Return the unit of each coordinate: m where it slides, rad where it turns."""
+    """Return the unit of each coordinate: m of slides, rad of hinges."""
     return ["m" if slide else "rad" for slide in slides]
 
 
-def expect_robot(given: object) -> None:
-    """Raise InvalidInput unless what was given is a robot."""
-    expect("robot", given, ParallelRobot, 'load_robot("five_bar") or load_robot("my_robot.yaml")')
+def expect_robot(robot: object) -> None:
+    """Raise InvalidInput unless this is a robot."""
+    expect("robot", robot, ParallelRobot, 'load_robot("five_bar") or load_robot("my_robot.yaml")')

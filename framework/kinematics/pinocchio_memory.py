@@ -19,10 +19,10 @@ from framework.kinematics.mechanism import Mechanism
 
 
 class Scratch(NamedTuple):
-    """Pinocchio's working memory for a mechanism, and what is read from it, seen as arrays.
+    """Pinocchio's working memory for a mechanism, with its results as arrays.
 
-    The arrays show the memory of `data` itself: they change with every call of pinocchio on it. Where its
-    layout is not the expected one they are copies, which `update` brings up to date after a call.
+    The arrays are views of the memory of `data`: they change with every call of pinocchio on it. If its
+    layout is not the expected one they are copies, which `update` refreshes after a call.
     """
 
     data: pin.Data
@@ -38,7 +38,7 @@ class Scratch(NamedTuple):
     refresh: Callable[[], None] | None  # None: the arrays are pinocchio's own memory
 
     def update(self) -> None:
-        """Bring the arrays up to date after a call of pinocchio."""
+        """Refresh the arrays after a call of pinocchio."""
         if self.refresh is not None:
             self.refresh()
 
@@ -46,30 +46,29 @@ class Scratch(NamedTuple):
     def of(model: pin.Model, frames: tuple[int, ...]) -> Scratch:
         """Allocate working memory for a model and some of its frames."""
         data = model.createData()
-        moved = np.linspace(0.5, 1.0, model.nv)  # a motion in which most numbers differ from one another
-        q = pin.integrate(model, pin.neutral(model), moved)
-        pin.rnea(model, data, q, moved, moved)
-        pin.computeForwardKinematicsDerivatives(model, data, q, moved, moved)
+        motion = np.linspace(0.5, 1.0, model.nv)  # most numbers differ from one another
+        q = pin.integrate(model, pin.neutral(model), motion)
+        pin.rnea(model, data, q, motion, motion)
+        pin.computeForwardKinematicsDerivatives(model, data, q, motion, motion)
         pin.updateFramePlacements(model, data)
-        public, memory = _by_accessors(data), _by_memory(data)
-        shown = memory is not None and all(map(np.array_equal, memory, public))
-        arrays = memory if shown and memory is not None else public
+        copies, views = _copy_arrays(data), _view_arrays(data)
+        arrays = views if views is not None and all(map(np.array_equal, views, copies)) else copies
 
         def refresh() -> None:
-            for array, current in zip(arrays, _by_accessors(data), strict=True):
+            for array, current in zip(arrays, _copy_arrays(data), strict=True):
                 array[...] = current
 
         bodies = np.array([model.frames[frame].parentJoint for frame in frames], dtype=np.intp)
         rows = np.array(frames, dtype=np.intp)
-        carried = carriers(model, bodies)
-        return Scratch._make((data, *arrays, rows, bodies, carried, None if shown else refresh))
+        refresher = refresh if arrays is copies else None
+        return Scratch._make((data, *arrays, rows, bodies, carriers(model, bodies), refresher))
 
 
 def scratch_of(mechanism: Mechanism) -> Scratch:
-    """Return the working memory of this thread: what a call leaves there, the next one writes over.
+    """Return the working memory of this thread, which every call of pinocchio overwrites.
 
     Making a `pin.Data` costs more than a hundred of the calls that use it (7.7 ms for 81 joints). It belongs
-    to the model, so a mechanism and the robot made of it share it.
+    to the model, so a mechanism and the robot made of the mechanism share it.
     """
     return _scratch(mechanism.model, mechanism.frames, threading.get_ident())
 
@@ -79,10 +78,10 @@ def _scratch(model: pin.Model, frames: tuple[int, ...], thread: int) -> Scratch:
     return Scratch.of(model, frames)
 
 
-def _by_accessors(data: pin.Data) -> tuple[Array, ...]:
-    """Return the six arrays of `Scratch` by pinocchio's public accessors, element by element, as copies.
+def _copy_arrays(data: pin.Data) -> tuple[Array, ...]:
+    """Copy the six arrays of `Scratch` by pinocchio's public accessors, element by element.
 
-    It costs more than computing what they hold.
+    That costs more than computing the numbers.
     """
     return (
         np.array([[*pose.rotation.T.ravel(), *pose.translation] for pose in data.oMf]),
@@ -94,8 +93,8 @@ def _by_accessors(data: pin.Data) -> tuple[Array, ...]:
     )
 
 
-def _by_memory(data: pin.Data) -> tuple[Array, ...] | None:
-    """Return the six arrays of `Scratch` on pinocchio's own memory; None where its layout is another."""
+def _view_arrays(data: pin.Data) -> tuple[Array, ...] | None:
+    """Return the six arrays of `Scratch` as views of pinocchio's memory; None if its layout is another."""
     blocks = (
         _block([pose.rotation for pose in data.oMf], 12),
         None if data.J.flags.owndata else data.J.reshape(6, -1).T,
@@ -109,7 +108,7 @@ def _by_memory(data: pin.Data) -> tuple[Array, ...] | None:
 
 
 def _block(first_numbers: list[Array], width: int) -> Array | None:
-    """Return the elements of a vector of pinocchio as an array (elements, width), None if they are no block.
+    """Return a vector of pinocchio as an array (elements, width); None if its elements are no block.
 
     A C++ vector keeps its elements in one block, a fixed number of bytes apart; `first_numbers` are
     views of the first numbers of each.

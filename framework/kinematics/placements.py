@@ -16,7 +16,7 @@ from framework.tolerances import FILE_ROUNDING
 def joint_poses(robot: ParallelRobot, q: Array) -> Array:
     """Compute (x, y, z, qx, qy, qz, qw) of every joint at q (F, nq), (F, njoints, 7).
 
-    Quaternions go on smoothly from frame to frame: q and -q are the same turn, but not half-way between.
+    The sign of a quaternion is that of the frame before: q and -q are the same turn, but not between frames.
     """
     model, data = robot.model, robot.model.createData()
     poses = np.empty((len(q), model.njoints, 7))
@@ -36,7 +36,7 @@ def platform_positions(robot: ParallelRobot, poses: Array) -> Array:
 
 
 def platform_frame_twists(robot: ParallelRobot, q: Array, v: Array) -> Array:
-    """Compute twists (F, 6) of the platform's frame in base axes for its velocities v (F, n) at q (F, nq)."""
+    """Compute twists (F, 6) of the platform's frame on base axes for velocities v (F, n) at q (F, nq)."""
     return robot.platform.frame_twist(frames_at(robot, q), v)
 
 
@@ -49,16 +49,16 @@ def frame_origins(robot: ParallelRobot, poses: Array, frame: int) -> Array:
     """Compute the origin (F, 3) of one of pinocchio's frames, for poses of `joint_poses`."""
     placed = robot.model.frames[frame]
     joint = poses[:, placed.parentJoint]
-    return joint[:, :3] + rotated(joint[:, 3:], np.asarray(placed.placement.translation))
+    return joint[:, :3] + rotate_vector(joint[:, 3:], np.asarray(placed.placement.translation))
 
 
 def frame_positions(robot: ParallelRobot, poses: Array) -> Array:
-    """Compute all positions (m, 3) of joints, platform and ends of loops, all of which a view has to show."""
+    """Compute all positions (m, 3) of joints, platform and ends of loops, which a view has to show."""
     ends = [frame_origins(robot, poses, frame) for frame in robot.frames]
     return np.concatenate([poses[:, 1:, :3].reshape(-1, 3), *ends])
 
 
-def rotated(quaternion: Array, vector: Array) -> Array:
+def rotate_vector(quaternion: Array, vector: Array) -> Array:
     """Turn a vector (3,), or one each (F, 3), by quaternions (F, 4), (x, y, z, w)."""
     axis, w = quaternion[:, :3], quaternion[:, 3:]
     across = 2 * np.cross(axis, vector)
@@ -67,7 +67,7 @@ def rotated(quaternion: Array, vector: Array) -> Array:
 
 def carried_points(pose: Array, points: Array) -> Array:
     """Return points (m, 3) of a joint's frame in the base, the joint at a pose (7,) of `joint_poses`."""
-    return pose[:3] + rotated(pose[None, 3:], points)
+    return pose[:3] + rotate_vector(pose[None, 3:], points)
 
 
 class JointAxis(NamedTuple):
@@ -103,7 +103,7 @@ def carried_axis(robot: ParallelRobot, column: int) -> JointAxis:
 
 
 def planar_normal(robot: ParallelRobot) -> Array | None:
-    """Compute the normal (3,) of a planar robot, which all joints turn about or slide across; else None."""
+    """Compute the normal (3,) of a planar robot, to which hinges are parallel and slides perpendicular."""
     model, data = robot.model, robot.model.createData()
     jacobian = np.array(pin.computeJointJacobians(model, data, robot.reference.q), dtype=float)
     turning = np.linalg.norm(jacobian[3:], axis=0) > 0.5  # (nv,), axes in the base frame

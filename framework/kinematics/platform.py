@@ -1,8 +1,8 @@
 """The platform's coordinates x, its velocity v, and how the rates of one make the other.
 
-v (n,) is what n wrenches of unit size yield on the motion of the mechanism, and v = E(x) dx. Everything
-else stands on v: A v = B dq_a + C dq_e, the twist t_s, and the wrench W_p, whose power is W_p . v. So a
-platform is these wrenches, and the way in which x makes v:
+v (n,) is the power of n wrenches of unit size on the motion of the mechanism, and v = E(x) dx. All other
+quantities refer to v: A v = B dq_a + C dq_e, the twist t_s, and the wrench W_p, whose power is W_p . v. So a
+platform is defined by these wrenches and by E(x):
 
     a frame on base axes    translations of its origin [m]: unit forces, v = dx; turns: the couples of a
                             chart (`attitude`) [rad]
@@ -43,11 +43,11 @@ class PlatformCoordinates(ReadOnlyArrays, ABC):
     def of(platform: Platform, model: pin.Model) -> PlatformCoordinates:
         """Return the coordinates that a robot file asks for."""
         if platform.joints:
-            return JointPlatform.of_joints(platform.joints, model)
-        return FramePlatform.on_axes(platform.axes)
+            return JointPlatform.from_joints(platform.joints, model)
+        return FramePlatform.from_axes(platform.axes)
 
-    def charted(self, rotations: Array) -> PlatformCoordinates:
-        """Return the same coordinates for a frame that has these attitudes (T, 3, 3) among others."""
+    def choose_chart(self, rotations: Array) -> PlatformCoordinates:
+        """Return the same coordinates for a frame with attitudes (T, 3, 3), among others."""
         return self
 
     @property
@@ -78,7 +78,7 @@ class PlatformCoordinates(ReadOnlyArrays, ABC):
 
     @abstractmethod
     def wrench_rates(self, frames: FrameStack, w: Array, screw_rates: Array) -> Array:
-        """Compute rates (T, n, 6) of the wrenches for w (T, 3) of the frame and screw rates (T, nv, 6)."""
+        """Compute rates (T, n, 6) of `wrenches` for w (T, 3) of the frame and screw rates (T, nv, 6)."""
 
     @abstractmethod
     def felt_by(self, carried: Array) -> Array:
@@ -105,15 +105,15 @@ class PlatformCoordinates(ReadOnlyArrays, ABC):
         return dx, np.zeros_like(dx) if ddx is None else ddx
 
     def twist_changes(self, motion: CoordinateRates, step: CoordinateRates) -> CoordinateRates:
-        """Compute the small displacement along v (T, n) of a step, and what it makes of v and of dv/dt.
+        """Compute the displacement along v (T, n) of a small step, and its changes of v and of dv/dt.
 
-        `motion` and `step` are x, dx, ddx and small changes of them, each (T, n).
+        `motion` and `step` are x, dx, ddx and small changes of x, dx, ddx, each (T, n).
         """
         return step
 
     @abstractmethod
     def velocity_changes(self, motion: TreeMotion, variation: FrameVariation) -> tuple[Array, Array]:
-        """Compute the changes (T, k, n) of v and of dv/dt with those of the frames."""
+        """Compute the changes (T, k, n) of v and of dv/dt for a variation of the frames."""
 
     def rate_matrix(self, x: Array) -> Array:
         """Compute E (T, n, n) of v = E(x) dx for coordinates x (T, n)."""
@@ -137,7 +137,7 @@ class FramePlatform(PlatformCoordinates):
     attitude: Attitude  # of no coordinates where it does not turn
 
     @staticmethod
-    def on_axes(names: tuple[str, ...]) -> FramePlatform:
+    def from_axes(names: tuple[str, ...]) -> FramePlatform:
         """Return the coordinates on axes out of x, y, z, rx, ry, rz."""
         axes = np.array([AXES.index(name) for name in names])
         translations = axes < 3
@@ -145,7 +145,7 @@ class FramePlatform(PlatformCoordinates):
         attitude = attitude_about(axes[turning] - 3)
         return FramePlatform(translations, sliding, axes[sliding], axes, np.eye(6)[axes], turning, attitude)
 
-    def charted(self, rotations: Array) -> FramePlatform:
+    def choose_chart(self, rotations: Array) -> FramePlatform:
         if not isinstance(self.attitude, TwistAngle):
             return self
         return replace(self, attitude=twist_angle_for(self.attitude, rotations))
@@ -190,7 +190,7 @@ class FramePlatform(PlatformCoordinates):
         return np.repeat(carried[None], self.n, axis=0)
 
     def jacobian(self, frames: FrameStack) -> Array:
-        only = frames._replace(position=frames.position[:, :1], carried=frames.carried[:1])
+        only = frames._replace(placements=frames.placements[:, :1], carried=frames.carried[:1])
         return self._yield(frames, only.jacobian[:, 0])
 
     def drift(self, frames: FrameStack, motions: FrameMotions) -> Array:
@@ -218,33 +218,35 @@ class FramePlatform(PlatformCoordinates):
         if self.attitude.by_rates:
             return step
         turning = self.turning
-        x, dx, ddx = (part[:, turning] for part in motion)
-        u, du, ddu = (part[:, turning] for part in step)
-        changes = step[0].copy(), step[1].copy(), step[2].copy()
-        for whole, part in zip(changes, self.attitude.rate_changes((x, dx, ddx), (u, du, ddu)), strict=True):
-            whole[:, turning] = part
-        return changes
+        changes, attitudes = np.array(step), np.array(motion)[..., turning]
+        changes[..., turning] = self.attitude.rate_changes((*attitudes,), (*changes[..., turning],))
+        displacement, rate, acceleration = changes
+        return displacement, rate, acceleration
 
     def velocity_changes(self, motion: TreeMotion, variation: FrameVariation) -> tuple[Array, Array]:
-        once, twice = np.empty((2, *variation.twist.shape[:2], self.n))
-        once[..., self.sliding] = variation.rates.rate[:, :, 0, 3, self.along]
-        twice[..., self.sliding] = variation.rates.second[:, :, 0, 3, self.along]
-        count, k = once.shape[:2]
+        rate, second = np.empty((2, *variation.twist.shape[:2], self.n))
+        rate[..., self.sliding] = variation.rates.rate[:, :, 0, 3, self.along]
+        second[..., self.sliding] = variation.rates.second[:, :, 0, 3, self.along]
+        for change, turns in zip((rate, second), self._turn_changes(motion, variation), strict=True):
+            change[..., self.turning] = turns.reshape(*change.shape[:2], -1)
+        return rate, second
+
+    def _turn_changes(self, motion: TreeMotion, variation: FrameVariation) -> tuple[Array, Array]:
+        """Compute the changes (T k, r) of the turns in v and in dv/dt for a variation of the frames."""
         turn, dw, dalpha = (part[:, :, 0, 3:].reshape(-1, 3) for part in variation[:3])
         w, alpha, rotation = (
-            np.repeat(part, k, axis=0)
+            np.repeat(part, variation.twist.shape[1], axis=0)
             for part in (motion.twist[:, 0, 3:], motion.acceleration[:, 0, 3:], motion.frames.rotation[:, 0])
         )
-        couples, attitude = self.attitude.couples(rotation), self.attitude
+        attitude = self.attitude
+        couples = attitude.couples(rotation)
         first, second = matvec(couples, dw), matvec(couples, dalpha)
         if not attitude.constant:
             changed = attitude.couple_rates(rotation, turn)
             first = first + matvec(changed, w)
             second = second + matvec(changed, alpha) + matvec(attitude.couple_rates(rotation, w), dw)
             second = second + matvec(attitude.couple_rate_changes(rotation, w, turn, dw), w)
-        once[..., self.turning] = first.reshape(count, k, -1)
-        twice[..., self.turning] = second.reshape(count, k, -1)
-        return once, twice
+        return first, second
 
     def _yield(self, frames: FrameStack, twists: Array) -> Array:
         """Compute the power (T, n, k) of the wrenches on twists (T, 6, k) of the frame."""
@@ -259,7 +261,7 @@ class JointPlatform(PlatformCoordinates):
     places: IntArray  # (n,) entries of q
 
     @staticmethod
-    def of_joints(names: tuple[str, ...], model: pin.Model) -> JointPlatform:
+    def from_joints(names: tuple[str, ...], model: pin.Model) -> JointPlatform:
         """Return the coordinates on joints of one degree of freedom."""
         joints = [model.joints[model.getJointId(name)] for name in names]
         slides = np.array([joint.shortname().startswith("JointModelP") for joint in joints])
@@ -279,10 +281,10 @@ class JointPlatform(PlatformCoordinates):
         return np.where(self.translations, x, x + 2 * np.pi * turns)
 
     def wrenches(self, frames: FrameStack) -> Array:
-        return self._of_screws(frames.screws)
+        return self._screw_wrenches(frames.screws)
 
     def wrench_rates(self, frames: FrameStack, w: Array, screw_rates: Array) -> Array:
-        return self._of_screws(screw_rates)
+        return self._screw_wrenches(screw_rates)
 
     def felt_by(self, carried: Array) -> Array:
         return np.eye(len(carried))[self.columns]
@@ -303,8 +305,8 @@ class JointPlatform(PlatformCoordinates):
         twist[:, :3] += np.cross(twist[:, 3:], frames.position[:, 0])
         return twist
 
-    def _of_screws(self, screws: Array) -> Array:
-        """Compute couples about the joints that turn and forces along those that slide, (T, n, 6)."""
+    def _screw_wrenches(self, screws: Array) -> Array:
+        """Compute couples about hinges and forces along slides, (T, n, 6)."""
         wrenches = screws[:, self.columns].copy()
         wrenches[:, ~self.translations, :3] = 0.0
         return wrenches

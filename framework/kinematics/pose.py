@@ -28,7 +28,7 @@ class Pose:
 
 
 def describe_pose(robot: ParallelRobot, q: ArrayLike) -> Pose:
-    """Describe an assembled configuration q (nq,), as `assemble` or `forward_kinematics` return it.
+    """Describe an assembled configuration q (nq,) by names, modes and limits.
 
     Raises:
         InvalidInput: q has the wrong length, is not finite, or leaves the loops open.

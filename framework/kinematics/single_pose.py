@@ -1,7 +1,7 @@
-"""The loop equations of one configuration after another, in as few calls of numpy as it takes.
+"""The loop equations of one configuration after another, in few calls of numpy.
 
-The same equations as in `closures`, which is for stacks: there a call on each of a dozen small arrays costs
-more than Pinocchio. Every equation is a product of two vectors of frames, a . b (`row_factors`).
+The equations are those of `closures`, which is for stacks: for one configuration its calls on a dozen small
+arrays cost more than pinocchio. Every equation is a product of two vectors of frames (`row_factors`).
 """
 
 from __future__ import annotations
@@ -11,22 +11,21 @@ import pinocchio as pin
 
 from framework.arrays import Array
 from framework.kinematics.closures import row_factors
-from framework.kinematics.frame_variations import carried_along, turned
-from framework.kinematics.frames import FrameStack, rotations
+from framework.kinematics.frames import FrameStack, move_frames, turn_vectors
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import Scratch
 from framework.linalg.ordered_sums import cross
 
 
 class SinglePose:
-    """Loop equations, Jacobian and drift of one configuration at a time; it serves one thread."""
+    """Loop equations, Jacobian and drift of one configuration at a time, for one thread."""
 
     def __init__(self, robot: ParallelRobot) -> None:
         rows, scratch = robot.rows, Scratch.of(robot.model, robot.frames)
         self.robot, self.scratch, m = robot, scratch, len(rows.names)
         self._placed = np.empty((len(scratch.frames), 12))  # axes and origin of each frame
         self._turning, self._length = rows.rotation[:, None], rows.length[:, None]
-        self._constant = np.where(rows.distance, 0.5 * rows.length, 0.0)
+
         self._signs = scratch.carried[rows.second] - scratch.carried[rows.first]
         self._coupled = rows.coupling_jacobian(robot.model.nv)
         self._wrench = np.empty((m, 6))
@@ -64,15 +63,15 @@ class SinglePose:
         motions = np.array([scratch.velocities, scratch.accelerations]).take(scratch.bodies, axis=1)
         rates = np.empty((3, len(self._placed), 4, 3))  # of axes and origins: values and two derivatives
         rates[0] = self._placed.reshape(-1, 4, 3)
-        rates[1:] = carried_along(motions, rates[0])
-        rates[2] += turned(motions[0], rates[1])
+        rates[1:] = move_frames(motions, rates[0])
+        rates[2] += turn_vectors(motions[0], rates[1])
         a, b = row_factors(rows, rates)
         return rows.weight * (a[2] * b[0] + 2.0 * a[1] * b[1] + a[0] * b[2]).sum(axis=1)
 
     def frame_stack(self, q: Array) -> FrameStack:
         """Return the frames of the last `place` or `move` at q (nq,), as a stack of one."""
-        frames, scratch = self._placed[None], self.scratch
-        return FrameStack(frames[..., 9:], rotations(frames), scratch.columns[None], scratch.carried, q[None])
+        frames, scratch = self._placed.reshape(1, -1, 4, 3), self.scratch
+        return FrameStack(frames, scratch.columns[None], scratch.carried, q[None])
 
     def platform_twist(self) -> tuple[Array, Array]:
         """Return velocity and angular velocity (3,) of the platform's frame at the last `move`."""
@@ -93,7 +92,7 @@ class SinglePose:
         np.einsum("ij,ij->i", a, b, out=self.residual)
         if not rows.only_translations:
             self.residual *= rows.weight
-            self.residual -= self._constant
+            self.residual -= rows.constant
         if rows.has_couplings:
             self.residual[rows.coupled] = rows.coupling_residual(q[None])[0]
         return a, b

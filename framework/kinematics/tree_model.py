@@ -1,14 +1,14 @@
 """Pinocchio's model of the open tree, the names of its coordinates, and their limits.
 
-A ball keeps a quaternion, so that no pose of it is singular, as those of three hinges in series are where the
-second has turned by a right angle. A floating joint is three slides and a ball. The velocity of a ball is the
-angular velocity of what it carries relative to what carries it, about axes that move along; the third of them
-goes through the centre of mass behind the ball. So a rod that spins idly between two balls spins about that
-axis, and planning holds the one rate at zero, whatever the frame of the rod is. Files, tables and messages
-say a ball by its rotation vector about the axes of the joint's origin.
+A ball keeps a quaternion, so that none of its poses is singular; three hinges in series are singular where
+the second has turned by a right angle. A floating joint is three slides and a ball. The velocity of a ball is
+the angular velocity of its child link relative to its parent link, about axes that move with the child. The
+third axis goes through the centre of mass behind the ball. So a rod that spins idly between two balls spins
+about that axis, and planning holds this one rate at zero, whatever the frame of the rod is. Files, tables and
+messages state a ball by its rotation vector about the axes of the joint's origin.
 
-Limits are `lower` and `upper` of a revolute or prismatic joint. Nothing is limited where the two are left out
-or are the same, as exporters write them that know of none; one left out alone is 0, as the URDF has it.
+Limits are `lower` and `upper` of a revolute or prismatic joint. A joint is unlimited if both are left out or
+equal, as exporters without limits write them; one left out alone is 0, as in URDF.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ CENTRE_DISTANCE = 1e-12  # [m] nearer to the ball's centre than this, a centre o
 
 
 def tree_model(urdf: ElementTree.Element, as_declared: Collection[str] = ()) -> pin.Model:
-    """Return the model of a URDF as `bare_urdf` leaves it, which is used up.
+    """Return pinocchio's model of a URDF made by `bare_urdf`; the URDF is modified.
 
-    The axes of a ball are turned towards the centre of mass behind it, but for joints `as_declared`.
+    The axes of a ball are turned towards the centre of mass behind it, except for joints `as_declared`.
 
     Raises:
         ValueError, RuntimeError: of pinocchio's parser.
@@ -50,37 +50,33 @@ def tree_model(urdf: ElementTree.Element, as_declared: Collection[str] = ()) -> 
 
 
 def _with_balls(parsed: pin.Model, several: Mapping[str, str], as_declared: Collection[str]) -> pin.Model:
-    """Return the model with balls, behind slides if they float, in place of the joints that are named."""
+    """Replace the joints named in `several` by balls, floating ones by three slides and a ball."""
     model = pin.Model()
     model.name = parsed.name
     identity = pin.SE3.Identity()
-    index, turned = {0: 0}, {0: identity}  # the new joint of each old one, and its old place in the new one
+    new, old_pose = {0: 0}, {0: identity}  # by old joint: the new joint, and the old pose in the new one
     for j in range(1, parsed.njoints):
         name, parent = str(parsed.names[j]), int(parsed.parents[j])
-        place, new, inertia = turned[parent] * parsed.jointPlacements[j], index[parent], parsed.inertias[j]
-        turned[j] = identity
-        if name not in several:
-            index[j] = model.addJoint(new, parsed.joints[j], place, name)
-        else:
+        place, parent = old_pose[parent] * parsed.jointPlacements[j], new[parent]
+        old_pose[j], joint = identity, parsed.joints[j]
+        if name in several:
+            joint = pin.JointModelSpherical()
             if several[name] == "floating":
                 for suffix, slide in _SLIDES:
-                    new, place = model.addJoint(new, slide(), place, f"{name}{suffix}"), identity
-            axes = identity
+                    parent, place = model.addJoint(parent, slide(), place, f"{name}{suffix}"), identity
             if name not in as_declared:
-                axes = pin.SE3(turning("z", _along(parsed, j)), np.zeros(3))
-            turned[j] = axes.inverse()
-            index[j] = model.addJoint(new, pin.JointModelSpherical(), place * axes, name)
-        model.appendBodyToJoint(index[j], inertia, turned[j])
+                axes = pin.SE3(turning("z", _centre_direction(parsed, j)), np.zeros(3))
+                place, old_pose[j] = place * axes, axes.inverse()
+        new[j] = model.addJoint(parent, joint, place, name)
+        model.appendBodyToJoint(new[j], parsed.inertias[j], old_pose[j])
     for frame in list(parsed.frames)[1:]:  # not the universe
-        joint = int(frame.parentJoint)
-        placed = pin.Frame(
-            frame.name, index[joint], frame.parentFrame, turned[joint] * frame.placement, frame.type
-        )
-        model.addFrame(placed, False)  # the bodies are there
+        j = int(frame.parentJoint)
+        pose = old_pose[j] * frame.placement
+        model.addFrame(pin.Frame(frame.name, new[j], frame.parentFrame, pose, frame.type), False)
     return model
 
 
-def _along(model: pin.Model, j: int) -> Array:
+def _centre_direction(model: pin.Model, j: int) -> Array:
     """Return the direction (3,) of the centre of mass behind joint j, or else of its farthest frame."""
     inertia = model.inertias[j]
     if inertia.mass > 0 and np.linalg.norm(inertia.lever) > CENTRE_DISTANCE:
@@ -92,7 +88,7 @@ def _along(model: pin.Model, j: int) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Coordinates:
-    """The entries of a model's velocity vector by the names and on the axes that files and messages use."""
+    """Names and axes of the entries of a model's velocity vector in files and messages."""
 
     model: pin.Model
 
@@ -112,15 +108,15 @@ class Coordinates:
             return q
         neutral = pin.neutral(model)
         from_neutral = [pin.difference(model, neutral, np.ascontiguousarray(row)) for row in q]
-        return self.named(np.asarray(from_neutral))
+        return self.to_named_axes(np.asarray(from_neutral))
 
-    def named(self, v: Array) -> Array:
-        """Return velocities (T, nv), or other tangent vectors, on the axes that `names` mean."""
+    def to_named_axes(self, v: Array) -> Array:
+        """Return velocities (T, nv), or other tangent vectors, on the axes of files."""
         return v if self.model.nq == self.model.nv else np.asarray(v @ named_axes(self.model).T)
 
 
 def single_columns(model: pin.Model) -> frozenset[int]:
-    """Return the columns of joints that have one alone: hinges and slides."""
+    """Return the columns of joints with one column: hinges and slides."""
     return frozenset(int(joint.idx_v) for joint in list(model.joints)[1:] if joint.nv == 1)
 
 
@@ -141,7 +137,7 @@ def is_ball(joint: pin.JointModel) -> bool:
 def named_axes(model: pin.Model) -> Array:
     """Return the matrix (nv, nv) from tangent vectors at the neutral configuration to coordinates of files.
 
-    The identity but for balls, whose axes the model turns.
+    It is the identity except for balls, whose axes the model turns.
     """
     axes = np.eye(model.nv)
     for j in range(1, model.njoints):
@@ -181,7 +177,7 @@ def joint_limits(urdf: ElementTree.Element, model: pin.Model) -> tuple[JointLimi
 
 
 def shares_beyond_limits(limits: Sequence[JointLimit], q: Array) -> Array:
-    """Compute how far q (..., nq) is beyond each limit, over its range (..., limits); zero within them."""
+    """Compute the excess of q (..., nq) over each limit, as a share of its range, (..., limits)."""
     place = [limit.coordinate for limit in limits]
     lower, upper = (np.array([limit[k] for limit in limits]) for k in (2, 3))
     slack = SAME_PLACE * np.maximum(np.abs(lower), np.abs(upper))
@@ -196,14 +192,14 @@ def positions_beyond_limits(limits: Sequence[JointLimit], q: Array) -> dict[str,
         least, largest = float(np.min(q[:, coordinate])), float(np.max(q[:, coordinate]))
         beyond, slack = [], SAME_PLACE * max(abs(lower), abs(upper))
         if least < lower - slack:
-            beyond.append(_beyond(least, lower, unit))
+            beyond.append(_excess_in_words(least, lower, unit))
         if largest > upper + slack:
-            beyond.append(_beyond(largest, upper, unit))
+            beyond.append(_excess_in_words(largest, upper, unit))
         if beyond:
             exceeded[joint] = "position " + " and ".join(beyond)
     return exceeded
 
 
-def _beyond(position: float, limit: float, unit: str) -> str:
+def _excess_in_words(position: float, limit: float, unit: str) -> str:
     reached, allowed = format_distinct(position, limit, 6)
     return f"{reached} {unit} of {allowed}"

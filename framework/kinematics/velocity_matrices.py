@@ -12,14 +12,14 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array, ArrayLike, read_only
-from framework.kinematics.closures import scaled
+from framework.kinematics.closures import scale_jacobian
 from framework.kinematics.linearised_loops import LinearisedLoops, assembled_at
 from framework.kinematics.motion_rates import Motion, jacobian_rate
 from framework.kinematics.parallel_robot import ParallelRobot
 
 
 class VelocityMatrices(NamedTuple):
-    """A v = B dq_a + C dq_e, v the platform's twist on its axes (base frame), q_a on the joint side."""
+    """Matrices of A v = B dq_a + C dq_e, v the platform's twist on its axes, q_a on the joint side."""
 
     A: Array  # (m, n)
     B: Array  # (m, n_a)
@@ -44,8 +44,8 @@ def matrices_and_rates(robot: ParallelRobot, motion: Motion) -> tuple[VelocityMa
     """Compute A (T, m, n), B (T, m, n_a), C (T, m, n_e) along a motion, and their time derivatives.
 
     With N the basis of `velocity_matrices`, M the Jacobian of platform and loops and M_p its passive columns,
-    N M_p = 0 for all times, so that N' M_p = -N M_p'. Of all bases that go on smoothly, N' = -N M_p' M_p^+ is
-    the one that does not turn in itself. Another choice of basis adds R A, R B, R C with one R to the rates.
+    N M_p = 0 for all times, so that N' M_p = -N M_p'. Of all smooth bases N' = -N M_p' M_p^+ is the one that
+    does not turn in itself. Another basis adds R A, R B, R C with one R to the rates.
     """
     return matrices_and_changes(robot, motion.linearised, jacobian_rate(robot, motion))
 
@@ -53,8 +53,8 @@ def matrices_and_rates(robot: ParallelRobot, motion: Motion) -> tuple[VelocityMa
 def matrices_and_changes(
     robot: ParallelRobot, linearised: LinearisedLoops, changes: Array
 ) -> tuple[VelocityMatrices, VelocityMatrices]:
-    """Compute A, B, C, and what changes (T, n + m, nv) of dF/dq make of them, see `matrices_and_rates`."""
-    M, dM = (_balanced(robot, jacobian) for jacobian in (linearised.jacobian, changes))
+    """Compute A, B, C, and their changes for changes (T, n + m, nv) of dF/dq, see `matrices_and_rates`."""
+    M, dM = (_dimensionless_jacobian(robot, jacobian) for jacobian in (linearised.jacobian, changes))
     N, passive = _left_null_space(robot, M), robot.following
     dN = -N @ dM[:, :, passive] @ np.linalg.pinv(M[:, :, passive])
     turned, moved = _combine(robot, dN, M), _combine(robot, N, dM)
@@ -68,18 +68,18 @@ def dimensionless_matrices(robot: ParallelRobot, linearised: LinearisedLoops) ->
     [A, rest] is the transpose of an orthonormal basis of the left null space of the passive columns of
     d[platform ; closures]/dq: the singular values of A are cosines, in 0 .. 1.
     """
-    balanced = _balanced(robot, linearised.jacobian)
+    balanced = _dimensionless_jacobian(robot, linearised.jacobian)
     return _combine(robot, _left_null_space(robot, balanced), balanced)
 
 
 def _combine(robot: ParallelRobot, N: Array, M: Array) -> VelocityMatrices:
-    """Combine the rows of a Jacobian M (T, n + m, nv) of platform and loops by N (T, m, n + m)."""
+    """Multiply a Jacobian M (T, n + m, nv) of platform and loops by N (T, m, n + m)."""
     return VelocityMatrices(N[:, :, : robot.n], N @ M[:, :, robot.actuated], N @ M[:, :, robot.elastic])
 
 
-def _balanced(robot: ParallelRobot, jacobian: Array) -> Array:
+def _dimensionless_jacobian(robot: ParallelRobot, jacobian: Array) -> Array:
     """Compute d[platform ; closures]/dq (T, n + m, nv) without dimension."""
-    return scaled(robot, jacobian, np.concatenate([~robot.translations, robot.loops.rotation]))
+    return scale_jacobian(robot, jacobian, np.concatenate([~robot.translations, robot.loops.rotation]))
 
 
 def _left_null_space(robot: ParallelRobot, balanced: Array) -> Array:
@@ -89,7 +89,7 @@ def _left_null_space(robot: ParallelRobot, balanced: Array) -> Array:
 
 
 def _with_dimension(robot: ParallelRobot, matrices: VelocityMatrices) -> VelocityMatrices:
-    """Turn matrices for twists and rates in lengths of the robot back to metres."""
+    """Convert matrices for twists and rates in lengths of the robot to metres."""
     A, B, C = matrices
     twist = robot.platform_scale
     return VelocityMatrices(

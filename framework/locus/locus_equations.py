@@ -17,7 +17,7 @@ import numpy as np
 
 from framework.arrays import Array, IntArray
 from framework.errors import InvalidInput, choose_from
-from framework.kinematics.closures import scaled
+from framework.kinematics.closures import scale_jacobian
 from framework.kinematics.frames import FrameStack, difference, integrate_columns
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import linearised_at
@@ -115,7 +115,9 @@ class LocusEquations:
         poses = self.move(np.repeat(q, len(step), axis=0), np.tile(step, (len(q), 1)))
         linearised = linearised_at(robot, poses, np.broadcast_to(self.x, (len(poses), robot.n)))
         sizes = robot.structure.row_sizes
-        loops = scaled(robot, linearised.closures[:: len(step)], robot.loops.rotation) / sizes[:, None]
+        loops = (
+            scale_jacobian(robot, linearised.closures[:: len(step)], robot.loops.rotation) / sizes[:, None]
+        )
         gaps = linearised.residual[:: len(step), robot.n :] / sizes
         gaps = gaps * np.where(robot.loops.rotation, 1.0, 1.0 / robot.length)
         P = passive_matrix(robot, linearised).reshape(len(q), len(step), len(robot.following), -1)

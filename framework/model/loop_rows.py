@@ -55,6 +55,16 @@ class LoopRows(ReadOnlyArrays):
         return read_only(np.where(self.distance, 0.5 / self.length, 1.0 - self.coupled))
 
     @cached_property
+    def constant(self) -> Array:
+        """Constants (m,) that the equations subtract from these products [m]."""
+        return read_only(np.where(self.distance, 0.5 * self.length, 0.0))
+
+    @cached_property
+    def force_weight(self) -> Array:
+        """Factors (m,) of the first vector of `row_factors` in the force of each row; zero of rotations."""
+        return read_only(np.where(self.distance, 1.0 / self.length, 1.0 - self.rotation))
+
+    @cached_property
     def vectors(self) -> IntArray:
         """Indices (4, m) of both axes, then both origins of each row, among four vectors a frame."""
         ends = np.array([self.first, self.second])
@@ -77,9 +87,8 @@ class LoopRows(ReadOnlyArrays):
 
     def take(self, rows: IntArray) -> LoopRows:
         """Return the table of some of the rows."""
-        tables = {name: table for name, table in vars(self).items() if isinstance(table, np.ndarray)}
         names = tuple(self.names[i] for i in rows)
-        return LoopRows(**{name: table[rows] for name, table in tables.items()}, names=names)
+        return LoopRows(**{name: getattr(self, name)[rows] for name in _COLUMNS}, names=names)
 
 
 _COLUMNS = {

@@ -132,7 +132,7 @@ class Derivatives(NamedTuple):
         """Return the derivatives in the boxes `which` of the S."""
         return Derivatives(
             self.bounds,
-            self.frames.at(np.flatnonzero(which)),
+            self.frames.select(np.flatnonzero(which)),
             self.values[which],
             self.slopes[which],
             self.hessians[which],

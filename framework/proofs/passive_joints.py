@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 
 from framework.arrays import Array, BoolArray, IntArray
-from framework.kinematics.closures import loop_equations, scaled
+from framework.kinematics.closures import loop_equations, scale_jacobian
 from framework.kinematics.frames import FrameStack, difference, frames_at, integrate, integrate_columns
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.loop_matrices import passive_matrix, type1_matrix
@@ -76,7 +76,7 @@ def close_all_loops(
     for _ in range(MAX_SEARCH_STEPS):
         frames = frames_at(robot, q)
         loops = loop_equations(robot.rows, frames)
-        values, slopes = loops.residual * weights, scaled(robot, loops.jacobian, robot.rows.rotation)
+        values, slopes = loops.residual * weights, scale_jacobian(robot, loops.jacobian, robot.rows.rotation)
         if more is not None:
             added = more(frames)
             values, slopes = (

@@ -17,7 +17,7 @@ import numpy as np
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.errors import finite_numbers
 from framework.kinematics.frames import FrameStack, difference, integrate_columns
-from framework.kinematics.inverse_kinematics import require_square, without_spin
+from framework.kinematics.inverse_kinematics import remove_idle_spin, require_square
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.modes import Leg, leg_signs, legs
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
@@ -115,7 +115,9 @@ def _leg_solutions(robot: ParallelRobot, x: Array) -> list[list[Array]]:
 
     starts = random_starts(robot, robot.reference.q[None], RANDOM_STARTS, columns)
     q, closed = close_all_loops(robot, starts, platform_rows, columns)
-    poses = without_spin(robot, robot.reference.q, q[closed], np.repeat(x[None], int(closed.sum()), axis=0))
+    poses = remove_idle_spin(
+        robot, robot.reference.q, q[closed], np.repeat(x[None], int(closed.sum()), axis=0)
+    )
     offsets = np.array([_from_reference(robot, pose) for pose in poses]).reshape(-1, robot.model.nv)
     offsets = offsets / robot.column_scale
     return [distinct_joints(offsets[:, columns[leg.columns]]) for leg in legs(robot)]

@@ -15,7 +15,7 @@ from framework.crossing.planar_crossing import PATH_SMOOTHNESS, STEP_ASIDE, Plan
 from framework.crossing.result import CrossingPlan
 from framework.errors import NoAnswer
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.placements import joint_poses, rotated
+from framework.kinematics.placements import joint_poses, rotate_vector
 from framework.locus.drawn_locus import locus_curves
 from framework.motion.chebyshev import COEFFICIENT_ROUNDING, coefficients, nodes, tail
 from framework.motion.optimal_law import OptimalLaw
@@ -130,13 +130,13 @@ def _poses(robot: ParallelRobot, q: Array, onto: Projection) -> Array:
     """Return place (2), cosine and sine of each moving joint's pose on the paper, (M, 4 per joint)."""
     columns = []
     for pose in joint_poses(robot, q).transpose(1, 0, 2)[1:]:
-        columns += [onto(pose[:, :3]), onto(rotated(pose[:, 3:], onto.right))]
+        columns += [onto(pose[:, :3]), onto(rotate_vector(pose[:, 3:], onto.right))]
     return np.concatenate(columns, axis=1)
 
 
 def _outlines(crossing: PlanarCrossing, sight: Sight) -> list[Document]:
     """Return the outline (m, 2) of each body in its joint's frame on the paper, the farthest first."""
-    robot, q = crossing.robots["off"], crossing.searched.branch.closed(np.zeros(1)).q
+    robot, q = crossing.robots["off"], crossing.searched.branch.close(np.zeros(1)).q
     poses = [np.array([0.0, 0.0, 1.0, 0.0]), *_poses(robot, q, sight.onto)[0].reshape(-1, 4)]
     shapes = []
     for node, points, colour in outlines(robot, q[0], sight):

@@ -13,7 +13,7 @@ import numpy as np
 
 from framework.arrays import LEAST_DIVISOR, Array, BoolArray
 from framework.errors import InvalidInput, NotAssembled, NotConverged
-from framework.kinematics.closures import loop_wrenches, scaled
+from framework.kinematics.closures import loop_wrenches, scale_jacobian
 from framework.kinematics.frames import integrate
 from framework.kinematics.loop_curvature import loop_curvature
 from framework.linalg.ordered_sums import matmul
@@ -38,7 +38,7 @@ def allowed_motions(equations: EquationsOfMotion, tangent: Tangent) -> AllowedMo
     """Compute the motions that the loops allow, each state for itself to the last bit."""
     robot = equations.robot
     scale, count = robot.column_scale[:, None], tangent.jacobian.shape[1]
-    loops = scaled(robot, tangent.jacobian, equations.rows.rotation)
+    loops = scale_jacobian(robot, tangent.jacobian, equations.rows.rotation)
     left, sizes, right = np.linalg.svd(loops)
     # redundant rows are gone; what else loses rank is a singularity of the closures and no free motion
     allowed = right[:, count:].swapaxes(1, 2)
@@ -151,7 +151,7 @@ def allowed_velocity(equations: EquationsOfMotion, tangent: Tangent, v: Array) -
     if not rows:
         return v
     scale = equations.robot.column_scale
-    J = scaled(equations.robot, tangent.jacobian, equations.rows.rotation)[0]
+    J = scale_jacobian(equations.robot, tangent.jacobian, equations.rows.rotation)[0]
     mass = tangent.mass[0] * scale[:, None] * scale
     size = max(float(np.diag(mass).max()), LEAST_DIVISOR)
     matrix, right = np.zeros((nv + rows, nv + rows)), np.zeros(nv + rows)

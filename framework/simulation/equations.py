@@ -21,7 +21,7 @@ import pinocchio as pin
 from framework.arrays import Array, ArrayLike
 from framework.errors import InvalidInput
 from framework.kinematics.closures import loop_equations
-from framework.kinematics.frames import FrameStack, along_joints, difference, stacked_frames
+from framework.kinematics.frames import FrameStack, difference, forces_on_joints, stacked_frames
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import Scratch
 from framework.model.loop_rows import LoopRows
@@ -44,7 +44,7 @@ class Tangent(NamedTuple):
         entry = slice(k, k + 1)
         force, by_q, by_v, mass, frames, residual, jacobian = self
         terms = (force[entry], by_q[entry], by_v[entry], mass[entry])
-        return Tangent(*terms, frames.at(entry), residual[entry], jacobian[entry])
+        return Tangent(*terms, frames.select(entry), residual[entry], jacobian[entry])
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +112,7 @@ class EquationsOfMotion:
             return np.zeros((len(q), self.robot.model.nv))
         turned = difference(self.robot, self.robot.neutral, q)
         springs = np.asarray(self.stiffness * (turned - self.robot.joint_rest), dtype=float)
-        return along_joints(self.robot, self.robot.neutral, q, springs)
+        return forces_on_joints(self.robot, self.robot.neutral, q, springs)
 
     def motor_forces(self, torque: Array) -> Array:
         """Compute S' n tau (T, nv), the generalised forces of motor torques (T, n_a), joint side."""

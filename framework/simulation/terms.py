@@ -142,7 +142,7 @@ class RobotStack:
         frames = terms.frames
         rates = frames.carried * v[:, None]  # (R, F, nv)
         both = np.stack([frames.screws, terms.tree_rate.swapaxes(1, 2)])
-        motions = FrameMotions.at_origins(matmul(rates, both), frames.position)
+        motions = FrameMotions.from_spatial(matmul(rates, both), frames.position)
         return closure_drift(self.rows, frames, motions)
 
 

@@ -49,7 +49,7 @@ class Measured(NamedTuple):
 
     def evaluate(self, s: Array) -> Array:
         """Evaluate the matrices (T, n, n) at s (T,)."""
-        return self.matrix(self.branch.closed(s).linearised)
+        return self.matrix(self.branch.close(s).linearised)
 
     @property
     def knots(self) -> Array:
@@ -102,7 +102,7 @@ class Samples(NamedTuple):
         """Return the linearised loops on the nodes of a panel."""
         if (start, end) not in self.panels:
             s = start + 0.5 * (end - start) * (nodes(PANEL_NODES) + 1.0)
-            self.panels[start, end] = self.branch.closed(s).linearised
+            self.panels[start, end] = self.branch.close(s).linearised
         return self.panels[start, end]
 
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from framework.arrays import Array, ReadOnlyArrays
 from framework.errors import InvalidInput, NotConverged, Type1Singularity, point
-from framework.kinematics.closures import loop_equations, scaled
+from framework.kinematics.closures import loop_equations, scale_jacobian
 from framework.kinematics.continuation.branch import Branch, with_continuation
-from framework.kinematics.continuation.tracking import escaping, track_path, weakest_leg
+from framework.kinematics.continuation.tracking import escape_error, track_path, weakest_leg
 from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.kinematics.loop_matrices import type1_matrix, type2_matrix
@@ -78,7 +78,7 @@ class SearchedPath(NamedTuple):
         Raises:
             InvalidInput: the robot has no such frame.
         """
-        return self._replace(branch=self.branch.under(wrenches))
+        return self._replace(branch=self.branch.with_wrenches(wrenches))
 
 
 def search_path(robot: ParallelRobot, path: Path, *, branch: Branch | None = None) -> SearchedPath:
@@ -153,7 +153,7 @@ def _continue_branch(branch: Branch) -> tuple[Samples, Measured, list[Panel] | U
         except Unresolved as unresolved:
             resolved, places = unresolved, [unresolved.s]
         continuations = (
-            with_continuation(branch, s) for s in places if not branch.continued(np.array([s]))[0]
+            with_continuation(branch, s) for s in places if not branch.is_continued(np.array([s]))[0]
         )
         wider = next((continuation for continuation in continuations if continuation is not None), None)
         if wider is None:
@@ -204,7 +204,7 @@ def _refusal_at(passive: Measured, unresolved: Unresolved) -> Exception:
     if count < 2:
         return unresolved
     reason = "the path passes a singularity, or so near to one that it cannot be told from it"
-    return escaping(branch.robot, s, branch.path(s), count, reason)
+    return escape_error(branch.robot, s, branch.path(s), count, reason)
 
 
 def _check_dropped_rows(branch: Branch, s: float, linearised: LinearisedLoops) -> None:
@@ -218,7 +218,7 @@ def _check_dropped_rows(branch: Branch, s: float, linearised: LinearisedLoops) -
         return
     jacobian = loop_equations(robot.rows, linearised.frames).jacobian
     all_values, values = (
-        singular_values(scaled(robot, part, rows.rotation)[0][:, robot.moving])
+        singular_values(scale_jacobian(robot, part, rows.rotation)[0][:, robot.moving])
         for part, rows in ((jacobian, robot.rows), (linearised.closures, robot.loops))
     )
     if np.sum(values > RANK_LOST) < np.sum(all_values > RANK_LOST):
@@ -237,7 +237,7 @@ def _is_type_1(mobile: Measured, s: float) -> bool:
     Joints that move without the platform stop following it, which is no Type 1 singularity.
     """
     robot, branch = mobile.branch.robot, mobile.branch
-    linearised = branch.closed(s).linearised
+    linearised = branch.close(s).linearised
     _check_dropped_rows(branch, s, linearised)
     followed = float(singular_values(mobile.matrix(linearised)[0])[-1])
     values = singular_values(type2_matrix(robot, linearised)[0])
@@ -252,8 +252,8 @@ def _is_type_1(mobile: Measured, s: float) -> bool:
 def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
     branch, s = passive.branch, contact.s
     robot, places = branch.robot, stencil(s)
-    closed = branch.closed(places)
-    linearised = closed.linearised.at(1)
+    closed = branch.close(places)
+    linearised = closed.linearised.select(1)
     _check_dropped_rows(branch, s, linearised)
     uncontrolled = uncontrolled_motion(robot, linearised)
     along = sign_along(uncontrolled.twist, robot.platform.path_twist(branch.path, s))

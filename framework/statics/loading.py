@@ -30,6 +30,7 @@ from framework.dynamics.tangent_stiffness import (
 )
 from framework.kinematics.continuation.turning_point import (
     CurveEquations,
+    Curves,
     TurningPoints,
     turning_points,
 )
@@ -272,7 +273,7 @@ def _folds(robot: ParallelRobot, start: _Points, load: Load) -> TurningPoints:
         return CurveEquations(matrix, drive, slope - state.closing, state.linearised)
 
     columns, still = moving_columns(robot), np.zeros((len(start.q), robot.model.nv))
-    return turning_points(robot, start.q, start.share, columns, still, evaluate)
+    return turning_points(Curves(robot, columns, still, evaluate), start.q, start.share)
 
 
 def _move(robot: ParallelRobot, q: Array, move: Array) -> Array:

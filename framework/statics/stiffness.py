@@ -36,7 +36,7 @@ from framework.dynamics.tangent_stiffness import (
     tangent_stiffness,
 )
 from framework.errors import InvalidInput, NotConverged
-from framework.kinematics.closures import scaled
+from framework.kinematics.closures import scale_jacobian
 from framework.kinematics.frames import difference, integrate_columns
 from framework.kinematics.linearised_loops import LinearisedLoops, assembled_at
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
@@ -82,7 +82,7 @@ def compliant_motions(robot: ParallelRobot, linearised: LinearisedLoops, q: Arra
     """
     require_springs(robot)
     columns = moving_columns(robot)
-    loops = scaled(robot, linearised.closures, robot.loops.rotation)[:, :, columns]
+    loops = scale_jacobian(robot, linearised.closures, robot.loops.rotation)[:, :, columns]
     count = loops.shape[1]
     null = np.linalg.qr(loops.swapaxes(1, 2), mode="complete")[0][:, :, count:]
     Z = null * robot.column_scale[columns][:, None]

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from framework.arrays import Array
-from framework.kinematics.closures import loop_equations, scaled
+from framework.kinematics.closures import loop_equations, scale_jacobian
 from framework.kinematics.frames import frames_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.statics.stiffness import mass_matrices
@@ -32,7 +32,9 @@ def free_motor_frequency(robot: ParallelRobot, q: Array) -> Array:
     rotors, stiffness = np.zeros((2, robot.model.nv))
     rotors[robot.actuated] = robot.gear_ratio**2 * robot.rotor_inertia
     stiffness[robot.elastic] = robot.stiffness
-    loops = scaled(robot, loop_equations(robot.loops, frames_at(robot, q)).jacobian, robot.loops.rotation)
+    loops = scale_jacobian(
+        robot, loop_equations(robot.loops, frames_at(robot, q)).jacobian, robot.loops.rotation
+    )
     frequency = np.empty(len(q))
     for k, tree_mass in enumerate(mass_matrices(robot, q)):
         allowed = scale[:, None] * np.linalg.svd(loops[k])[2][len(loops[k]) :].T

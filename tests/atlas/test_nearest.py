@@ -55,6 +55,24 @@ def test_the_nearest_singular_pose_of_the_5r_is_that_of_its_curve(x):
     assert abs(found.twist @ rod) < 1e-6
 
 
+@pytest.mark.parametrize("x", [(0.0, 0.42), (-0.25, 0.2)])
+def test_a_leg_ends_where_it_is_stretched(x):
+    robot = robots.load("five_bar")
+    found = nearest_singular_pose(robot, assemble(robot, x), max_cells=FEW)
+    edge = five_bar_pose.reachable(np.array([x]))[0]  # of the annulus about the far base, by one circle
+    assert found.leg_end == pytest.approx(edge, rel=2e-3)
+    assert found.at_least <= found.leg_end < found.distance
+    assert "a leg ends (Type 1)" in found.status
+
+
+@pytest.mark.slow
+def test_all_rays_that_meet_the_locus_count():
+    robot = robots.load("par4")  # eight of 600 rays do, and Newton's method leaves it from some
+    found = nearest_singular_pose(robot, assemble(robot, (-0.05, 0.05, -0.85, 1.0)), max_cells=FEW)
+    assert found.distance < 0.39977
+    assert singularity_distances(robot, assembled_at(robot, found.q).linearised).sigma_A[0] < 1e-7
+
+
 SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("delta", "orthoglide", "gough_stewart")]
 
 

@@ -109,7 +109,7 @@ def evidence(name: str, count: int, *, seed: int = 0) -> Evidence:
         begun = time.process_time()
         for k in stack:
             try:
-                tracked[k] = track_path(robot, motions[k]).closed(PLACES).q
+                tracked[k] = track_path(robot, motions[k]).close(PLACES).q
             except NoAnswer as refusal:
                 refused[type(refusal).__name__] += 1
                 stopped[k] = refusal

@@ -51,6 +51,6 @@ def gap(robot: ParallelRobot, nodes: np.ndarray) -> float:
     frames = [robot.model.frames[frame] for frame in robot.frames]
     poses = np.array([nodes[frame.parentJoint] @ frame.placement.homogeneous for frame in frames])
     still = np.zeros((1, robot.model.nv, 6)), np.zeros((len(frames), robot.model.nv))
-    stack = FrameStack(poses[None, :, :3, 3], poses[None, :, :3, :3], *still, np.empty((1, 0)))
+    stack = FrameStack(poses[None, :, :3].swapaxes(2, 3), *still, np.empty((1, 0)))
     residual = np.abs(loop_equations(robot.rows, stack).residual[0])
     return float((residual / np.where(robot.rows.rotation, 1.0, robot.length)).max())

@@ -276,7 +276,7 @@ def test_condition_8_is_affine_in_the_acceleration_and_quadratic_in_the_speed():
     for speed, acceleration in ((0.7, -2.0), (3.0, 11.0)):
         first, second = CURVED[0](np.array([point.s]), 1), CURVED[0](np.array([point.s]), 2)
         motion = motion_at(
-            robot, branch.closed(point.s), first * speed, first * acceleration + second * speed**2
+            robot, branch.close(point.s), first * speed, first * acceleration + second * speed**2
         )
         direct = tree_forces(robot, motion)[0] @ point.motion
         formula = found.alpha * acceleration + found.beta * speed**2 + found.delta * speed + found.gamma

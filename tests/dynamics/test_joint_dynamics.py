@@ -13,7 +13,7 @@ from framework.cli import main
 from framework.crossing.feasibility import feasibility_on_path
 from framework.dynamics.pointwise_dynamics import dynamics_at
 from framework.errors import NoLaw, RobotFileError
-from framework.kinematics.frames import along_joints, difference
+from framework.kinematics.frames import difference, forces_on_joints
 from framework.kinematics.mechanism import Mechanism
 from framework.model.description import Closure, JointDynamics, Platform
 from framework.model.robot_file import read_robot_file
@@ -187,7 +187,7 @@ def test_a_spring_or_damper_on_one_turn_of_a_ball_acts_on_the_axes_of_the_file()
     def energy(t):
         return 1.5 * (pin.log3(pin.Quaternion(pin.integrate(robot.model, q, t * v)).matrix())[0] - 0.2) ** 2
 
-    forces = along_joints(
+    forces = forces_on_joints(
         robot,
         robot.neutral,
         q[None],

@@ -52,7 +52,7 @@ def test_damping_of_the_balls_gives_no_torque_along_an_idle_turn(moving):
     robot, *_, motion = moving
     turns = idle_turns(robot, motion.linearised)
     torques = robot.joint_damping * motion.v
-    along = np.einsum("tvk,tv->tk", turns.ways, torques)
+    along = np.einsum("tvk,tv->tk", turns.motions, torques)
     assert np.abs(motion.v[:, robot.structure.idle]).max() > 0.01
     assert np.abs(along).max() < 1e-13 * np.abs(torques).max()
 

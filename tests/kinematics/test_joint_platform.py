@@ -67,7 +67,7 @@ def test_the_same_singularity_lies_on_the_same_way(pair):
     path = scene_path(tip.description.scenes["C"])
     (there,) = locate_singularities(tip, path)
     branch = track_path(tip, path)
-    way = Spline([positions(tip, branch.closed(s).q[0]) for s in np.linspace(0, 1, 41)])
+    way = Spline([positions(tip, branch.close(s).q[0]) for s in np.linspace(0, 1, 41)])
     (found,) = locate_singularities(joints, way)
     # the spline through 41 points misses the way by less than 1e-6
     np.testing.assert_allclose(found.platform, positions(tip, there.q), atol=1e-5)

@@ -18,7 +18,7 @@ from framework.kinematics.placements import (
     joint_poses,
     planar_normal,
     platform_positions,
-    rotated,
+    rotate_vector,
 )
 
 NAMES = ["five_bar", "slider_crank", "delta", "gough_stewart", "standing_quadruped"]
@@ -32,7 +32,7 @@ def anywhere(robot, count: int):
 def test_poses_are_those_of_pinocchio_and_turn_smoothly():
     robot = robots.load("four_bar")
     path = scene_path(robot.description.scenes["full_turn"])
-    q = track_path(robot, path).closed(np.linspace(0.0, 1.0, 301)).q
+    q = track_path(robot, path).close(np.linspace(0.0, 1.0, 301)).q
     poses = joint_poses(robot, q)
     data = robot.model.createData()
     for k in (0, 100, 300):
@@ -79,7 +79,7 @@ def test_a_joint_s_axis_is_the_screw_that_it_moves_along(name):
 def test_a_quaternion_turns_a_vector_as_its_matrix_does():
     turns = Rotation.from_quat(np.random.default_rng(1).standard_normal((20, 4)))
     vector = np.array([0.3, -1.2, 0.7])
-    np.testing.assert_allclose(rotated(turns.as_quat(), vector), turns.apply(vector), atol=1e-15)
+    np.testing.assert_allclose(rotate_vector(turns.as_quat(), vector), turns.apply(vector), atol=1e-15)
 
 
 @pytest.mark.parametrize(

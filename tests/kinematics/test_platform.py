@@ -66,7 +66,7 @@ def made(name: str) -> SimpleNamespace:
     new = Platform("", joints=tuple(movable)) if asked is JOINTS else Platform("", asked)
     poses = np.array([robot.q_near, *(nearby(robot, seed)[0] for seed in range(3))])
     attitudes = frames_at(robot, poses).rotation[:, 0]
-    coordinates = PlatformCoordinates.of(new, robot.model).charted(attitudes)
+    coordinates = PlatformCoordinates.of(new, robot.model).choose_chart(attitudes)
     return SimpleNamespace(
         **{field.name: getattr(robot, field.name) for field in fields(Mechanism)},
         column_scale=robot.column_scale,

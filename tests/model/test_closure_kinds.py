@@ -55,9 +55,8 @@ def pair(relative: Rotation, apart, *, first: Rotation | None = None) -> FrameSt
             for p in position
         ]
     )
-    return FrameStack(
-        position[None], rotation[None], screws[None], np.repeat(np.eye(2), 6, axis=1), np.empty((1, 0))
-    )
+    placements = np.concatenate([rotation.swapaxes(1, 2), position[:, None]], axis=1)
+    return FrameStack(placements[None], screws[None], np.repeat(np.eye(2), 6, axis=1), np.empty((1, 0)))
 
 
 def turn(axis: str, angle: float) -> Rotation:
@@ -147,12 +146,12 @@ def test_the_jacobian_is_the_derivative_anywhere_closed_or_open(axes):
 def _nudged(at: FrameStack, column: int, step: float) -> FrameStack:
     """One frame moved by a small twist on world axes."""
     frame, k = divmod(column, 6)
-    position, rotation = at.position.copy(), at.rotation.copy()
+    placements = at.placements.copy()
     if k < 3:
-        position[0, frame, k] += step
+        placements[0, frame, 3, k] += step
     else:
-        rotation[0, frame] = Rotation.from_rotvec(step * UNIT[k - 3]).as_matrix() @ rotation[0, frame]
-    return at._replace(position=position, rotation=rotation)
+        placements[0, frame, :3] = Rotation.from_rotvec(step * UNIT[k - 3]).apply(placements[0, frame, :3])
+    return at._replace(placements=placements)
 
 
 def test_the_number_of_locked_axes_is_that_of_mechanics():

@@ -62,7 +62,7 @@ def test_velocity_matrices_relate_rates_on_the_manifold(robot):
     branch = track_path(robot, first_path(robot))
     h = 1e-5
     for s in (0.1, 0.5, 0.9):
-        x, near = branch.path(s), branch.closed(s).q[0]
+        x, near = branch.path(s), branch.close(s).q[0]
         q_e = 1e-4 * rng.standard_normal(robot.n_e)
         dx, dq_e = rng.standard_normal(robot.n), rng.standard_normal(robot.n_e)
         dq_e *= robot.column_scale[robot.elastic]  # metres in lengths of the robot, however small it is
@@ -85,7 +85,7 @@ def test_velocities_and_accelerations_are_time_derivatives_of_positions(robot):
     ds, dds = 0.1 + 0.2 * t, 0.2
     phase = np.arange(robot.n_e)
     q_e, dq_e, ddq_e = (1e-3 * np.sin(t + phase + k * np.pi / 2) * np.ones(robot.n_e) for k in range(3))
-    closed = closed_with_deflections(robot, x, q_e, branch.closed(0.1).q[0])
+    closed = closed_with_deflections(robot, x, q_e, branch.close(0.1).q[0])
     motion = motion_at(robot, closed, slope * ds, curve * ds**2 + slope * dds, dq_e, ddq_e)
     v, a = grid.differentiate(closed.q - closed.q[0])
     # joints are known as loops are closed, the worse the shorter the levers; differentiation adds up the

@@ -246,7 +246,7 @@ def test_rates_along_a_path_with_large_rotations(robot, start, end):
     grid = TimeGrid(np.array([0.0, 1.0]), 96)
     t = grid.times
     s, ds, dds = 0.1 + 0.5 * t + 0.2 * t**2, 0.5 + 0.4 * t, np.full_like(t, 0.4)
-    closed = branch.closed(s)
+    closed = branch.close(s)
     x, dx, ddx = time_derivatives(branch.path, [s, ds, dds])
     motion = motion_at(robot, closed, dx, ddx)
     v, a = grid.differentiate(closed.q - closed.q[0])

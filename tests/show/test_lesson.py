@@ -57,7 +57,7 @@ def test_torques_of_the_page_are_those_of_the_dynamics_with_and_without_gravity(
         for s, v, a in ((0.1, 1.3, -2.0), (0.45, 0.4, 5.0), (0.9, 2.0, 0.0)):
             place = np.array([s])
             slope, bend = path(place, 1)[0], path(place, 2)[0]
-            q = branch.closed(place).q[0]
+            q = branch.close(place).q[0]
             instant = dynamics_at(weighed, q, dx=slope * v, ddx=slope * a + bend * v**2)
             parts = along(content, f"torque_{gravity}", s).reshape(3, -1)
             torque = np.array([1.0, v**2, a]) @ parts / along(content, "g", s)

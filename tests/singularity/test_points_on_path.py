@@ -81,7 +81,7 @@ def test_a_tangential_touch_is_found_though_g_keeps_its_sign(robot, crank):
     (point,) = locate_singularities(robot, path)
     assert point.contact == "tangential"
     assert point.s == pytest.approx(0.5, abs=1e-9)  # what the differenced tangent allows
-    g = singularity_measure(robot, track_path(robot, path).closed(np.linspace(0, 1, 101)).linearised).g
+    g = singularity_measure(robot, track_path(robot, path).close(np.linspace(0, 1, 101)).linearised).g
     assert np.all(g[:45] * g[56:] > 0)
 
 
@@ -239,6 +239,6 @@ class Shaking:
 def test_a_searched_path_stays_on_the_branch_where_the_measure_does_not_see_the_motion():
     """The agile eye as a whole turns with its motors: no panel is halved for it, and its joints swing."""
     robot, path, s = robots.load("agile_eye"), Shaking(), np.linspace(0.0, 1.0, 400)
-    tracked = track_path(robot, path).closed(s).q
-    searched = search_path(robot, path).branch.closed(s).q
+    tracked = track_path(robot, path).close(s).q
+    searched = search_path(robot, path).branch.close(s).q
     np.testing.assert_allclose(searched, tracked, rtol=0, atol=1e-12)

@@ -79,7 +79,7 @@ def test_path_and_time_lead_to_the_same_singular_point():
     plan = plan_crossing(robot, LINE, duration=1.5)
 
     def of_s(s):
-        return type2_matrix(robot, branch.closed(s).linearised)
+        return type2_matrix(robot, branch.close(s).linearised)
 
     def of_t(t):
         return type2_matrix(robot, linearised_at(robot, plan.dynamics.configuration(t), plan.platform(t)))

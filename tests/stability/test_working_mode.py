@@ -35,7 +35,7 @@ def errors(distance: float, samples: int = 50) -> tuple[float, float]:
     path, robot = past_the_motor(distance), robots.load("five_bar")
     s = np.linspace(0.0, 1.0, samples)
     exact = np.array([oracle.inverse_kinematics(x) for x in path(s)])
-    ours = track_path(robot, path).closed(s).q[:, robot.actuated]
+    ours = track_path(robot, path).close(s).q[:, robot.actuated]
     angles, followed = exact[0], []
     for x in path(s):
         angles = naive.newton_cranks(x, angles)
@@ -70,7 +70,7 @@ def test_near_the_stretched_leg_the_branch_is_kept_or_the_path_refused(short):
             track_path(robot, path)
         return
     exact = np.array([oracle.inverse_kinematics(x) for x in path(s)])
-    ours = track_path(robot, path).closed(s).q[:, robot.actuated]
+    ours = track_path(robot, path).close(s).q[:, robot.actuated]
     # the angle goes as the root of what the leg is short of: half the digits near the reach
     assert wrapped(ours - exact).max() < max(1e-12, 1e-15 / np.sqrt(short))
     assert np.abs(assemble(robot, path(1.0)).q[robot.actuated] - exact[-1]).max() < 1e-11

@@ -10,13 +10,13 @@ import pytest
 
 import robots
 from framework import Line, plan_crossing
-from framework.crossing.optimal.best_law import COST_SHARE
 from framework.crossing.optimal.peak_bound import bound_plan
 from framework.crossing.optimal.phase_plane import demand
 from framework.crossing.plan import plan_request
 from framework.crossing.request import Request
 from framework.kinematics.continuation.tracking import track_path
 from framework.motion.optimal_law import Smoothstep
+from framework.tolerances import SMOOTHNESS_COST
 
 toppra = pytest.importorskip("toppra", reason="the extra witness brings it")
 
@@ -87,14 +87,14 @@ def test_the_bound_of_the_duration_is_just_below_toppras():
     plan = plan_crossing(robots.load("five_bar"), CLEAR, optimize="time", torque_limit=LIMIT)
     theirs = toppra_profile(CLEAR).duration
     assert 0.996 < bound_plan(plan).value / theirs < 1.0 + 1e-4
-    assert 1.0 < plan.duration / theirs < 1.0 + COST_SHARE + 1e-3  # s" = 0 at the ends, and a smooth law
+    assert 1.0 < plan.duration / theirs < 1.0 + SMOOTHNESS_COST + 1e-3  # s" = 0 at the ends, and a smooth law
 
 
 @pytest.mark.slow
 def test_at_rest_at_the_ends_and_no_smoother_the_least_time_is_toppras():
     request = Request(path=CLEAR, optimize="time", torque_limit=(LIMIT,), smoothness=1)
     plan = plan_request(robots.load("five_bar"), request)
-    assert 1.0 < plan.duration / toppra_profile(CLEAR).duration < 1.0 + COST_SHARE + 1e-3
+    assert 1.0 < plan.duration / toppra_profile(CLEAR).duration < 1.0 + SMOOTHNESS_COST + 1e-3
 
 
 @pytest.mark.slow

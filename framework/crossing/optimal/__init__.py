@@ -2,7 +2,9 @@
 
 * `optimal_task`: what is asked, and the conditions at the crossings;
 * `phase_plane`: torques and condition (8) as functions affine in the squared speed z and u = z'/2;
-* `speed_program`: these as rows of a cone program (`framework.motion.cone_program` solves it);
+* `sampled_demand`: the same as series in s, from some hundred poses;
+* `law_problem`: what a law has to meet, as sparse rows; `speed_program`: the cone program of these
+  (`framework.motion.cone_program` solves it);
 * `best_law`: the smoothest law (`smooth_search`) that costs hardly more than the least (`least_cost`);
 * `undeformed_law`: the best law of a task, or why it has none (`limit_refusals`);
 * `optimal_motion`: law and certified torques in turn;

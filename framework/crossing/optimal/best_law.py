@@ -10,13 +10,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from framework.arrays import Array
+from framework.crossing.optimal.law_problem import LawProblem
 from framework.crossing.optimal.least_cost import NoneFound, cost_of, find_least_cost, solve_least_cost
 from framework.crossing.optimal.smooth_search import SmoothSearch, find_exceeded_places
-from framework.crossing.optimal.speed_program import LawProblem, Speed, SpeedProgram
+from framework.crossing.optimal.speed_program import Speed, SpeedProgram
 from framework.errors import InvalidInput
 from framework.motion.optimal_law import OptimalLaw
+from framework.tolerances import SMOOTHNESS_COST
 
-COST_SHARE = 4e-3  # of the least cost, which smoothness may take
 MAX_ROW_ROUNDS = 3  # of solving with rows where a limit was exceeded between the points
 LIMIT_TIGHTENING = 1e-5  # share of a limit that is left free when it was exceeded
 
@@ -56,7 +57,7 @@ class Best(NamedTuple):
 
 
 def find_best_law(
-    problem: LawProblem, cells: Array | None = None, *, share: float = COST_SHARE
+    problem: LawProblem, cells: Array | None = None, *, share: float = SMOOTHNESS_COST
 ) -> Best | NoneFound:
     """Find the smoothest law whose cost is within a share of the least.
 
@@ -106,13 +107,15 @@ def _find_gentlest(problem: LawProblem, none: NoneFound, share: float) -> Best |
 def _search_smooth(search: SmoothSearch, near: Speed | None = None) -> Best | NoneFound:
     """Find the smooth law, with rows wherever a limit was exceeded between the points.
 
-    Where these raise the least cost by more than the share, that is sought again.
+    Where these, or tighter limits, raise the least cost by more than the share, that is sought again.
     """
-    duration, valued = search.program.problem.specification.duration, search.program
+    duration = search.program.problem.specification.duration
+    sought_again: SpeedProgram | None = None
     best: Best | None = None
+    search = search.limit_duration()
     try:
         for _ in range(MAX_ROW_ROUNDS + 1):
-            found = search.find_smoothest() if duration is None else search.find_lasting(duration, near)
+            found = search.find_smoothest(near) if duration is None else search.find_lasting(duration, near)
             if isinstance(found, Speed):
                 best, near = _make_best(search, found), found
                 exceeded = find_exceeded_places(search.program, found, search.bounds)
@@ -120,10 +123,13 @@ def _search_smooth(search: SmoothSearch, near: Speed | None = None) -> Best | No
                     return best
                 search = search._replace(program=search.program.extend(exceeded))
                 continue
-            least = found if search.program is valued else solve_least_cost(search.program, search.units)
+            if search.program is sought_again:
+                return best or found
+            least = solve_least_cost(search.program, search.units, kept=search.kept)
             if isinstance(least, NoneFound):
                 return best or found
-            search, near, valued = search._replace(least=least[0], units=least[1]), None, search.program
+            search = search._replace(least=least[0], units=least[1]).limit_duration()
+            near, sought_again = None, search.program
     except InvalidInput as reason:  # z comes too near to zero
         return best or NoneFound(search.program, str(reason))
     return best or NoneFound(search.program, "limits are exceeded between the points")
@@ -142,4 +148,4 @@ def _make_best(search: SmoothSearch, found: Speed) -> Best:
         program.problem.task.stretch.at,
         tuple(program.basis.cells),
     )
-    return Best(law, search, program.speed(y))
+    return Best(law, search, program.speed(y)._replace(floor=found.floor))

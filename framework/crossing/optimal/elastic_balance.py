@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from framework.arrays import Array
+from framework.crossing.optimal.law_problem import condition_rows
 from framework.crossing.optimal.optimal_task import Task, crossing_places, other_law
-from framework.crossing.optimal.speed_program import condition_rows
 from framework.crossing.optimal.undeformed_law import problem_of
 from framework.dynamics.known_deflections import KnownDeflections
 from framework.dynamics.restoration import coefficients_for, restored

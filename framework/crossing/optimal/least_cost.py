@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array, BoolArray
-from framework.crossing.optimal.speed_program import Bounds, LawProblem, Speed, SpeedProgram, Units
+from framework.crossing.optimal.law_problem import LawProblem
+from framework.crossing.optimal.speed_program import Bounds, Speed, SpeedProgram, Units
 from framework.motion.cone_program import Unsolved
 from framework.tolerances import LIMIT_MARGIN
 
@@ -110,13 +111,13 @@ def _solve_on(problem: LawProblem, cells: Array) -> tuple[SpeedProgram, Speed, U
 
 
 def solve_least_cost(
-    program: SpeedProgram, units: Units | None = None, *, torque_limits: bool = True
+    program: SpeedProgram, units: Units | None = None, *, torque_limits: bool = True, kept: float = 1.0
 ) -> tuple[Speed, Units] | NoneFound:
-    """Solve for the goal with units corrected by the optimum, and return both."""
+    """Solve for the goal within a share `kept` of the limits, units corrected by the optimum; return both."""
     specification = program.problem.specification
     goal = specification.goal
     most = None if goal == "time" else specification.most  # the quickest law, whatever bounds it
-    share = 1.0 if goal == "peak_torque" else 1.0 - LIMIT_MARGIN
+    share = kept * (1.0 if goal == "peak_torque" else 1.0 - LIMIT_MARGIN)
     bounds = Bounds(most, torque_limits=torque_limits, share=share)
     units = units or _first_units(program)
     for _ in range(MAX_UNIT_CHANGES):

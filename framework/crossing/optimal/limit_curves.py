@@ -73,15 +73,11 @@ def limit_curves(plan: CrossingPlan) -> LimitCurves:
 
 def _motor_demand(plan: CrossingPlan, s: Array) -> MotorDemand:
     """Compute torques and speeds of the undeformed robot at s (T,), with damping and the planned friction."""
-    branch, robot = track_path(plan.robot, plan.path).under(plan.dynamics.wrenches), plan.robot
-    undamped = demand(branch, Smoothstep(0), s, None, "rigid")
-    constant, per_z, per_u = undamped.torque
-    per_speed = np.zeros_like(constant)
-    if robot.is_damped:  # demand has the tangent of sqrt(z) at z = 1, (1 + z) / 2
-        damped = demand(branch, Smoothstep(0), s, None, "rigid", lambda sigma: np.ones(len(sigma)))
-        per_speed = 2.0 * (damped.torque.constant - constant)
-    friction = undamped.friction(motor_friction(robot, plan.request.friction))
-    return MotorDemand(constant + friction, per_speed, per_z, per_u, undamped.speed)
+    branch, robot = track_path(plan.robot, plan.path).with_wrenches(plan.dynamics.wrenches), plan.robot
+    asked = demand(branch, Smoothstep(0), s, None, "rigid")
+    constant, per_z, per_u = asked.torque
+    friction = asked.friction(motor_friction(robot, plan.request.friction))
+    return MotorDemand(constant + friction, asked.damping, per_z, per_u, np.abs(asked.speed))
 
 
 def _limits(plan: CrossingPlan) -> tuple[Array, Array]:

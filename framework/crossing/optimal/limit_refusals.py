@@ -13,11 +13,11 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.crossing.optimal.best_law import Best, find_best_law
+from framework.crossing.optimal.law_problem import LawProblem
 from framework.crossing.optimal.least_cost import NoneFound, find_least_cost
 from framework.crossing.optimal.optimal_task import Task
 from framework.crossing.optimal.peak_bound import prove_no_law
 from framework.crossing.optimal.phase_plane import demand
-from framework.crossing.optimal.speed_program import LawProblem
 from framework.crossing.refusals.refusal_proofs import HoldingTorque, LeastLimits, SearchEvidence, advice_of
 from framework.errors import NoLaw, NotConverged, format_distinct
 

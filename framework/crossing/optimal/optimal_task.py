@@ -15,7 +15,7 @@ from framework.crossing.refusals.refusal_proofs import UnmetCondition
 from framework.crossing.request import Request
 from framework.crossing.specification import Specification
 from framework.errors import NoLaw
-from framework.kinematics.continuation.tracking import Branch, escaping
+from framework.kinematics.continuation.tracking import Branch, escape_error
 from framework.motion.optimal_law import Smoothstep, Stretch
 from framework.singularity.points_on_path import SingularPoint
 from framework.tolerances import NO_HOLD
@@ -133,7 +133,7 @@ def _check_common_speed(task: Task, place: CrossingPoint, rows: Array) -> None:
     solution = right[:rank].T @ (required[:rank] / values[:rank])
     met = np.abs(required[rank:]).max(initial=0.0) <= NO_HOLD * size
     if not met or (rank == 2 and not solution[0] > 0.0):
-        raise escaping(
+        raise escape_error(
             task.branch.robot,
             place.s,
             task.branch.path(place.s),

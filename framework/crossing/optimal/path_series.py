@@ -90,12 +90,8 @@ def _series_on(task: Task, reference: Array, edges: Array) -> tuple[PathSeries, 
     branch, specification, motors = task.branch, task.specification, np.isfinite(reference)
     s = (edges[:-1, None] + np.diff(edges)[:, None] * cell_nodes()).ravel()
     asked = demand(branch, Smoothstep(0), s, None, task.geometry)
-    damping = np.zeros_like(asked.torque.constant)
-    if branch.robot.is_damped:  # the tangent at z = 1 has half of it in its constant
-        tangent = demand(branch, Smoothstep(0), s, None, task.geometry, lambda sigma: 1.0 + 0.0 * sigma)
-        damping = 2.0 * (tangent.torque.constant - asked.torque.constant)
     friction, unknown = _mean_friction(asked, specification.friction)
-    parts = (asked.torque.constant + friction, asked.torque.per_z, damping, asked.torque.per_u)
+    parts = (asked.torque.constant + friction, asked.torque.per_z, asked.damping, asked.torque.per_u)
     *torques, per_u = (_by_cell(part / reference)[..., motors] for part in parts)
     directions, v = _multiplier_basis(per_u)
     ratio = _by_cell(asked.speed / specification.speed_limit)[..., np.isfinite(specification.speed_limit)]

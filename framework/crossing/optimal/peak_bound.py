@@ -14,10 +14,10 @@ import numpy as np
 from framework.arrays import Array, IntArray, ReadOnlyArrays
 from framework.crossing.crossing_points import PathToCross
 from framework.crossing.optimal.dual_program import DualProgram, Evidence, Multipliers
+from framework.crossing.optimal.law_problem import LawProblem
 from framework.crossing.optimal.optimal_task import Task
 from framework.crossing.optimal.path_series import PathSeries, cut_cells, resolve_series, uniform_cells
 from framework.crossing.optimal.phase_plane import demand
-from framework.crossing.optimal.speed_program import LawProblem
 from framework.crossing.result import CrossingPlan
 from framework.motion.optimal_law import Smoothstep
 from framework.singularity.points_on_path import search_path

@@ -86,9 +86,17 @@ class AffineInSpeed(NamedTuple):
 class Demand(NamedTuple):
     """The torques and speeds asked of the motors at points sigma (M,)."""
 
-    torque: AffineInSpeed  # (M, n_a) [N m], motor side
+    torque: AffineInSpeed  # (M, n_a) [N m], motor side, without damping
+    damping: Array  # (M, n_a) [N m s], motor side: over d sigma/dt
     speed: Array  # (M, n_a) [rad], motor side: over d sigma/dt
     direction: Array | None = None  # (M, n_a) motor speeds over ds/dt, if dry friction acts on any
+
+    def linearise_damping(self, before: Array | None) -> AffineInSpeed:
+        """Return the torques with the tangent of damping at z (M,) [1/s^2], if given."""
+        if before is None:
+            return self.torque
+        root, (constant, per_z, per_u) = np.sqrt(before)[:, None], self.torque
+        return AffineInSpeed(constant + 0.5 * self.damping * root, per_z + 0.5 * self.damping / root, per_u)
 
     def friction(self, size: Array, take: Array | None = None) -> Array:
         """Return torques (M, n_a) of dry friction of this size (n_a,), or at combinations `take` (R, M)."""
@@ -103,9 +111,8 @@ def demand(
     sigma: Array,
     deflections: Deflections | None,
     geometry: str,
-    before: SquaredSpeed | None = None,
 ) -> Demand:
-    """Compute torques and speeds of the motors at sigma (M,), damping linearised about the law `before`.
+    """Compute torques and speeds of the motors at sigma (M,).
 
     As in `resolve`: with geometry "rigid" forces are those of the undeformed robot, and only the motors move
     by what the springs give way.
@@ -115,11 +122,21 @@ def demand(
     carrying = deflected
     if geometry == "rigid" and deflections is not None:
         carrying = _three_motions(branch, phi, sigma, None)
-    forces = _linearised_forces(branch, carrying, (sigma, phi(sigma)), before)
-    torque = motor_torque(robot, deflected, balanced_forces(robot, carrying.linearised, forces).joint_torque)
-    speed = deflected.v[len(sigma) : 2 * len(sigma), robot.actuated] * robot.gear_ratio
+    at_rest, per_z = slice(len(sigma)), slice(len(sigma), 2 * len(sigma))
+
+    def motor_torques(forces: Array) -> Array:
+        balanced = balanced_forces(robot, carrying.linearised, forces)
+        return motor_torque(robot, deflected, balanced.joint_torque)
+
+    forces = _linearised_forces(branch, carrying, (sigma, phi(sigma)), None)
+    torque = motor_torques(forces)
+    damping = np.zeros_like(torque[at_rest])
+    if robot.is_damped:
+        forces[at_rest] += robot.joint_damping * carrying.v[per_z]
+        damping = motor_torques(forces)[at_rest] - torque[at_rest]
+    speed = deflected.v[per_z, robot.actuated] * robot.gear_ratio
     affine = AffineInSpeed(*torque.reshape(3, len(sigma), -1))
-    return Demand(affine, np.abs(speed), _direction(branch, phi(sigma), deflected))
+    return Demand(affine, damping, speed, _direction(branch, phi(sigma), deflected))
 
 
 def _direction(branch: Branch, s: Array, three: Motion) -> Array | None:
@@ -147,7 +164,7 @@ def _linearised_forces(
     robot, (sigma, s) = branch.robot, places
     at_rest, per_z = slice(len(sigma)), slice(len(sigma), 2 * len(sigma))
     forces = inertial_forces(robot, motion)
-    wrenches = branch.wrenches.at(robot, motion.linearised.frames.at(at_rest), s)
+    wrenches = branch.wrenches.evaluate(robot, motion.linearised.frames.select(at_rest), s)
     forces[at_rest] = static_forces(robot, motion.q[at_rest], wrenches)
     if robot.is_damped and before is not None:
         root = np.sqrt(before(sigma))[:, None]

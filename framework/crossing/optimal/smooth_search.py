@@ -14,8 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array, BoolArray
+from framework.crossing.optimal.law_problem import motor_rows
 from framework.crossing.optimal.least_cost import NoneFound, solve_least_cost
-from framework.crossing.optimal.speed_program import Bounds, Speed, SpeedProgram, Units, motor_rows
+from framework.crossing.optimal.speed_program import Bounds, Speed, SpeedProgram, Units
 from framework.motion.cone_program import Unsolved
 from framework.tolerances import LIMIT_MARGIN, SAME_PLACE, SQUARED_SPEED_FLOORS
 
@@ -40,6 +41,7 @@ class SmoothSearch(NamedTuple):
     least: Speed
     share: float  # of the least cost, which smoothness may take
     kept: float = 1.0  # share of the limits to which the certificate has led
+    pace: float | None = None  # [s], the longest that a smooth law of free duration may take
 
     @property
     def goal(self) -> str:
@@ -52,23 +54,26 @@ class SmoothSearch(NamedTuple):
         most, kept = specification.most, self.kept * (1.0 - LIMIT_MARGIN)
         if self.goal == "time":
             return Bounds(min(share * self.least.value, most or np.inf), share=kept)
-        longest = None if most is None else most * (1.0 - SAME_DURATION)
+        longest = self.pace if most is None else min(most * (1.0 - SAME_DURATION), self.pace or np.inf)
         if self.goal == "energy":
             return Bounds(longest, energy=share * self.least.energy, share=kept)
         limited = specification.limited and self.least.peak <= 1.0
         peak = self.kept * min(share * self.least.peak, 1.0 if limited else np.inf)
         return Bounds(longest, peak, share=self.kept)
 
-    def find_smoothest(self) -> Speed | NoneFound:
-        """Find the smoothest law within the bounds, in at most twice the time that these need."""
-        bounds = self.bounds
-        if self.goal != "time":
-            quick = self.program.minimise("time", bounds._replace(longest=None), self.units)
-            if isinstance(quick, Speed):
-                longest = min(bounds.longest or np.inf, 2.0 * quick.duration)
-                own = self._replace(units=self.units._replace(time=longest))
-                return own._solve_above_floor(bounds._replace(longest=longest))[0]
-        return self._solve_above_floor(bounds)[0]
+    def limit_duration(self) -> SmoothSearch:
+        """Return the search for laws of at most twice the least duration, unless the duration is given."""
+        if self.goal == "time" or self.program.problem.specification.duration is not None:
+            return self
+        quick = self.program.minimise("time", self.bounds._replace(longest=None), self.units)
+        if isinstance(quick, Unsolved):
+            return self
+        pace = min(self.program.problem.specification.most or np.inf, 2.0 * quick.duration)
+        return self._replace(pace=pace, units=self.units._replace(time=pace))
+
+    def find_smoothest(self, near: Speed | None = None) -> Speed | NoneFound:
+        """Find the smoothest law within the bounds, with no higher a floor than that of a law near to it."""
+        return self._solve_above_floor(self.bounds, near=near)[0]
 
     def find_lasting(self, duration: float, near: Speed | None = None) -> Speed | NoneFound:
         """Find a smooth law within the bounds that takes a duration [s].
@@ -78,7 +83,7 @@ class SmoothSearch(NamedTuple):
         """
         if self.goal == "energy":
             return self._find_least_energy(duration, near)
-        smooth, floor = self._solve_above_floor(self.bounds)
+        smooth, floor = self._solve_above_floor(self.bounds, near=near)
         if isinstance(smooth, NoneFound) or smooth.duration >= duration * (1.0 - 2.0 * SAME_DURATION):
             return smooth
         free = self.bounds._replace(longest=None)
@@ -90,12 +95,16 @@ class SmoothSearch(NamedTuple):
         law = self._improve("bend", self._blend(smooth, slow, duration), smooth, free, floor)
         return self._improve("bend", law, smooth, free, floor)
 
-    def _solve_above_floor(self, bounds: Bounds, goal: str = "bend") -> tuple[Speed | NoneFound, float]:
+    def _solve_above_floor(
+        self, bounds: Bounds, goal: str = "bend", near: Speed | None = None
+    ) -> tuple[Speed | NoneFound, float]:
         """Solve with the highest floor under z that has a solution, and return that too."""
         assert bounds.longest is not None
         status = ""
-        for share in SQUARED_SPEED_FLOORS:
-            floor = share / bounds.longest**2
+        floors = np.array(SQUARED_SPEED_FLOORS) / bounds.longest**2
+        if near is not None and near.floor > 0.0:
+            floors = floors[floors <= 10.0 * near.floor]
+        for floor in floors:
             found = self.program.minimise(goal, bounds, self.units, floor=floor)
             if isinstance(found, Speed) and np.isfinite(found.duration):
                 return found, floor
@@ -106,7 +115,8 @@ class SmoothSearch(NamedTuple):
         """Return the blend of two speeds that takes a duration [s] between theirs."""
         if not quick.duration < duration < slow.duration:
             return slow
-        return self.program.speed(self.program.space.blend(quick.y, slow.y, duration))
+        blend = self.program.speed(self.program.space.blend(quick.y, slow.y, duration))
+        return blend._replace(floor=min(quick.floor, slow.floor))
 
     def _find_slow(self, duration: float, bounds: Bounds, floor: float) -> Speed | NoneFound:
         """Find a law that takes at least a duration [s]: smooth and waiting at its ends, or else any."""
@@ -141,7 +151,7 @@ class SmoothSearch(NamedTuple):
     def _find_least_energy(self, duration: float, near: Speed | None) -> Speed | NoneFound:
         """Find a law of little energy that takes a duration [s], from several that do, then a smooth one."""
         limits = Bounds(share=self.bounds.share)
-        quick, floor = self._solve_above_floor(limits._replace(longest=duration), "energy")
+        quick, floor = self._solve_above_floor(limits._replace(longest=duration), "energy", near)
         if isinstance(quick, NoneFound):
             return quick
         law = near or quick
@@ -221,7 +231,10 @@ def _energy_of(speed: Speed) -> float:
 
 
 def find_exceeded_places(program: SpeedProgram, found: Speed, bounds: Bounds) -> Array:
-    """Find places in xi (R,) between the points where a limit or the bound of the peak is exceeded."""
+    """Find places in xi (R,) between the points where a limit or the bound of the peak is exceeded.
+
+    Where it is, those come with them where it is nearly reached: the next law exceeds it there.
+    """
     limit, reference = program.problem.specification.torque_limit, program.problem.reference
     bounded = np.inf if bounds.peak is None else bounds.peak * (1.0 + LIMIT_MARGIN) * reference
     allowed = np.minimum(limit, bounded)
@@ -233,7 +246,9 @@ def find_exceeded_places(program: SpeedProgram, found: Speed, bounds: Bounds) ->
     on_crossing = np.abs(between[:, None] - program.problem.places).min(axis=1, initial=np.inf) <= SAME_PLACE
     between = between[~on_crossing]
     rows = motor_rows(program.problem, program.basis, program.conditions, between)
-    over = rows.used_share(found.y, allowed)
-    padded = np.pad(over, 1, constant_values=-np.inf)
-    highest = (over >= padded[:-2]) & (over >= padded[2:])
-    return between[highest & (over > 1.0)]
+    used = rows.used_share(found.y, allowed)
+    if not used.max(initial=0.0) > 1.0:
+        return np.empty(0)
+    padded = np.pad(used, 1, constant_values=-np.inf)
+    highest = (used >= padded[:-2]) & (used >= padded[2:])
+    return between[highest & (used > NEARLY_REACHED)]

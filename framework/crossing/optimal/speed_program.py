@@ -1,13 +1,12 @@
-"""The cone program of the best law along a path: what the robot asks, as sparse rows on the squared speed z.
+"""The cone program of the best law along a path, in the squared speed z.
 
 z has B-spline coefficients y on cells of xi(sigma). With y >= floor it is positive everywhere, and
 
     torque = c + cz z + cu u,     duration = integral of v,   v r >= 1,  r^2 <= z,
                                   energy = integral of e,     e r >= |torque|^2
 
-are affine in y, or second-order cones. Condition (8) is a sparse equality. Torques have a pole where it is
-not met, so beside a crossing a multiple of the condition is subtracted from each torque row: it stays
-bounded and sparse. At the crossing the limit of the torque is a row, interpolated through points of its cell.
+are affine in y, or second-order cones. Condition (8) is a sparse equality (see `law_problem`). At a crossing
+the limit of the torque is a row, interpolated through points of its cell.
 
 Unknowns: Verscheure, Demeulenaere, Swevers, De Schutter and Diehl, IEEE TAC 54 (2009).
 """
@@ -23,13 +22,11 @@ import numpy as np
 from numpy.polynomial import legendre
 from scipy import sparse
 
-from framework.arrays import Array, BoolArray, IntArray, read_only
-from framework.crossing.optimal.optimal_task import Task
-from framework.crossing.optimal.phase_plane import Deflections, Demand, SquaredSpeed, demand
-from framework.crossing.specification import Specification
+from framework.arrays import Array, BoolArray, read_only
+from framework.crossing.optimal.law_problem import LawProblem, MotorRows, condition_rows, motor_rows
 from framework.motion.cone_program import Affine, AffineRows, ConeProgram, Unsolved, solve_cone_program
 from framework.motion.exact_duration import SpeedSpace
-from framework.motion.speed_basis import ONE_CELL, SpeedBasis
+from framework.motion.speed_basis import SpeedBasis
 from framework.tolerances import LIMIT_MARGIN
 
 POINTS, POINTS_ABOUT = (
@@ -37,87 +34,7 @@ POINTS, POINTS_ABOUT = (
     8,
 )  # of a cell; about crossings, where an odd number would have one on the pole, and at ends
 FINE_PARTS, FINE_POINTS = 4, 8  # of a cell, and of each of these, where a duration is integrated
-POLE_WIDTH = 0.05  # in xi, beside a crossing, where rows are freed of their pole
 MAX_ROW_SIZE = 100.0  # of entries in units: larger rows are scaled down
-
-
-class LawProblem(NamedTuple):
-    """What a law has to meet: a task, its conditions at sigma (k,), and what is known of the motion.
-
-    conditions: (k, 4), constant + per_z z + per_u u + per_du u' = 0.
-    deflections: of the springs along the path, if any.
-    before: the squared speed about which damping is linearised, if any.
-    weighing: the `reference`, where that is not of the limits.
-    degree: of z as one Chebyshev series, which deflections need; None for splines.
-    """
-
-    task: Task
-    crossings: Array
-    conditions: Array
-    deflections: Deflections | None = None
-    before: SquaredSpeed | None = None
-    weighing: Array | None = None
-    degree: int | None = None
-
-    def demand(self, sigma: Array) -> Demand:
-        """Compute torques and speeds of the motors at sigma (M,)."""
-        task = self.task
-        return demand(task.branch, task.phi, sigma, self.deflections, task.geometry, self.before)
-
-    def basis_on(self, cells: Array) -> SpeedBasis:
-        """Return the basis of z: splines on cells (k + 1,), or the series of the degree."""
-        if self.degree is None:
-            return SpeedBasis.from_cells(cells)
-        return SpeedBasis(np.array(ONE_CELL), self.degree + 1)
-
-    @property
-    def specification(self) -> Specification:
-        return self.task.specification
-
-    def with_goal(self, goal: str) -> LawProblem:
-        """Return the problem with another goal."""
-        specification = replace(self.specification, goal=goal)
-        return self._replace(task=self.task._replace(specification=specification), weighing=self.reference)
-
-    @property
-    def places(self) -> Array:
-        """Places of the conditions in xi (k,)."""
-        return self.task.stretch(self.crossings)
-
-    @property
-    def reference(self) -> Array:
-        """Torques (n_a,) that peaks are relative to: limits, the largest where one is missing, or 1."""
-        if self.weighing is not None:
-            return self.weighing
-        limit = self.specification.torque_limit
-        limited = np.isfinite(limit)
-        return np.where(limited, limit, limit[limited].max(initial=0.0) or 1.0)
-
-
-class MotorRows(NamedTuple):
-    """Torques and squared speeds of the motors at points of the path, affine in the coefficients of z."""
-
-    torque: tuple[Affine, ...]  # of each motor, (M, n) [N m]
-    squared_speed: tuple[Any, ...]  # of each motor with a limit, over its square: (M, n)
-
-    def combine(self, weights: Any) -> MotorRows:
-        """Return the rows weights (R, M) @ rows."""
-        torque = tuple(Affine(weights @ matrix, weights @ offset) for matrix, offset in self.torque)
-        return MotorRows(torque, tuple(weights @ matrix for matrix in self.squared_speed))
-
-    def used_share(self, y: Array, allowed: Array) -> Array:
-        """Return the largest share (M,) of allowed torques (n_a,) [N m], or of squared speed limits."""
-        torques = [np.abs(torque(y)) / most for torque, most in zip(self.torque, allowed, strict=True)]
-        return np.asarray(np.max([*torques, *(rows @ y for rows in self.squared_speed)], axis=0))
-
-    def stack(self, other: MotorRows) -> MotorRows:
-        """Return the rows of both."""
-        torque = tuple(
-            Affine(sparse.vstack([a.matrix, b.matrix], format="csr"), np.append(a.offset, b.offset))
-            for a, b in zip(self.torque, other.torque, strict=True)
-        )
-        speeds = zip(self.squared_speed, other.squared_speed, strict=True)
-        return MotorRows(torque, tuple(sparse.vstack(pair, format="csr") for pair in speeds))
 
 
 class Bounds(NamedTuple):
@@ -146,7 +63,8 @@ class Speed(NamedTuple):
     """A squared speed by its coefficients y (n,) [1/s^2], and what it costs.
 
     duration [s]; peak of torques over the reference, and of motor speeds over their limits, at the rows;
-    energy [s] of torques over the reference; value: the least duration [s] by the solver's own quadrature.
+    energy [s] of torques over the reference; value: the least duration [s] by the solver's own quadrature;
+    floor [1/s^2]: below which coefficients were not sought.
     """
 
     y: Array
@@ -155,6 +73,7 @@ class Speed(NamedTuple):
     peak_speed: float
     energy: float
     value: float = np.nan
+    floor: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +96,7 @@ class SpeedProgram:
         counts = np.where(about, POINTS_ABOUT, POINTS)
         counts[[0, -1]] = POINTS_ABOUT
         xi, weight = _gauss_points(cells, counts)
-        sigma = _sigma(problem, xi)
+        sigma = problem.sigma(xi)
         weights = weight / stretch(sigma, 1)
         conditions = condition_rows(problem, basis)
         rows = motor_rows(problem, basis, conditions, xi)
@@ -219,7 +138,7 @@ class SpeedProgram:
     def bend(self) -> AffineRows:
         """d2z/dsigma2 at the points with a weight, times the root of that."""
         stretch, inside = self.problem.task.stretch, self._integrated
-        sigma = _sigma(self.problem, self.xi)[inside]
+        sigma = self.problem.sigma(self.xi)[inside]
         first, second = (self.basis.matrix(self.xi[inside], order) for order in (1, 2))
         bend = (
             sparse.diags_array(stretch(sigma, 1) ** 2) @ second
@@ -235,7 +154,7 @@ class SpeedProgram:
         parts = np.linspace(0.0, 1.0, FINE_PARTS + 1)[:-1]
         edges = np.append((cells[:-1, None] + np.diff(cells)[:, None] * parts).ravel(), 1.0)
         xi, weight = _gauss_points(edges, np.full(len(edges) - 1, FINE_POINTS))
-        sigma = _sigma(self.problem, xi)[1:-1]
+        sigma = self.problem.sigma(xi)[1:-1]
         return self.basis.matrix(xi[1:-1]), weight[1:-1] / self.problem.task.stretch(sigma, 1)
 
     def extend(self, xi: Array) -> SpeedProgram:
@@ -325,7 +244,7 @@ class SpeedProgram:
             return optimum
         y = self.meet_conditions(optimum.unknowns["y"] / scale)
         value = float(inside @ optimum.unknowns["v"]) * units.time if goal == "time" else np.nan
-        return self.speed(y, value)
+        return self.speed(y, value)._replace(floor=floor)
 
     def _limit_rows(self, goal: str, bounds: Bounds, units: Units) -> list[AffineRows]:
         """Return bounds of torques and squared speeds as rows that may not be negative."""
@@ -382,58 +301,6 @@ class SpeedProgram:
                 )
             )
         return cones
-
-
-def motor_rows(problem: LawProblem, basis: SpeedBasis, conditions: Affine, xi: Array) -> MotorRows:
-    """Compute torques and squared speeds at places xi (M,), none on a crossing, without their poles."""
-    task, specification = problem.task, problem.specification
-    sigma = _sigma(problem, xi)
-    asked = problem.demand(sigma)
-    z = basis.matrix(xi)
-    u = sparse.diags_array(0.5 * task.stretch(sigma, 1)) @ basis.matrix(xi, 1)
-    constant = asked.torque.constant + asked.friction(specification.friction)
-    torques = []
-    for motor in range(constant.shape[1]):
-        per_z, per_u = (sparse.diags_array(part[:, motor]) for part in asked.torque[1:])
-        torques.append(Affine(sparse.csr_array(per_z @ z + per_u @ u), constant[:, motor].copy()))
-    for place in np.unique(problem.places):
-        near = np.abs(xi - place) < POLE_WIDTH
-        at = np.flatnonzero(problem.places == place)
-        torques = [_subtract_condition(torque, conditions, at, near) for torque in torques]
-    limit = specification.speed_limit
-    ratios = (asked.speed[:, j] / limit[j] for j in np.flatnonzero(np.isfinite(limit)))
-    return MotorRows(
-        tuple(torques), tuple(sparse.csr_array(sparse.diags_array(ratio**2) @ z) for ratio in ratios)
-    )
-
-
-def _subtract_condition(torque: Affine, conditions: Affine, at: IntArray, near: BoolArray) -> Affine:
-    """Return torque rows less their multiples of the conditions `at` (k,), where they are `near` (M,)."""
-    met = conditions.matrix[at]
-    share = np.linalg.lstsq((met @ met.T).toarray(), (torque.matrix @ met.T).toarray().T, rcond=None)[0].T
-    share = near[:, None] * share
-    matrix = torque.matrix - sparse.csr_array(share) @ met
-    return Affine(sparse.csr_array(matrix), torque.offset - share @ conditions.offset[at])
-
-
-def condition_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
-    """Return the conditions of a problem as rows (k, n) on coefficients."""
-    stretch, sigma = problem.task.stretch, problem.crossings
-    constant, per_z, per_u, per_du = problem.conditions.T
-    values, first, second = (basis.matrix(problem.places, order) for order in range(3))
-    slope, bend = stretch(sigma, 1), stretch(sigma, 2)
-    rows = (
-        sparse.diags_array(per_z) @ values
-        + sparse.diags_array(0.5 * per_u * slope + 0.5 * per_du * bend) @ first
-        + sparse.diags_array(0.5 * per_du * slope**2) @ second
-    )
-    return Affine(sparse.csr_array(rows), constant)
-
-
-def _sigma(problem: LawProblem, xi: Array) -> Array:
-    """Return sigma (M,) at xi, the ends exact."""
-    sigma = problem.task.stretch.inverse(xi)
-    return np.where(xi <= -1.0, 0.0, np.where(xi >= 1.0, 1.0, sigma))
 
 
 def _cells_about(cells: Array, places: Array) -> BoolArray:

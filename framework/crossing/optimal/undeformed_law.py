@@ -12,7 +12,8 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.crossing.condition import CrossingPoint
-from framework.crossing.optimal.best_law import COST_SHARE, Best, adapt_law, find_best_law, resume_law
+from framework.crossing.optimal.best_law import Best, adapt_law, find_best_law, resume_law
+from framework.crossing.optimal.law_problem import POLE_WIDTH, LawProblem, condition_rows
 from framework.crossing.optimal.least_cost import NoneFound
 from framework.crossing.optimal.limit_refusals import refuse_law
 from framework.crossing.optimal.optimal_task import (
@@ -22,12 +23,12 @@ from framework.crossing.optimal.optimal_task import (
     crossing_places,
     other_law,
 )
-from framework.crossing.optimal.phase_plane import Deflections, SquaredSpeed, demand
-from framework.crossing.optimal.speed_program import POLE_WIDTH, LawProblem, condition_rows
+from framework.crossing.optimal.phase_plane import Deflections, SquaredSpeed
+from framework.crossing.optimal.sampled_demand import sample_demand
 from framework.errors import InvalidInput, NotConverged
 from framework.motion.exact_duration import SpeedSpace
 from framework.motion.optimal_law import OptimalLaw
-from framework.tolerances import DAMPING_TORQUE_ERROR
+from framework.tolerances import DAMPING_TORQUE_ERROR, SMOOTHNESS_COST
 
 MAX_TANGENTS = 20  # of damping linearised about the previous law
 MAX_CONDITION_STEPS = 4  # of Newton's method, from a law that nearly meets condition (8)
@@ -51,7 +52,7 @@ def find_law(
     *,
     deflections: Deflections | None = None,
     cells: Array | None = None,
-    share: float = COST_SHARE,
+    share: float = SMOOTHNESS_COST,
     degree: int | None = None,
 ) -> Best:
     """Find the best law through these places, with deflections along the path if they are known.
@@ -111,7 +112,8 @@ def problem_of(
     before: SquaredSpeed | None = None,
 ) -> LawProblem:
     """Return the problem of a task, damping linearised about the squared speed of a law before."""
-    return LawProblem(task, *conditions_at(task, places, deflections, before), deflections, before)
+    sampled = sample_demand(task) if deflections is None else None
+    return LawProblem(task, *conditions_at(task, places, deflections, before), deflections, before, sampled)
 
 
 def _found_or_refused(problem: LawProblem, found: Best | NoneFound) -> Best:
@@ -131,13 +133,9 @@ def _tangent_error(problem: LawProblem, best: Best) -> float:
     xi = best.program.xi
     beside = np.abs(xi[:, None] - problem.places).min(axis=1, initial=np.inf) < POLE_WIDTH
     sigma = task.stretch.inverse(xi[~beside][1:-1])
-    with_damping, without = (
-        demand(task.branch, task.phi, sigma, problem.deflections, task.geometry, speed).torque.constant
-        for speed in (before, None)
-    )
     root = np.sqrt(before(sigma))
     z = best.law.squared_speed(sigma)
-    off = 2.0 * (with_damping - without) / root[:, None] * (np.sqrt(z) - 0.5 * (root + z / root))[:, None]
+    off = problem.demand(sigma).damping * (np.sqrt(z) - 0.5 * (root + z / root))[:, None]
     return float(np.abs(off / best.reference).max(initial=0.0)) / best.peak
 
 

@@ -43,7 +43,7 @@ from framework.errors import (
     UncontrolledMotions,
 )
 from framework.kinematics.assembly import close_reference
-from framework.kinematics.continuation.tracking import escaping, track_path
+from framework.kinematics.continuation.tracking import escape_error, track_path
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.motion_rates import motion_at
 from framework.singularity.piecewise_measure import panels
@@ -70,9 +70,11 @@ PATH = (  # springs at rest
     _reason("g is not resolved, or needs dropped loop equations", NotConverged, panels, search_path),
 )
 SINGULAR_POINTS = (
-    _reason("motions escape that cannot be told apart", UncontrolledMotions, search_path, escaping),
+    _reason("motions escape that cannot be told apart", UncontrolledMotions, search_path, escape_error),
     _reason("a singular point is not of Type 2", NoLaw, check_kind),
-    _reason("several motions escape, not all across the locus", UncontrolledMotions, check_kind, escaping),
+    _reason(
+        "several motions escape, not all across the locus", UncontrolledMotions, check_kind, escape_error
+    ),
     _reason("the path starts or ends on the locus", NoLaw, check_crossable),
 )
 POLYNOMIAL_LAW = (
@@ -85,7 +87,9 @@ POLYNOMIAL_LAW = (
 OPTIMAL_LAW = (
     _reason("springs make two crossings of a touch, or none", NoLaw, check_unfolded),
     _reason("no speed meets what is left of condition (8)", NoLaw, check_speeds),
-    _reason("no law meets the conditions of several motions", UncontrolledMotions, check_speeds, escaping),
+    _reason(
+        "no law meets the conditions of several motions", UncontrolledMotions, check_speeds, escape_error
+    ),
     _reason("a motor cannot hold an end of the path, or limits are too low", NoLaw, refuse_law),
     _reason("no law is found, for no reason of its limits", NotConverged, refuse_law),
     _reason("law and damping do not settle", NotConverged, find_law),

@@ -141,6 +141,7 @@ class SearchEvidence:
             peaks = {}
         parts += [
             f"the least peak of {what} found is {_ratio_text(peak)} times the limits"
+            + (f", of which a search leaves {LIMIT_MARGIN:.2%}" if peak <= 1.0 else "")
             for what, peak in peaks.items()
             if peak is not None
         ]

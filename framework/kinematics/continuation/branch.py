@@ -1,9 +1,9 @@
 """A path with one branch of the inverse kinematics along it, and continuations where that is singular.
 
-Newton's method lands on the branch from the cubic between two knots, or from a series through closed
-configurations, except where the square system of the inverse kinematics is singular although the branch runs
-on smoothly, as it does through constraint singularities. There a continuation carries the branch: a
-polynomial through closed configurations on either side.
+Newton's method converges to the branch from the cubic between two knots, or from a series through closed
+configurations. It fails where the square system of the inverse kinematics is singular although the branch is
+smooth, as in constraint singularities. There the branch is a continuation: a polynomial through closed
+configurations on either side.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from framework.tolerances import BRANCH_CORRECTION, CONTINUATION_ERROR, CONTINUA
 
 HALF_WIDTHS = (0.16, 0.08, 0.04, 0.02, 0.01, 0.005)  # of a continuation, in s; the first that resolves
 CONTINUATION_NODES, CONTINUATION_DEGREE = 48, 24  # nodes of a continuation, degree of its polynomial
+MIN_SOUND_NODES = CONTINUATION_DEGREE + 1 + CONTINUATION_NODES // 8
 # Newton's method is trusted at nodes where the least singular value is above this share of its largest:
 # first far from the singular place, then, from the polynomial found there, close to it.
 SOUND_NODE_RATIOS = (0.2, 0.03)
@@ -36,7 +37,7 @@ SOUND_NODE_RATIOS = (0.2, 0.03)
 
 @dataclass(frozen=True, eq=False)
 class Continuation(ReadOnlyArrays):
-    """The branch between `start` and `end` as Chebyshev series; inside the `core` nothing else will do."""
+    """The branch between `start` and `end` as Chebyshev series; Newton's method fails in the `core`."""
 
     start: float
     end: float
@@ -60,10 +61,10 @@ def _chebyshev_values(series: Array, start: float, end: float, s: Array) -> Arra
 
 @dataclass(frozen=True, eq=False)
 class Branch(ReadOnlyArrays):
-    """A path with the branch of the inverse kinematics along it, springs at rest, and the world's wrenches.
+    """A path with the branch of its inverse kinematics, springs at rest, and the world's wrenches.
 
     Between the knots `s` (K,) a guess, by the cubic in the offset `u` from `origin` or by the series of
-    `through`, is near enough for Newton's method to land on the branch: `closed` gives it to rounding.
+    `through`, is near enough for Newton's method to converge to the branch: `close` returns it to rounding.
     """
 
     robot: ParallelRobot
@@ -83,7 +84,7 @@ class Branch(ReadOnlyArrays):
             return self.path.knots
         return np.unique(np.concatenate([self.path.knots, self.wrenches.knots]))
 
-    def under(self, wrenches: ExternalWrenches) -> Branch:
+    def with_wrenches(self, wrenches: ExternalWrenches) -> Branch:
         """Return the same branch under wrenches of the world.
 
         Raises:
@@ -93,9 +94,9 @@ class Branch(ReadOnlyArrays):
         return replace(self, wrenches=wrenches) if wrenches.entries else self
 
     def through(self, edges: Array, q: Array) -> Branch:
-        """Return the same branch with guesses through the configurations that it has on Chebyshev nodes.
+        """Return the same branch with guesses through its configurations on Chebyshev nodes.
 
-        A series that does not resolve all joints, seen from the knots that it misses, is not used.
+        A series that misses a knot by more than a correction does not resolve all joints and is not used.
 
         Args:
             edges: (panels + 1,) of s, from 0 to 1.
@@ -103,24 +104,24 @@ class Branch(ReadOnlyArrays):
         """
         grid = TimeGrid(edges, len(q) // (len(edges) - 1))
         series = grid.fit(difference(self.robot, self.origin, q))
-        off = np.abs((series(self.s) - self.u) / self.robot.column_scale).max()
-        return replace(self, series=series) if off < BRANCH_CORRECTION else self
+        error = np.abs((series(self.s) - self.u) / self.robot.column_scale).max()
+        return replace(self, series=series) if error < BRANCH_CORRECTION else self
 
-    def loaded(self, motion: Motion, s: Array) -> Motion:
+    def load_motion(self, motion: Motion, s: Array) -> Motion:
         """Return a motion of the robot at s (T,) under the wrenches of the world."""
-        return motion.under(self.wrenches.at(self.robot, motion.linearised.frames, s))
+        return motion.with_wrenches(self.wrenches.evaluate(self.robot, motion.linearised.frames, s))
 
     def guess(self, s: Array) -> Array:
         """Return configurations (T, nq) near the branch at s (T,)."""
-        u = self._between_knots(s) if self.series is None else self._of_series(self.series, s)
+        u = self._cubic_offsets(s) if self.series is None else self._series_offsets(self.series, s)
         for continuation in self.continuations:
             covered = continuation.covers(s)
             u[covered] = continuation.offset(s[covered])
         return integrate(self.robot, self.origin, u)
 
     @staticmethod
-    def _of_series(series: TimeFunction, s: Array) -> Array:
-        """Compute offsets (T, nv) from the origin by the series, which go on beyond the path's ends."""
+    def _series_offsets(series: TimeFunction, s: Array) -> Array:
+        """Compute offsets (T, nv) from the origin by the series, extrapolated beyond the path's ends."""
         u = series(np.clip(s, 0.0, 1.0))
         for panel, beyond in ((0, s < 0.0), (-1, s > 1.0)):
             if beyond.any():
@@ -128,7 +129,7 @@ class Branch(ReadOnlyArrays):
                 u[beyond] = _chebyshev_values(series.coefficients[panel], start, end, s[beyond])
         return u
 
-    def _between_knots(self, s: Array) -> Array:
+    def _cubic_offsets(self, s: Array) -> Array:
         """Compute offsets (T, nv) from the origin by cubics between the knots."""
         k = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2)
         step = (self.s[k + 1] - self.s[k])[:, None]
@@ -140,16 +141,16 @@ class Branch(ReadOnlyArrays):
             + t**2 * (t - 1) * step * self.du[k + 1]
         )
 
-    def closed(self, s: ArrayLike) -> ClosedStack:
+    def close(self, s: ArrayLike) -> ClosedStack:
         """Return assembled configurations on the branch at s (T,).
 
         Raises:
-            NotAssembled: Newton's method does not land on the branch, as near a singularity of the
-                inverse kinematics that is not continued.
+            NotAssembled: Newton's method does not converge to the branch, as near a singularity of the
+                inverse kinematics without a continuation.
         """
         s = np.atleast_1d(np.asarray(s, dtype=float))
         x, guess = self.path(s), self.guess(s)
-        in_core = self.continued(s)
+        in_core = self.is_continued(s)
         if not in_core.any():
             return close_loops(self.robot, x, guess)
         q = guess.copy()
@@ -157,8 +158,8 @@ class Branch(ReadOnlyArrays):
             q[~in_core] = close_loops(self.robot, x[~in_core], guess[~in_core]).q
         return ClosedStack(q, x, linearised_at(self.robot, q, x))
 
-    def continued(self, s: Array) -> NDArray[np.bool_]:
-        """Whether the branch at s (T,) is carried by a continuation alone."""
+    def is_continued(self, s: Array) -> NDArray[np.bool_]:
+        """Whether the branch at s (T,) lies in the core of a continuation."""
         inside = np.zeros(len(s), dtype=bool)
         for continuation in self.continuations:
             inside |= (s >= continuation.core[0]) & (s <= continuation.core[1])
@@ -166,7 +167,7 @@ class Branch(ReadOnlyArrays):
 
 
 def with_continuation(branch: Branch, s: float) -> Branch | None:
-    """Return the branch with a continuation near s; None where it has no smooth way across."""
+    """Return the branch with a continuation near s; None if the branch is not smooth."""
     edges = np.concatenate(([0.0], branch.path.knots, [1.0]))
     segment = int(np.clip(np.searchsorted(edges, s, side="right") - 1, 0, len(edges) - 2))
     coarse = branch
@@ -185,38 +186,46 @@ def with_continuation(branch: Branch, s: float) -> Branch | None:
 
 def _span(branch: Branch, s: float, start: float, end: float) -> tuple[Continuation | None, float]:
     """Compute a continuation over s between start and end, and a bound on its distance from the branch."""
-    robot = branch.robot
+    robot, lengths = branch.robot, branch.robot.column_scale
     parameters = start + 0.5 * (end - start) * (nodes(CONTINUATION_NODES) + 1.0)
     basis = chebyshev.chebvander(nodes(CONTINUATION_NODES), CONTINUATION_DEGREE)
-    lengths = robot.column_scale
     guess, x, continuation = branch.guess(parameters), branch.path(parameters), None
     error = np.inf
     for share in SOUND_NODE_RATIOS:
-        least = np.linalg.svd(type1_matrix(robot, linearised_at(robot, guess, x)), compute_uv=False)[:, -1]
-        sound = np.flatnonzero(least > share * least.max())
-        try:
-            closed = close_loops(robot, x[sound], guess[sound])
-        except NotAssembled:
+        sound, u = _sound_offsets(branch, guess, x, share)
+        if len(sound) < MIN_SOUND_NODES:
             break
-        u = difference(robot, branch.origin, closed.q)
-        moved = np.abs((u - difference(robot, branch.origin, guess[sound])) / lengths).max(axis=1)
-        trusted = moved < CONTINUATION_STEP * least[sound]
-        sound, u = sound[trusted], u[trusted]
-        if len(sound) < CONTINUATION_DEGREE + 1 + CONTINUATION_NODES // 8:
-            break
-        series = np.linalg.lstsq(basis[sound], u, rcond=None)[0]
+        series = np.asarray(np.linalg.lstsq(basis[sound], u, rcond=None)[0], dtype=float)
         guess = integrate(robot, branch.origin, basis @ series)
-        left = float(np.abs((basis[sound] @ series - u) / lengths).max())
-        left = max(left, float(np.abs(linearised_at(robot, guess, x).residual).max()) / robot.length)
-        size = float(np.abs(series / lengths).max())
+        misfit = float(np.abs((basis[sound] @ series - u) / lengths).max())
+        residual = float(np.abs(linearised_at(robot, guess, x).residual).max()) / robot.length
+        truncation = float(np.abs(series / lengths).max()) * tail(series / lengths)
         continuation = Continuation(start, end, _core(parameters, sound, s), series)
-        error = max(left, size * tail(series / lengths))
+        error = max(misfit, residual, truncation)
     return continuation, error
 
 
+def _sound_offsets(branch: Branch, guess: Array, x: Array, share: float) -> tuple[IntArray, Array]:
+    """Find nodes (k,) at which Newton's method is trusted, with closed offsets (k, nv) from the origin.
+
+    Their least singular value is above a share of the largest one, and Newton's steps are small against it.
+    """
+    robot = branch.robot
+    least = np.linalg.svd(type1_matrix(robot, linearised_at(robot, guess, x)), compute_uv=False)[:, -1]
+    sound = np.flatnonzero(least > share * least.max())
+    try:
+        closed = close_loops(robot, x[sound], guess[sound])
+    except NotAssembled:
+        return sound[:0], guess[:0]
+    u = difference(robot, branch.origin, closed.q)
+    steps = np.abs((u - difference(robot, branch.origin, guess[sound])) / robot.column_scale).max(axis=1)
+    trusted = steps < CONTINUATION_STEP * least[sound]
+    return sound[trusted], u[trusted]
+
+
 def _core(parameters: Array, sound: IntArray, s: float) -> tuple[float, float]:
-    """Return the interval from the last sound node before s and all unsound ones to the first after them."""
+    """Return the least interval between sound nodes that contains s and all unsound nodes."""
     unsound = np.append(np.delete(parameters, sound), s)
     ends = parameters[sound]
-    before, after = ends[ends < unsound.min()], ends[ends > unsound.max()]
-    return float(np.append(parameters[0], before)[-1]), float(np.append(after, parameters[-1])[0])
+    below, above = ends[ends < unsound.min()], ends[ends > unsound.max()]
+    return float(np.append(parameters[0], below)[-1]), float(np.append(above, parameters[-1])[0])

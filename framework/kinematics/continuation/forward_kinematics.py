@@ -1,11 +1,11 @@
-"""Forward kinematics: all joints and the platform for given motor joints, followed from a known pose.
+"""Forward kinematics: all joints and the platform for prescribed motor joints, followed from a start pose.
 
-The motors turn from where they are to where they are asked for, all at once and in proportion, and the loops
-take the passive joints along: P dq_p = -J_a dq_a, with P and J_a the passive and the actuated columns of the
-loop equations. Away from Type 2 singularities P is regular: there is one way to go, and at its end the pose
-of the same assembly mode. Where P loses rank assembly modes meet and the motors no longer say where the robot
-goes: the way ends there. (That is Type 2 in the wide sense; `singularity.classification` tells whether the
-platform or only joints inside a leg escape.)
+The motors turn from the start to the target, all at once and in proportion, and the loops move the passive
+joints: P dq_p = -J_a dq_a, with P and J_a the passive and the actuated columns of the loop equations. Away
+from Type 2 singularities P is regular, and the branch leads to the pose of the same assembly mode. Where P
+loses rank assembly modes meet and the motors no longer determine the motion: the branch ends. (That is Type 2
+in the wide sense; `singularity.classification` tells whether the platform or only joints inside a leg
+escape.)
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from framework.kinematics.assembly import Configuration
 from framework.kinematics.continuation.predictor_corrector import FIRST_STEP_RATIO, Places, Way, follow
 from framework.kinematics.continuation.turning_point import (
     CurveEquations,
+    Curves,
     TurningPoints,
     turning_points,
 )
@@ -42,13 +43,13 @@ MAX_SINGLE_STEP = 0.05  # [rad, lengths] that the joints may move by in a single
 
 @dataclass(frozen=True, eq=False)
 class ForwardPose(Configuration):
-    """The pose that the motors lead to, with its certificate.
+    """The pose at prescribed motor joints, with its certificate.
 
     `q` (nq,) and platform `x` (n,), its turns counted on from those at the start; `residual`, the largest of
-    all loop equations [m or rad], those dropped as redundant included; `iterations`, the steps of the way;
-    `clearance`, the least singular value of P met on the way (radians, robot lengths), which is 0 at a Type 2
-    singularity; infinite for a robot without passive joints. `robot` and `place` let the next pose of a
-    stream of motor angles start from here without a proof that this one is assembled.
+    all loop equations [m or rad], redundant ones included; `iterations`, the steps of the way; `clearance`,
+    the least singular value of P met on the way (radians, robot lengths), which is 0 at a Type 2 singularity
+    and infinite for a robot without passive joints. `robot` and `place` let the next pose of a stream of
+    motor angles start from this one without proving again that it is assembled.
     """
 
     clearance: float
@@ -59,17 +60,17 @@ class ForwardPose(Configuration):
 def forward_kinematics(
     robot: ParallelRobot, q_a: ArrayLike, *, near: ArrayLike | Configuration | None = None
 ) -> ForwardPose:
-    """Compute all joints and the platform for given motor joints, in the assembly mode of a known pose.
+    """Compute all joints and the platform for prescribed motor joints, in the assembly mode of a start pose.
 
     Args:
-        q_a: actuated joints (n_a,), joint side of the gears [rad, m], in the order of the robot file. Hinges
-            are taken by their word: a target one full turn away is a full turn.
-        near: an assembled configuration (nq,) to start from, the reference by default; that which this
-            function returned last, when angles come in a stream. Springs keep the deflections of it.
+        q_a: actuated joints (n_a,), joint side of the gears [rad, m], in the order of the robot file. Full
+            turns of hinges count: a target one turn away is reached by a full turn.
+        near: an assembled configuration (nq,) to start from, the reference by default; for a stream of angles
+            the last result of this function. Springs keep its deflections.
 
     Raises:
         InvalidInput: q_a or near has the wrong length or is not finite, the loops are open at near, or the
-            motors depend on one another, so that none can be chosen by itself.
+            motors depend on one another.
         Type2Singularity: one lies between, or near is one; carries its configuration.
         NotAssembled: the way cannot be followed for another reason.
     """
@@ -81,12 +82,12 @@ def forward_kinematics(
     for place in way.stretches[1:]:
         x = robot.platform.unwrap(robot.platform.coordinates(place.linearised.frames), x[0])
     if not way.complete:
-        raise _stopped(robot, way, x[0], target)
+        raise _end_error(robot, way, x[0], target)
     return _pose_at(robot, way.last, x[0], float(way.clearance.min()), steps=len(way.at) - 1)
 
 
 def _pose_at(robot: ParallelRobot, place: Places, x: Array, least: float, *, steps: int) -> ForwardPose:
-    """Return the pose of a place, its platform at x (n,), with the least clearance of the way there."""
+    """Return the pose of a place with its platform at x (n,), `least` clearance and steps of the way."""
     freeze(place)
     return ForwardPose(
         q=place.q[0],
@@ -100,7 +101,7 @@ def _pose_at(robot: ParallelRobot, place: Places, x: Array, least: float, *, ste
 
 
 def start_pose(robot: ParallelRobot, near: ArrayLike | Configuration | None) -> ForwardPose:
-    """Return the pose of an assembled configuration (nq,), the reference by default, at which a way begins.
+    """Return the pose of an assembled configuration (nq,), the reference by default, as start of a way.
 
     Raises:
         InvalidInput: it is not assembled.
@@ -130,10 +131,10 @@ def motors_are_free(robot: ParallelRobot) -> bool:
 def close_at_motors(
     robot: ParallelRobot, start: Array, turn: Array, guess: Array, *, iterations: int = MAX_ITERATIONS
 ) -> NewtonResult[LinearisedLoops]:
-    """Close the loops near guesses (T, nq) where the motors have turned (T, nv) from start (nq,)."""
-    left = np.zeros_like(turn)  # what the rounding of many steps has left of the motors' angles
-    left[:, robot.actuated] = (turn - difference(robot, start, guess))[:, robot.actuated]
-    guess = integrate(robot, guess, left)
+    """Close the loops near guesses (T, nq), with the motors turned by `turn` (T, nv) from start (nq,)."""
+    rounding = np.zeros_like(turn)  # of the motors' angles, after many steps
+    rounding[:, robot.actuated] = (turn - difference(robot, start, guess))[:, robot.actuated]
+    guess = integrate(robot, guess, rounding)
 
     def evaluate(q: Array, which: Which) -> LinearisedLoops:
         return linearised_at(robot, q, None)
@@ -147,7 +148,7 @@ def close_at_motors(
 
 
 def motor_driven_rates(robot: ParallelRobot, linearised: LinearisedLoops, turn: Array) -> Array | None:
-    """Compute rates (T, nv) of all joints for those of the motors (T, nv); None where P is singular."""
+    """Compute rates (T, nv) of all joints for rates `turn` (T, nv) of the motors; None if P is singular."""
     rate, columns = turn.copy(), robot.following
     if len(columns):
         driven = np.einsum("tmv,tv->tm", linearised.closures, turn)
@@ -159,7 +160,7 @@ def motor_driven_rates(robot: ParallelRobot, linearised: LinearisedLoops, turn: 
 
 
 def _follow_motors(robot: ParallelRobot, start: Places, q_a: Array) -> Way:
-    """Turn the motors to q_a (n_a,) from a place, as far as that goes."""
+    """Turn the motors from a place towards q_a (n_a,), up to the end of the branch."""
     turn = np.zeros((1, robot.model.nv))
     turn[0, robot.actuated] = q_a - robot.actuated_coordinates(start.q)[0]
 
@@ -168,7 +169,7 @@ def _follow_motors(robot: ParallelRobot, start: Places, q_a: Array) -> Way:
         return None if rate is None else Places(q, linearised, rate, distance)
 
     def arrive(share: Array, predicted: Array) -> Places | None:
-        """Return the place at one share (1,) of the way."""
+        """Return the place at a share (1,) of the way."""
         q, linearised, closed = close_at_motors(robot, start.q[0], share[:, None] * turn, predicted)
         return place(q, linearised, clearance(robot, linearised)) if closed.all() else None
 
@@ -192,15 +193,15 @@ def _follow_motors(robot: ParallelRobot, start: Places, q_a: Array) -> Way:
 
 
 def _up_to_the_meeting(way: Way) -> Way:
-    """Return a way up to where it first comes nearest to another assembly mode, if it meets one."""
-    near = way.clearance
-    closer = near[1:] < near[:-1]  # not where it leads away from such a place
-    meeting = np.flatnonzero((near[1:] < BRANCHES_MEET) & closer)
+    """Cut a way at its first meeting with another assembly mode, where the clearance is least."""
+    clearance = way.clearance
+    approaching = clearance[1:] < clearance[:-1]  # not leading away from a meeting
+    meeting = np.flatnonzero((clearance[1:] < BRANCHES_MEET) & approaching)
     if not len(meeting):
         return way
     first = int(meeting[0]) + 1
-    beyond = np.flatnonzero(near[first:] >= BRANCHES_MEET)
-    last = first + int(near[first : first + beyond[0] if len(beyond) else None].argmin())
+    beyond = np.flatnonzero(clearance[first:] >= BRANCHES_MEET)
+    last = first + int(clearance[first : first + beyond[0] if len(beyond) else None].argmin())
     return Way(way.at[: last + 1], way.stretches[: last + 1])
 
 
@@ -216,17 +217,17 @@ def motors_turning_points(robot: ParallelRobot, q: Array, share: Array, turn: Ar
             loops[:, :, columns], drive, linearised.residual[:, robot.n :] / sizes, linearised
         )
 
-    return turning_points(robot, q, share, columns, turn, evaluate)
+    return turning_points(Curves(robot, columns, turn, evaluate), q, share)
 
 
-def _stopped(robot: ParallelRobot, way: Way, x: Array, q_a: Array) -> NotAssembled:
+def _end_error(robot: ParallelRobot, way: Way, x: Array, q_a: Array) -> NotAssembled:
     """Return the error for the end of the way of the motors to q_a, at platform x."""
     residual = float(np.abs(way.last.linearised.residual[:, robot.n :]).max(initial=0.0))
     usual = max(float(way.clearance.max()), float(clearance(robot, linearised_at_reference(robot))[0]))
     if way.last.clearance[0] > TYPE_2_END_RATIO * usual:
-        where = _on_the_way(robot, way.at[-1], x, q_a)
+        place = _place_in_words(robot, way.at[-1], x, q_a)
         return NotAssembled(
-            f"{robot.name}: the loops cannot be followed {where}", q=way.q[-1], residual=residual
+            f"{robot.name}: the loops cannot be followed {place}", q=way.q[-1], residual=residual
         )
     return type2_singularity(robot, way.at[-1], way.q[-1], x, q_a, residual)
 
@@ -234,10 +235,11 @@ def _stopped(robot: ParallelRobot, way: Way, x: Array, q_a: Array) -> NotAssembl
 def type2_singularity(
     robot: ParallelRobot, share: float, q: Array, x: Array, q_a: Array, residual: float
 ) -> Type2Singularity:
-    """Return the error where the way to q_a (n_a,) ends, after a share of it, at q with platform x."""
+    """Return the error for a way to q_a (n_a,) that ends after a share, at q with platform x."""
+    place = _place_in_words(robot, share, x, q_a)
     return Type2Singularity(
-        f"{robot.name}: a Type 2 singularity {_on_the_way(robot, share, x, q_a)}: with its motors locked the "
-        f"robot can still move there, and this assembly mode ends",
+        f"{robot.name}: a Type 2 singularity {place}: with its motors locked the robot can still move there, "
+        f"and this assembly mode ends",
         q=q,
         residual=residual,
         share=float(share),
@@ -245,8 +247,6 @@ def type2_singularity(
     )
 
 
-def _on_the_way(robot: ParallelRobot, share: float, x: Array, q_a: Array) -> str:
-    return (
-        f"on the way to {', '.join(robot.actuator_names)} = {point(q_a)}, after {share:.6g} of it, at "
-        f"{', '.join(robot.axis_names)} = {point(x)}"
-    )
+def _place_in_words(robot: ParallelRobot, share: float, x: Array, q_a: Array) -> str:
+    motors = f"{', '.join(robot.actuator_names)} = {point(q_a)}"
+    return f"on the way to {motors}, after {share:.6g} of it, at {robot.place(x)}"

@@ -1,9 +1,9 @@
-"""Poses for many sets of motor angles at once, and for motor angles that come one after the other.
+"""Poses for many sets of motor angles at once, and for a stream of motor angles.
 
-A stack is led from its start in a few equal steps, all rows in one call, and what is asked of a step of
-`continuation` is asked of every row. Of rows of which some step is refused, the turning points
-ahead are looked for in one call as well. A row without one is led alone, in steps as short as it takes
-(`forward_kinematics`), and there it is told whether it arrives, or where and why it cannot.
+A stack follows the motors from its start in a few equal steps, all rows in one call, and every row has to
+pass the tests of a step of `continuation`. For rows with a refused step turning points ahead are found in one
+call as well. A row without a turning point is followed alone, in steps as short as necessary
+(`forward_kinematics`), up to its target or to the error that ends it.
 """
 
 from __future__ import annotations
@@ -11,10 +11,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
+from framework.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays
 from framework.errors import NotAssembled, finite_numbers
 from framework.kinematics.assembly import Configuration
 from framework.kinematics.closures import loop_wrenches
@@ -37,7 +38,7 @@ from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.tolerances import BRANCHES_CROSS, BRANCHES_MEET, RANK_LOST
 
 STEP_COUNT = round(1 / FIRST_STEP_RATIO)
-MAX_STEP_ITERATIONS = 10  # of Newton's method; a step along the tangent that needs more is no good one
+MAX_STEP_ITERATIONS = 10  # of Newton's method; a step along the tangent that needs more is refused
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,13 +55,13 @@ class PoseStack(ReadOnlyArrays):
 def forward_kinematics_stack(
     robot: ParallelRobot, q_a: ArrayLike, *, near: ArrayLike | Configuration | None = None
 ) -> PoseStack:
-    """Compute all joints and the platform for T sets of motor joints (T, n_a), each led from one pose.
+    """Compute all joints and the platform for T sets of motor joints (T, n_a), each from one start pose.
 
     Args:
         near: an assembled configuration (nq,), the reference by default.
 
     Raises:
-        InvalidInput: as `forward_kinematics`; what it refuses of single rows stands in the answer.
+        InvalidInput: as `forward_kinematics`; its other errors are `refused` of the result, by row.
     """
     expect_robot(robot)
     targets = np.atleast_2d(
@@ -70,37 +71,48 @@ def forward_kinematics_stack(
     start = start_pose(robot, near)
     turn = np.zeros((len(targets), robot.model.nv))
     turn[:, robot.actuated] = targets - robot.actuated_coordinates(start.q[None])
-    stack, share = _lead(robot, start.q, start.x, turn)
-    short = np.flatnonzero(share < 1.0)
-    refused: dict[int, NotAssembled] = _turning(robot, stack, short, share, targets, turn)
-    for k in map(int, short):
+    rows = _follow_rows(robot, start.q, start.x, turn)
+    loops = loop_wrenches(robot.rows, frames_at(robot, rows.q))
+    residual = np.abs(loops.residual).max(axis=1, initial=0.0)
+    stack = {"q": rows.q, "x": rows.x, "residual": residual, "clearance": rows.least}
+    refused = _turning_refusals(robot, rows, targets, turn)
+    for k in map(int, np.flatnonzero(rows.share < 1.0)):
         if k not in refused:
             try:
-                alone = forward_kinematics(robot, targets[k], near=start)
+                pose = forward_kinematics(robot, targets[k], near=start)
             except NotAssembled as refusal:
                 refused[k] = refusal
             else:
                 for name, values in stack.items():
-                    values[k] = getattr(alone, name)
+                    values[k] = getattr(pose, name)
     for values in stack.values():
         values[list(refused)] = np.nan
     return PoseStack(**stack, refused=MappingProxyType(dict(sorted(refused.items()))))
 
 
-def _turning(
-    robot: ParallelRobot,
-    stack: dict[str, Array],
-    short: IntArray,
-    share: Array,
-    targets: Array,
-    turn: Array,
+class _Rows(NamedTuple):
+    """Places of T ways of the motors."""
+
+    q: Array  # (T, nq)
+    x: Array  # (T, n)
+    rate: Array  # (T, nv) joint rates for the whole turn of the motors
+    share: Array  # (T,) of the way
+    clearance: Array  # (T,) least singular value of P
+    least: Array  # (T,) clearance met on the way
+    sign: Array  # (T,) of the determinant of P
+    size: Array  # (T,) its logarithm
+
+
+def _turning_refusals(
+    robot: ParallelRobot, rows: _Rows, targets: Array, turn: Array
 ) -> dict[int, NotAssembled]:
-    """Return the refusals of those rows, led as far as `share` says, that have a turning point ahead."""
+    """Return the errors of unfinished rows with a turning point ahead, by row."""
+    short = np.flatnonzero(rows.share < 1.0)
     if not len(short) or not len(robot.following):
         return {}
-    ahead = motors_turning_points(robot, stack["q"][short], share[short], turn[short])
+    ahead = motors_turning_points(robot, rows.q[short], rows.share[short], turn[short])
     platform = robot.platform.coordinates(ahead.linearised.frames)
-    x = robot.platform.unwrap(platform, stack["x"][short])
+    x = robot.platform.unwrap(platform, rows.x[short])
     residual = np.abs(ahead.linearised.residual[:, robot.n :]).max(axis=1)
     return {
         int(k): type2_singularity(
@@ -111,46 +123,52 @@ def _turning(
     }
 
 
-def _lead(robot: ParallelRobot, q: Array, x: Array, turn: Array) -> tuple[dict[str, Array], Array]:
-    """Follow motors that turn (T, nv) in `STEP_COUNT` steps; return the poses and the share (T,) of each way.
-
-    A row of which a step is refused stays before it.
-    """
-    count, start = len(turn), q
-    q, x = np.repeat(q[None], count, axis=0), np.repeat(x[None], count, axis=0)
-    linearised = linearised_at(robot, q, None)
-    rate, share, least = _rates(robot, linearised, turn), np.zeros(count), clearance(robot, linearised)
-    sign, size = passive_determinants(linearised)
-    live = np.flatnonzero(least > RANK_LOST)
-
+def _follow_rows(robot: ParallelRobot, start: Array, x: Array, turn: Array) -> _Rows:
+    """Follow turns (T, nv) of the motors from start (nq,) in `STEP_COUNT` steps, up to a refused one."""
+    count = len(turn)
+    linearised = linearised_at(robot, np.repeat(start[None], count, axis=0), None)
+    rows = _rows_at(robot, linearised, turn, np.repeat(x[None], count, axis=0), np.zeros(count))
+    live = np.flatnonzero(rows.clearance > RANK_LOST)
     for k in range(1, STEP_COUNT + 1):
-        predicted = integrate(robot, q[live], rate[live] / STEP_COUNT)
-        corrected, linearised, closed = close_at_motors(
-            robot, start, k / STEP_COUNT * turn[live], predicted, iterations=MAX_STEP_ITERATIONS
+        share = k / STEP_COUNT
+        predicted = integrate(robot, rows.q[live], rows.rate[live] / STEP_COUNT)
+        _, linearised, closed = close_at_motors(
+            robot, start, share * turn[live], predicted, iterations=MAX_STEP_ITERATIONS
         )
-        live, predicted, corrected = live[closed], predicted[closed], corrected[closed]
-        linearised = linearised.at(np.flatnonzero(closed))
-        clear, ahead = clearance(robot, linearised), _rates(robot, linearised, turn[live])
-        determinants = passive_determinants(linearised)
-        step = measure(
-            robot, difference(robot, predicted, corrected), rate[live] / STEP_COUNT, ahead / STEP_COUNT
-        )
-        kept = step.small & (step.straight | (clear > BRANCHES_CROSS))
-        kept &= clear > BRANCHES_MEET
-        kept &= keeps_sign((sign[live], size[live]), determinants)
-        live = live[kept]
-        q[live], rate[live], share[live] = corrected[kept], ahead[kept], k / STEP_COUNT
-        sign[live], size[live] = (part[kept] for part in determinants)
-        least[live] = np.minimum(least[live], clear[kept])
-        x[live] = robot.platform.unwrap(robot.platform.coordinates(linearised.frames)[kept], x[live])
-    residual = np.abs(loop_wrenches(robot.rows, frames_at(robot, q)).residual).max(axis=1, initial=0.0)
-    return {"q": q, "x": x, "residual": residual, "clearance": least}, share
+        live, predicted = live[closed], predicted[closed]
+        linearised = linearised.select(np.flatnonzero(closed))
+        before = _Rows(*(part[live] for part in rows))
+        after = _rows_at(robot, linearised, turn[live], before.x, np.full(len(live), share))
+        accepted = _stays_on_branch(robot, before, after, predicted)
+        live = live[accepted]
+        for whole, part in zip(rows, after, strict=True):
+            whole[live] = part[accepted]
+        rows.least[live] = np.minimum(rows.least[live], before.least[accepted])
+    return rows
 
 
-def _rates(robot: ParallelRobot, linearised: LinearisedLoops, turn: Array) -> Array:
-    """Compute rates (T, nv) of all joints while the motors turn; of the motors alone where P is singular."""
-    rate = motor_driven_rates(robot, linearised, turn)
-    return turn if rate is None else rate
+def _rows_at(robot: ParallelRobot, linearised: LinearisedLoops, turn: Array, x: Array, share: Array) -> _Rows:
+    """Return the places at linearised loops, platform turns counted on from x (T, n)."""
+    frames = linearised.frames
+    rate, clear = motor_driven_rates(robot, linearised, turn), clearance(robot, linearised)
+    platform = robot.platform.unwrap(robot.platform.coordinates(frames), x)
+    determinants = passive_determinants(linearised)
+    return _Rows(
+        frames.q.copy(), platform, turn if rate is None else rate, share, clear, clear.copy(), *determinants
+    )
+
+
+def _stays_on_branch(robot: ParallelRobot, before: _Rows, after: _Rows, predicted: Array) -> BoolArray:
+    """Whether steps (T,) kept to their assembly mode.
+
+    The correction is small, no Type 2 singularity is near, the determinant of P keeps its sign, and the
+    tangent is straight or branches that cross are far.
+    """
+    correction = difference(robot, predicted, after.q)
+    step = measure(robot, correction, before.rate / STEP_COUNT, after.rate / STEP_COUNT)
+    clear = (after.clearance > BRANCHES_MEET) & (step.straight | (after.clearance > BRANCHES_CROSS))
+    same_sign = keeps_sign((before.sign, before.size), (after.sign, after.size))
+    return step.small & clear & same_sign
 
 
 def follow_motors(
@@ -160,19 +178,19 @@ def follow_motors(
     near: ArrayLike | Configuration | None = None,
     single_turn: bool = False,
 ) -> Iterator[ForwardPose]:
-    """Yield the pose of each sample of the motors' joints; each starts from the one before.
+    """Yield the pose of each sample of the motors' joints, starting from the pose of the sample before.
 
     The platform's turns are counted on through the whole stream.
 
     Args:
         samples: motor joints (n_a,), joint side of the gears [rad, m], such as encoders give.
         near: an assembled configuration (nq,) to begin with, the reference by default.
-        single_turn: hinges are given modulo a turn, and each sample is taken on the turn nearest to the one
-            before; else by their word.
+        single_turn: hinges are measured modulo a turn, and each sample is moved to the turn nearest to the
+            sample before; else full turns count.
 
     Raises:
-        InvalidInput, Type2Singularity, NotAssembled: of the sample that is asked for, see
-            `forward_kinematics`. The stream ends there; what was yielded last is where the robot was.
+        InvalidInput, Type2Singularity, NotAssembled: of a sample, see `forward_kinematics`. The stream ends
+            with it; the pose before was the last one yielded.
     """
     expect_robot(robot)
     turning = ~robot.sliding[robot.actuated]

@@ -1,8 +1,8 @@
 """Follow a branch of assembled configurations by predictor and corrector, never jumping to another branch.
 
-One loop for both ways to lead a robot: its platform along a path (`tracking`), its motors from angle to angle
-(`forward_kinematics`). A step along the tangent counts only if what corrects it is small against it, and if
-the place where it arrives belongs to the branch; otherwise it is halved.
+The platform follows a path (`tracking`), or the motors turn from angle to angle (`forward_kinematics`). A
+step along the tangent is accepted if its correction is small against it and its end belongs to the branch;
+otherwise it is halved.
 """
 
 from __future__ import annotations
@@ -18,37 +18,37 @@ from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.mechanism import Mechanism
 from framework.tolerances import BRANCH_CORRECTION, BRANCH_STEP_SHARE, BRANCH_TURN
 
-MIN_STEP_RATIO = 1e-7  # of the way: where shorter steps do not count either, the branch has ended
+MIN_STEP_RATIO = 1e-7  # of the way: if shorter steps are refused too, the branch has ended
 MAX_PREDICTOR_MOVE = 1.0  # [rad, lengths] of a joint in a step: beside a singularity tangents lead far
 FIRST_STEP_RATIO = 1 / 8  # of the way
-GROWTH_SHARE = 0.2  # of the correction allowed: what corrects less may take steps twice as long
+GROWTH_SHARE = 0.2  # of the allowed correction: after a smaller one the step is doubled
 END_ROUNDING = 1e-12  # of the way: a place that near to its end is the end
 
 
 class Places(NamedTuple):
-    """K assembled configurations of the branch, and how it goes on from each."""
+    """K assembled configurations of the branch, with its tangents."""
 
     q: Array  # (K, nq)
     linearised: LinearisedLoops
     rate: Array  # (K, nv) joint rates with respect to the parameter of the way
-    clearance: Array  # (K,) from where the branch ends, infinite if its parameter knows of none
+    clearance: Array  # (K,) from the end of the branch, infinite if the parameter has no such measure
 
     @property
     def last(self) -> Places:
-        """The last of them, K = 1."""
+        """The last place, K = 1."""
         return self._part(slice(-1, None)) if len(self.q) > 1 else self
 
     def first(self, count: int) -> Places:
-        """Return the first of them."""
+        """Return the first places."""
         return self._part(slice(count)) if count < len(self.q) else self
 
     def _part(self, which: slice) -> Places:
         q, linearised, rate, clearance = self
-        return Places(q[which], linearised.at(which), rate[which], clearance[which])
+        return Places(q[which], linearised.select(which), rate[which], clearance[which])
 
 
 class Way(NamedTuple):
-    """A branch as far as it could be followed, at K places."""
+    """The followed part of a branch, at K places."""
 
     at: Array  # (K,) parameter, from 0 ascending; the last one is 1 if the whole way could be followed
     stretches: tuple[Places, ...]  # K places together
@@ -65,12 +65,12 @@ class Way(NamedTuple):
 
     @property
     def clearance(self) -> Array:
-        """The clearances (K,) from where the branch ends."""
+        """The clearances (K,) from the end of the branch."""
         return np.concatenate([places.clearance for places in self.stretches])
 
     @property
     def last(self) -> Places:
-        """The place at which it ends."""
+        """The last place."""
         return self.stretches[-1].last
 
     @property
@@ -80,19 +80,19 @@ class Way(NamedTuple):
 
 
 class StepMeasure(NamedTuple):
-    """The measures by which T steps are judged to have stayed on their branches."""
+    """Measures of whether T steps stayed on their branches."""
 
     correction: Array  # (T,) [rad, lengths] by which the predictor was corrected
-    small: BoolArray  # (T,) whether that is small, or small against the step
+    small: BoolArray  # (T,) whether it is small, or small against the step
     straight: BoolArray  # (T,) whether the tangent has turned no more than one branch allows
 
 
-def measure(robot: Mechanism, moved: Array, along: Array, beyond: Array) -> StepMeasure:
+def measure(robot: Mechanism, correction: Array, along: Array, beyond: Array) -> StepMeasure:
     """Measure steps by their corrections and by the tangents' steps before and after, each (T, nv)."""
-    motions = np.array([moved, along, beyond - along]) / robot.column_scale
-    correction, advance, turned = np.abs(motions).max(axis=2, initial=0.0)
-    straight = is_straight(turned, correction, advance)
-    return StepMeasure(correction, is_small(correction, advance), straight)
+    motions = np.array([correction, along, beyond - along]) / robot.column_scale
+    corrected, advance, turned = np.abs(motions).max(axis=2, initial=0.0)
+    straight = is_straight(turned, corrected, advance)
+    return StepMeasure(corrected, is_small(corrected, advance), straight)
 
 
 def is_small(correction: Array, advance: Array) -> BoolArray:
@@ -119,34 +119,29 @@ def follow(
     """Follow the branch through `start` (K = 1), at parameter 0, towards parameter 1.
 
     Args:
-        arrive: the places at parameters (T,) near configurations (T, nq), as far as loops close; None where
-            not even the first does.
-        belong: which of K places (the second) are on the branch of the one before; the first argument is the
-            one before them all, the third tells where the tangent has turned no more than the corrections of
-            one branch allow.
-        end: where the branch ends not far ahead of a place, if that is known: its parameter and the place.
-            It is asked where a step does not count; without an answer the step is halved.
+        arrive: the places at parameters (T,) near configurations (T, nq), up to the first whose loops do not
+            close; None if it is the first of all.
+        belong: which of K places (second argument) are on the branch of their predecessors, the first after
+            a place (first argument); the third tells whose tangent has turned no more than on one branch.
+        end: the end of the branch not far ahead of a place, if it finds one: parameter and place. Called
+            after a refused step; if it returns None the step is halved.
         step: the first one, as a share of the way.
-        at_once: places that are looked for together along one tangent; each counts as a step from the one
-            before it, or not at all.
+        at_once: places computed together along one tangent, each accepted as a step from its predecessor.
     """
     parameter, place, parameters, stretches = 0.0, start, [np.zeros(1)], [start]
     while parameter < 1.0:
-        fastest = float(np.abs(place.rate / robot.column_scale).max(initial=0.0))
+        speed = float(np.abs(place.rate / robot.column_scale).max(initial=0.0))
         step = min(step, 1.0 - parameter)
-        if step * fastest > MAX_PREDICTOR_MOVE:
-            step = 0.99 * MAX_PREDICTOR_MOVE / fastest  # rounding is not to make it longer again
+        if step * speed > MAX_PREDICTOR_MOVE:
+            step = 0.99 * MAX_PREDICTOR_MOVE / speed  # 0.99: rounding must not make it longer again
         if step < MIN_STEP_RATIO:
             break
-        further = (parameter + step * k for k in range(2, at_once + 1))
-        inside = (s for s in further if s < 1.0 + 0.5 * MIN_STEP_RATIO)
-        near = (s for s in inside if (s - parameter) * fastest < MAX_PREDICTOR_MOVE)
-        ahead = np.array([1.0 if s > 1.0 - END_ROUNDING else s for s in (parameter + step, *near)])
+        ahead = _parameters_ahead(parameter, step, speed, at_once)
         lengths = (ahead - parameter)[:, None]
         arrived = arrive(ahead, integrate(robot, place.q, lengths * place.rate))
-        kept = None if arrived is None else _kept(robot, place, arrived, lengths, belong)
-        if kept is not None:
-            places, correction = kept
+        accepted = None if arrived is None else _accept_steps(robot, place, arrived, lengths, belong)
+        if accepted is not None:
+            places, correction = accepted
             parameters.append(ahead[: len(places.q)])
             stretches.append(places)
             parameter, place = float(parameters[-1][-1]), places.last
@@ -162,28 +157,37 @@ def follow(
     return Way(np.concatenate(parameters), tuple(stretches))
 
 
-def _kept(
+def _parameters_ahead(parameter: float, step: float, speed: float, count: int) -> Array:
+    """Return up to `count` parameters one step apart, up to the end and as far as the predictor may lead."""
+    lengths = step * np.arange(1, count + 1)
+    near = (parameter + lengths < 1.0 + 0.5 * MIN_STEP_RATIO) & (lengths * speed < MAX_PREDICTOR_MOVE)
+    near[0] = True
+    ahead = parameter + lengths[near]
+    return np.where(ahead > 1.0 - END_ROUNDING, 1.0, ahead)
+
+
+def _accept_steps(
     robot: Mechanism,
     start: Places,
     arrived: Places,
     lengths: Array,
     belong: Callable[[Places, Places, BoolArray], BoolArray],
 ) -> tuple[Places, float] | None:
-    """Return the places up to the first step that does not count, and the correction of the last one.
+    """Return the places of accepted steps, up to the first refused, and the correction of the last step.
 
-    `lengths` (T, 1) are the parameters of those that were to arrive, from the start. None if no step counts.
+    `lengths` (T, 1) are the parameters of the steps' ends, from the start. None if the first is refused.
     """
     steps = np.diff(lengths[: len(arrived.q)], axis=0, prepend=0.0)
     q, rate = np.concatenate([start.q, arrived.q[:-1]]), np.concatenate([start.rate, arrived.rate[:-1]])
     along = steps * rate
-    moved = difference(robot, integrate(robot, q, along), arrived.q)
-    correction, small, straight = measure(robot, moved, along, steps * arrived.rate)
-    count = _leading(small)
+    corrections = difference(robot, integrate(robot, q, along), arrived.q)
+    correction, small, straight = measure(robot, corrections, along, steps * arrived.rate)
+    count = _count_leading(small)
     if count:
-        count = _leading(belong(start, arrived.first(count), straight[:count]))
+        count = _count_leading(belong(start, arrived.first(count), straight[:count]))
     return (arrived.first(count), float(correction[count - 1])) if count else None
 
 
-def _leading(true: BoolArray) -> int:
-    """Count the values (K,) before the first that is false."""
+def _count_leading(true: BoolArray) -> int:
+    """Count the leading true values of (K,)."""
     return len(true) if true.all() else int(np.argmin(true))

@@ -1,7 +1,7 @@
-"""Follow a path from the reference without ever jumping to another working or assembly branch.
+"""Follow a path from the reference without jumping to another working or assembly branch.
 
-The start is reached along the straight segment from the reference's platform coordinates, then the
-path is followed (`continuation`); a step counts only within one working mode.
+The start is reached along the straight segment from the reference's platform coordinates, then the path is
+followed (`predictor_corrector`); a step is accepted only within one working mode.
 """
 
 from __future__ import annotations
@@ -16,17 +16,16 @@ from framework.errors import (
     Type1Singularity,
     UncontrolledMotions,
     finite_numbers,
-    point,
 )
 from framework.kinematics.assembly import MAX_NEWTON_STEP, Configuration
 from framework.kinematics.continuation.branch import Branch as Branch
 from framework.kinematics.continuation.predictor_corrector import FIRST_STEP_RATIO, Places, Way, follow
-from framework.kinematics.continuation.turning_point import CurveEquations, turning_points
+from framework.kinematics.continuation.turning_point import CurveEquations, Curves, turning_points
 from framework.kinematics.frames import difference, difference_rates, integrate
 from framework.kinematics.inverse_kinematics import close_each, close_loops, require_square
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.kinematics.loop_matrices import equation_sizes, lost_equations, type1_matrix
-from framework.kinematics.mistaken_units import beyond_reach
+from framework.kinematics.mistaken_units import remark_on_reach
 from framework.kinematics.modes import keeps_working_mode
 from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
@@ -37,7 +36,7 @@ TYPE_1_END_RATIO = 1e-4  # least singular value of the loop equations, below whi
 KNOT_NEWTON_STEP = 1e-6  # last step to a knot of a branch: guesses between knots are no better
 PLACES_AT_ONCE = 8  # a stack costs little more than one place, and they span the way in first steps
 SHORT_PATH = 1e-4  # [lengths, rad] that a single step may span
-LOOK_AHEAD, LOOK_AHEAD_NUDGE = (1e-3, 1e-2), 0.02  # in s, and [rad or m] aside of the last configuration
+LOOK_AHEAD, LOOK_AHEAD_NUDGE = (1e-3, 1e-2), 0.02  # in s, and [rad or m] from the last configuration
 LOOP_SINGULARITY = (
     "a singularity of the loop equations, where no configuration can be told from its neighbours"
 )
@@ -57,16 +56,16 @@ def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
     if x is None:
         return reference
     target = _platform_point(robot, x)
-    off = float(np.abs(target - reference.x).max())
-    if off <= PLATFORM_ROUNDING * robot.length:
+    distance = float(np.abs(target - reference.x).max())
+    if distance <= PLATFORM_ROUNDING * robot.length:
         return reference
     require_square(robot)
-    if off < FILE_ROUNDING * robot.length:
+    if distance < FILE_ROUNDING * robot.length:
         closed = close_loops(robot, target[None], reference.q[None])
         return Configuration(closed.q[0], target, float(np.abs(closed.linearised.residual).max()), 1)
     segment = Line(reference.x, target)
-    branch = _followed(robot, segment, reference.q, "the way from the reference to the point")
-    closed = branch.closed(1.0)  # on the last knot: one evaluation
+    branch = _follow_branch(robot, segment, reference.q, "the way from the reference to the point")
+    closed = branch.close(1.0)  # on the last knot: one evaluation
     residual = float(np.abs(closed.linearised.residual).max())
     return Configuration(closed.q[0], target, residual, len(branch.s))
 
@@ -88,7 +87,7 @@ def track_path(robot: ParallelRobot, path: Path) -> Branch:
         )
     require_square(robot)
     start = assemble(robot, path(0.0))
-    return _followed(robot, path, start.q, "the path")
+    return _follow_branch(robot, path, start.q, "the path")
 
 
 def _platform_point(robot: ParallelRobot, x: ArrayLike) -> Array:
@@ -98,11 +97,11 @@ def _platform_point(robot: ParallelRobot, x: ArrayLike) -> Array:
 def follow_path(
     robot: ParallelRobot, path: Path, q: Array, *, last_step: float = NEWTON_STEP, to_the_end: bool = False
 ) -> Way:
-    """Lead the platform along the path from a configuration q (nq,) on its first point, as far as that goes.
+    """Follow the path with the platform from q (nq,) on its first point, up to the end of the branch.
 
-    Within one working mode; Type 2 singularities are no obstacle. Springs keep the deflections of q. Places
-    are closed as `newton` closes them with this `last_step`. A way that ends does so just before a Type 1
-    singularity, from where another one leads on; or on it, `to_the_end`, if it is found there.
+    The way stays in one working mode and passes Type 2 singularities. Springs keep the deflections of q.
+    Places are closed to this `last_step` of `newton`. A way that ends early does so just before a Type 1
+    singularity; or on it, `to_the_end`, if it is found.
     """
 
     def arrive(s: Array, predicted: Array) -> Places | None:
@@ -113,7 +112,7 @@ def follow_path(
         if not count:
             return None
         if count < len(s):
-            s, q, linearised = s[:count], q[:count], linearised.at(slice(count))
+            s, q, linearised = s[:count], q[:count], linearised.select(slice(count))
         try:
             return places(s, q, linearised)
         except NotAssembled:  # one of them is singular, to the last bit
@@ -125,37 +124,45 @@ def follow_path(
     def belong(before: Places, after: Places, straight: BoolArray) -> BoolArray:
         keep = keeps_working_mode(robot, before.linearised, after.linearised)
         bent = np.flatnonzero(keep & ~straight)
-        keep[bent] = lost_equations(robot, after.linearised.at(bent), BRANCHES_CROSS) == 0
+        keep[bent] = lost_equations(robot, after.linearised.select(bent), BRANCHES_CROSS) == 0
         return keep
 
     def end(s: float, before: Places) -> tuple[float, Places] | None:
-        sizes = equation_sizes(robot)
+        return _type1_end(robot, path, s, before)
 
-        def evaluate(q: Array, share: Array) -> CurveEquations:
-            at = np.clip(share, 0.0, 1.0)
-            x = path(at)
-            linearised = linearised_at(robot, q, x)
-            drive = np.zeros_like(linearised.residual)
-            drive[:, : robot.n] = -robot.platform.twist(x, path(at, 1))[0]
-            return CurveEquations(
-                type1_matrix(robot, linearised), drive / sizes, linearised.residual / sizes, linearised
-            )
-
-        still = np.zeros((1, robot.model.nv))
-        ahead = turning_points(robot, before.q, np.array([s]), robot.moving, still, evaluate)
-        if not ahead.found[0]:
-            return None
-        return float(ahead.share[0]), Places(ahead.q, ahead.linearised, still, np.full(1, np.inf))
-
-    s = np.zeros(1)
-    start = places(s, q[None], linearised_at(robot, q[None], path(s)))
+    start = places(np.zeros(1), q[None], linearised_at(robot, q[None], path(np.zeros(1))))
     short = np.abs(path(1.0) - path(0.0)).max() < SHORT_PATH * robot.length
-    first = 1.0 if short else FIRST_STEP_RATIO
-    ends = end if to_the_end else None
-    return follow(robot, start, arrive, belong, end=ends, step=first, at_once=PLACES_AT_ONCE)
+    return follow(
+        robot,
+        start,
+        arrive,
+        belong,
+        end=end if to_the_end else None,
+        step=1.0 if short else FIRST_STEP_RATIO,
+        at_once=PLACES_AT_ONCE,
+    )
 
 
-def _followed(robot: ParallelRobot, path: Path, q: Array, what: str) -> Branch:
+def _type1_end(robot: ParallelRobot, path: Path, s: float, before: Places) -> tuple[float, Places] | None:
+    """Find the Type 1 singularity on a path ahead of a place at s: path coordinate and place."""
+    sizes, still = equation_sizes(robot), np.zeros((1, robot.model.nv))
+
+    def evaluate(q: Array, share: Array) -> CurveEquations:
+        share = np.clip(share, 0.0, 1.0)
+        x = path(share)
+        linearised = linearised_at(robot, q, x)
+        drive = np.zeros_like(linearised.residual)
+        drive[:, : robot.n] = -robot.platform.twist(x, path(share, 1))[0]
+        matrix = type1_matrix(robot, linearised)
+        return CurveEquations(matrix, drive / sizes, linearised.residual / sizes, linearised)
+
+    ahead = turning_points(Curves(robot, robot.moving, still, evaluate), before.q, np.array([s]))
+    if not ahead.found[0]:
+        return None
+    return float(ahead.share[0]), Places(ahead.q, ahead.linearised, still, np.full(1, np.inf))
+
+
+def _follow_branch(robot: ParallelRobot, path: Path, q: Array, what: str) -> Branch:
     """Return the branch along the path from a configuration q (nq,) on its first point."""
     way = follow_path(robot, path, q, last_step=KNOT_NEWTON_STEP, to_the_end=True)
     if not way.complete:
@@ -174,24 +181,23 @@ def _end_of_reach(
     robot: ParallelRobot, path: Path, s: float, q: Array, linearised: LinearisedLoops, what: str
 ) -> OutOfReach | Type1Singularity | UncontrolledMotions:
     """Return the error for the end of the way: a stretched or folded leg, or loops that lose their rank."""
+    x = path(s)
     count = int(lost_equations(robot, linearised, TYPE_1_END_RATIO)[0])
     if count:
-        return escaping(robot, s, path(s), count, f"{what} runs into {LOOP_SINGULARITY}")
+        return escape_error(robot, s, x, count, f"{what} runs into {LOOP_SINGULARITY}")
     joint = weakest_leg(robot, linearised)
-    x = path(s)
-    ahead = f"{what} leaves the workspace" if not _reachable_beyond(robot, path, s, q) else None
-    where = f"at s = {s:.6g}, {', '.join(robot.axis_names)} = {point(x)}"
-    if ahead is None:
+    place = f"at s = {s:.6g}, {robot.place(x)}"
+    if _reachable_beyond(robot, path, s, q):
         return Type1Singularity(
-            f"{robot.name}: {what} meets a Type 1 singularity {where}: the leg of {joint} is stretched "
+            f"{robot.name}: {what} meets a Type 1 singularity {place}: the leg of {joint} is stretched "
             f"or folded there and could go on in another working mode",
             s=s,
             platform=x,
             joint=joint,
         )
     return OutOfReach(
-        f"{robot.name}: {ahead} {where}: the leg of {joint} cannot follow"
-        + beyond_reach(robot, path(1.0)[robot.platform.sliding]),
+        f"{robot.name}: {what} leaves the workspace {place}: the leg of {joint} cannot follow"
+        + remark_on_reach(robot, path(1.0)[robot.platform.sliding]),
         q=q,
         residual=float(np.abs(linearised.residual).max()),
         s=s,
@@ -201,13 +207,13 @@ def _end_of_reach(
 
 
 def weakest_leg(robot: ParallelRobot, linearised: LinearisedLoops) -> str:
-    """Return the actuated joint that moves most in the weakest motion that leaves the platform at rest."""
+    """Return the actuated joint that moves most in the weakest motion with the platform at rest."""
     weakest = np.linalg.svd(type1_matrix(robot, linearised)[0])[2][-1][: robot.n_a]
     return robot.actuator_names[int(np.argmax(np.abs(weakest)))]
 
 
 def _reachable_beyond(robot: ParallelRobot, path: Path, s: float, q: Array) -> bool:
-    """Whether the loops close again a little further along the path, on whichever branch."""
+    """Whether the loops close again a little further along the path, on any branch."""
     ahead = np.repeat(s + np.array(LOOK_AHEAD), 2)
     ahead = ahead[ahead <= 1.0]
     nudge = np.zeros((len(ahead), robot.model.nv))
@@ -216,12 +222,12 @@ def _reachable_beyond(robot: ParallelRobot, path: Path, s: float, q: Array) -> b
     return bool(len(ahead)) and bool(close_each(robot, path(ahead), guess).closed.any())
 
 
-def escaping(robot: ParallelRobot, s: float, x: Array, count: int, what: str) -> UncontrolledMotions:
-    """Return the error where `count` motions escape the motors at path coordinate s, platform x (n,)."""
+def escape_error(robot: ParallelRobot, s: float, x: Array, count: int, what: str) -> UncontrolledMotions:
+    """Return the error for `count` motions that escape the motors at path coordinate s, platform x (n,)."""
     words = {1: "one uncontrolled motion", 2: "two uncontrolled motions at once"}
     return UncontrolledMotions(
         f"{robot.name}: {words.get(count, f'{count} uncontrolled motions at once')} at s = {s:.6g}, "
-        f"{', '.join(robot.axis_names)} = {point(x)}: {what}",
+        f"{robot.place(x)}: {what}",
         s=s,
         platform=x,
         count=count,

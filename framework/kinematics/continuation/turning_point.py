@@ -1,9 +1,9 @@
 """The turning point in which a branch ends at a singularity, by a direct root.
 
-While the motors turn, or the platform goes along its path, the loop equations F(y, s) = 0 draw a curve in the
-joints y that follow and the share s of the way. It is smooth where M = dF/dy loses rank as long as the way
-drives what escapes there: only s turns back. So the curve is followed by t = c . y, c along its tangent at
-the start, and
+While the motors turn, or the platform follows its path, the loop equations F(y, s) = 0 define a curve in the
+joints y that follow and the share s of the way. It is smooth where M = dF/dy loses rank if the way drives the
+escaping motion: only s turns back. So the curve is followed by t = c . y, c along its tangent at the start,
+and
 
     [M  b] [dy/dt]   [0]
     [c' 0] [ds/dt] = [1],    b = dF/ds,
@@ -16,6 +16,7 @@ Newton step back to the curve; to first order in t the slope is a line, so a few
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -27,9 +28,9 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.ordered_sums import solve
 from framework.tolerances import NEWTON_STEP
 
-MAX_BEND, MAX_SKEW = 0.1, 0.25  # of the chord and of the parameter's gain: what a parabola may miss
+MAX_BEND, MAX_SKEW = 0.1, 0.25  # deviations from a parabola, of the chord and of the parameter's gain
 FIRST_SECANT_LENGTH = 1e-3  # [rad, lengths] along the curve, for the first slope of the slope
-MAX_ARC_LENGTH = 2.0  # [rad, lengths] by all joints together: what lies farther is for a nearer start
+MAX_ARC_LENGTH = 2.0  # [rad, lengths] by all joints together: a farther end is for a nearer start
 MAX_SECANTS = 12
 
 
@@ -39,11 +40,11 @@ class CurveEquations(NamedTuple):
     matrix: Array  # (T, k, k) M
     drive: Array  # (T, k) b
     residual: Array  # (T, k)
-    linearised: LinearisedLoops  # what they are made of
+    linearised: LinearisedLoops  # the same with dimensions
 
 
 class TurningPoints(NamedTuple):
-    """The turning points of T ways; where none is `found` the other values mean nothing."""
+    """The turning points of T ways; the other values of a way without one mean nothing."""
 
     found: BoolArray  # (T,)
     share: Array  # (T,) of the way
@@ -51,64 +52,79 @@ class TurningPoints(NamedTuple):
     linearised: LinearisedLoops  # the equations there
 
 
-def turning_points(
-    robot: ParallelRobot,
-    q: Array,
-    share: Array,
-    columns: IntArray,
-    turn: Array,
-    evaluate: Callable[[Array, Array], CurveEquations],
-) -> TurningPoints:
-    """Find the turning points ahead of configurations q (T, nq), each after a `share` (T,) of its way.
+@dataclass(frozen=True, eq=False)
+class Curves:
+    """The curves F(y, s) = 0 of T ways, with the tangents c at their starts."""
 
-    Only such are found as are proved to end the way: between there and q the curve is nearly a parabola.
+    robot: ParallelRobot
+    columns: IntArray  # (k,) of the joints that follow
+    turn: Array  # (T, nv) of the other joints on the whole way
+    evaluate: Callable[[Array, Array], CurveEquations]
 
-    Args:
-        columns: the joints (k,) that follow.
-        turn: (T, nv) by how much the others move on the whole way.
-        evaluate: F at configurations (T, nq) and shares (T,), outside [0, 1] as well while it is searched.
-    """
-    scale, count = robot.column_scale, len(q)
-    border = np.zeros((count, len(columns)))
-
-    def moved(step: Array) -> Array:
-        """Compute joint motions (T, nv) of steps along the curve (T, k + 1)."""
-        motion = step[:, -1:] * turn
-        motion[:, columns] = step[:, :-1] * scale[columns]
+    def joint_motions(self, step: Array) -> Array:
+        """Compute joint motions (T, nv) of steps (T, k + 1) in y and s."""
+        motion = step[:, -1:] * self.turn
+        motion[:, self.columns] = step[:, :-1] * self.robot.column_scale[self.columns]
         return motion
 
-    def steps_at(q: Array, share: Array) -> tuple[Array, Array, LinearisedLoops]:
-        """Compute Newton's step back to the curve, across c, and the tangent by t, each (T, k + 1)."""
-        F = evaluate(q, share)
-        if not border.any():
-            border[:] = solve(F.matrix, -F.drive)
-            border[:] /= np.linalg.norm(border, axis=1, keepdims=True)
-        whole = np.zeros((count, len(columns) + 1, len(columns) + 1))
-        whole[:, :-1, :-1], whole[:, :-1, -1], whole[:, -1, :-1] = F.matrix, F.drive, border
-        right = np.zeros((2, count, len(columns) + 1))
-        right[0, :, :-1], right[1, :, -1] = -F.residual, 1.0
-        return solve(whole, right[0]), solve(whole, right[1]), F.linearised
-
-    with np.errstate(all="ignore"):  # what has no turning point ahead runs away, and is not found
-        back, first, _ = steps_at(q, share)
-        along, at, reached, t = first, q, share, np.zeros(count)
-        step, closed = np.full(count, FIRST_SECANT_LENGTH), np.zeros(count, dtype=bool)
+    def follow_to_turn(self, q: Array, share: Array) -> _CurveEnd:
+        """Follow the curves from q (T, nq) after shares (T,) by secants to where the slope of s is zero."""
+        equations = self.evaluate(q, share)
+        border = solve(equations.matrix, -equations.drive)
+        border = border / np.linalg.norm(border, axis=1, keepdims=True)
+        back, along = _steps(equations, border)
+        start, t = along, np.zeros(len(q))
+        step, closed = np.full(len(q), FIRST_SECANT_LENGTH), np.zeros(len(q), dtype=bool)
         for _ in range(MAX_SECANTS):
             move = back + step[:, None] * along
             lost = ~((np.abs(t + step) < MAX_ARC_LENGTH) & np.isfinite(move).all(axis=1))
             move = np.where((closed | lost)[:, None], 0.0, move)
-            at, reached = integrate(robot, at, moved(move)), reached + move[:, -1]
+            q, share = integrate(self.robot, q, self.joint_motions(move)), share + move[:, -1]
             t = t + np.where(closed | lost, 0.0, step)
             closed |= ~lost & (np.abs(move).max(axis=1) < NEWTON_STEP)
-            before = along[:, -1]
-            back, along, linearised = steps_at(at, reached)
+            slope = along[:, -1]
+            equations = self.evaluate(q, share)
+            back, along = _steps(equations, border)
             if (closed | lost).all():
                 break
-            step = -step * along[:, -1] / (along[:, -1] - before)
-        gain = 0.5 * t * first[:, -1]
-        travelled = t[:, None] * moved(first)
-        bent = difference(robot, q, at) - 0.5 * (travelled + t[:, None] * moved(along))
-        bent, length = (np.abs(motion / scale).max(axis=1) for motion in (bent, travelled))
-        found = closed & (t > 0) & (reached < 1.0) & (bent <= MAX_BEND * length)
-        found &= np.abs(reached - share - gain) <= MAX_SKEW * gain
-    return TurningPoints(found, reached, at, linearised)
+            step = -step * along[:, -1] / (along[:, -1] - slope)
+        return _CurveEnd(closed & (t > 0), q, share, t, start, along, equations.linearised)
+
+
+class _CurveEnd(NamedTuple):
+    """The ends of T curves."""
+
+    closed: BoolArray  # (T,) whether it was found ahead of the start
+    q: Array  # (T, nq)
+    share: Array  # (T,)
+    t: Array  # (T,) length along the curve [rad, lengths]
+    first: Array  # (T, k + 1) tangent at the start
+    last: Array  # (T, k + 1) tangent at the end
+    linearised: LinearisedLoops
+
+
+def _steps(equations: CurveEquations, border: Array) -> tuple[Array, Array]:
+    """Compute Newton's step back to the curve, across c, and the tangent by t, each (T, k + 1)."""
+    count, size = border.shape
+    whole = np.zeros((count, size + 1, size + 1))
+    whole[:, :-1, :-1], whole[:, :-1, -1], whole[:, -1, :-1] = equations.matrix, equations.drive, border
+    right = np.zeros((2, count, size + 1))
+    right[0, :, :-1], right[1, :, -1] = -equations.residual, 1.0
+    return solve(whole, right[0]), solve(whole, right[1])
+
+
+def turning_points(curves: Curves, q: Array, share: Array) -> TurningPoints:
+    """Find the turning points ahead of configurations q (T, nq), each after a `share` (T,) of its way.
+
+    A turning point is found only if it is proved to end the way: from q to it the curve is nearly a parabola.
+    """
+    robot = curves.robot
+    with np.errstate(all="ignore"):  # a curve without a turning point ahead diverges, and is not found
+        end = curves.follow_to_turn(q, share)
+        gain = 0.5 * end.t * end.first[:, -1]
+        first, last = (end.t[:, None] * curves.joint_motions(tangent) for tangent in (end.first, end.last))
+        bend = difference(robot, q, end.q) - 0.5 * (first + last)
+        bend, length = (np.abs(motion / robot.column_scale).max(axis=1) for motion in (bend, first))
+        found = end.closed & (end.share < 1.0) & (bend <= MAX_BEND * length)
+        found &= np.abs(end.share - share - gain) <= MAX_SKEW * gain
+    return TurningPoints(found, end.share, end.q, end.linearised)

@@ -1,14 +1,14 @@
-"""Closed poses of a robot whose reference is none: a search from several starts, within the joints' limits.
+"""Search closed poses of a robot from several starts, within the joints' limits, where its reference is none.
 
 Loops that share a joint are closed together and all others apart, so that two legs do not have to succeed at
-once. For each such group the starts are the reference itself, then poses drawn around it (from a quarter, a
-half, all of the range of each joint: its limits, or a half turn or a length of the robot either way), from a
-fixed seed. From each, bounded trust-region least squares (`scipy.optimize`) seeks loops that are nearly
-closed by joints that are near to the reference, and then closes the loops. Of the first few that close, the
-nearest is taken.
+once. For each such group the starts are the reference itself, then poses drawn around it from a fixed seed:
+from a quarter, a half, all of the range of each joint. The range is that of its limits, or a half turn or a
+length of the robot either way. From each start bounded trust-region least squares (`scipy.optimize`) nearly
+closes the loops with joints near the reference, then closes them. The nearest of the first few closed poses
+is returned.
 
-What is found closes the loops and keeps the limits, and nothing else is known of it: parts may collide, and
-another way to assemble the robot may be meant.
+The result closes the loops and keeps the limits. Parts may collide, and another way to assemble the robot may
+be meant.
 """
 
 from __future__ import annotations
@@ -24,9 +24,10 @@ from framework.errors import NotAssembled
 from framework.kinematics.closures import (
     direction_gaps,
     direction_slopes,
+    find_turned_over,
     loop_equations,
-    scaled,
-    turned_over,
+    row_weights,
+    scale_jacobian,
 )
 from framework.kinematics.frames import FrameStack, frames_at, integrate
 from framework.kinematics.mechanism import Mechanism
@@ -44,33 +45,32 @@ ROUGH_TOLERANCE, FINE_TOLERANCE = 1e-6, 1e-12  # relative change, and slope, at 
 
 
 class ClosedPose(NamedTuple):
-    """A configuration with closed loops, and how far it is from the reference."""
+    """A configuration with closed loops, and its distance from the reference."""
 
     q: Array  # (nq,)
-    joint: str  # the one that is farthest
-    moved: str  # how far, "0.6 rad"
+    joint: str  # farthest from the reference
+    distance: str  # of that joint, "0.6 rad"
 
 
 def find_closed_pose(mechanism: Mechanism) -> ClosedPose:
     """Find a configuration that closes all loops within the joints' limits, springs at rest.
 
     Raises:
-        NotAssembled: no start leads to one; names a loop equation and says how near the best came.
+        NotAssembled: no start leads to one; names a loop equation and the least gap.
     """
     lower, upper = _ranges(mechanism)
     u = np.zeros(mechanism.model.nv)
     for group in _groups(mechanism, mechanism.q_near, lower, upper):
-        u[group.columns] = _nearest(group)
+        u[group.columns] = _nearest_closing(group)
     farthest, step = int(np.argmax(np.abs(u))), u * mechanism.column_scale
-    moved = f"{abs(step[farthest]):.3g} {'m' if mechanism.sliding[farthest] else 'rad'}"
-    return ClosedPose(
-        integrate(mechanism, mechanism.q_near, step), mechanism.coordinates.name_of(farthest), moved
-    )
+    distance = f"{abs(step[farthest]):.3g} {'m' if mechanism.sliding[farthest] else 'rad'}"
+    q = integrate(mechanism, mechanism.q_near, step)
+    return ClosedPose(q, mechanism.coordinates.name_of(farthest), distance)
 
 
 @dataclass(frozen=True, eq=False)
 class _Group:
-    """Loops as functions of offsets u (k,) of the joints that close them; m equations.
+    """m loop equations as functions of offsets u (k,) of their joints.
 
     Offsets are from a configuration, in radians and lengths of the robot.
     """
@@ -78,35 +78,37 @@ class _Group:
     mechanism: Mechanism
     origin: Array  # (nq,)
     rows: LoopRows
-    directions: LockedDirections  # what the rows alone would let turn over
+    directions: LockedDirections  # which the rows alone do not keep from turning over
     columns: IntArray  # (k,)
-    lower: Array  # (k,) what limits the joints, else infinite
+    lower: Array  # (k,) limits of the joints, else infinite
     upper: Array  # (k,)
 
     def equations(self, u: Array) -> Array:
         """Compute the loop equations (m,), in lengths of the robot and radians."""
-        weights = np.where(self.rows.rotation, 1.0, 1.0 / self.mechanism.length)
-        return weights * loop_equations(self.rows, self._frames(u)).residual[0]
+        residual = loop_equations(self.rows, self._frames(u)).residual[0]
+        return row_weights(self.mechanism, self.rows.rotation) * residual
 
     def gap(self, u: Array) -> Array:
-        """Compute the loop equations, then the vectors between directions that are to be the same."""
+        """Compute the loop equations, then the vectors between directions that closures keep alike."""
         vectors = direction_gaps(self.directions, self._frames(u))[0]
         return np.concatenate([self.equations(u), vectors.ravel()])
 
     def slope(self, u: Array) -> Array:
         """Compute the derivative of `gap` along the k joints."""
         frames = self._frames(u)
-        rows = scaled(self.mechanism, loop_equations(self.rows, frames).jacobian, self.rows.rotation)[0]
+        rows = scale_jacobian(self.mechanism, loop_equations(self.rows, frames).jacobian, self.rows.rotation)[
+            0
+        ]
         vectors = direction_slopes(self.directions, frames)[0] * self.mechanism.column_scale
         return np.concatenate([rows, vectors.reshape(-1, rows.shape[1])])[:, self.columns]
 
-    def closed_from(self, start: Array) -> tuple[Array, float]:
-        """Find offsets (k,) near a start at which the loops are least open, and the largest gap there."""
+    def close(self, start: Array) -> tuple[Array, float]:
+        """Find offsets (k,) near a start that close the loops best, and their largest gap."""
         # steps of least norm: there are more joints than independent equations
         u, gap = self._least_squares(self.gap, self.slope, start, MAX_EVALUATIONS[1], FINE_TOLERANCE, "lsmr")
         return u, float(np.abs(gap).max())
 
-    def nearly_closed_from(self, start: Array) -> Array:
+    def nearly_close(self, start: Array) -> Array:
         """Find the smallest offsets (k,) that nearly close the loops."""
         return self._least_squares(
             lambda u: np.concatenate([self.gap(u) / GAP_PER_RADIAN, u]),
@@ -121,15 +123,22 @@ class _Group:
         residual: Callable[[Array], Array],
         slope: Callable[[Array], Array],
         start: Array,
-        most: int,
+        evaluations: int,
         tolerance: float,
         solver: str | None = None,
     ) -> tuple[Array, Array]:
-        """Find offsets (k,) within bounds whose residual is least, and that residual."""
+        """Find offsets (k,) within bounds with the least residual, and that residual."""
         from scipy.optimize import least_squares
 
-        within, ends = (self.lower, self.upper), dict.fromkeys(("xtol", "ftol", "gtol"), tolerance)
-        answer = least_squares(residual, start, slope, bounds=within, tr_solver=solver, max_nfev=most, **ends)
+        answer = least_squares(
+            residual,
+            start,
+            slope,
+            bounds=(self.lower, self.upper),
+            tr_solver=solver,
+            max_nfev=evaluations,
+            **dict.fromkeys(("xtol", "ftol", "gtol"), tolerance),
+        )
         return np.asarray(answer.x), np.asarray(answer.fun)
 
     def configuration(self, u: Array) -> Array:
@@ -174,15 +183,15 @@ def _ranges(mechanism: Mechanism) -> tuple[Array, Array]:
         reference = mechanism.q_near[limit.coordinate]
         lower[column], upper[column] = limit.lower - reference, limit.upper - reference
     lower, upper = lower / mechanism.column_scale, upper / mechanism.column_scale
-    # a joint whose limits meet keeps a little room: the solver's bounds may not
+    # the solver's bounds may not meet: leave a little room between limits that do
     limited = np.isfinite(lower)
     room = MIN_JOINT_ROOM * np.maximum(np.abs(lower[limited]), 1.0)
     upper[limited] = np.maximum(upper[limited], lower[limited] + room)
     return lower, upper
 
 
-def _nearest(group: _Group) -> Array:
-    """Find offsets (k,) that close a group's loops, the smallest of those that several starts lead to."""
+def _nearest_closing(group: _Group) -> Array:
+    """Find offsets (k,) that close a group's loops: the smallest found from several starts."""
     turning = ~group.mechanism.sliding[group.columns]
     limited = np.isfinite(group.lower)
     reach = np.where(turning, np.pi, 1.0)
@@ -193,7 +202,7 @@ def _nearest(group: _Group) -> Array:
     for k in range(MAX_STARTS):
         spread = START_SPREADS[k % len(START_SPREADS)] if k else 0.0
         start = reference + spread * (rng.uniform(low, high) - reference)
-        u, gap = group.closed_from(group.nearly_closed_from(start))
+        u, gap = group.close(group.nearly_close(start))
         if gap < least:
             least, best = gap, u
         if gap < LOOP_GAP:
@@ -201,11 +210,11 @@ def _nearest(group: _Group) -> Array:
             if k == 0 or len(poses) == ENOUGH_POSES:
                 break
     if not poses:
-        raise _still_open(group, best)
+        raise _still_open_error(group, best)
     return min(poses, key=lambda u: float(np.linalg.norm(u)))
 
 
-def _still_open(group: _Group, u: Array) -> NotAssembled:
+def _still_open_error(group: _Group, u: Array) -> NotAssembled:
     """Return the error for a group that no start has closed; `u` (k,) came nearest."""
     gap, mechanism = np.abs(group.equations(u)), group.mechanism
     row, q = int(np.argmax(gap)), group.configuration(u)
@@ -213,7 +222,7 @@ def _still_open(group: _Group, u: Array) -> NotAssembled:
     left = float(gap[row]) * (1.0 if turning else mechanism.length)
     best = f"{group.rows.names[row]} stays {left:.3g} {'rad' if turning else 'm'} apart"
     if gap[row] < LOOP_GAP:
-        best = f"{turned_over(mechanism, frames_at(mechanism, q[None]))} is turned over"
+        best = f"{find_turned_over(mechanism, frames_at(mechanism, q[None]))} is turned over"
     return NotAssembled(
         f"{mechanism.name}: the loops do not close: of {MAX_STARTS} starts within the joints' limits none "
         f"leads to a closed pose; in the best {best}; check the link lengths and the closures, or give a "

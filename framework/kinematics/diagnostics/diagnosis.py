@@ -21,7 +21,7 @@ from framework.kinematics.linearised_loops import linearised_at_reference
 from framework.kinematics.loop_matrices import clearance
 from framework.kinematics.loop_structure import independent_rows
 from framework.kinematics.mechanism import Mechanism
-from framework.kinematics.mistaken_units import more_than_a_turn
+from framework.kinematics.mistaken_units import remark_on_turns
 from framework.kinematics.modes import mode_signs
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.rounded_loops import assembled_mechanism, rounded_gap
@@ -34,7 +34,7 @@ HEAVY_PART = 1e5  # [kg] likewise
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Findings on one robot; `advice` says what to do about what is wrong or remarkable."""
+    """Findings on one robot, with `advice` on each fault."""
 
     robot: str
     flexibility: str
@@ -44,7 +44,7 @@ class Diagnosis:
     idle_joints: tuple[str, ...]  # a passive joint for each motion that moves no centre of mass
     loose_joints: tuple[str, ...]  # one for each that moves masses without a motor and a platform axis
     springs: tuple[str, ...]
-    mobility: int  # degrees of freedom with all springs locked, the idle ones counted
+    mobility: int  # degrees of freedom with all springs locked, idle ones included
     redundant_motors: int  # actuators beyond the mobility less the idle ones
     loop_equations: int
     rank: int
@@ -58,32 +58,31 @@ class Diagnosis:
     assembly_mode: int  # sign; changes at Type 2
     smallest_singular_value: float | None  # of P, without dimension; None without square A or passive joints
     square: bool  # as many platform axes as degrees of freedom, all of them moving, and no fewer actuators
-    stuck_axes: str  # what the platform cannot move along; empty if there is nothing
-    axes_that_do: tuple[tuple[str, ...], ...]  # platform axes to take instead, where the given ones do not do
-    assembled: bool  # whether the loops close near the reference of the file; if not, a pose was looked for
-    gap_at_reference: float  # [m or rad] that stays open near the reference of the file; 0 if it is assembled
+    stuck_axes: str  # along which the platform cannot move; empty if there are none
+    axes_that_do: tuple[tuple[str, ...], ...]  # sufficient platform axes, if the stated ones are not
+    assembled: bool  # whether the loops close near the reference of the file; if not, a pose was searched
+    gap_at_reference: float  # [m or rad] of the loops near the reference of the file; 0 if it is assembled
     advice: tuple[str, ...]
 
 
 def check_robot(mechanism: Mechanism) -> Diagnosis:
-    """Examine a mechanism at its assembled reference, or at a pose that `check` finds where that is none.
+    """Examine a mechanism at its assembled reference, else at a closed pose nearby.
 
-    Where the loops do not close near the reference, another pose is looked for; where the reference is on a
-    singularity of the loops, a pose beside it is examined. `advice` says so.
+    If the loops do not close near the reference, another pose is searched; if the reference is on a
+    singularity of the loops, a pose beside it is examined. `advice` reports both.
 
     Raises:
         NotAssembled: the loops do not close near the reference, and `find_closed_pose` finds no other pose.
-        SingularReference: they are nearly singular there and beside it, too.
+        SingularReference: the loops are nearly singular at the reference and beside it.
     """
     expect("robot", mechanism, Mechanism, 'load_robot("five_bar") or Mechanism.from_file("my_robot.yaml")')
     robot, gap, remarks = _robot_to_examine(mechanism)
-    reference, names, independent = robot.reference, robot.rows.names, robot.structure.independent
     motions = mobility_of(robot)
     axes = platform_axes_of(robot, motions.working - len(motions.loose))
     square = robot.n == motions.working <= robot.n_a and not axes.stuck_here
     modes = _modes(robot) if square else _Modes(0, 0, None)
     masses = _link_masses(robot)
-    redundant = tuple(name for i, name in enumerate(names) if i not in independent)
+    redundant = tuple(robot.rows.names[row] for row in robot.structure.dropped)
     passive = map(robot.coordinates.name_of, map(int, robot.passive))
     advice = [
         *remarks,
@@ -103,14 +102,14 @@ def check_robot(mechanism: Mechanism) -> Diagnosis:
         springs=robot.spring_names,
         mobility=motions.freedoms,
         redundant_motors=max(robot.n_a - motions.working, 0),
-        loop_equations=len(names),
-        rank=len(independent),
+        loop_equations=len(robot.rows.names),
+        rank=len(robot.structure.independent),
         redundant_rows=redundant,
         mass=float(sum(masses.values())),
         massless_joints=tuple(name for name, mass in masses.items() if mass == 0.0),
-        closure_error=reference.residual,
-        reference=robot.reference_values(reference.q),
-        platform=tuple(map(float, reference.x)),
+        closure_error=robot.reference.residual,
+        reference=robot.reference_values(robot.reference.q),
+        platform=tuple(map(float, robot.reference.x)),
         **modes._asdict(),
         square=square,
         stuck_axes=axes.stuck,
@@ -122,18 +121,18 @@ def check_robot(mechanism: Mechanism) -> Diagnosis:
 
 
 def _robot_to_examine(mechanism: Mechanism) -> tuple[ParallelRobot, float | None, list[str]]:
-    """Return the robot assembled, what stays open at the reference if its loops do not close, and remarks."""
+    """Return the assembled robot, the gap at a reference that does not close its loops, and remarks."""
     gap, remarks = None, list[str]()
     try:
         mechanism, closing = assembled_mechanism(mechanism)
     except NotAssembled as failure:
-        if more_than_a_turn(mechanism, mechanism.description.reference):
+        if remark_on_turns(mechanism, mechanism.description.reference):
             raise
         gap = failure.residual
         pose = find_closed_pose(mechanism)
         remarks.append(
             f"the loops do not close near {reference_in_words(mechanism)}; a search within the joints' "
-            f"limits has found the one that is printed, {pose.joint} {pose.moved} away: paste it into the "
+            f"limits has found the one that is printed, {pose.joint} {pose.distance} away: paste it into the "
             f"file (or give it by --reference) if the robot is meant to be assembled that way"
         )
         mechanism, closing = assembled_mechanism(_with_reference(mechanism, pose.q))
@@ -149,9 +148,9 @@ def _robot_to_examine(mechanism: Mechanism) -> tuple[ParallelRobot, float | None
 
 
 def reference_in_words(mechanism: Mechanism) -> str:
-    """Return where the reference of a robot comes from, in words."""
-    given = mechanism.description.reference
-    return "the reference that is given" if given else "the default reference (all zero)"
+    """Return the source of a robot's reference in words."""
+    stated = mechanism.description.reference
+    return "the reference that is given" if stated else "the default reference (all zero)"
 
 
 class _Modes(NamedTuple):
@@ -278,7 +277,7 @@ def _advice_on_reference(robot: ParallelRobot, modes: _Modes) -> list[str]:
 
 
 def _suspects(robot: ParallelRobot, mobility: int) -> str:
-    """Return the closures without any one of which there would be as many freedoms as platform axes."""
+    """Name the closures that, one left out, leave as many freedoms as platform axes, in words."""
     if mobility >= robot.n:
         return ""
     names, loops = [], all_loops_matrix(robot, robot.reference.q)[:, robot.joints]
@@ -291,6 +290,6 @@ def _suspects(robot: ParallelRobot, mobility: int) -> str:
 
 
 def _link_masses(robot: ParallelRobot) -> dict[str, float]:
-    """Compute the mass [kg] of what each moving joint carries, under the joint's name."""
+    """Compute the mass [kg] of the body of each moving joint, by the joint's name."""
     model = Mechanism.from_description(robot.description).model  # springs part a joint from its mass
     return {str(model.names[j]): float(model.inertias[j].mass) for j in range(1, model.njoints)}

@@ -1,14 +1,14 @@
-"""The freedoms that the loops leave to a robot, what determines them, and platform axes that would do.
+"""The freedoms of a robot, idle and loose motions among them, and proposals for the platform's axes.
 
-At a configuration the joints have f freedoms: as many as there are joints less independent loop equations,
-springs locked. A motion in which no motor and no platform coordinate takes part is one of two kinds:
+At a configuration the joints have f freedoms: joints less independent loop equations, springs locked. A
+motion in which no motor and no platform coordinate takes part is one of two kinds:
 
 * idle: no centre of mass moves, as when a rod turns about its own axis between two balls. Weight does not
-  turn it, and planning holds it still, or turns it as its balls' damping or armature does;
-* loose: masses move, as with a pendulum on the platform or a linkage that has no motor. Nothing says how.
+  turn it. Planning holds it at rest, or turns it by the damping or armature of its balls;
+* loose: masses move, as with a pendulum on the platform or a linkage without a motor. No plan determines it.
 
-What the platform cannot do at one pose alone is a singularity and no property of the mechanism: axes count as
-stuck only if they are at neighbouring closed poses, too.
+An axis along which the platform cannot move at one pose alone is a singularity and no property of the
+mechanism: axes count as stuck only if they are stuck at neighbouring closed poses, too.
 """
 
 from __future__ import annotations
@@ -22,8 +22,9 @@ import pinocchio as pin
 
 from framework.arrays import Array
 from framework.kinematics.assembly import all_loops_matrix, nearby_configurations
-from framework.kinematics.closures import scaled
+from framework.kinematics.closures import scale_jacobian
 from framework.kinematics.frames import frames_at
+from framework.kinematics.loop_structure import row_pivots
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import AXES
@@ -38,21 +39,21 @@ class Mobility(NamedTuple):
 
     freedoms: int  # all of them, springs locked
     idle: tuple[str, ...]  # a joint for each motion that moves no centre of mass
-    loose: tuple[str, ...]  # a joint for each that moves some, without a motor or a platform coordinate
+    loose: tuple[str, ...]  # a joint for each that moves masses without a motor or a platform coordinate
 
     @property
     def working(self) -> int:
-        """Degrees of freedom of a motion of the robot: all but the idle ones."""
+        """Degrees of freedom of a motion of the robot: all except the idle ones."""
         return self.freedoms - len(self.idle)
 
 
 class PlatformAxes(NamedTuple):
     """Along which of its axes the platform can move; "x, rz" or "x and rz independently of each other"."""
 
-    stuck: str  # what moves neither at the reference nor beside it; empty if all do
-    stuck_here: str  # what does not move at the reference
+    stuck: str  # axes stuck at the reference and at nearby poses; empty if there are none
+    stuck_here: str  # axes stuck at the reference
     velocities: int  # independent ones among all six of the frame
-    proposals: tuple[tuple[str, ...], ...]  # axes that would do, where the stated ones do not
+    proposals: tuple[tuple[str, ...], ...]  # sufficient axes, if the stated ones are not
 
 
 def mobility_of(robot: ParallelRobot) -> Mobility:
@@ -61,7 +62,7 @@ def mobility_of(robot: ParallelRobot) -> Mobility:
     hidden = _hidden_motions(robot, q)
     centres = centres_of_mass(robot, q) @ hidden
     idle = _pivots(hidden @ null_space(centres, NEARLY_AT_REST))
-    loose = _pivots(hidden @ row_space(centres, NEARLY_AT_REST), but=idle)
+    loose = _pivots(hidden @ row_space(centres, NEARLY_AT_REST), excluded=idle)
     return Mobility(
         _motions(robot, q).shape[1],
         tuple(map(robot.coordinates.name_of, idle)),
@@ -70,39 +71,40 @@ def mobility_of(robot: ParallelRobot) -> Mobility:
 
 
 def platform_axes_of(robot: ParallelRobot, freedoms: int) -> PlatformAxes:
-    """Examine the platform's axes near the assembled reference; `freedoms` is how many axes are needed."""
+    """Examine the platform's axes near the assembled reference; as many as `freedoms` are needed."""
     q = robot.reference.q
     stuck_here = _stuck(robot, q)
     if not stuck_here.shape[1] and robot.n == freedoms:
         return PlatformAxes("", "", freedoms, ())
     poses = [q, *nearby_configurations(robot, q)]
     twists = [_frame_twists(robot, pose) for pose in poses]
-    stuck = min((_stuck(robot, pose) for pose in poses), key=lambda held: held.shape[1])
+    stuck = min((_stuck(robot, pose) for pose in poses), key=lambda combinations: combinations.shape[1])
     velocities = max(np.linalg.matrix_rank(matrix, tol=FILE_ROUNDING) for matrix in twists)
     names = robot.axis_names
     proposals = _proposals(twists, freedoms, robot.axis_names) if velocities == freedoms else ()
-    return PlatformAxes(_in_words(stuck, names), _in_words(stuck_here, names), int(velocities), proposals)
+    return PlatformAxes(
+        _name_stuck_axes(stuck, names), _name_stuck_axes(stuck_here, names), int(velocities), proposals
+    )
 
 
 def _proposals(twists: list[Array], freedoms: int, stated: Sequence[str]) -> tuple[tuple[str, ...], ...]:
-    """Return sets of axes along which a frame can move in one of the poses, those without turns first.
+    """Return sets of axes along which a frame can move in one of the poses, fewest turns first.
 
-    Two turns are coordinates in series, and say something else in the other order: where the `stated` axes
-    are two turns that do not do, the other order is proposed.
+    Two turns are coordinates in series, and their order matters: if the `stated` axes are two insufficient
+    turns, the other order is proposed.
     """
-    found = []
-    for axes in combinations(range(6), freedoms):
-        turning = sum(axis >= 3 for axis in axes)
-        if not axes:
-            continue
+    proposals: list[tuple[int, tuple[str, ...]]] = []
+    for axes in combinations(range(6), freedoms) if freedoms else ():
+        turns = sum(axis >= 3 for axis in axes)
         least = max(np.linalg.svd(matrix[list(axes)], compute_uv=False)[-1] for matrix in twists)
         if least > PROPOSED_AXES_CLEARANCE:
             names = tuple(AXES[axis] for axis in axes)
             if set(names) != set(stated):
-                found.append((turning, names))
-            elif turning == freedoms == 2:
-                found.append((turning, tuple(reversed(stated))))
-    return tuple(axes for _, axes in sorted(found, key=lambda entry: entry[0])[:MAX_PROPOSALS])
+                proposals.append((turns, names))
+            elif turns == freedoms == 2:
+                proposals.append((turns, tuple(reversed(stated))))
+    proposals.sort(key=lambda proposal: proposal[0])
+    return tuple(names for _, names in proposals[:MAX_PROPOSALS])
 
 
 def find_free_motions(robot: Mechanism, q: Array, rank: int) -> Array:
@@ -120,18 +122,18 @@ def _motions(robot: ParallelRobot, q: Array) -> Array:
 def _hidden_motions(robot: ParallelRobot, q: Array) -> Array:
     """Compute orthonormal motions (nv, k) at q (nq,) with motors and platform coordinates at rest."""
     motions = _motions(robot, q)
-    felt = [_platform_rates(robot, q), np.eye(robot.model.nv)[robot.actuated]]
-    return motions @ null_space(np.concatenate(felt) @ motions)
+    rates = [_platform_rates(robot, q), np.eye(robot.model.nv)[robot.actuated]]
+    return motions @ null_space(np.concatenate(rates) @ motions)
 
 
 def _stuck(robot: ParallelRobot, q: Array) -> Array:
-    """Compute combinations (n, k) of platform coordinates that the motions at q (nq,) leave at rest."""
+    """Compute combinations (n, k) of platform coordinates that no motion at q (nq,) changes."""
     return null_space((_platform_rates(robot, q) @ _motions(robot, q)).T)
 
 
 def _platform_rates(robot: ParallelRobot, q: Array) -> Array:
     """Compute rates (n, nv) of the platform's coordinates, in radians and lengths of the robot."""
-    return scaled(robot, robot.platform.jacobian(frames_at(robot, q[None])), ~robot.translations)[0]
+    return scale_jacobian(robot, robot.platform.jacobian(frames_at(robot, q[None])), ~robot.translations)[0]
 
 
 def _frame_twists(robot: ParallelRobot, q: Array) -> Array:
@@ -156,8 +158,8 @@ def centres_of_mass(robot: Mechanism, q: Array) -> Array:
     return np.concatenate(parts) / robot.length * robot.column_scale
 
 
-def _in_words(stuck: Array, names: tuple[str, ...]) -> str:
-    """Return the names of the axes that combinations (n, k) hold still: each alone, or some together."""
+def _name_stuck_axes(stuck: Array, names: tuple[str, ...]) -> str:
+    """Return the names of the axes in stuck combinations (n, k): each alone, or some together."""
     shares = dict(zip(names, np.linalg.norm(stuck, axis=1), strict=True))
     alone = [name for name, share in shares.items() if share > 1.0 - FILE_ROUNDING]
     if len(alone) == stuck.shape[1]:
@@ -169,7 +171,7 @@ def _in_words(stuck: Array, names: tuple[str, ...]) -> str:
 
 
 def null_space(matrix: Array, level: float = FILE_ROUNDING) -> Array:
-    """Compute orthonormal columns (c, k) that a matrix (r, c) takes to less than a level."""
+    """Compute orthonormal columns (c, k) of the null space of a matrix (r, c), singular values to a level."""
     _, values, right = np.linalg.svd(matrix)
     return right[int(np.sum(values > level)) :].T
 
@@ -180,12 +182,9 @@ def row_space(matrix: Array, level: float = FILE_ROUNDING) -> Array:
     return right[: int(np.sum(values > level))].T
 
 
-def _pivots(motions: Array, but: tuple[int, ...] = ()) -> tuple[int, ...]:
-    """Return k joints, ascending, whose rates tell k motions (nv, k) apart."""
-    from scipy.linalg import qr
-
+def _pivots(motions: Array, excluded: tuple[int, ...] = ()) -> tuple[int, ...]:
+    """Return k joints, ascending, whose rates determine k motions (nv, k), none of the excluded ones."""
     if not motions.shape[1]:
         return ()
-    free = np.setdiff1d(np.arange(len(motions)), but)
-    order = qr(motions[free].T, mode="r", pivoting=True)[1]
-    return tuple(sorted(int(column) for column in free[order[: motions.shape[1]]]))
+    free = np.setdiff1d(np.arange(len(motions)), excluded)
+    return tuple(np.sort(free[row_pivots(motions[free])[: motions.shape[1]]]).tolist())

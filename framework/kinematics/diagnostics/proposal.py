@@ -1,11 +1,11 @@
-"""Platform, axes, motors and reference of a mechanism whose file is silent about them.
+"""Propose platform, axes, motors and reference of a mechanism whose file leaves them out.
 
-The motions that the loops leave at a closed pose say what can be proposed. Motors are the file's, else the
-joints nearest to the base that tell the motions apart. The platform is a body that every motor moves: by the
-joints that carry it alone where these are as many as the freedoms and have no motor (an ankle's pitch and
-roll), by its turns where the motors turn it about one point, else by the axes of a frame on it along which it
-moves best. Each proposal is tried before it is made: the robot with it has to be assembled, its platform
-free along each axis, and no motion left that nothing drives.
+Proposals follow from the motions that the loops allow at a closed pose. Motors are the file's, else the
+joints nearest to the base that determine the motions. The platform is a body that every motor moves. Its
+coordinates are the joints that carry it alone if these are as many as the freedoms and have no motor (an
+ankle's pitch and roll); its turns if the motors turn it about one point; else the axes of a frame on it along
+which it moves best. Each proposal is tried first: the robot must assemble, its platform move along each axis,
+and its motors drive all motions.
 """
 
 from __future__ import annotations
@@ -52,12 +52,12 @@ NAMES_OF_TOOLS = ("effector", "tcp", "tool", "tip", "platform", "plate", "foot",
 
 
 class _Motions(NamedTuple):
-    """A mechanism at a closed pose, and the motions that its loops leave it."""
+    """A mechanism at a closed pose, with the motions that its loops allow."""
 
     mechanism: Mechanism
     q: Array  # (nq,)
     basis: Array  # (nv, f) orthonormal, in radians and lengths of the robot
-    working: Array  # (nv, w) of those that move a centre of mass
+    working: Array  # (nv, w) of the motions of a centre of mass or a motor
 
     @property
     def freedoms(self) -> int:
@@ -69,7 +69,7 @@ class _Motions(NamedTuple):
         return self.working[columns_of(self.mechanism.model, names)]
 
     def independent(self, motions: Array, names: Iterable[str]) -> list[str]:
-        """Choose joints, in their order, whose rates tell motions (nv, k) apart."""
+        """Choose joints, in their order, whose rates determine motions (nv, k)."""
         chosen: list[str] = []
         for name in names:
             rows = motions[columns_of(self.mechanism.model, [*chosen, name])]
@@ -79,15 +79,15 @@ class _Motions(NamedTuple):
 
 
 def propose(options: Options, known: Known) -> Resolved:
-    """Complete the description by platform, motors and reference where missing, with a remark on each.
+    """Complete the description by missing platform, motors and reference, with a remark on each.
 
-    Free bases are held, and joints in no loop that carry none (a wrist on a delta), unless the options name
-    them or the platform is on them; where nothing is said, those that carry loops (the hip of a leg), too,
-    if the whole cannot be planned.
+    Free bases are held, and serial joints that carry no loop (a wrist on a delta), unless the options name
+    them or the platform is on them. Without options, serial joints that carry loops (the hip of a leg) are
+    held, too, if the whole robot cannot be planned.
 
     Raises:
         NotAssembled: the loops close nowhere.
-        RobotFileError: nothing can be proposed; says what would do.
+        RobotFileError: nothing can be proposed; names sufficient options.
     """
     if options.motors is None:
         known = known._replace(chooses_motors=True)
@@ -95,45 +95,45 @@ def propose(options: Options, known: Known) -> Resolved:
     free = [name for name in bases if name in _serial(known)]
     remarks = []
     if free:
-        known = _holding(known, free)
+        known = _hold_joints(known, free)
         remarks.append(f"held: {', '.join(free)} (a free base, which no motor drives)")
-    tails, heads = _in_no_loop(known, options)
+    tails, heads = _split_serial_joints(known, options)
     if tails:
-        known = _holding(known, tails)
-        remarks.append(_held(tails))
+        known = _hold_joints(known, tails)
+        remarks.append(_holding_remark(tails))
     if known.platform is not None and options.motors is not None:  # nothing is left to propose
         return Resolved(replace(known.description, platform=known.platform), tuple(remarks))
     try:
-        resolved = _proposed(known, by_joints=not heads or not options.is_silent)
+        resolved = _complete(known, by_joints=not heads or not options.is_silent)
     except RobotFileError:
         if not heads or not options.is_silent:
             raise
-        remarks.append(_held(heads))
-        resolved = _proposed(_holding(known, heads), by_joints=True)
+        remarks.append(_holding_remark(heads))
+        resolved = _complete(_hold_joints(known, heads), by_joints=True)
     return resolved._replace(remarks=(*remarks, *resolved.remarks))
 
 
-def _held(joints: Sequence[str]) -> str:
+def _holding_remark(joints: Sequence[str]) -> str:
     return f"held: {', '.join(joints)} (in no loop; --motors or --platform say otherwise)"
 
 
-def _proposed(known: Known, *, by_joints: bool) -> Resolved:
+def _complete(known: Known, *, by_joints: bool) -> Resolved:
     """Complete the description as `propose` does, without holding more joints.
 
-    A pose of the file beyond the joints' limits is left for one within them where nothing can be proposed.
+    If nothing can be proposed at a pose of the file beyond the joints' limits, a pose within them is tried.
     """
     urdf = ElementTree.tostring(known.tree.root, encoding="unicode")
     known = known._replace(description=replace(known.description, urdf_text=urdf))
     try:
-        return _proposed_at(known, *_closed(known.description), by_joints=by_joints)
+        return _complete_at_pose(known, *_close_near_reference(known.description), by_joints=by_joints)
     except RobotFileError:
-        within = _within_limits(known.description)
+        within = _close_within_limits(known.description)
         if within is None:
             raise
-    return _proposed_at(known, *within, by_joints=by_joints)
+    return _complete_at_pose(known, *within, by_joints=by_joints)
 
 
-def _proposed_at(known: Known, motions: _Motions, remarks: list[str], *, by_joints: bool) -> Resolved:
+def _complete_at_pose(known: Known, motions: _Motions, remarks: list[str], *, by_joints: bool) -> Resolved:
     """Complete the description at a closed pose."""
     tree = known.tree
     if not motions.freedoms:
@@ -162,8 +162,8 @@ def _proposed_at(known: Known, motions: _Motions, remarks: list[str], *, by_join
             names = ", ".join(platform.names)
             remarks.append(f"platform: {names} of {platform.frame} (proposed)")
             return Resolved(replace(description, platform=platform), tuple(remarks))
-    part = _part(description, tree)
-    by_joint = list(_platforms_of_joints(motions, description, tree)) if by_joints else []
+    part = _part_option(description, tree)
+    by_joint = list(_joint_platforms(motions, description, tree)) if by_joints else []
     for platform in by_joint:
         if _is_driven(description, platform):
             why = f"no body is moved by all of the motors{'; or ' * bool(part)}{part.removesuffix(', ')}"
@@ -175,19 +175,21 @@ def _proposed_at(known: Known, motions: _Motions, remarks: list[str], *, by_join
     raise RobotFileError(
         f"no body is moved by all of the motors {', '.join(description.motor_joints)} along "
         f"{motions.freedoms} axes; give --platform and --axes, {part}or hold "
-        f"joints ({_to_hold(motions, idle, description, tree) or '--lock'})"
+        f"joints ({_holding_option(motions, idle, description, tree) or '--lock'})"
     )
 
 
-def _part(description: RobotDescription, tree: UrdfTree) -> str:
-    """Return the option that takes one of several parts with loops of their own, such as a leg, if any."""
+def _part_option(description: RobotDescription, tree: UrdfTree) -> str:
+    """Return the option that selects one of several parts with loops of their own, such as a leg, if any."""
     motors = [tree.path_to_base(tree.joints[name].child) for name in description.motor_joints]
-    pairs = [closure.frames for closure in description.closures]
-    loops = [[tree.path_to_base(tree.link_of(frame)) for frame in frames] for frames in pairs]
+    loops = [
+        [tree.path_to_base(tree.link_of(frame)) for frame in closure.frames]
+        for closure in description.closures
+    ]
     for joint in sorted(tree.joints.values(), key=lambda joint: len(tree.path_to_base(joint.child))):
-        within = {sum(joint in path for path in ends) for ends in loops}
-        driven = sum(joint in path for path in motors)
-        if 1 < driven < len(motors) and within == {0, 2}:
+        ends_behind = {sum(joint in path for path in ends) for ends in loops}
+        motors_behind = sum(joint in path for path in motors)
+        if 1 < motors_behind < len(motors) and ends_behind == {0, 2}:
             return f"take a part of the robot (such as --base {joint.child}), "
     first, *others = merge_sharing(_loop_joints(tree, closure) for closure in description.closures) or [[]]
     held = [name for joints in others for name in joints]
@@ -200,24 +202,26 @@ def _loop_joints(tree: UrdfTree, closure: Closure) -> list[str]:
     return [joint.name for chain in chains for joint in chain]
 
 
-def _within_limits(description: RobotDescription) -> tuple[_Motions, list[str]] | None:
-    """Return `_closed` at the nearest closed pose within the joints' limits; None if there is no other."""
+def _close_within_limits(description: RobotDescription) -> tuple[_Motions, list[str]] | None:
+    """Return motions at the nearest closed pose within the joints' limits; None if the file's is within."""
     mechanism = Mechanism.from_description(description)
     if not positions_beyond_limits(mechanism.limits, mechanism.q_near[None]):
         return None
     try:
         pose = find_closed_pose(mechanism)
-        within, more = _closed(replace(description, reference=mechanism.reference_values(pose.q)))
+        within, more = _close_near_reference(
+            replace(description, reference=mechanism.reference_values(pose.q))
+        )
     except NotAssembled:
         return None
     remark = (
-        f"reference: the nearest closed pose within the joints' limits, {pose.joint} {pose.moved} from the "
-        f"file's, from which nothing can be proposed"
+        f"reference: the nearest closed pose within the joints' limits, {pose.joint} {pose.distance} from "
+        f"the file's, from which nothing can be proposed"
     )
     return within, [remark, *more]
 
 
-def _closed(description: RobotDescription) -> tuple[_Motions, list[str]]:
+def _close_near_reference(description: RobotDescription) -> tuple[_Motions, list[str]]:
     """Return the mechanism at the closed regular pose nearest to its reference, and remarks."""
     mechanism, remarks = Mechanism.from_description(description), list[str]()
     try:
@@ -230,7 +234,7 @@ def _closed(description: RobotDescription) -> tuple[_Motions, list[str]]:
         pose = find_closed_pose(mechanism)
         q = pose.q
         remarks.append(
-            f"reference: the nearest closed pose, {pose.joint} {pose.moved} from the file's, whose loops "
+            f"reference: the nearest closed pose, {pose.joint} {pose.distance} from the file's, whose loops "
             f"are {failure.residual:.2g} m or rad open"
         )
         mechanism = replace(mechanism, q_near=q)
@@ -251,14 +255,14 @@ def _rank(mechanism: Mechanism, q: Array) -> int:
 
 
 def _motors(motions: _Motions, tree: UrdfTree, likely: Sequence[str]) -> list[str]:
-    """Choose joints whose rates tell the working motions apart: those likely by the file, then by depth."""
+    """Choose joints whose rates determine the working motions: likely ones by the file, then by depth."""
     by_depth = sorted(tree.movable, key=lambda name: len(tree.path_to_base(tree.joints[name].child)))
     names = dict.fromkeys([*(name for name in likely if name in by_depth), *by_depth])
     return motions.independent(motions.working, names)
 
 
 def _best_motors(motions: _Motions, description: RobotDescription) -> list[str]:
-    """Choose as many of the file's motors as there are freedoms, those whose rates are conditioned best.
+    """Choose as many of the file's motors as freedoms, with the best conditioned rates.
 
     Raises:
         RobotFileError: two choices are alike.
@@ -280,8 +284,8 @@ def _best_motors(motions: _Motions, description: RobotDescription) -> list[str]:
     return [names[i] for i in choices[best]]
 
 
-def _to_hold(motions: _Motions, left: Array, description: RobotDescription, tree: UrdfTree) -> str:
-    """Return the option that holds motions (nv, k), by joints with springs, else far from the base."""
+def _holding_option(motions: _Motions, left: Array, description: RobotDescription, tree: UrdfTree) -> str:
+    """Return the option that holds motions (nv, k) by joints with springs, else far from the base."""
     springs = [name for name, acting in description.joints.items() if acting.stiffness]
     names = dict.fromkeys([*springs, *reversed(tree.movable)])
     free = [name for name in names if name in tree.movable and name not in description.motor_joints]
@@ -290,18 +294,18 @@ def _to_hold(motions: _Motions, left: Array, description: RobotDescription, tree
 
 
 def _check_driven(motions: _Motions, description: RobotDescription, tree: UrdfTree) -> None:
-    """Refuse a mechanism with motions that no motor determines, and say what would hold them."""
+    """Refuse a mechanism with motions that no motor determines; name joints to hold."""
     motors = description.motor_joints
     left = motions.working @ null_space(motions.rates(motors))
     if not left.shape[1]:
         return
     if not motors:
         raise RobotFileError("no joint of one freedom says where the mechanism is: a motor needs one")
+    option = _holding_option(motions, left, description, tree) or "such as --lock or --motors"
     raise RobotFileError(
         f"{motions.freedoms} freedoms and {len(motors)} motor{'s' * (len(motors) != 1)} "
-        f"({', '.join(motors)}): nothing says "
-        f"how {left.shape[1]} of them go; hold joints "
-        f"({_to_hold(motions, left, description, tree) or 'such as --lock or --motors'}), or name more motors"
+        f"({', '.join(motors)}): nothing says how {left.shape[1]} of them go; hold joints ({option}), or "
+        f"name more motors"
     )
 
 
@@ -323,17 +327,15 @@ def _platforms(motions: _Motions, description: RobotDescription, tree: UrdfTree)
         if not np.all(by_motor > FILE_ROUNDING):
             continue
         liking = -0.001 * number + (1.0 if any(tool in frame.lower() for tool in NAMES_OF_TOOLS) else 0.0)
-        for well, platform in _of_frame(twists, frame, count, tree, motors):
+        for well, platform in _frame_platforms(twists, frame, count, tree, motors):
             entries.append((well + liking, platform))
     entries.sort(key=lambda entry: -entry[0])
     for _, platform in entries[:MAX_TRIED]:
         yield platform
 
 
-def _platforms_of_joints(
-    motions: _Motions, description: RobotDescription, tree: UrdfTree
-) -> Iterator[Platform]:
-    """Yield platforms of as many joints as freedoms, those without motors first."""
+def _joint_platforms(motions: _Motions, description: RobotDescription, tree: UrdfTree) -> Iterator[Platform]:
+    """Yield platforms of as many joints as freedoms, joints without motors first."""
     motors, count = description.motor_joints, motions.freedoms
     for names in ([name for name in tree.movable if name not in motors], motors):
         rows = motions.rates(names)
@@ -343,10 +345,10 @@ def _platforms_of_joints(
             yield Platform(tree.joints[chosen[-1]].child, (), chosen)
 
 
-def _of_frame(
+def _frame_platforms(
     twists: Array, frame: str, count: int, tree: UrdfTree, motors: Sequence[str]
 ) -> Iterator[tuple[float, Platform]]:
-    """Yield platforms on one frame, each with a score, larger for the likelier ones."""
+    """Yield platforms on one frame, each with a score, larger for likelier ones."""
     path = [joint for joint in reversed(tree.path_to_base(tree.link_of(frame))) if joint.moves]
     names = tuple(joint.name for joint in path)
     if len(path) == count and set(names) <= set(tree.movable) and not set(names) & set(motors):
@@ -363,7 +365,7 @@ def _of_frame(
 
 
 def _turns_about_a_point(twists: Array) -> bool:
-    """Whether a body with these twists (6, w) only turns, about the same point in all of them."""
+    """Whether all twists (6, w) of a body are turns about the same point."""
     along, about = twists[:3], twists[3:]
     if twists.shape[1] < 2:
         return False
@@ -399,7 +401,7 @@ def _is_driven(description: RobotDescription, platform: Platform) -> bool:
 # ------------------------------------------------------------------ joints in no loop
 
 
-def _needed(known: Known) -> set[str]:
+def _loop_joint_names(known: Known) -> set[str]:
     """Return names of the joints that loops need."""
     tree, description = known.tree, known.description
     needed = {name for coupling in description.couplings for name in (coupling.joint, coupling.of)}
@@ -410,26 +412,28 @@ def _needed(known: Known) -> set[str]:
 
 def _serial(known: Known) -> list[str]:
     """Return moving joints that no loop needs."""
-    needed = _needed(known)
+    needed = _loop_joint_names(known)
     return [joint.name for joint in known.tree.joints.values() if joint.moves and joint.name not in needed]
 
 
-def _in_no_loop(known: Known, options: Options) -> tuple[list[str], list[str]]:
-    """Return moving joints that no loop needs and no option: those that carry no loop, and those that do."""
+def _split_serial_joints(known: Known, options: Options) -> tuple[list[str], list[str]]:
+    """Return serial joints that no option names: those with no loop behind, and the others."""
     tree = known.tree
-    asked = {*(options.motors or ()), *(options.platform_joints or ())}
+    used = {*(options.motors or ()), *(options.platform_joints or ())}
     if known.platform is not None or options.platform is not None:
         frame = options.platform or (known.platform.frame if known.platform else "")
-        asked |= {joint.name for joint in tree.path_to_base(tree.link_of(frame))}
+        used |= {joint.name for joint in tree.path_to_base(tree.link_of(frame))}
     carrying = {
-        above.name for name in _needed(known) for above in tree.path_to_base(tree.joints[name].parent)
+        above.name
+        for name in _loop_joint_names(known)
+        for above in tree.path_to_base(tree.joints[name].parent)
     }
-    serial = [name for name in _serial(known) if name not in asked]
+    serial = [name for name in _serial(known) if name not in used]
     return [name for name in serial if name not in carrying], [name for name in serial if name in carrying]
 
 
-def _holding(known: Known, joints: Sequence[str]) -> Known:
-    """Hold joints at the reference, and drop what the description says of them."""
+def _hold_joints(known: Known, joints: Sequence[str]) -> Known:
+    """Return the file with joints held at the reference and left out of the description."""
     tree, description = known.tree, known.description
     for name in joints:
         joint = tree.joints[name]

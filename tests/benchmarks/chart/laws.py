@@ -20,8 +20,8 @@ from scipy.interpolate import KroghInterpolator
 
 from framework.arrays import Array, ArrayLike
 from framework.crossing.optimal.best_law import Best, find_best_law
+from framework.crossing.optimal.law_problem import LawProblem
 from framework.crossing.optimal.phase_plane import AffineInSpeed, Demand
-from framework.crossing.optimal.speed_program import LawProblem
 from framework.crossing.specification import Specification
 from framework.errors import NoLaw
 from framework.motion.law import Condition, Law
@@ -134,7 +134,7 @@ class _Unloaded(LawProblem):
     def demand(self, sigma: Array) -> Demand:
         step = self.task.phi
         torque = AffineInSpeed(np.zeros((len(sigma), 1)), step(sigma, 2)[:, None], step(sigma, 1)[:, None])
-        return Demand(torque=torque, speed=step(sigma, 1)[:, None])
+        return Demand(torque, 0.0 * torque.constant, step(sigma, 1)[:, None])
 
 
 def _optimal(setting: Setting) -> Callable[[], TimedLaw]:

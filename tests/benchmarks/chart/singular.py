@@ -40,7 +40,7 @@ class Found(NamedTuple):
 
 
 def _linearised(s: Array) -> LinearisedLoops:
-    return given.branch().closed(s).linearised
+    return given.branch().close(s).linearised
 
 
 def matrices(s: Array) -> Array:

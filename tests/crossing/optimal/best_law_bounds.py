@@ -81,7 +81,7 @@ def conditions_at(robot: ParallelRobot, path: Path, s: np.ndarray) -> np.ndarray
 def _places(robot: ParallelRobot, path: Path, s: np.ndarray) -> list[_Place]:
     """Compute kinematics and forces at s (P,) on the path."""
     model, data = robot.model, robot.model.createData()
-    poses = track_path(robot, path).closed(s).q if len(s) else np.empty((0, model.nq))
+    poses = track_path(robot, path).close(s).q if len(s) else np.empty((0, model.nq))
     points, slopes, bends = (path(s, order) for order in range(3))
     assert len(points) == len(poses)
     unit = np.array([motors(robot, one) for one in np.eye(robot.n_a)]).T

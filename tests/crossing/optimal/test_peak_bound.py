@@ -14,10 +14,10 @@ import robots
 from framework import Line, ParallelRobot, plan_crossing
 from framework.crossing.crossing_points import PathToCross
 from framework.crossing.optimal import path_series, peak_bound
+from framework.crossing.optimal.law_problem import LawProblem
 from framework.crossing.optimal.optimal_task import Task
 from framework.crossing.optimal.peak_bound import bound_duration, bound_peak, prove_no_law
 from framework.crossing.optimal.phase_plane import AffineInSpeed, Demand, demand
-from framework.crossing.optimal.speed_program import LawProblem
 from framework.crossing.request import Request
 from framework.crossing.scenes import scene_path
 from framework.crossing.specification import Specification, specification_of
@@ -46,13 +46,12 @@ def motion(
     """The task of motors whose torques c, cz, cu over s are given: (M,) of one motor, (M, m) of m of them."""
     columns = lambda values: np.reshape(values, (len(values), -1))  # noqa: E731
 
-    def demand(branch, phi, sigma, deflections, geometry, before=None):
+    def demand(branch, phi, sigma, deflections, geometry):
         constant, per_z, per_u = (columns(part) for part in torque(sigma))
-        if before is not None:
-            constant, per_z = constant + 0.5 * columns(damping(sigma)), per_z + 0.5 * columns(damping(sigma))
         speed = np.broadcast_to(np.abs(columns(direction(sigma))), constant.shape)
         turning = np.broadcast_to(columns(direction(sigma)), constant.shape)
-        return Demand(AffineInSpeed(constant, per_z, per_u), speed, turning if friction else None)
+        per_speed = np.broadcast_to(columns(damping(sigma)), constant.shape)
+        return Demand(AffineInSpeed(constant, per_z, per_u), per_speed, speed, turning if friction else None)
 
     monkeypatch.setattr(path_series, "demand", demand)
     monkeypatch.setattr(peak_bound, "demand", demand)

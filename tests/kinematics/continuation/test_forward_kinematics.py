@@ -149,7 +149,7 @@ def test_it_keeps_the_assembly_mode_of_where_it_starts():
     branch = track_path(robot, path)
     (point,) = locate_singularities(robot, path, branch=branch)
     for s in (0.3, 0.95):  # before and behind the Type 2 singularity
-        q = branch.closed(s).q[0]
+        q = branch.close(s).q[0]
         q_a = motors_of(robot, q)
         side = 1 if np.allclose(tip(q_a, 1), path(s)) else -1
         found = forward_kinematics(robot, q_a + 0.03, near=q)

@@ -46,7 +46,7 @@ def test_the_5r_keeps_the_elbows_of_its_reference(path):
     robot = robots.load("five_bar")
     branch = track_path(robot, path)
     s = np.linspace(0.0, 1.0, 301)
-    np.testing.assert_allclose(branch.closed(s).q[:, robot.actuated], cranks(path(s)), atol=1e-12)
+    np.testing.assert_allclose(branch.close(s).q[:, robot.actuated], cranks(path(s)), atol=1e-12)
 
 
 @pytest.mark.parametrize("name", SEVERAL)
@@ -62,11 +62,11 @@ def test_knots_are_closed_tangents_are_tangents_and_guesses_lie_between(name):
     assert branch.s[0] == 0.0
     assert branch.s[-1] == 1.0
     s, h = np.linspace(0.07, 0.93, 9), 1e-5
-    slope = (branch.closed(s + h).q - branch.closed(s - h).q) / (2 * h)
+    slope = (branch.close(s + h).q - branch.close(s - h).q) / (2 * h)
     cubic = (branch.guess(s + h) - branch.guess(s - h)) / (2 * h)
     largest = np.abs(slope).max()
     np.testing.assert_allclose(cubic, slope, rtol=0, atol=0.2 * largest)
-    off = np.abs(branch.guess(s) - branch.closed(s).q) / robot.column_scale
+    off = np.abs(branch.guess(s) - branch.close(s).q) / robot.column_scale
     assert off.max() < 0.03
 
 
@@ -82,11 +82,11 @@ def test_there_and_back_is_where_it_began(name):
         def __call__(self, s, order=0):
             return (-1) ** order * path(1.0 - np.asarray(s, dtype=float), order)
 
-    way = follow_path(robot, Back(), there.closed(1.0).q[0])
+    way = follow_path(robot, Back(), there.close(1.0).q[0])
     assert way.complete
     size = 1e-9 * max(robot.length, 1.0)
-    np.testing.assert_allclose(way.last.q[0], there.closed(0.0).q[0], rtol=0, atol=size)
-    np.testing.assert_allclose(way.q, there.closed(1.0 - way.at).q, rtol=0, atol=size)
+    np.testing.assert_allclose(way.last.q[0], there.close(0.0).q[0], rtol=0, atol=size)
+    np.testing.assert_allclose(way.q, there.close(1.0 - way.at).q, rtol=0, atol=size)
 
 
 @pytest.mark.slow

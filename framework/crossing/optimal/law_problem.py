@@ -1,0 +1,158 @@
+"""What a law along a path has to meet, and the demand on the motors, as sparse rows on its coefficients.
+
+Condition (8) is a sparse equality. Torques have a pole where it is not met, so beside a crossing a multiple
+of the condition is subtracted from each torque row: it stays bounded and sparse.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import sparse
+
+from framework.arrays import Array, BoolArray, IntArray
+from framework.crossing.optimal.optimal_task import Task
+from framework.crossing.optimal.phase_plane import Deflections, Demand, SquaredSpeed, demand
+from framework.crossing.optimal.sampled_demand import SampledDemand
+from framework.crossing.specification import Specification
+from framework.motion.cone_program import Affine
+from framework.motion.speed_basis import ONE_CELL, SpeedBasis
+
+POLE_WIDTH = 0.05  # in xi, beside a crossing, where rows are freed of their pole
+
+
+class LawProblem(NamedTuple):
+    """What a law has to meet: a task, its conditions at sigma (k,), and what is known of the motion.
+
+    conditions: (k, 4), constant + per_z z + per_u u + per_du u' = 0.
+    deflections: of the springs along the path, if any.
+    before: the squared speed about which damping is linearised, if any.
+    sampled: the demand along the path, if it was resolved.
+    weighing: the `reference`, where that is not of the limits.
+    degree: of z as one Chebyshev series, which deflections need; None for splines.
+    """
+
+    task: Task
+    crossings: Array
+    conditions: Array
+    deflections: Deflections | None = None
+    before: SquaredSpeed | None = None
+    sampled: SampledDemand | None = None
+    weighing: Array | None = None
+    degree: int | None = None
+
+    def demand(self, sigma: Array) -> Demand:
+        """Compute torques and speeds of the motors at sigma (M,)."""
+        task = self.task
+        if self.sampled is not None:
+            return self.sampled.evaluate(task.phi, sigma)
+        return demand(task.branch, task.phi, sigma, self.deflections, task.geometry)
+
+    def basis_on(self, cells: Array) -> SpeedBasis:
+        """Return the basis of z: splines on cells (k + 1,), or the series of the degree."""
+        if self.degree is None:
+            return SpeedBasis.from_cells(cells)
+        return SpeedBasis(np.array(ONE_CELL), self.degree + 1)
+
+    @property
+    def specification(self) -> Specification:
+        return self.task.specification
+
+    def with_goal(self, goal: str) -> LawProblem:
+        """Return the problem with another goal."""
+        specification = replace(self.specification, goal=goal)
+        return self._replace(task=self.task._replace(specification=specification), weighing=self.reference)
+
+    @property
+    def places(self) -> Array:
+        """Places of the conditions in xi (k,)."""
+        return self.task.stretch(self.crossings)
+
+    def sigma(self, xi: Array) -> Array:
+        """Return sigma (M,) at xi, the ends exact."""
+        sigma = self.task.stretch.inverse(xi)
+        return np.where(xi <= -1.0, 0.0, np.where(xi >= 1.0, 1.0, sigma))
+
+    @property
+    def reference(self) -> Array:
+        """Torques (n_a,) that peaks are relative to: limits, the largest where one is missing, or 1."""
+        if self.weighing is not None:
+            return self.weighing
+        limit = self.specification.torque_limit
+        limited = np.isfinite(limit)
+        return np.where(limited, limit, limit[limited].max(initial=0.0) or 1.0)
+
+
+class MotorRows(NamedTuple):
+    """Torques and squared speeds of the motors at points of the path, affine in the coefficients of z."""
+
+    torque: tuple[Affine, ...]  # of each motor, (M, n) [N m]
+    squared_speed: tuple[Any, ...]  # of each motor with a limit, over its square: (M, n)
+
+    def combine(self, weights: Any) -> MotorRows:
+        """Return the rows weights (R, M) @ rows."""
+        torque = tuple(Affine(weights @ matrix, weights @ offset) for matrix, offset in self.torque)
+        return MotorRows(torque, tuple(weights @ matrix for matrix in self.squared_speed))
+
+    def used_share(self, y: Array, allowed: Array) -> Array:
+        """Return the largest share (M,) of allowed torques (n_a,) [N m], or of squared speed limits."""
+        torques = [np.abs(torque(y)) / most for torque, most in zip(self.torque, allowed, strict=True)]
+        return np.asarray(np.max([*torques, *(rows @ y for rows in self.squared_speed)], axis=0))
+
+    def stack(self, other: MotorRows) -> MotorRows:
+        """Return the rows of both."""
+        torque = tuple(
+            Affine(sparse.vstack([a.matrix, b.matrix], format="csr"), np.append(a.offset, b.offset))
+            for a, b in zip(self.torque, other.torque, strict=True)
+        )
+        speeds = zip(self.squared_speed, other.squared_speed, strict=True)
+        return MotorRows(torque, tuple(sparse.vstack(pair, format="csr") for pair in speeds))
+
+
+def motor_rows(problem: LawProblem, basis: SpeedBasis, conditions: Affine, xi: Array) -> MotorRows:
+    """Compute torques and squared speeds at places xi (M,), none on a crossing, without their poles."""
+    task, specification = problem.task, problem.specification
+    sigma = problem.sigma(xi)
+    asked = problem.demand(sigma)
+    z = basis.matrix(xi)
+    u = sparse.diags_array(0.5 * task.stretch(sigma, 1)) @ basis.matrix(xi, 1)
+    affine = asked.linearise_damping(None if problem.before is None else problem.before(sigma))
+    constant = affine.constant + asked.friction(specification.friction)
+    torques = []
+    for motor in range(constant.shape[1]):
+        per_z, per_u = (sparse.diags_array(part[:, motor]) for part in affine[1:])
+        torques.append(Affine(sparse.csr_array(per_z @ z + per_u @ u), constant[:, motor].copy()))
+    for place in np.unique(problem.places):
+        near = np.abs(xi - place) < POLE_WIDTH
+        at = np.flatnonzero(problem.places == place)
+        torques = [_subtract_condition(torque, conditions, at, near) for torque in torques]
+    limit = specification.speed_limit
+    ratios = (asked.speed[:, j] / limit[j] for j in np.flatnonzero(np.isfinite(limit)))
+    return MotorRows(
+        tuple(torques), tuple(sparse.csr_array(sparse.diags_array(ratio**2) @ z) for ratio in ratios)
+    )
+
+
+def _subtract_condition(torque: Affine, conditions: Affine, at: IntArray, near: BoolArray) -> Affine:
+    """Return torque rows less their multiples of the conditions `at` (k,), where they are `near` (M,)."""
+    met = conditions.matrix[at]
+    share = np.linalg.lstsq((met @ met.T).toarray(), (torque.matrix @ met.T).toarray().T, rcond=None)[0].T
+    share = near[:, None] * share
+    matrix = torque.matrix - sparse.csr_array(share) @ met
+    return Affine(sparse.csr_array(matrix), torque.offset - share @ conditions.offset[at])
+
+
+def condition_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
+    """Return the conditions of a problem as rows (k, n) on coefficients."""
+    stretch, sigma = problem.task.stretch, problem.crossings
+    constant, per_z, per_u, per_du = problem.conditions.T
+    values, first, second = (basis.matrix(problem.places, order) for order in range(3))
+    slope, bend = stretch(sigma, 1), stretch(sigma, 2)
+    rows = (
+        sparse.diags_array(per_z) @ values
+        + sparse.diags_array(0.5 * per_u * slope + 0.5 * per_du * bend) @ first
+        + sparse.diags_array(0.5 * per_du * slope**2) @ second
+    )
+    return Affine(sparse.csr_array(rows), constant)

@@ -1,0 +1,74 @@
+"""The torques and speeds that a path asks of the motors, as Chebyshev series in s.
+
+A law takes dozens of cone programs with thousands of points; these series take the robot's equations at some
+hundred. At a crossing all torques have a pole, so what is resolved is their product with s - s_c.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.crossing.optimal.optimal_task import Task
+from framework.crossing.optimal.path_series import cut_cells, uniform_cells
+from framework.crossing.optimal.phase_plane import AffineInSpeed, Demand, demand
+from framework.motion.chebyshev import TimeFunction, TimeGrid
+from framework.motion.optimal_law import Smoothstep
+
+FIRST_CELLS, NODES = 4, 16  # an even number of nodes has none in the middle of a cell, where a crossing is
+MAX_CELLS = 60  # then the path is sampled at each point of a program
+SERIES_TAIL = 1e-9  # of the largest coefficient on a cell
+
+
+class SampledDemand(NamedTuple):
+    """Demand on the motors along a path, over powers of s' and with the poles taken off.
+
+    series: (5 n_a,) of s: torques at rest, per s'^2, s" and s', and motor speeds per s'.
+    """
+
+    poles: Array  # (k,)
+    series: TimeFunction
+    rubs: bool
+
+    def evaluate(self, phi: Smoothstep, sigma: Array) -> Demand:
+        """Compute the demand at sigma (M,)."""
+        s, ds, dds = phi(sigma), phi(sigma, 1)[:, None], phi(sigma, 2)[:, None]
+        away = (s[:, None] - self.poles).prod(axis=1)[:, None]
+        *torques, speed = np.split(self.series(s), 5, axis=1)
+        constant, per_z, per_u, damping = (torque / away for torque in torques)
+        affine = AffineInSpeed(constant, per_z * ds**2 + per_u * dds, per_u * ds)
+        return Demand(affine, damping * ds, speed * ds, speed if self.rubs else None)
+
+
+def sample_demand(task: Task) -> SampledDemand | None:
+    """Resolve the demand of a path on its motors; return None where it takes too many cells.
+
+    Args:
+        task: of an undeformed robot.
+    """
+    points = task.to_cross.points
+    # where the path touches the locus, or several motions escape at once, the pole is of second order
+    poles = np.repeat(
+        [point.s for point in points],
+        [1 + (point.corank > 1 or point.contact == "tangential") for point in points],
+    )
+    edges = uniform_cells(task, FIRST_CELLS)
+    while len(edges) <= MAX_CELLS:
+        grid = TimeGrid(edges, NODES)
+        asked = demand(task.branch, Smoothstep(0), grid.times, None, task.geometry)
+        away = (grid.times[:, None] - poles).prod(axis=1)[:, None]
+        torques = [part * away for part in (*asked.torque, asked.damping)]
+        series = grid.fit(np.concatenate([*torques, asked.speed], axis=1))
+        unresolved = _find_unresolved(series, task.branch.robot.n_a)
+        if not unresolved.any():
+            return SampledDemand(poles, series, asked.direction is not None)
+        edges = cut_cells(task, edges, np.where(unresolved, 2, 1))
+    return None
+
+
+def _find_unresolved(series: TimeFunction, motors: int) -> Array:
+    """Return a mask (P,) of the panels on which the last coefficients of any quantity are not small."""
+    size = np.abs(series.coefficients).reshape(*series.coefficients.shape[:2], -1, motors).max(axis=3)
+    return np.asarray((size[:, -2:].max(axis=1) > SERIES_TAIL * size.max(axis=1)).any(axis=1))
