@@ -105,6 +105,14 @@ def format_distinct(one: float, other: float, digits: int = 4) -> tuple[str, str
     return texts
 
 
+def round_up(value: float, digits: int) -> float:
+    """Round a positive number up to so many digits; infinity stays."""
+    if not np.isfinite(value):
+        return value
+    unit = 10.0 ** (np.floor(np.log10(value)) - digits + 1)
+    return float(f"{np.ceil(value / unit) * unit:.{digits}g}")
+
+
 def choose_from(what: str, given: object, valid: Iterable[str]) -> str:
     """Return the sentence for a name that is not in a list: the given, the nearest and the valid names."""
     names = sorted(valid)
