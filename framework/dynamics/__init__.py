@@ -13,7 +13,8 @@ Torques along a path, proved
     finite_differences      raw samples without a proof
 
 One instant
-    pointwise_dynamics      torques, loads, inertia; with `reactions` and `torque_at_singularity`
+    pointwise_dynamics      torques, loads, inertia; with `reactions`, and on the locus
+                            `pointwise_at_singularity`
     forward_dynamics        accelerations of given torques
     dynamics_derivatives    derivatives of torques; along inertial parameters on `body_parameters`
     forward_derivatives     derivatives of accelerations; both on `force_changes`

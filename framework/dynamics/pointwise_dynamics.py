@@ -20,6 +20,7 @@ import pinocchio as pin
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays, freeze, read_only
 from framework.dynamics.forces import Forces, balanced_forces, motor_torque, tree_forces
 from framework.dynamics.platform_wrench import motor_speeds
+from framework.dynamics.pointwise_at_singularity import forces_through_singularity
 from framework.dynamics.reactions import (
     LoopLoads,
     Wrenches,
@@ -31,7 +32,6 @@ from framework.dynamics.reactions import (
     stacked_rows,
     under_wrenches,
 )
-from framework.dynamics.torque_at_singularity import forces_through_singularity
 from framework.errors import SingularPose
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, assembled_at

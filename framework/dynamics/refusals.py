@@ -10,7 +10,7 @@ from framework.dynamics.elastic_pass import spring_scale
 from framework.dynamics.elasticity import DeflectionSolution
 from framework.dynamics.near_misses import near_miss_sentence
 from framework.dynamics.result import InverseDynamics
-from framework.errors import NotConverged
+from framework.errors import NotConverged, round_up
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.singularity.points_on_path import SearchedPath
 from framework.singularity.rank_deficiency import NearMiss
@@ -67,16 +67,10 @@ def not_resolved(
         apart = second.s - first.s
         advice = f"is the law smooth? The path is singular at s = {first.s:.9g} and {apart:.2g} farther on"
     if tolerance < enough < RESOLVABLE_TAIL:
-        advice = f"tolerance {_rounded_up(enough):g} would do; {advice}"
+        advice = f"tolerance {round_up(1.1 * enough, 2):g} would do; {advice}"
     return NotConverged(
         f"{robot.name}: {problem} by {size} nodes a panel: {advice}",
         residual=max(certificate.tail, certificate.change),
         s=None if missed is None else missed.s,
         platform=None if missed is None else searched.branch.path(missed.s),
     )
-
-
-def _rounded_up(value: float) -> float:
-    """Return the value with two digits, rounded up."""
-    unit = 10.0 ** (np.floor(np.log10(value)) - 1)
-    return float(np.ceil(1.1 * value / unit) * unit)

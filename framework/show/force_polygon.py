@@ -112,14 +112,14 @@ def plot_eyes(films: Sequence[Film], limit: Array, ax: Axes | None = None) -> Ax
     return ax
 
 
-def _draw_demand(ax: Axes, film: Film, twist: Array, shown: tuple[float, float]) -> float:
+def _draw_demand(ax: Axes, film: Film, twist: Array, s_range: tuple[float, float]) -> float:
     """Draw the force along t_s that a film asks for; return its largest size at s within `shown`."""
     s, demand, s_singular = film.law(film.time), film.motors.along(twist), film.instants[0].s
     color, dash, dot, verdict = THREADS if film.proved else MISSES
     label = f"{film.name or 'the motion'} asks: {verdict}"
     ax.plot(s, demand, dash, color=color, linewidth=1.6, label=label)
     ax.plot([s_singular], [np.interp(s_singular, s, demand)], dot, color=color, markersize=5, zorder=4)
-    return float(np.abs(demand[(shown[0] <= s) & (s <= shown[1])]).max())
+    return float(np.abs(demand[(s_range[0] <= s) & (s <= s_range[1])]).max())
 
 
 def _check_alike(films: Sequence[Film]) -> None:

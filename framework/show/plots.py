@@ -134,9 +134,9 @@ def _magnify(ax: Axes, plan: CrossingPlan, measure: MeasureAlongPath) -> None:
     places = [crossing.s, at_rest]
     if loaded is not None and 0.1 * shift < abs(loaded.s - crossing.s) < MAX_INSET_SHIFT * shift:
         places.append(loaded.s)
-    near = np.linspace(min(places) - shift, max(places) + shift, 5)
-    times = crossing.time + (near - crossing.s) / crossing.speed
-    curves = ((near, measure.of_rest(near)), (plan.law(times), measure.of_motion(times)))
+    window = np.linspace(min(places) - shift, max(places) + shift, 5)
+    times = crossing.time + (window - crossing.s) / crossing.speed
+    curves = ((window, measure.of_rest(window)), (plan.law(times), measure.of_motion(times)))
     for k, (along, values) in enumerate(curves):
         upward = np.sign((values[-1] - values[0]) * crossing.speed)
         inset.plot((along - at_rest) * 1e6, upward * values * 1e6, **line_style(k))

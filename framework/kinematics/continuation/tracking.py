@@ -29,8 +29,7 @@ from framework.kinematics.mistaken_units import remark_on_reach
 from framework.kinematics.modes import keeps_working_mode
 from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.motion.path import Line, Path
-from framework.motion.path_check import check_path
+from framework.motion.path import Line, Path, check_path
 from framework.tolerances import BRANCHES_CROSS, FILE_ROUNDING, NEWTON_STEP
 
 TYPE_1_END_RATIO = 1e-4  # least singular value of the loop equations, below which Type 1 has ended a way

@@ -1,4 +1,7 @@
-"""The motor torques on a Type 2 singularity itself: a limit, of a motion that is known to third order there.
+"""Pointwise dynamics on a Type 2 singularity: the limit of the torques, for a motion given to third order.
+
+It serves `pointwise_dynamics` alone. The torques of a plan are series whose nodes avoid the singular instant
+(`inverse_dynamics`).
 
 At the singular instant M tau = w (see `forces`) is 0 = 0 along t_s if condition (8), t_s . W_p = 0, holds,
 and has no solution if it does not. Either side of it tau(t) = M(t)^-1 w(t) is one function with a removable
@@ -7,8 +10,8 @@ jerk of the platform, but nothing of higher order. Hence the motion
 
     x(t) = x + x' t + x" t^2 / 2 + x''' t^3 / 6
 
-is followed on one short Chebyshev panel about the instant, with no node on it, and tau is carried across by
-its series, as along a whole plan; how fast the coefficients fall is the certificate.
+is followed on one short Chebyshev panel about the instant, with no node at the instant. The series of tau
+gives the limit, as along a whole plan; how fast the coefficients fall is the certificate.
 """
 
 from __future__ import annotations
