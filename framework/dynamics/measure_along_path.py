@@ -18,14 +18,14 @@ class MeasureAlongPath(NamedTuple):
 
     @staticmethod
     def of(result: InverseDynamics) -> MeasureAlongPath:
-        """Follow the path of a motion anew, springs at rest."""
+        """Follow the path of a motion again, springs at rest."""
         return MeasureAlongPath(result, search_path(result.robot, result.path))
 
-    def of_rest(self, s: Array) -> Array:
+    def evaluate_at_rest(self, s: Array) -> Array:
         """Compute g (T,) at ascending path coordinates s (T,), springs at rest."""
         return singularity_measure(self.result.robot, self.at_rest.branch.close(s).linearised).g
 
-    def of_motion(self, t: Array) -> Array:
+    def evaluate_in_motion(self, t: Array) -> Array:
         """Compute g (T,) at ascending instants t (T,), with the deflections of the motion."""
         return singularity_measure(self.result.robot, self.result.motion(t).linearised).g
 

@@ -24,9 +24,9 @@ from framework.motion.path import HIGHEST_ORDER, Path, along
 class SingularityCrossing(ReadOnlyArrays):
     """An instant at which the motion is in a Type 2 singularity.
 
-    `wrench` is t_s . W_p there [N, or N m for a pure turn], the inertia of all bodies included; `scale`
+    `wrench` is t_s . W_p at this instant [N, or N m for a pure turn], with the inertia of all bodies; `scale`
     is the largest sum of the sizes of its terms along the motion, at least mass length / duration^2.
-    Condition (8) holds when wrench / scale is rounding.
+    Condition (8) holds if wrench / scale is rounding.
     """
 
     time: float
@@ -76,8 +76,7 @@ class InverseDynamics(ReadOnlyArrays):
     def torque(self, t: ArrayLike, order: int = 0) -> Array:
         """Evaluate motor torques [N m] or their time derivatives; t (T,) gives (T, n_a), a scalar (n_a,).
 
-        Dry friction of the driven joints is part of them if it was planned with, and makes them jump where
-        a motor reverses.
+        They include dry friction of the driven joints if the plan does, and then jump where a motor reverses.
         """
         smooth = self.torques(t, order)
         return smooth if self.friction is None or order > 0 else smooth + self.friction(t)

@@ -16,12 +16,11 @@ from framework.singularity.type2 import sign_along, singularity_measure, twist_n
 
 
 class WrenchCurves(NamedTuple):
-    """The demand of a motion along the twist that its motors hold least, at T instants.
+    """The force of a motion along the twist that its motors hold least, at T instants.
 
     t_s is continued smoothly away from the singularity; where |g| is least it has unit size and points along
-    the motion. `power` is
-    eta . r with eta the joint rates of t_s: at a singularity t_s . W_p whatever the mass of the legs, away
-    from it the same if the legs have none.
+    the motion. `power` is eta . r with eta the joint rates of t_s: at a singularity it is t_s . W_p for legs
+    of any mass, away from it for massless legs.
     """
 
     g: Array  # (T,) the measure of singularity
@@ -45,7 +44,7 @@ def wrench_curves(robot: ParallelRobot, motion: Motion) -> WrenchCurves:
 def wrench_along(result: InverseDynamics, t: Array) -> tuple[Array, Array]:
     """Compute g (T,) and t_s . W_p (T,) [N, or N m for a pure turn] at ascending instants t (T,).
 
-    At a crossing t_s . W_p is what `SingularityCrossing.wrench` is.
+    At a crossing t_s . W_p is `SingularityCrossing.wrench`.
     """
     curves = wrench_curves(result.robot, result.motion(t))
     return curves.g, curves.power
