@@ -1,7 +1,7 @@
 """Calibration of the geometry from motor angles and measured poses, or parts of poses.
 
 Damped Gauss-Newton steps on all poses and parameters at once, with a prior about the robot file and Huber's
-weights against outliers. What the data cannot see stays at the file's values, and is named.
+weights against outliers. Directions that the data do not determine stay at the file's values, and are named.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ import numpy as np
 from framework.arrays import Array, ReadOnlyArrays
 from framework.errors import InvalidInput, NotConverged, choose_from
 from framework.identification.calibration_equations import (
-    Eliminated,
     Measurements,
-    eliminated,
+    ParameterEquations,
+    eliminate_poses,
     joint_names,
     measurements_of,
     offsets,
@@ -46,16 +46,16 @@ MIN_RESPONSE = 1e-6  # of a measurement to a direction, over its largest motion 
 
 @dataclass(frozen=True, eq=False)
 class Calibration(ReadOnlyArrays):
-    """A calibrated geometry with what proves it: poses that were held out.
+    """A calibrated geometry, validated by poses that were held out.
 
     Attributes:
         values, deviations: (p,) of `geometry.names` [m, rad], about the file's, with standard deviations.
-        combinations: what the data determine of them; unseen directions keep the prior.
-        error_before, error_after: (m,) by column of `measured`, root mean square at instants held out, of
-            what the motors' angles predict; zero for the motors themselves.
-        noise: residual over the noise that was assumed; deviations are scaled by it. It is 1, the noise
-            assumed, where the data are too few to show it. Else deviations are widened, as Student's t is for
-            an estimated noise: three of them hold what three of a known noise do.
+        combinations: of the parameters that the data determine; unseen directions keep the prior.
+        error_before, error_after: (m,) by column of `measured`, root mean square of predictions from the
+            motors' angles at instants held out; zero for the motors themselves.
+        noise: residual over the assumed noise; deviations are scaled by it. It is 1, the assumed noise, if
+            the data are too few to estimate it. Else deviations are widened by Student's t for an estimated
+            noise: three of them have the probability of three of a known noise.
         degrees_of_freedom: equations less the parameters that they determine; noise is estimated from 1
             upwards.
     """
@@ -129,40 +129,35 @@ def calibrate(
 
     Args:
         data: motor angles, with coordinates of the platform or angles of other joints; or the file of it.
-        joints: whose origins are calibrated, by default all that matter, see `geometry_of`.
-        noise: standard deviations of what is measured, by kind: `motor_angle`, `joint`, `platform`.
-        length_error, angle_error: standard deviations of the file's dimensions [m, rad].
-        progress: called with the number of steps that are tried.
+        joints: whose origins are calibrated, by default all in loops or below the platform, see
+        `geometry_of`. noise: standard deviations of measurements, by kind: `motor_angle`, `joint`,
+        `platform`. length_error, angle_error: standard deviations of the file's dimensions [m, rad].
+        progress: called with the number of steps tried.
 
     Raises:
-        InvalidInput: data that are not right or too few; redundant motors; unknown joints or kinds of noise.
+        InvalidInput: wrong or too few data; redundant motors; unknown joints or kinds of noise.
         NotAssembled: the loops do not close at some motor angles.
         NotConverged: the steps do not settle, or settle far outside the errors that the file may have.
     """
     expect_robot(robot)
     started = clock.perf_counter()
     noise = noise or {}
-    for name in noise:
-        if name not in NOISE:
-            raise InvalidInput(choose_from("kind of noise", name, NOISE))
-    for what, value in {**noise, "length_error": length_error, "angle_error": angle_error}.items():
-        if not (np.isfinite(value) and value > 0):
-            raise InvalidInput(f"{what}: needs a positive number, got {value!r}")
+    _check_errors(noise, length_error=length_error, angle_error=angle_error)
     geometry = geometry_of(robot, joints)
     data = recording_of(robot, data)
     measured = measurements_of(geometry, data, {**NOISE, **noise})
-    held = np.arange(len(data)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
-    if not held.any():
+    test = np.arange(len(data)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
+    if not test.any():
         raise InvalidInput(f"{data.source}: {len(data)} rows; at least {HELD_OUT_EVERY} are needed")
     start = _start(geometry.model, measured)
-    used = measured.rows(~held)
+    used = measured.rows(~test)
     prior = np.where(geometry.turning, angle_error, length_error)
-    solver = GaussNewton(geometry.model, used, start[~held], prior)
+    solver = GaussNewton(geometry.model, used, start[~test], prior)
     solver.run(robot.name, progress)
     _check_plausible(robot, geometry, solver.values / prior, solver.noise)
-    combinations, at_file = _determined(geometry, used, start[~held], prior)
+    combinations, at_file = _determine(geometry, used, start[~test], prior)
     before, after = (
-        _prediction_error(geometry.model, measured.rows(held), start[held], values)
+        _prediction_error(geometry.model, measured.rows(test), start[test], values)
         for values in (np.zeros_like(prior), solver.values)
     )
     return Calibration(
@@ -172,16 +167,26 @@ def calibrate(
         values=solver.values,
         deviations=solver.deviations,
         combinations=combinations,
-        unseen=_unseen(geometry, used, start[~held], at_file, combinations),
+        unseen=_describe_unseen(geometry, used, start[~test], at_file, combinations),
         error_before=before,
         error_after=after,
         noise=solver.noise,
         degrees_of_freedom=solver.freedom,
-        outliers=tuple(np.flatnonzero(~held)[solver.weights**2 < 0.5].tolist()),
+        outliers=tuple(np.flatnonzero(~test)[solver.weights**2 < 0.5].tolist()),
         instants=len(data),
         steps=solver.count,
         seconds=clock.perf_counter() - started,
     )
+
+
+def _check_errors(noise: Mapping[str, float], **file_errors: float) -> None:
+    """Raise InvalidInput for unknown kinds of noise and errors that are not positive."""
+    for name in noise:
+        if name not in NOISE:
+            raise InvalidInput(choose_from("kind of noise", name, NOISE))
+    for name, value in {**noise, **file_errors}.items():
+        if not (np.isfinite(value) and value > 0):
+            raise InvalidInput(f"{name}: needs a positive number, got {value!r}")
 
 
 def _start(model: ParallelRobot, measured: Measurements) -> Array:
@@ -192,18 +197,18 @@ def _start(model: ParallelRobot, measured: Measurements) -> Array:
     return stack.q
 
 
-def _determined(
+def _determine(
     geometry: Geometry, measured: Measurements, q: Array, prior: Array
-) -> tuple[Combinations, Eliminated]:
-    """Compute what data show at these poses of the file's geometry, or loops hold."""
-    equations = eliminated(geometry.model, measured, q)
-    holding = equations.holding * LOOP_GAP / measured.noise.min()  # as large as what is measured
-    rows = np.concatenate([rows_of(equations.matrix), rows_of(holding)])
+) -> tuple[Combinations, ParameterEquations]:
+    """Compute the combinations that data or loops determine at these poses of the file's geometry."""
+    equations = eliminate_poses(geometry.model, measured, q)
+    loops = equations.loop_slopes * LOOP_GAP / measured.noise.min()  # of the size of measurements
+    rows = np.concatenate([rows_of(equations.matrix), rows_of(loops)])
     return determined_combinations(rows, prior), equations
 
 
 def _check_plausible(robot: ParallelRobot, geometry: Geometry, share: Array, noise: float) -> None:
-    """Refuse residuals, and changes over their prior (p,), that these errors of the file do not explain."""
+    """Refuse residuals, and changes over their prior (p,), beyond the assumed errors of the file."""
     if noise > MAX_NOISE_RATIO:
         raise NotConverged(
             f"{robot.name}: what is left of the data is {noise:.3g} times the noise that is assumed; raise "
@@ -221,7 +226,7 @@ def _check_plausible(robot: ParallelRobot, geometry: Geometry, share: Array, noi
 
 
 def _prediction_error(model: ParallelRobot, measured: Measurements, q: Array, values: Array) -> Array:
-    """Compute errors (m,), root mean square, of what motors' angles and parameters (p,) predict."""
+    """Compute errors (m,), root mean square, of predictions by motors' angles and parameters (p,)."""
     q = integrate_columns(model, q, model.elastic, np.tile(values, (len(q), 1)))
     lengths = model.column_scale[model.joints]
     sizes = 1.0 / model.row_lengths[model.structure.independent]
@@ -232,8 +237,8 @@ def _prediction_error(model: ParallelRobot, measured: Measurements, q: Array, va
         driven = slice(0, measured.driven)
         matrix = np.concatenate([sizes[:, None] * loops.jacobian, slope[:, driven]], axis=1)
         right = np.concatenate([sizes * loops.residual, offset[:, driven]], axis=1)
-        back = np.linalg.pinv(matrix[:, :, model.joints] * lengths, rcond=RANK_ROUNDING)
-        q = integrate_columns(model, q, model.joints, -lengths * np.einsum("tkr,tr->tk", back, right))
+        inverse = np.linalg.pinv(matrix[:, :, model.joints] * lengths, rcond=RANK_ROUNDING)
+        q = integrate_columns(model, q, model.joints, -lengths * np.einsum("tkr,tr->tk", inverse, right))
         if np.abs(right).max() < RANK_ROUNDING:
             break
     else:
@@ -246,35 +251,41 @@ def _prediction_error(model: ParallelRobot, measured: Measurements, q: Array, va
     return np.sqrt(np.mean(offsets(model, measured, frames_at(model, q)).offset ** 2, axis=0))
 
 
-def _unseen(
-    geometry: Geometry, measured: Measurements, q: Array, equations: Eliminated, combinations: Combinations
+def _describe_unseen(
+    geometry: Geometry,
+    measured: Measurements,
+    q: Array,
+    equations: ParameterEquations,
+    combinations: Combinations,
 ) -> tuple[str, ...]:
-    """Name the directions of the parameters that the data do not see, with what would show each."""
-    model, names = geometry.model, geometry.names
-    frames = frames_at(model, q)
-    axes = [*(f"platform_{axis}" for axis in "xyz"), *(f"the platform's turn about {axis}" for axis in "xyz")]
-    shown = {axis: frames.jacobian[:, 0, k] for k, axis in enumerate(axes)}
-    for column, name in joint_names(model).items():
-        shown[name] = np.tile(np.eye(model.model.nv)[column], (len(q), 1))
+    """Describe the directions of the parameters that the data do not determine, with a remedy each."""
+    model = geometry.model
+    sensors = {name: slope for name, slope in _sensors(model, q).items() if name not in measured.names}
     sentences = []
     for direction in combinations.unseen:
-        moved = np.zeros((len(q), model.model.nv))
-        moved[:, model.joints] = equations.follow @ direction
-        moved[:, model.elastic] = direction
-        size = np.abs(moved / model.column_scale).max()
-        by = [
-            name
-            for name, slope in shown.items()
-            if name not in measured.names
-            and np.abs(np.einsum("tv,tv->t", slope, moved)).max() > MIN_RESPONSE * size
-        ]
-        advice = f"{by[0]} would show it" if by else "no pose or joint angle depends on it"
-        sentences.append(f"{unseen_text(names, direction)}; {advice}")
+        motion = np.zeros((len(q), model.model.nv))
+        motion[:, model.joints] = equations.follow @ direction
+        motion[:, model.elastic] = direction
+        least = MIN_RESPONSE * np.abs(motion / model.column_scale).max()
+        responses = {name: np.abs(np.einsum("tv,tv->t", slope, motion)) for name, slope in sensors.items()}
+        by = next((name for name, response in responses.items() if response.max() > least), None)
+        advice = f"{by} would show it" if by else "no pose or joint angle depends on it"
+        sentences.append(f"{unseen_text(geometry.names, direction)}; {advice}")
     return tuple(sentences)
 
 
+def _sensors(model: ParallelRobot, q: Array) -> dict[str, Array]:
+    """Return the derivatives (T, nv) of all numbers that may be measured at q (T, nq), by name."""
+    frames = frames_at(model, q)
+    axes = [*(f"platform_{axis}" for axis in "xyz"), *(f"the platform's turn about {axis}" for axis in "xyz")]
+    sensors = {axis: frames.jacobian[:, 0, k] for k, axis in enumerate(axes)}
+    for column, name in joint_names(model).items():
+        sensors[name] = np.tile(np.eye(model.model.nv)[column], (len(q), 1))
+    return sensors
+
+
 def unseen_text(names: Sequence[str], direction: Array) -> str:
-    """Return a direction that data do not see, in words."""
+    """Return a direction that data do not determine, in words."""
     used = np.flatnonzero(direction)
     if len(used) == 1:
         return f"{names[used[0]]} not at all"

@@ -8,16 +8,16 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.errors import NotConverged
-from framework.identification.calibration_equations import Eliminated, Measurements, eliminated
+from framework.identification.calibration_equations import Measurements, ParameterEquations, eliminate_poses
 from framework.kinematics.frames import integrate_columns
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.tolerances import RANK_ROUNDING
 
-HUBER = 2.0  # of the usual residual of an instant: what is farther off counts less
+HUBER = 2.0  # of the usual residual of an instant: larger ones have less weight
 MAX_STEPS, FIRST_DAMPING, MAX_DAMPING = 60, 1e-3, 1e9  # damping is a share of the prior's weight
 CONVERGED = 1e-6  # of the prior: the largest change of a parameter in the last step
 DEVIATIONS = 3.0  # at which Student's distribution and the normal one are compared
-LEAST_NOISE = 1e-3  # of residuals over the noise assumed: rounding
+LEAST_NOISE = 1e-3  # of residuals over the assumed noise: rounding
 
 
 class GaussNewton:
@@ -25,7 +25,7 @@ class GaussNewton:
 
     values, deviations: (p,) of the parameters about the file's, and their standard deviations.
     weights: (T,) roots of Huber's weights of the instants.
-    noise: residual over the noise that was assumed; freedom: degrees of freedom that it is estimated from.
+    noise: residual over the assumed noise; freedom: degrees of freedom of this estimate.
     """
 
     def __init__(self, model: ParallelRobot, measured: Measurements, q: Array, prior: Array) -> None:
@@ -36,7 +36,7 @@ class GaussNewton:
 
     def run(self, name: str, progress: Callable[[int], None]) -> None:
         """Take steps until the parameters rest."""
-        damping, equations = FIRST_DAMPING, eliminated(self.model, self.measured, self.q)
+        damping, equations = FIRST_DAMPING, eliminate_poses(self.model, self.measured, self.q)
         self._weigh(equations)
         cost = self._cost(equations, self.values)
         for self.count in range(1, MAX_STEPS + 1):
@@ -46,14 +46,14 @@ class GaussNewton:
             parameters = np.tile(change, (len(joints), 1))
             columns = np.concatenate([self.model.joints, self.model.elastic])
             q = integrate_columns(self.model, self.q, columns, np.concatenate([joints, parameters], axis=1))
-            ahead = eliminated(self.model, self.measured, q)
-            after = self._cost(ahead, self.values + change)
-            if not after <= cost * (1.0 + RANK_ROUNDING) + RANK_ROUNDING:
+            stepped = eliminate_poses(self.model, self.measured, q)
+            stepped_cost = self._cost(stepped, self.values + change)
+            if not stepped_cost <= cost * (1.0 + RANK_ROUNDING) + RANK_ROUNDING:
                 damping *= 10.0
                 if damping > MAX_DAMPING:
                     break
                 continue
-            self.q, self.values, equations = q, self.values + change, ahead
+            self.q, self.values, equations = q, self.values + change, stepped
             damping = max(0.1 * damping, 1e-12)
             self._weigh(equations)
             cost = self._cost(equations, self.values)
@@ -66,35 +66,35 @@ class GaussNewton:
             residual=float(cost),
         )
 
-    def _system(self, equations: Eliminated) -> tuple[Array, Array]:
+    def _system(self, equations: ParameterEquations) -> tuple[Array, Array]:
         """Return rows on scaled parameters, of unit noise, and their right sides; the prior left out."""
         weights = self.weights[:, None] / self.noise
         matrix = np.concatenate(
-            [(weights[..., None] * equations.matrix).reshape(-1, len(self.prior)), rows_of(equations.holding)]
+            [rows_of(weights[..., None] * equations.matrix), rows_of(equations.loop_slopes)]
         )
-        right = np.concatenate([(weights * equations.right).ravel(), equations.held.ravel()])
+        right = np.concatenate([(weights * equations.right).ravel(), equations.open_loops.ravel()])
         return matrix * self.prior, right
 
-    def _change(self, equations: Eliminated, damping: float) -> Array:
+    def _change(self, equations: ParameterEquations, damping: float) -> Array:
         matrix, right = self._system(equations)
         damped = np.sqrt(damping) * np.eye(len(self.prior))
-        stacked = np.concatenate([matrix, np.eye(len(self.prior)), damped])
-        wanted = np.concatenate([right, self.values / self.prior, np.zeros(len(self.prior))])
-        q, r = np.linalg.qr(stacked)
-        return -self.prior * np.linalg.solve(r, q.T @ wanted)
+        rows = np.concatenate([matrix, np.eye(len(self.prior)), damped])
+        targets = np.concatenate([right, self.values / self.prior, np.zeros(len(self.prior))])
+        q, r = np.linalg.qr(rows)
+        return -self.prior * np.linalg.solve(r, q.T @ targets)
 
-    def _cost(self, equations: Eliminated, values: Array) -> float:
+    def _cost(self, equations: ParameterEquations, values: Array) -> float:
         right = self._system(equations)[1]
         return float(right @ right + np.sum((values / self.prior) ** 2))
 
-    def _weigh(self, equations: Eliminated) -> None:
-        """Set the noise of the usual instant, and Huber's weights of those that are farther off."""
+    def _weigh(self, equations: ParameterEquations) -> None:
+        """Set the noise of the usual instant, and Huber's weights of outlying instants."""
         ranks = equations.right.shape[1] - self.measured.driven
         size = np.sqrt(np.sum(equations.right**2, axis=1) / max(ranks, 1))
         self._set_noise(equations, float(np.median(size)))
         self.weights = np.sqrt(np.minimum(1.0, HUBER * self.noise / np.maximum(size, RANK_ROUNDING)))
 
-    def _finish(self, equations: Eliminated) -> None:
+    def _finish(self, equations: ParameterEquations) -> None:
         """Set the noise of all instants, and the deviations."""
         from scipy.special import ndtr, stdtrit  # takes time to import
 
@@ -107,11 +107,11 @@ class GaussNewton:
         if self.freedom >= 1.0:
             self.deviations *= stdtrit(self.freedom, ndtr(DEVIATIONS)) / DEVIATIONS
 
-    def _set_noise(self, equations: Eliminated, residual: float) -> None:
-        """Set the noise of equations whose residuals, over the noise assumed, are so large at the fit.
+    def _set_noise(self, equations: ParameterEquations, residual: float) -> None:
+        """Estimate the noise of equations from their residuals at the fit, over the assumed noise.
 
-        Of N equations of noise s, a fit with a prior leaves s sqrt(N - r), r = sum of w^2 / (w^2 + s^2) the
-        parameters that it determines, w the singular values of the rows: the left side of
+        A fit of N equations of noise s with a prior has residuals s sqrt(N - r), r = sum of w^2 / (w^2 + s^2)
+        the number of parameters that it determines, w the singular values of the rows: the left side of
         s^2 (N - r) = N residual^2 grows with s.
         """
         count = equations.right.size - self.measured.driven * len(self.q)
@@ -134,13 +134,13 @@ class GaussNewton:
             self.noise = float(brentq(excess, LEAST_NOISE, high, xtol=RANK_ROUNDING * LEAST_NOISE))
         self.freedom = freedom(self.noise)
 
-    def _powers(self, equations: Eliminated) -> Array:
-        """Return squared singular values (p,) of the data's scaled rows on what the loops leave free."""
+    def _powers(self, equations: ParameterEquations) -> Array:
+        """Return squared singular values (p,) of the data's scaled rows on motions that the loops allow."""
         size = len(self.prior)
-        holding = np.concatenate([rows_of(equations.holding) * self.prior, np.zeros((size, size))])
-        _, held, axes = np.linalg.svd(np.linalg.qr(holding, mode="r"))
+        loops = np.concatenate([rows_of(equations.loop_slopes) * self.prior, np.zeros((size, size))])
+        _, values, axes = np.linalg.svd(np.linalg.qr(loops, mode="r"))
         rows = rows_of(self.weights[:, None, None] * equations.matrix) * self.prior
-        rows = rows @ axes.T / np.sqrt(1.0 + held**2)
+        rows = rows @ axes.T / np.sqrt(1.0 + values**2)
         return np.linalg.eigvalsh(rows.T @ rows).clip(0.0)
 
 

@@ -1,9 +1,10 @@
 """Physically possible parameters of bodies and motors, nearest to the file and to the data.
 
 The misfit to the data is a quadratic form of all parameters; a prior keeps parameters that they do not
-determine at the file's values. Every body's pseudo-inertia is positive semidefinite (Wensing, Kim and Slotine,
-IEEE Robotics and Automation Letters 3(1), 2018), rotor inertia, damping and friction are not negative: a
-semidefinite program. Links fixed to one another make one body, whose parameters the prior divides among them.
+determine at the file's values. Every body's pseudo-inertia is positive semidefinite (Wensing, Kim and
+Slotine, IEEE Robotics and Automation Letters 3(1), 2018), rotor inertia, damping and friction are not
+negative: a semidefinite program. Links fixed to one another make one body, whose parameters the prior divides
+among them.
 """
 
 from __future__ import annotations
@@ -126,7 +127,7 @@ def possible_parameters(
 
 
 def _inertia_cone(file: Array, change: Array, best: Array) -> LinearMatrix:
-    """Return a body's pseudo-inertia as a matrix linear in u unknowns, of changes (10, u) of its parameters."""
+    """Return a body's pseudo-inertia, linear in u unknowns by changes (10, u) of its parameters."""
     balance = _balance(file)
     slopes = np.moveaxis(balance @ pseudo_inertia(change.T) @ balance, 0, 2)
     offset = balance @ pseudo_inertia(best) @ balance
