@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from framework.arrays import Array
-from framework.dynamics.certificate import Certificate
 from framework.dynamics.elastic_pass import Pass
 from framework.dynamics.elasticity import (
     DeflectionSolution,
@@ -30,7 +29,7 @@ from framework.dynamics.near_misses import unseen_near_miss
 from framework.dynamics.refusals import unresolved_error, unsettled_error
 from framework.dynamics.residuals import check_idle_joints, measure_residuals
 from framework.dynamics.restoration import deflections_of
-from framework.dynamics.result import InverseDynamics, SingularityCrossing
+from framework.dynamics.result import Certificate, InverseDynamics, SingularityCrossing
 from framework.dynamics.singularity_crossings import (
     check_bounded,
     check_crossings,

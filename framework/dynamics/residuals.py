@@ -20,10 +20,9 @@ import pinocchio as pin
 
 from framework.arrays import Array
 from framework.dynamics.body_parameters import link_of
-from framework.dynamics.certificate import Certificate
 from framework.dynamics.elasticity import DeflectionSolution
 from framework.dynamics.forces import loop_multipliers, tree_forces
-from framework.dynamics.result import InverseDynamics
+from framework.dynamics.result import Certificate, InverseDynamics
 from framework.errors import LoadedJoint, NotAssembled
 from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.frames import integrate

@@ -1,4 +1,4 @@
-"""t_s and W_p along a whole motion; condition (8) makes their product vanish at a crossing."""
+"""t_s, W_p and the measure g along a whole motion; condition (8): t_s . W_p vanishes at a crossing."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from framework.dynamics.platform_wrench import motor_speeds
 from framework.dynamics.result import InverseDynamics
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.singularity.points_on_path import SearchedPath, search_path
 from framework.singularity.type2 import sign_along, singularity_measure, twist_norm
 
 
@@ -48,3 +49,27 @@ def wrench_along(result: InverseDynamics, t: Array) -> tuple[Array, Array]:
     """
     curves = wrench_curves(result.robot, result.motion(t))
     return curves.g, curves.power
+
+
+class MeasureAlongPath(NamedTuple):
+    """g (see `singularity_measure`) as a function of s, springs at rest, and of t, deflected."""
+
+    result: InverseDynamics
+    at_rest: SearchedPath
+
+    @staticmethod
+    def of(result: InverseDynamics) -> MeasureAlongPath:
+        """Follow the path of a motion again, springs at rest."""
+        return MeasureAlongPath(result, search_path(result.robot, result.path))
+
+    def evaluate_at_rest(self, s: Array) -> Array:
+        """Compute g (T,) at ascending path coordinates s (T,), springs at rest."""
+        return singularity_measure(self.result.robot, self.at_rest.branch.close(s).linearised).g
+
+    def evaluate_in_motion(self, t: Array) -> Array:
+        """Compute g (T,) at ascending instants t (T,), with the deflections of the motion."""
+        return singularity_measure(self.result.robot, self.result.motion(t).linearised).g
+
+    def nearest_at_rest(self, s: float) -> float:
+        """Return the singular point at rest that is nearest to path coordinate s."""
+        return min((point.s for point in self.at_rest.points), key=lambda place: abs(place - s))

@@ -18,7 +18,6 @@ import pinocchio as pin
 
 from framework.arrays import Array
 from framework.dynamics.body_parameters import (
-    from_pseudo_inertia,
     link_axes,
     parameter_transform,
     pseudo_inertia,
@@ -27,7 +26,7 @@ from framework.errors import NotConverged
 from framework.identification.torque_parameters import LENGTH_POWERS, OF_MOTORS, TorqueParameters
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import JointDynamics, RobotDescription
-from framework.model.urdf_writing import vector_text
+from framework.model.urdf_writing import inertial_element, remove_children
 from framework.model.xml_reading import attribute, child_element, origin_of
 from framework.motion.cone_program import Affine, LinearMatrix, Unsolved, semidefinite_least_squares
 
@@ -167,16 +166,6 @@ def with_masses_and_motors(robot: ParallelRobot, links: LinkParameters, values: 
 def _write_inertial(link: ElementTree.Element, parameters: Array) -> None:
     """Write the ten parameters of a link about its origin into its <inertial>, about the centre of mass."""
     mass, centre = float(parameters[0]), parameters[1:4] / parameters[0]
-    matrix = pseudo_inertia(parameters)
-    matrix[:3, :3] -= mass * np.outer(centre, centre)
-    matrix[:3, 3] = matrix[3, :3] = 0.0
-    central = from_pseudo_inertia(matrix)
-    old = link.find("inertial")
-    if old is not None:
-        link.remove(old)
-    inertial = ElementTree.Element("inertial")
-    ElementTree.SubElement(inertial, "origin", xyz=vector_text(centre), rpy="0 0 0")
-    ElementTree.SubElement(inertial, "mass", value=repr(mass))
-    entries = {key: repr(float(value)) for key, value in zip(MOMENTS, central[4:], strict=True)}
-    ElementTree.SubElement(inertial, "inertia", entries)
-    link.insert(0, inertial)
+    moments = pseudo_inertia(parameters)[:3, :3] - mass * np.outer(centre, centre)
+    remove_children(link, "inertial")
+    link.insert(0, inertial_element(mass, centre, np.trace(moments) * np.eye(3) - moments))

@@ -32,7 +32,7 @@ from framework.model.description import Coupling, JointDynamics, ParsedRobot, Ro
 from framework.model.documents import naming, parse_xml
 from framework.model.loop_rows import CoupledJoints, LockedDirections, LoopRows, locked_directions, loop_rows
 from framework.model.readers.recognise import parse_any
-from framework.model.spring_joints import count_turns, insert_springs
+from framework.model.spring_joints import insert_springs, make_continuous_joints_revolute
 from framework.model.urdf_elements import SEVERAL, coordinates_of
 
 MAX_JOINTS = 250  # a `pin.Data` for them takes 0.5 GB
@@ -254,7 +254,7 @@ def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
 def _sprung_model(parsed: ParsedRobot, springs: Sequence[Spring]) -> pin.Model:
     """Return pinocchio's model of a robot's tree with a joint for each spring."""
     file, moving = parsed.description.file, bare_urdf(parsed.urdf)
-    count_turns(moving)
+    make_continuous_joints_revolute(moving)
     insert_springs(moving, springs)
     try:
         model = tree_model(moving, _balls_by_axes(parsed.urdf, parsed.description))

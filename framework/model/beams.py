@@ -81,7 +81,7 @@ class Section:
 
     @staticmethod
     def tube(outer: float, inner: float = 0.0, shear: float | None = None) -> Section:
-        """Return a round bar or tube of these radii [m].
+        """Return the section of a round bar or tube with radii [m].
 
         Raises:
             InvalidInput: not 0 <= inner < outer.
@@ -113,7 +113,7 @@ class SplitBeam(NamedTuple):
 
 
 def beam_stiffness(section: Section, material: Material, length: float) -> dict[str, float]:
-    """Compute the diagonal stiffness [N/m, N m/rad] by axis of a beam along x, at its middle. Exact there.
+    """Compute the diagonal stiffness [N/m, N m/rad] by axis of a beam along x, exact at its middle.
 
     Raises:
         InvalidInput: the length is not positive.

@@ -31,7 +31,7 @@ CLOSURE_KINDS = tuple(_LOCKED)
 
 
 def locked_axes(kind: str, axis: str = "z") -> tuple[str, ...]:
-    """Return what a closure of this kind locks: axes in the frame of the first body, or the distance.
+    """Return the locked axes of a closure kind, in the frame of the first body, or its distance.
 
     `axis` in {x, y, z} is the axis of the joint; the kinds are tabled for z and turned cyclically.
 
@@ -49,7 +49,7 @@ def locked_axes(kind: str, axis: str = "z") -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Platform:
-    """The prescribed motion: that of a frame on these axes of the base frame, or positions of joints.
+    """The prescribed motion: of a frame on axes of the base frame, or of joints.
 
     Of two turns the order counts, see `framework.kinematics.attitude`.
     """
@@ -143,7 +143,7 @@ class JointDynamics:
     rest: float = 0.0
 
     def seen_through(self, ratio: float) -> JointDynamics:
-        """Return what acts along a coordinate whose motion times `ratio` is that of this one."""
+        """Return the dynamics on a coordinate whose motion times `ratio` is that of this one."""
         square, rest = ratio * ratio, self.rest / ratio if self.stiffness else 0.0
         friction = abs(ratio) * self.friction
         return JointDynamics(
@@ -151,7 +151,7 @@ class JointDynamics:
         )
 
     def __add__(self, other: JointDynamics) -> JointDynamics:
-        """Return what acts where both do."""
+        """Return the sum of both."""
         stiffness = self.stiffness + other.stiffness
         moment = self.stiffness * self.rest + other.stiffness * other.rest
         return JointDynamics(
@@ -182,7 +182,7 @@ class Coupling:
 
 
 def locked_by_couplings(couplings: Iterable[Coupling], locked: Mapping[str, float]) -> dict[str, float]:
-    """Return the joints that couplings hold with locked ones, and where [rad, m]."""
+    """Return the joints that couplings lock with `locked` ones, and their values [rad, m]."""
     more = {}
     for coupling in couplings:
         if coupling.of in locked and coupling.joint not in locked:
@@ -202,12 +202,12 @@ class KeptLevel:
 
 @dataclass(frozen=True)
 class Scene:
-    """A path and a duration [s], and what is asked at the crossings.
+    """A path, a duration [s] and requirements at the crossings.
 
     `kind` is line, arc or spline, through `points`. `times` [s] and `speeds` [1/s] are None when left
-    open; empty `times` ask for a law without crossing conditions. `at` imposes path coordinates
+    open; empty `times` mean a law without crossing conditions. `at` imposes path coordinates
     instead of locating the singular points. `wrenches` of the world are by frame, see `FrameWrench`.
-    `fidelity` is what a study of the scene has found.
+    `fidelity` is the result of a study of the scene.
     """
 
     name: str
@@ -223,7 +223,7 @@ class Scene:
 
 @dataclass(frozen=True)
 class RobotDescription:
-    """All that a robot file says. `urdf_text` is the untouched URDF, i.e. the rigid robot."""
+    """The content of a robot file. `urdf_text` is the untouched URDF, i.e. the rigid robot."""
 
     name: str
     file: Path

@@ -54,11 +54,11 @@ LEVELS_BY_NAME = {level.name: level for level in LEVELS}
 
 
 def with_bodies(description: RobotDescription, bodies: str) -> RobotDescription:
-    """Return the robot of which only these bodies (`BODIES`) have mass.
+    """Return the robot with mass in these bodies (`BODIES`) only.
 
     The payload is the inertia of the platform's link, or of the moving body that the platform's frame is on
-    when that link has none of its own, as in `control.variation`. Without any mass nothing acts on the
-    joints either: no force is left but the rotors'.
+    if that link has none of its own, as in `control.variation`. Without any mass nothing acts on the
+    joints either: only the rotors have forces.
     """
     if bodies == BODIES[-1]:
         return description

@@ -11,8 +11,7 @@ from matplotlib.axes import Axes
 from framework.arrays import Array
 from framework.crossing.result import CrossingPlan
 from framework.dynamics.finite_differences import FiniteDifferenceTorques
-from framework.dynamics.measure_along_path import MeasureAlongPath
-from framework.dynamics.wrench import wrench_along
+from framework.dynamics.wrench import MeasureAlongPath, wrench_along
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.show.captions import said, unit
 from framework.show.film import Film, film_plan
