@@ -28,8 +28,7 @@ def loop_curvature(mechanism: Mechanism, rows: LoopRows, frames: FrameStack, mul
     slopes = frames.slopes  # (T, F, 4, nv, 3)
     count, size, _, nv, _ = slopes.shape
     load = (rows.weight * multipliers)[..., None]  # (T, m, 1)
-    da, db = row_factors(rows, slopes.reshape(count, size, 4, 3 * nv))  # (T, m, 3 nv)
-    mixed = _products((load * da).reshape(count, -1, nv, 3), db.reshape(count, -1, nv, 3))
+    mixed = _products(*_factor_slopes(rows, slopes, load))
 
     used, gradient = _gradients(rows, frames, load)
     turns = frames.jacobian[:, used // 4, 3:].swapaxes(2, 3)  # (T, used, nv, 3)
@@ -38,6 +37,13 @@ def loop_curvature(mechanism: Mechanism, rows: LoopRows, frames: FrameStack, mul
     strictly = before & ~before.T  # not two columns of one ball, whose order matters
     second = (upper * before).swapaxes(1, 2) + np.where(strictly, upper, 0.0)
     return np.asarray(mixed + mixed.swapaxes(1, 2) + second, dtype=float)
+
+
+def _factor_slopes(rows: LoopRows, slopes: Array, load: Array) -> list[Array]:
+    """Return the derivatives (T, m, nv, 3) of load a and of b along the joints."""
+    count, size, _, nv, _ = slopes.shape
+    da, db = row_factors(rows, slopes.reshape(count, size, 4, 3 * nv))
+    return [part.reshape(count, -1, nv, 3) for part in (load * da, db)]
 
 
 def _gradients(rows: LoopRows, frames: FrameStack, load: Array) -> tuple[IntArray, Array]:

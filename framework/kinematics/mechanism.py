@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import chain
+from operator import attrgetter
 from pathlib import Path
 from typing import Self
 
@@ -215,11 +216,11 @@ def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
     springs = description.active_springs(flexibility)
     model = _sprung_model(parsed, springs)
     model.gravity.linear = np.array(description.gravity)
-    joints = description.joints.items()
 
     def acting(key: str) -> Array:
         """Return one parameter of the joints' springs, damping and friction, (nv,)."""
-        return _joint_vector(model, {name: getattr(joint, key) for name, joint in joints})
+        names, joints = description.joints.keys(), description.joints.values()
+        return _joint_vector(model, dict(zip(names, map(attrgetter(key), joints), strict=True)))
 
     model.armature[:] = acting("armature")
     elastic_names = tuple(chain.from_iterable(spring.coordinates for spring in springs))

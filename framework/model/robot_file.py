@@ -74,15 +74,11 @@ def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> Pa
     table = robot_table(urdf, is_coupled="couplings" in content or bool(mimicked), locked=tuple(locked))
     robot = read_table("", content, table, others=_TREE)
     coupled = [coupling.joint for coupling in robot["couplings"]]
-    couplings = (*robot["couplings"], *(one for one in mimicked if one.joint not in coupled))
-    if further := locked_by_couplings(couplings, locked):
+    robot["couplings"] += tuple(coupling for coupling in mimicked if coupling.joint not in coupled)
+    if further := locked_by_couplings(robot["couplings"], locked):
         return parse_robot(path, {**content, "locked": {**locked, **further}}, parameters)
-    robot["couplings"] = tuple(one for one in couplings if one.joint not in locked)
-    springs = [spring for spring in robot.pop("springs") if not _is_locked(spring, locked)]
-    robot["reference"], joints = (
-        {name: value for name, value in entries.items() if name not in locked}
-        for entries in (robot["reference"], robot.pop("joints"))
-    )
+    _drop_locked(robot, locked)
+    springs, joints = robot.pop("springs"), robot.pop("joints")
     for spring in springs:
         if isinstance(spring, JointSpring):
             _add_spring(joints, spring)
@@ -98,6 +94,14 @@ def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> Pa
     _check_scenes(description)
     _check_names(description, urdf)
     return ParsedRobot(description, root)
+
+
+def _drop_locked(robot: dict[str, Any], locked: Mapping[str, float]) -> None:
+    """Drop couplings, springs and numbers of locked joints from the values of the keys."""
+    robot["couplings"] = tuple(coupling for coupling in robot["couplings"] if coupling.joint not in locked)
+    robot["springs"] = tuple(spring for spring in robot["springs"] if not _is_locked(spring, locked))
+    for key in ("reference", "joints"):
+        robot[key] = {name: value for name, value in robot[key].items() if name not in locked}
 
 
 def _is_locked(spring: Spring | JointSpring, locked: Mapping[str, float]) -> bool:

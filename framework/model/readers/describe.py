@@ -7,7 +7,7 @@ file.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -67,7 +67,7 @@ def describe(
         lock_all_but(tree, options.base, near)
     lock(tree, options.locked, near)
     couplings = couplings_of_the_rest(tree, couplings)
-    loops = loops_of_the_rest(tree, closures)
+    loops = [one for one in closures if any(tree.moving_chains(*map(tree.link_of, one.frames)))]
     if not loops and not couplings:
         raise _no_loop(options, closures[0] if closures else None)
     actuators, several = actuators_of(motors, tree, couplings)
@@ -96,12 +96,17 @@ def describe(
         urdf_text=ElementTree.tostring(tree.root, encoding="unicode"),
         left_out=(*several, *left_out_of(tree, left_out)),
     )
-    decisive = [item for item in left_out if item.is_decisive]
-    held = [item.what for item in decisive if not any(moves(tree, name) for name in item.acts_on)]
-    said = [*remarks, *(f"not used, since it does not move: {what}" for what in held)]
+    remarks = (*remarks, *_omissions(tree, left_out), *resolved.remarks)
+    return ParsedRobot(description, tree.root, remarks=remarks)
+
+
+def _omissions(tree: UrdfTree, left_out: Sequence[LeftOut]) -> Iterator[str]:
+    """Yield remarks on decisive elements without motion, and on elements of other programs."""
+    for item in left_out:
+        if item.is_decisive and not any(moves(tree, name) for name in item.acts_on):
+            yield f"not used, since it does not move: {item.what}"
     if tree.skipped:
-        said.append(f"not read, of other programs: {', '.join(f'<{tag}>' for tag in tree.skipped)}")
-    return ParsedRobot(description, tree.root, remarks=(*said, *resolved.remarks))
+        yield f"not read, of other programs: {', '.join(f'<{tag}>' for tag in tree.skipped)}"
 
 
 def _check_closures(closures: Sequence[Closure]) -> None:
@@ -196,14 +201,9 @@ def lock(tree: UrdfTree, locked: Mapping[str, float | None], reference: dict[str
         tree.fix(joint, *(values if value is None else [value] * len(values)))
 
 
-def loops_of_the_rest(tree: UrdfTree, closures: Sequence[Closure]) -> list[Closure]:
-    """Return the closures that still have a joint that moves between their frames."""
-    return [c for c in closures if any(tree.moving_chains(*map(tree.link_of, c.frames)))]
-
-
 def couplings_of_the_rest(tree: UrdfTree, couplings: Sequence[Coupling]) -> list[Coupling]:
     """Return the couplings of moving joints; fix a joint coupled with a fixed one."""
-    while more := locked_by_couplings(couplings, {name: values[0] for name, values in tree.held.items()}):
-        for name, value in more.items():
+    while locked := locked_by_couplings(couplings, {name: values[0] for name, values in tree.held.items()}):
+        for name, value in locked.items():
             tree.fix(tree.joints[name], value)
     return [c for c in couplings if tree.joints[c.joint].moves and tree.joints[c.of].moves]

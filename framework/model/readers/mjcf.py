@@ -235,12 +235,12 @@ class _Model:
         is between ways from the zero pose, as ours is.
         """
         first, second = (self._shares(kind, end) for end in ends)
-        offset, ratio, *higher = data[:5].tolist()
+        offset, ratio = data[:2].tolist()
         where = f"{kind} equality {name!r}"
         if first is None or second is None:
             return LeftOut(f"{where}: of a spatial tendon", tuple(tree.coordinates), is_decisive=True)
         joints = tuple(first | second)
-        if second and any(higher[:3]):
+        if second and data[2:5].any():
             text = (
                 f"{where}: polycoef {' '.join(map('{:g}'.format, data[:5]))} couples {' and '.join(joints)}"
             )
