@@ -66,7 +66,7 @@ def forward_dynamics(
     at_rest = Motion(closed.q, rates.copy(), np.zeros((count, nv)), closed.linearised)
     at_rest = apply_wrenches(robot, at_rest, stack_wrenches(robot, wrenches, count))
     applied = sum((wrench.generalised for wrench in at_rest.wrenches), start=np.zeros((count, nv)))
-    solution = accelerations(equations_of(robot), closed.q, rates, torques, applied)
+    solution = accelerations(_equations_of(robot, threading.get_ident()), closed.q, rates, torques, applied)
     motion = replace(at_rest, a=solution.a)
     rotors = (robot.rotors * solution.a)[:, robot.actuated]
     forces = Forces(
@@ -79,13 +79,8 @@ def forward_dynamics(
     return replace(instant, torque=torques[entry], a=determined[entry])
 
 
-def equations_of(robot: ParallelRobot) -> EquationsOfMotion:
-    """Return the equations of motion of a robot, made once for each thread."""
-    return _equations(robot, threading.get_ident())
-
-
 @lru_cache(maxsize=16)  # megabytes each; their working memory serves one thread
-def _equations(robot: ParallelRobot, thread: int) -> EquationsOfMotion:
+def _equations_of(robot: ParallelRobot, thread: int) -> EquationsOfMotion:
     return EquationsOfMotion.of(robot)
 
 
