@@ -15,6 +15,7 @@ from framework.arrays import Array, IntArray, read_only
 from framework.dynamics.forces import JointMotion
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.pinocchio_memory import scratch_of
+from framework.kinematics.tree_model import link_axes
 
 INERTIAL = ("mass", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 # entries of the symmetric matrix of second moments that hold a moment of inertia of pinocchio's order
@@ -64,14 +65,6 @@ def link_of(model: pin.Model, j: int) -> str:
     body = pin.FrameType.BODY
     names = (frame.name for frame in model.frames if frame.parentJoint == j and frame.type == body)
     return str(next(names, model.names[j]))
-
-
-def link_axes(model: pin.Model, j: int) -> pin.SE3:
-    """Return the placement of the link's axes on joint j: the identity except for balls."""
-    name = str(model.names[j])
-    if model.existFrame(name, pin.FrameType.JOINT):
-        return model.frames[model.getFrameId(name, pin.FrameType.JOINT)].placement
-    return pin.SE3.Identity()
 
 
 def link_parameters(model: pin.Model, j: int) -> Array:

@@ -156,7 +156,7 @@ def _check_stiffness(robot: ParallelRobot, grid: TimeGrid, current: Pass) -> Non
 
 @dataclass
 class _Iteration:
-    """Plain passes, followed by Newton's method if they do not contract."""
+    """Plain passes, followed by Newton's method without contraction."""
 
     branch: Branch
     grid: TimeGrid
@@ -234,7 +234,7 @@ class _Iteration:
         return min(self.grid.resolvable, int(needed))
 
     def _line_search(self, current: Pass, count: int, inner: float) -> Pass | None:
-        """Halve a step until it reduces the change; return its pass, None without one."""
+        """Halve a step until the change falls; return the pass, or None."""
         try:
             target = SETTLED_SHARE * SETTLED_SHARE * self.tolerance / inner
             step = self._step(current, count, max(GMRES_TOLERANCE, target))
@@ -284,7 +284,7 @@ class _Iteration:
         return step(gmres(apply_linear, right, left=left, most=most, weak=MIN_SINGULAR_RATIO))
 
     def _evaluate_near(self, current: Pass, function: TimeFunction) -> Pass:
-        """Evaluate a pass at these deflections, with another pass as first guess.
+        """Evaluate a pass at the deflections `function`, with another pass as first guess.
 
         Raises:
             NoAnswer: the robot cannot have these deflections.

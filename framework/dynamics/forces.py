@@ -149,7 +149,7 @@ def balanced_forces(robot: ParallelRobot, linearised: LinearisedLoops, r: Array)
 def loop_multipliers(
     robot: ParallelRobot, linearised: LinearisedLoops, r: Array, joint_torque: Array
 ) -> Array:
-    """Solve r - S tau_joint = [X; J]' multipliers (T, n + m) for forces r (T, nv) of the open tree.
+    """Solve r - S tau_joint = [X; J]' multipliers (T, n + m) for forces r (T, nv).
 
     They are the wrench that would have to hold the platform, and lambda of the independent loop equations.
     """

@@ -101,7 +101,7 @@ def forward_derivatives(
 
 
 def _motor_slopes(changes: Array, slopes: Array, d: int) -> Array:
-    """Compute derivatives (T, n_a, 2 d + n_a) of motor accelerations from those of y".
+    """Compute derivatives (T, n_a, 2 d + n_a) of motor accelerations from `slopes` of y".
 
     `changes` (T, 3 k, n_a) are those by unit steps of positions, rates and accelerations.
     """

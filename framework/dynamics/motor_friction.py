@@ -48,7 +48,7 @@ class PlannedFriction(ReadOnlyArrays):
 
     @staticmethod
     def from_speed(size: Array, speed: Callable[[Array], Array], duration: float) -> PlannedFriction | None:
-        """Return friction of a size (n_a,) for motor speeds (T, n_a) at t (T,); None if it is zero."""
+        """Return friction of a size (n_a,) for motor speeds (T, n_a) at t (T,); None for zero."""
         if not size.any():
             return None
         t = np.linspace(0.0, duration, SPEED_SAMPLES)

@@ -113,7 +113,10 @@ class Instant(ReadOnlyArrays):
 
     @cached_property
     def platform_velocity(self) -> Array:
-        """v (n,), see `kinematics.platform`: (linear, angular) of a frame, not dx if it has a free turn."""
+        """v (n,), see `kinematics.platform`: (linear, angular) of a frame.
+
+        It is not dx if the frame turns freely.
+        """
         return self._unstack(platform_twists(self.robot, self._motion)[0])
 
     @cached_property

@@ -52,7 +52,7 @@ Wrenches = Mapping[str, Array]  # by URDF link or joint (T, 6): ON its body, at 
 
 
 def stack_wrenches(robot: ParallelRobot, wrenches: Mapping[str, ArrayLike] | None, count: int) -> Wrenches:
-    """Check wrenches, (6,) or (T, 6) each, and stack them for T = `count` configurations.
+    """Stack wrenches, (6,) or (T, 6) each, for T = `count` configurations.
 
     Raises:
         InvalidInput: an unknown frame, or not 6 finite numbers.
@@ -87,7 +87,7 @@ def apply_wrenches(robot: ParallelRobot, motion: Motion, wrenches: Wrenches) -> 
 
 
 def loop_loads(robot: ParallelRobot, linearised: LinearisedLoops, r: Array, joint_torque: Array) -> LoopLoads:
-    """Solve r = S tau + J' lambda for all rows of J and the joints that follow; r (T, nv), tau (T, n_a)."""
+    """Solve r = S tau + J' lambda for all rows of J; r (T, nv), tau (T, n_a)."""
     rows, columns, frames = robot.rows, robot.moving, linearised.frames
     wrench, position = linearised.loops.wrench, frames.position[:, rows.second]
     signs = frames.carried[rows.second] - frames.carried[rows.first]

@@ -39,7 +39,7 @@ from framework.tolerances import EXPORT_ROUNDING, HELD_IDLE, LOOP_GAP
 
 
 def measure_residuals(branch: Branch, state: DeflectionSolution, result: InverseDynamics) -> Certificate:
-    """Measure all loop equations and residual torques of a motion, at its nodes and half-way between them.
+    """Measure all loop equations and residual torques of a motion, on nodes and half-way between.
 
     Return the certificate with these numbers.
 

@@ -199,7 +199,7 @@ def check_bounded(robot: ParallelRobot, crossings: tuple[SingularityCrossing, ..
 def check_crossings(
     robot: ParallelRobot, state: DeflectionSolution, geometry: str, crossings: tuple[SingularityCrossing, ...]
 ) -> None:
-    """Check that the assembly mode changes exactly at these crossings.
+    """Check that the assembly mode changes exactly at the crossings.
 
     With rigid geometry the deflections only move the motors afterwards, and `motion` proves nothing.
     """

@@ -125,14 +125,14 @@ def _curvature(robot: ParallelRobot, frames: FrameStack, steps: Array, multiplie
 
 
 def factor_transposed(J: Array) -> tuple[Array, Array, Array]:
-    """Factor J' = Q R, J (T, m, f): m columns of Q, R (T, m, m), and the null space of J."""
+    """Factor J' = Q R of J (T, m, f); return Q (T, f, m), R (T, m, m) and J's null space."""
     Q, R = np.linalg.qr(J.swapaxes(1, 2), mode="complete")
     count = J.shape[1]
     return Q[:, :, :count], R[:, :count], Q[:, :, count:]
 
 
 def _forces(robot: ParallelRobot, linearised: LinearisedLoops, q: Array, load: Load) -> tuple[Array, Array]:
-    """Compute the forces (T, nv) of springs on the closures without load, and those of the full load."""
+    """Compute the forces (T, nv) of springs on the closures, and of the full load."""
     model, data = robot.model, scratch_of(robot).data
     weight = np.array([pin.computeGeneralizedGravity(model, data, row) for row in q])
     wrench = matvec(linearised.platform.swapaxes(1, 2), np.broadcast_to(load.w, (len(q), robot.n)))

@@ -89,7 +89,7 @@ def forces_through_singularity(
 
 
 def _taylor_motion(robot: ParallelRobot, singular: Motion, x: Array, rates: Array, t: Array) -> Motion:
-    """Compute the motion at t (T,) from a singular one (T = 1) at x (1, n) with three derivatives (3, n)."""
+    """Compute the motion at t (T,) from a singular one at x (1, n) with `rates` (3, n)."""
     powers = np.stack([t, t**2 / 2, t**3 / 6], axis=1)
     dx = rates[0] + powers[:, :2] @ rates[1:]
     ddx = rates[1] + powers[:, :1] @ rates[2:]

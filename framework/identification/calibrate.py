@@ -200,7 +200,7 @@ def _start(model: ParallelRobot, measured: Measurements) -> Array:
 def _determine(
     geometry: Geometry, measured: Measurements, q: Array, prior: Array
 ) -> tuple[Combinations, ParameterEquations]:
-    """Compute the combinations that data or loops determine at these poses of the file's geometry."""
+    """Compute the combinations that data or loops determine at poses q of the file's geometry."""
     equations = eliminate_poses(geometry.model, measured, q)
     loops = equations.loop_slopes * LOOP_GAP / measured.noise.min()  # of the size of measurements
     rows = np.concatenate([rows_of(equations.matrix), rows_of(loops)])

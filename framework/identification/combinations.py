@@ -46,7 +46,7 @@ class Combinations(ReadOnlyArrays):
 
     @property
     def gap(self) -> float:
-        """The last singular value within the rank over the first beyond it; infinite at full rank."""
+        """The last singular value within the rank over the next one; infinite at full rank."""
         if self.rank == len(self.singular_values) or not self.rank:
             return np.inf
         least = max(float(self.singular_values[self.rank]), float(np.finfo(float).tiny))

@@ -18,13 +18,13 @@ import pinocchio as pin
 
 from framework.arrays import Array
 from framework.dynamics.body_parameters import (
-    link_axes,
     parameter_transform,
     pseudo_inertia,
 )
 from framework.errors import NotConverged
 from framework.identification.torque_parameters import LENGTH_POWERS, OF_MOTORS, TorqueParameters
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.tree_model import link_axes
 from framework.model.description import JointDynamics, RobotDescription
 from framework.model.urdf_writing import inertial_element, remove_children
 from framework.model.xml_reading import attribute, child_element, origin_of

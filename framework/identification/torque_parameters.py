@@ -81,7 +81,7 @@ def _motor_sizes(robot: ParallelRobot) -> Array:
 
 
 def gravity_of(robot: ParallelRobot) -> float:
-    """Return the size of gravity, or 1 m/s^2: with the length it is a scale of time."""
+    """Return the size of gravity, or 1 m/s^2; with the length a scale of time."""
     return float(np.linalg.norm(robot.model.gravity.linear)) or 1.0
 
 

@@ -47,7 +47,7 @@ def _factor_slopes(rows: LoopRows, slopes: Array, load: Array) -> list[Array]:
 
 
 def _gradients(rows: LoopRows, frames: FrameStack, load: Array) -> tuple[IntArray, Array]:
-    """Compute sums g (T, k, 3) of load d(a . b)/dc over rows, with the k indices of axes and origins c."""
+    """Compute sums g (T, k, 3) of load d(a . b)/dc over rows, with the indices (k,) of c."""
     a, b = row_factors(rows, frames.placements)  # (T, m, 3)
     size = frames.placements.shape[1]
     in_a, in_b = row_factors(rows, np.eye(4 * size).reshape(size, 4, 4 * size))  # (m, 4 F): a, b as sums of c

@@ -1,5 +1,4 @@
-"""What a robot file changes in a URDF of somebody else: frames and bodies on its links, joints that are
-locked, and a root that is free to move.
+"""Changes of a foreign URDF by a robot file: frames and bodies on links, locked joints, a free root.
 
 All are written into the URDF, so that everything downstream sees one tree of one-degree joints.
 """
@@ -59,7 +58,7 @@ def add_frames(root: ElementTree.Element, frames: Sequence[AddedFrame]) -> None:
 
 
 def _add_box(link: ElementTree.Element, frame: AddedFrame) -> None:
-    """Add a box with edges a_x^2 = 6 (I_yy + I_zz - I_xx) / m and so on, if all three are positive."""
+    """Add a box with edges a_x^2 = 6 (I_yy + I_zz - I_xx) / m and so on, if all are positive."""
     squares = 6.0 / frame.mass * (sum(frame.inertia) - 2.0 * np.array(frame.inertia))
     if squares.min() <= 0.0:
         return

@@ -43,7 +43,7 @@ def bare_urdf(root: ElementTree.Element) -> ElementTree.Element:
 def _copy(
     source: ElementTree.Element, target: ElementTree.Element, tables: Mapping[str, Sequence[str]]
 ) -> None:
-    """Copy existing children with these tags, with these attributes."""
+    """Copy existing children and numbers of their attributes, by tag."""
     for tag, keys in tables.items():
         element = source.find(tag)
         if element is not None:

@@ -10,13 +10,13 @@ from typing import Any, NamedTuple
 
 from framework.errors import RobotFileError, choose_from
 
-# Each has the springs of those before it; `Spring.exists_in` says from which one on a spring's `part` exists.
+# Each has the springs of its predecessors; `Spring.exists_in` tells from which one on a spring's `part` exists.
 FLEXIBILITIES = ("rigid", "flexible_joints", "flexible_links")
 SMALLEST_LENGTH = 1e-30  # [m] powers of others vanish
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 
-# What each closure kind locks if its axis is z: axes in the frame of the first body, or the distance of the
-# two origins, whose `length` the closure then gives.
+# Locked axes of each closure kind whose axis is z, in the frame of the first body; or the distance of the two
+# origins, with the closure's `length`.
 _LOCKED = {
     "fixed": ("x", "y", "z", "rx", "ry", "rz"),
     "revolute": ("x", "y", "z", "rx", "ry"),  # turns about its axis
@@ -56,7 +56,7 @@ class Platform:
 
     frame: str
     axes: tuple[str, ...] = ()
-    joints: tuple[str, ...] = ()  # given instead of axes; the frame then says what is drawn
+    joints: tuple[str, ...] = ()  # instead of axes; the frame is then only drawn
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -237,8 +237,8 @@ class RobotDescription:
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     reference: Mapping[str, float] = field(default_factory=dict)
     scenes: Mapping[str, Scene] = field(default_factory=dict)
-    parameters: Mapping[str, float] = field(default_factory=dict)  # the values that its file was read with
-    left_out: tuple[str, ...] = ()  # what acts by the file that it was converted from, and is not in this one
+    parameters: Mapping[str, float] = field(default_factory=dict)  # values of its file's placeholders
+    left_out: tuple[str, ...] = ()  # effects in the file that it was converted from, and not in this one
 
     @property
     def motor_joints(self) -> tuple[str, ...]:
@@ -269,7 +269,7 @@ class ParsedRobot(NamedTuple):
     """The content of a file of any dialect.
 
     `urdf` is the root of `description.urdf_text`, parsed once and not to be changed; `dialect` is one of
-    `readers.recognise.DIALECTS`; `remarks` say what was proposed where a foreign file is silent.
+    `readers.recognise.DIALECTS`; `remarks` report proposals for a foreign file.
     """
 
     description: RobotDescription

@@ -56,7 +56,7 @@ class LoopRows(ReadOnlyArrays):
 
     @cached_property
     def constant(self) -> Array:
-        """Constants (m,) that the equations subtract from these products [m]."""
+        """Constants (m,) that the equations subtract from weighted products [m]."""
         return read_only(np.where(self.distance, 0.5 * self.length, 0.0))
 
     @cached_property

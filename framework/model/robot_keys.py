@@ -199,15 +199,15 @@ def _joints(urdf: Tree, names: Sequence[str]) -> Reader[dict[str, dict[str, floa
     def read(where: str, given: Any) -> dict[str, dict[str, float]]:
         joints = named(record(_JOINT, _given_only), one_of("joint", [*names, *several]))
         values: dict[str, dict[str, float]] = {}
-        for name, said in sorted(joints(where, given).items(), key=lambda item: item[0] not in several):
+        for name, entry in sorted(joints(where, given).items(), key=lambda item: item[0] not in several):
             coordinates = urdf.joints[name].coordinates if name in several else (name,)
-            if name not in urdf.joints and "armature" in said:
+            if name not in urdf.joints and "armature" in entry:
                 raise RobotFileError(
                     f"{below(below(where, name), 'armature')}: a ball has one for all directions; give it "
                     f"under the name of the joint"
                 )
             for coordinate in coordinates:
-                values[coordinate] = {**values.get(coordinate, {}), **said}
+                values[coordinate] = {**values.get(coordinate, {}), **entry}
         return values
 
     return read

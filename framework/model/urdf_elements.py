@@ -56,7 +56,7 @@ class Joint:
 
 @dataclass
 class Tree:
-    """The links and joints of a URDF by name, with the root link; a frame is a link or a joint."""
+    """Links and joints of a URDF by name, with the root link; frames are both."""
 
     links: list[str]
     joints: dict[str, Joint]

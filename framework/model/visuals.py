@@ -81,7 +81,7 @@ Solid = tuple[str, tuple[float, ...], Array | None, IntArray | None]  # kind, si
 
 
 def _solid(description: RobotDescription, geometry: ElementTree.Element | None) -> Solid:
-    """Read a `<geometry>`; raise ValueError if it cannot be drawn."""
+    """Read a `<geometry>`; raise ValueError for unknown shapes."""
     for shape in geometry if geometry is not None else ():
         if shape.tag == "box":
             return "box", _sizes(shape.get("size"), 3), None, None

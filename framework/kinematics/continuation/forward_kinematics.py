@@ -87,7 +87,7 @@ def forward_kinematics(
 
 
 def motor_joints_of(robot: ParallelRobot, q_a: ArrayLike, *, stacks: bool = False) -> Array:
-    """Check motor joints q_a (n_a,), or (T, n_a), and return them as an array."""
+    """Return motor joints q_a, (n_a,) or (T, n_a), as an array of finite numbers."""
     return finite_numbers(f"q_a ({', '.join(robot.actuator_names)})", q_a, robot.n_a, stacks=stacks)
 
 

@@ -388,7 +388,7 @@ class _Model:
 
 
 def _parallel_turns(tree: UrdfTree, name: str, *joints: str) -> Closure | None:
-    """Return the closure of equal turns of two joints about parallel axes of one body, if these are."""
+    """Return the closure of two joints' equal turns about parallel axes of one body, or None."""
     children = [tree.joints[joint].child for joint in joints]
     chains = tree.moving_chains(*children)
     if [[part.name for part in chain] for chain in chains] != [[joint] for joint in joints]:

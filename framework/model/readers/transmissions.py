@@ -41,7 +41,7 @@ def add_pulls(
     tree: UrdfTree,
     couplings: Sequence[Coupling],
 ) -> tuple[dict[str, JointDynamics], list[LeftOut]]:
-    """Add dynamics along lengths to the joints that these follow; return joints and the ambiguous rest."""
+    """Add dynamics along lengths to the joints of each; return joints and the ambiguous rest."""
     sums, left_out = dict(joints), list[LeftOut]()
     for pull in pulls:
         if not any((pull.acting.armature, pull.acting.damping, pull.acting.friction, pull.acting.stiffness)):

@@ -293,7 +293,7 @@ def _yaml_closures(tree: UrdfTree, content: Mapping[str, Any]) -> list[Closure]:
 
 
 def urdf_of_closures(path: Path) -> Path:
-    """Return the URDF of a loop_closures.yaml: the only one beside it or in the package."""
+    """Return the URDF of a loop_closures.yaml: the only one in its folder or package."""
     for folder in (path.parent, path.parent / "urdf", path.parent.parent / "urdf"):
         urdfs = list(folder.glob("*.urdf"))
         if len(urdfs) == 1:
