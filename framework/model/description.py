@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from framework.errors import RobotFileError, choose_from
 
-# Each has the springs of its predecessors; `Spring.exists_in` tells from which one on a spring's `part` exists.
+# Each has the springs of its predecessors; a spring exists from some level on, see `Spring.exists_in`.
 FLEXIBILITIES = ("rigid", "flexible_joints", "flexible_links")
 SMALLEST_LENGTH = 1e-30  # [m] powers of others vanish
 AXES = ("x", "y", "z", "rx", "ry", "rz")
