@@ -77,15 +77,15 @@ class Identification(ReadOnlyArrays):
     def undetermined(self) -> tuple[str, ...]:
         """Base parameters whose standard deviation is above their size."""
         size = np.maximum(np.abs(self.values), np.abs(self.base.values))
-        return self._named(self.deviations > size)
+        return self._base_names(self.deviations > size)
 
     @property
     def changed(self) -> tuple[str, ...]:
         """Base parameters that are off the file's values by more than chance explains."""
         change = np.abs(self.values - self.base.values)
-        return self._named(change > SIGNIFICANT_DEVIATIONS * self.deviations)
+        return self._base_names(change > SIGNIFICANT_DEVIATIONS * self.deviations)
 
-    def _named(self, which: BoolArray) -> tuple[str, ...]:
+    def _base_names(self, which: BoolArray) -> tuple[str, ...]:
         return tuple(self.base.names[k] for k in np.flatnonzero(which))
 
     def identified_robot(self) -> ParallelRobot:
