@@ -19,9 +19,8 @@ from framework.crossing.neglected_effects import NeglectedEffect, neglected_effe
 from framework.crossing.request import Request
 from framework.crossing.specification import Specification
 from framework.crossing.timing import CrossingTime
-from framework.dynamics.certificate import Certificate
 from framework.dynamics.loaded_measure import LoadedPoint, loaded_point
-from framework.dynamics.result import InverseDynamics, SingularityCrossing
+from framework.dynamics.result import Certificate, InverseDynamics, SingularityCrossing
 from framework.errors import format_distinct
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import positions_beyond_limits, shares_beyond_limits

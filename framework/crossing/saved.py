@@ -25,8 +25,8 @@ from framework.crossing.result import Crossing, CrossingPlan, Optimality, certif
 from framework.crossing.scenes import path_of
 from framework.crossing.specification import specification_of
 from framework.crossing.timing import CrossingTime
-from framework.dynamics.certificate import Certificate
 from framework.dynamics.inverse_dynamics import GEOMETRIES, check_law, resolve_law
+from framework.dynamics.result import Certificate
 from framework.errors import InvalidInput, NoAnswer, RobotFileError, choose_from, finite_numbers, short
 from framework.fields import (
     Field,

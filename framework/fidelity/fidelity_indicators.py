@@ -153,7 +153,7 @@ class _Motion:
         fuller = FullerModel.of(self.rigid.dynamics, still)
         torque = fuller.torque(fuller.compute_pass(self.fuller.first_pass.caused))
         return self._error(
-            torque, platform_wrench(robot, motion).asked - platform_wrench(still, motion).asked
+            torque, platform_wrench(robot, motion).required - platform_wrench(still, motion).required
         )
 
     def _error(self, torque: Array, lacking: Array) -> LevelError:

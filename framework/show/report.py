@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from framework.crossing.result import Crossing, CrossingPlan
-from framework.dynamics.certificate import Certificate
+from framework.dynamics.result import Certificate
 from framework.errors import point
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.frame_wrench import FrameWrench

@@ -60,7 +60,7 @@ def surface_points(shape: Shape, spacing: float) -> Array:
         round_ = np.stack([level * np.cos(angle), level * np.sin(angle), height], axis=1)
         far = {"box": np.abs(round_).max(axis=1), "cylinder": np.maximum(level, np.abs(height))}
         local = half * round_ / far.get(shape.kind, np.ones(count))[:, None]
-    return shape.in_node(local)
+    return shape.to_node(local)
 
 
 def _sticks(robot: ParallelRobot, dressed: set[int]) -> list[Shape]:

@@ -55,7 +55,7 @@ def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
     reference = robot.reference
     if x is None:
         return reference
-    target = _platform_point(robot, x)
+    target = finite_numbers(f"platform coordinates ({', '.join(robot.axis_names)})", x, robot.n)
     distance = float(np.abs(target - reference.x).max())
     if distance <= PLATFORM_ROUNDING * robot.length:
         return reference
@@ -88,10 +88,6 @@ def track_path(robot: ParallelRobot, path: Path) -> Branch:
     require_square(robot)
     start = assemble(robot, path(0.0))
     return _follow_branch(robot, path, start.q, "the path")
-
-
-def _platform_point(robot: ParallelRobot, x: ArrayLike) -> Array:
-    return finite_numbers(f"platform coordinates ({', '.join(robot.axis_names)})", x, robot.n)
 
 
 def follow_path(
