@@ -19,6 +19,7 @@ from framework.kinematics.motion_rates import motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.chebyshev import TimeGrid, real_roots
 from framework.motion.law import MotionLaw, PlannedLaw, orders_of
+from framework.motion.path import time_derivatives
 from framework.singularity.bordered_system import root_of_g
 from framework.singularity.points_on_path import SingularPoint
 from framework.singularity.type2 import UNCROSSABLE, escaping_motions, uncontrolled_motion
