@@ -183,7 +183,9 @@ def _describe_bound(plan: CrossingPlan) -> list[str]:
         cost, least = plan.duration, f"takes less than {bound.value:.4g} s"
     else:
         cost = max_torque_ratio(plan, best.reference)
-        least = f"has a peak below {bound.value * best.reference.max():.4g} N m"
+        motor = int(best.reference.argmax())
+        peak = f"{bound.value * best.reference[motor]:.4g} {plan.robot.torque_units[motor]}"
+        least = f"has a peak below {peak}"
     over = cost / bound.value - 1.0
     return [f"  bound             no law {least}, this one {100 * over:.1f} % more"]
 
@@ -348,7 +350,7 @@ def report_raw(
         _write_raw(raw, robot, [crossing.time for crossing in crossings], document, folder)
     lines = [
         f"{robot.name}: raw sampling, proves nothing: {options.samples} samples, largest "
-        + ", ".join(f"{joint} {value:.6g} N m" for joint, value in largest.items())
+        + arguments.peaks(robot, largest)
     ]
     lines += [SINGULAR.format(crossing) for crossing in crossings]
     return document, "\n".join(lines)

@@ -3,7 +3,7 @@
 Made from this one declaration: the record that is planned (`request.Request`), the signature and the help of
 `plan_crossing` and its like (`takes_options`), the options of the command line (`TYPED`), the part of a scene
 that the robot file states (`scenes.scene_request`), and the request in plan.json. A new option is one more
-field here, and a line where planning uses it.
+field of `PlanOptions`, and a line where planning uses it.
 """
 
 from __future__ import annotations
@@ -194,7 +194,7 @@ class PlanOptions:
     torque_limit: Limit = _option(  # noqa: RUF009 - frozen
         "largest torque [N m] of all motors, of each, or JOINT=N of some, motor side; none: no limit",
         "; a force [N] where a motor slides. In Python a number, a list or a dict by joint, None for "
-        "no limit. The robot file's by default; never exceeded by the optimal law",
+        "no limit. The robot file's by default; no law of a plan exceeds them",
         typed={"nargs": "+", "metavar": "N"},
         topic=LIMITS,
     )

@@ -115,9 +115,14 @@ def _plan_best(work: _Work) -> CrossingPlan:
         if not request.may_be_optimal:
             raise
         return _plan_after_refusal(work, refusal)
-    excess = _limit_ratio(plan) if request.bounded else 0.0
+    excess = _limit_ratio(plan)
     if excess > 1.0:
-        return _plan_optimal(work, f"the polynomial needs {excess:.4g} times the limits")
+        needs = f"the polynomial needs {excess:.4g} times the limits"
+        if request.may_be_optimal:
+            return _plan_optimal(work, needs)
+        raise NoLaw(
+            f"{plan.robot.name}: {needs} of the robot file; torque_limit none and speed_limit none lift these"
+        )
     if not request.may_be_optimal or request.speeds is not None:
         return plan
     if plan.crossings and advance < MIN_POLYNOMIAL_ADVANCE:

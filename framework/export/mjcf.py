@@ -3,19 +3,19 @@
 Joints keep their names, axes and zeros, armature, damping, dry friction and springs; the frames of the
 platform and of the loops become sites. A rotor adds the armature gear ratio^2 times its inertia, a motor is
 an actuator of that gear whose control is its torque, a spring of the robot a joint with stiffness. Loops and
-couplings of joints are equalities. MuJoCo wants mass in each body that moves: where the
-robot has none, MIN_MASS and MIN_INERTIA stand in. Bodies have no shape.
+couplings of joints are equalities. MuJoCo wants mass in each body that moves: where the robot has none,
+MIN_MASS and MIN_INERTIA stand in. Bodies have no shape.
+
+A loop is closed by points that coincide, MuJoCo's `connect`: one, two on a hinge's axis, three of a weld. Any
+other closure is written as the first of these that locks its axes and more, if the robot cannot move along
+the axes that are added. That is tested at random configurations beside the reference, springs deflected; as
+the loop equations are analytic, it then holds everywhere on that branch. Rods of a parallelogram that lock
+two axes for the sake of few equations are points that coincide in this way.
 
 A torque limit is the range of a motor's control and force, which MuJoCo keeps. The URDF's range of a joint is
-its range, which MuJoCo keeps, too, by forces of its own, and so a range that the reference is not in is left
-out (`ranges_left_out`). MuJoCo knows no speed limit: `<custom>` passes it on, `JOINT_speed_limit` [rad/s],
+its range, which MuJoCo keeps by forces of its own; a range without the reference is left out
+(`ranges_left_out`). MuJoCo knows no speed limit: `<custom>` passes it on, `JOINT_speed_limit` [rad/s],
 motor side.
-
-A loop is points that coincide, MuJoCo's `connect`: one, two on a hinge's axis, three of a weld. Any other
-closure is written as the first of these that locks its axes and more, if the robot cannot move along the axes
-that are added: they are closed at random configurations beside the reference, springs deflected, and as the
-loop equations are analytic, then everywhere on that branch. Rods of a parallelogram that lock two axes for
-the sake of few equations are points that coincide in this way.
 
 Source: MuJoCo's documentation, chapter "XML Reference". Loops are as hard as the step allows.
 """
@@ -47,14 +47,6 @@ START = (
 )
 HARD = "0.9999 0.9999 0.001 0.5 2"  # solimp: what is nearest to a rigid loop
 CLOSING_POINT_DISTANCE = 0.1  # robot lengths between the points that close a hinge or a weld
-POINT, WELD = locked_axes("spherical"), locked_axes("fixed")
-HINGES = {locked_axes("revolute", axis): k for k, axis in enumerate("xyz")}  # and the axis that is free
-# Axes on which there are more points than the origin. MuJoCo's own weld weighs its couples with the inertia
-# of a body about its centre, which makes it soft where that is next to nothing (a rod about its own axis).
-OFF_ORIGIN = {POINT: (), **{axes: (k,) for axes, k in HINGES.items()}, WELD: (0, 1)}
-TRIED_DEFLECTION = 1e-3  # [rad, robot lengths] by which springs are, where the loops are looked at
-# [rad, robot lengths]: the square of TRIED_DEFLECTION, by which a free axis opens, is above it
-CLOSED_GAP = 1e-10
 
 
 def mjcf_text(robot: ParallelRobot, *, hinges: bool = False) -> str:
@@ -215,8 +207,25 @@ def _add_site(
     ElementTree.SubElement(bodies[origin.parentJoint], "site", {"name": name} | placement)
 
 
+def _placement_attributes(placement: pin.SE3) -> dict[str, str]:
+    """Return place and rotation as attributes of an element."""
+    rotation = pin.Quaternion(placement.rotation)
+    quaternion = vector_text([rotation.w, rotation.x, rotation.y, rotation.z])
+    return {"pos": vector_text(placement.translation), "quat": quaternion}
+
+
+POINT, WELD = locked_axes("spherical"), locked_axes("fixed")
+HINGES = {locked_axes("revolute", axis): k for k, axis in enumerate("xyz")}  # and the axis that is free
+# Axes on which there are more points than the origin. MuJoCo's own weld weighs its couples with the inertia
+# of a body about its centre, which makes it soft where that is next to nothing (a rod about its own axis).
+OFF_ORIGIN = {POINT: (), **{axes: (k,) for axes, k in HINGES.items()}, WELD: (0, 1)}
+TRIED_DEFLECTION = 1e-3  # [rad, robot lengths] by which springs are, where the loops are looked at
+# [rad, robot lengths]: the square of TRIED_DEFLECTION, by which a free axis opens, is above it
+CLOSED_GAP = 1e-10
+
+
 def equality_axes(robot: ParallelRobot) -> dict[str, tuple[str, ...]]:
-    """Return the axes that the equalities of each closure lock; a value is one of OFF_ORIGIN.
+    """Choose the axes, one of OFF_ORIGIN, that the equalities of each closure lock.
 
     Raises:
         InvalidInput: a closure that none of them says; names it, and the axes along which the robot moves.
@@ -228,12 +237,12 @@ def equality_axes(robot: ParallelRobot) -> dict[str, tuple[str, ...]]:
             locked[closure.name] = closure.axes
             continue
         poses = _configurations_beside(robot) if poses is None else poses
-        locked[closure.name] = _more_locked(robot, closure, poses)
+        locked[closure.name] = _choose_more_axes(robot, closure, poses)
     return locked
 
 
-def _more_locked(robot: ParallelRobot, closure: Closure, poses: Array) -> tuple[str, ...]:
-    """Return the first kind that locks a closure's axes, and other axes, closed at configurations (K, nq)."""
+def _choose_more_axes(robot: ParallelRobot, closure: Closure, poses: Array) -> tuple[str, ...]:
+    """Choose the first axes of OFF_ORIGIN with a closure's, all closed at configurations (K, nq)."""
     lacking = dict[tuple[str, ...], float]()
     placements, names = frames_at(robot, poses), frame_names(robot)
     for axes in OFF_ORIGIN:
@@ -268,10 +277,3 @@ def frame_names(robot: ParallelRobot) -> list[str]:
     closures = robot.description.closures
     ends = (name for closure in closures for name in closure.frames)
     return list(dict.fromkeys([robot.description.platform.frame, *ends]))
-
-
-def _placement_attributes(placement: pin.SE3) -> dict[str, str]:
-    """Return place and rotation as attributes of an element."""
-    rotation = pin.Quaternion(placement.rotation)
-    quaternion = vector_text([rotation.w, rotation.x, rotation.y, rotation.z])
-    return {"pos": vector_text(placement.translation), "quat": quaternion}

@@ -31,7 +31,7 @@ from framework.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArra
 from framework.dynamics.tangent_stiffness import (
     Load,
     balance,
-    given_wrench,
+    check_wrench,
     moving_columns,
     tangent_stiffness,
 )
@@ -233,7 +233,7 @@ def _equilibrium(robot: ParallelRobot, q: Array, wrench: ArrayLike | None) -> tu
     """
     columns = moving_columns(robot)
     lengths = robot.column_scale[columns]
-    load = Load(given_wrench(robot, wrench), np.ones(1), np.zeros((1, robot.model.nv)))
+    load = Load(check_wrench(robot, wrench), np.ones(1), np.zeros((1, robot.model.nv)))
     size = np.inf
     for _ in range(MAX_NEWTON_STEPS):
         state = balance(robot, q[None], load)

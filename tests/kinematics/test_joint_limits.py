@@ -9,7 +9,7 @@ import robots
 from framework import Line, ParallelRobot, check_robot, plan_crossing, plan_scene
 from framework.crossing.saved import plan_document
 from framework.crossing.scenes import scene_path
-from framework.errors import LimitsExceeded, NoAnswer
+from framework.errors import LimitsExceeded, NoAnswer, NoLaw
 from framework.kinematics.continuation.tracking import track_path
 from framework.kinematics.tree_model import positions_beyond_limits
 from tests.robots.every_robot import CASES, RIGID, SCENES, in_stages
@@ -40,8 +40,12 @@ def test_on_request_it_is_refused(three_rpr):
 
 def test_limits_of_motors_are_kept_on_the_same_request(write_robot):
     robot = ParallelRobot.from_file(write_robot(("actuators.0.torque_limit", 1e-6)))
+    with pytest.raises(NoLaw, match="times the limits"):
+        plan_scene(robot, "A")
+    lifted = plan_scene(robot, "A", torque_limit=np.inf)
+    assert "torque" in lifted.exceeded["left_motor"]
     with pytest.raises(LimitsExceeded, match=r"left_motor: torque .* of 1e-06"):
-        plan_scene(robot, "A", keep_limits=True)
+        plan_scene(robot, "A", torque_limit=np.inf, keep_limits=True)
 
 
 def test_a_passive_joint_has_limits_too(write_robot):

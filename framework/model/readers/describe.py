@@ -8,7 +8,7 @@ acts along lengths go to the joints that they pull at. What is read and not kept
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -77,9 +77,9 @@ def describe(
     left_out: Sequence[LeftOut] = (),
     remarks: Sequence[str] = (),
 ) -> ParsedRobot:
-    """Make the records of a tree and its loops, completed by the options; return them with the URDF.
+    """Make the records of a tree and its loops, completed by the options.
 
-    What --base does not carry and what --lock names is held, and nothing that acts there matters.
+    Joints not behind --base and joints of --lock are fixed, and forces on them are ignored.
 
     Raises:
         RobotFileError: there is no loop, or one that closes nothing; or platform, axes or motors are missing.
@@ -95,7 +95,7 @@ def describe(
         lock_all_but(tree, options.base, near)
     lock(tree, options.locked, near)
     couplings = couplings_of_the_rest(tree, couplings)
-    loops = loops_of_the_rest(tree, closures)
+    loops = [one for one in closures if any(tree.moving_chains(*map(tree.link_of, one.frames)))]
     if not loops and not couplings:
         raise _no_loop(options, closures[0] if closures else None)
     actuators, several = actuators_of(motors, tree, couplings)
@@ -124,12 +124,17 @@ def describe(
         urdf_text=ElementTree.tostring(tree.root, encoding="unicode"),
         left_out=(*several, *left_out_of(tree, left_out)),
     )
-    decisive = [item for item in left_out if item.is_decisive]
-    held = [item.what for item in decisive if not any(moves(tree, name) for name in item.acts_on)]
-    said = [*remarks, *(f"not used, since it does not move: {what}" for what in held)]
+    remarks = (*remarks, *_omissions(tree, left_out), *resolved.remarks)
+    return ParsedRobot(description, tree.root, remarks=remarks)
+
+
+def _omissions(tree: UrdfTree, left_out: Sequence[LeftOut]) -> Iterator[str]:
+    """Yield remarks on decisive elements without motion, and on elements of other programs."""
+    for item in left_out:
+        if item.is_decisive and not any(moves(tree, name) for name in item.acts_on):
+            yield f"not used, since it does not move: {item.what}"
     if tree.skipped:
-        said.append(f"not read, of other programs: {', '.join(f'<{tag}>' for tag in tree.skipped)}")
-    return ParsedRobot(description, tree.root, remarks=(*said, *resolved.remarks))
+        yield f"not read, of other programs: {', '.join(f'<{tag}>' for tag in tree.skipped)}"
 
 
 def _check_closures(closures: Sequence[Closure]) -> None:

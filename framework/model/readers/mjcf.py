@@ -102,7 +102,7 @@ def _places(positions: Array, quaternions: Array) -> Iterator[Array]:
 
 
 class _Joint(NamedTuple):
-    """A joint by its name and kind, and MuJoCo's view of it."""
+    """A joint by name and kind, with MuJoCo's view."""
 
     name: str
     kind: str
@@ -110,7 +110,7 @@ class _Joint(NamedTuple):
 
     @property
     def has_one(self) -> bool:
-        """Whether it has one degree of freedom."""
+        """Whether the joint has one degree of freedom."""
         return self.kind in ("prismatic", "continuous")
 
 
@@ -177,7 +177,7 @@ class _Model:
     # -------------------------------------------------------------- loops
 
     def loops(self, tree: UrdfTree, sites: list[str]) -> Iterator[Closure | Coupling | LeftOut]:
-        """Yield the loops of the equalities, and what decides how joints move and is not read.
+        """Yield the loops of the equalities, and unread equalities that decide how joints move.
 
         Joints that an equality holds become fixed in the tree.
         """
@@ -202,7 +202,7 @@ class _Model:
     def _body_equality(
         self, tree: UrdfTree, name: str, kind: str, ends: tuple[int, int], data: Array
     ) -> Closure:
-        """Return the closure of two bodies with the placements in them that coincide."""
+        """Return the closure of two bodies at coinciding placements."""
         places = [placement(None, data[:3]), placement(None, data[3:6])]
         if kind == "weld":
             places = [placement(from_quaternion(*data[6:10]), data[3:6]), placement(None, data[:3])]
@@ -218,14 +218,14 @@ class _Model:
         is between ways from the zero pose, as ours is.
         """
         first, second = (self._shares(kind, end) for end in ends)
-        offset, ratio, *higher = data[:5].tolist()
+        offset, ratio = data[:2].tolist()
         where = f"{kind} equality {name!r}"
         if first is None or second is None:
             return LeftOut(
                 f"{where}: of a spatial tendon, which is not read", tuple(tree.coordinates), is_decisive=True
             )
         joints = tuple(first | second)
-        if second and any(higher[:3]):
+        if second and data[2:5].any():
             text = (
                 f"{where}: polycoef {' '.join(map('{:g}'.format, data[:5]))} couples {' and '.join(joints)}"
             )
@@ -235,21 +235,16 @@ class _Model:
         if len(shares) > 2:
             text = f"{where}: couples {', '.join(shares)}: only couplings of two joints are read"
             return LeftOut(text, tuple(shares), is_decisive=True)
-        (driven, share), *others = shares.items() or [("", 0.0)]
-        if not driven or (not tree.joints[driven].moves and not others):
+        if len(shares) < 2:
+            for joint, share in shares.items():
+                if tree.joints[joint].moves:
+                    tree.fix(tree.joints[joint], offset / share)
             return None
-        if not others:
-            tree.fix(tree.joints[driven], offset / share)
-            return None
-        ((of, other),) = others
+        (driven, share), (of, other) = shares.items()
+        closure = None
         if (offset, share, other) == (0.0, 1.0, -1.0):
-            children = tree.joints[driven].child, tree.joints[of].child
-            chains = tree.moving_chains(*children)
-            if [[part.name for part in chain] for chain in chains] == [[driven], [of]]:
-                closure = tree.same_turning(name, *children)
-                if closure is not None:
-                    return closure
-        return Coupling(driven, of, -other / share, offset / share)
+            closure = _parallel_turns(tree, name, driven, of)
+        return closure or Coupling(driven, of, -other / share, offset / share)
 
     def _shares(self, kind: str, number: int) -> dict[str, float] | None:
         """Return the joints of a joint or a fixed tendon with their shares; None of a spatial tendon."""
@@ -267,7 +262,7 @@ class _Model:
     # -------------------------------------------------------------- what acts
 
     def acting(self) -> dict[str, JointDynamics]:
-        """Return what acts along the coordinates."""
+        """Return armature, damping, friction and springs by coordinate."""
         joints = dict[str, JointDynamics]()
         for joint in self.joints:
             view = joint.view
@@ -330,7 +325,7 @@ class _Model:
         return float(self.compiled.actuator_gear[k, 0])
 
     def _force_limit(self, k: int) -> float | None:
-        """Return the least limit of a motor [N m, N], of those that are alike both ways."""
+        """Return the least symmetric limit of a motor [N m, N]."""
         model = self.compiled
         joint = int(model.actuator_trnid[k, 0])
         ranges = [model.actuator_forcerange[k]] if model.actuator_forcelimited[k] else []
@@ -342,18 +337,10 @@ class _Model:
         return min((float(abs(high)) for low, high in ranges if high and low == -high), default=None)
 
     def left_out(self) -> Iterator[LeftOut]:
-        """Yield what acts by the model and is not read, with its size."""
+        """Yield unread effects of the model, with their sizes."""
         model = self.compiled
-        for name, kind, view in self.joints:
-            if kind in SEVERAL and view.stiffness[0]:
-                text = f"joint {name!r}: spring of a ball, {view.stiffness[0]:g} N m/rad"
-                yield LeftOut(text, (name,))
-            polynomials = {"damping": view.dampingpoly, "stiffness": view.stiffnesspoly}
-            for what, rows in polynomials.items():
-                values = np.atleast_2d(rows)[0]
-                if values.any():
-                    powers = " ".join(map("{:g}".format, values))
-                    yield LeftOut(f"joint {name!r} {what}: higher powers {powers}", (name,))
+        for joint in self.joints:
+            yield from _left_out_of_joint(joint)
         for k, body in enumerate(self.bodies):
             if model.body_mocapid[k] >= 0:
                 yield LeftOut(f"body {body!r}: mocap, so it stands still", (body,))
@@ -370,7 +357,7 @@ class _Model:
             yield LeftOut(f"<option> {around}: the drag of the fluid", everything)
 
     def _left_out_of_tendon(self, k: int) -> list[str]:
-        """Return what acts along a spatial tendon, of others a spring with a slack range, and the range."""
+        """Return the unread effects of a tendon: all of a spatial one, slack springs, ranges."""
         model, acting = self.compiled, list[str]()
         if self._shares("tendon", k) is None:
             for key in ("stiffness", "damping", "frictionloss", "armature"):
@@ -383,8 +370,29 @@ class _Model:
         return acting
 
 
+def _parallel_turns(tree: UrdfTree, name: str, *joints: str) -> Closure | None:
+    """Return the closure of two joints' equal turns about parallel axes of one body, or None."""
+    children = [tree.joints[joint].child for joint in joints]
+    chains = tree.moving_chains(*children)
+    if [[part.name for part in chain] for chain in chains] != [[joint] for joint in joints]:
+        return None
+    return tree.same_turning(name, *children)
+
+
+def _left_out_of_joint(joint: _Joint) -> Iterator[LeftOut]:
+    """Yield the unread effects of a joint: springs of balls, powers of damping and stiffness."""
+    name, kind, view = joint
+    if kind in SEVERAL and view.stiffness[0]:
+        yield LeftOut(f"joint {name!r}: spring of a ball, {view.stiffness[0]:g} N m/rad", (name,))
+    for effect, rows in (("damping", view.dampingpoly), ("stiffness", view.stiffnesspoly)):
+        values = np.atleast_2d(rows)[0]
+        if values.any():
+            powers = " ".join(map("{:g}".format, values))
+            yield LeftOut(f"joint {name!r} {effect}: higher powers {powers}", (name,))
+
+
 def _closure_kind(kind: str, data: Array) -> str:
-    """Return what a connect or a weld closes; one without a share of its turn holds a point."""
+    """Return the closure kind of a connect or a weld; a weld of no turn holds a point."""
     return "fixed" if kind == "weld" and data[10] else "spherical"
 
 
