@@ -229,11 +229,6 @@ def lock(tree: UrdfTree, locked: Mapping[str, float | None], reference: dict[str
         tree.fix(joint, *(values if value is None else [value] * len(values)))
 
 
-def loops_of_the_rest(tree: UrdfTree, closures: Sequence[Closure]) -> list[Closure]:
-    """Return the closures that still have a joint that moves between their frames."""
-    return [c for c in closures if any(tree.moving_chains(*map(tree.link_of, c.frames)))]
-
-
 def couplings_of_the_rest(tree: UrdfTree, couplings: Sequence[Coupling]) -> list[Coupling]:
     """Return the couplings of two joints that still move; where one is held, hold the other with it."""
     while more := locked_by_couplings(couplings, {name: values[0] for name, values in tree.held.items()}):
