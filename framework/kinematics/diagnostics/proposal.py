@@ -83,7 +83,7 @@ class _Motions(NamedTuple):
 
 
 class _Undriven(RobotFileError):
-    """Motions that no motor determines, and `joints` that hold them in the pose of the `remarks`."""
+    """Motions without a motor, and `joints` to hold in the pose of the `remarks`."""
 
     def __init__(self, message: str, motions: _Motions, joints: Sequence[str], why: str) -> None:
         super().__init__(message)
@@ -349,7 +349,7 @@ def _holding_joints(
 
 
 def _check_driven(motions: _Motions, description: RobotDescription, tree: UrdfTree) -> None:
-    """Refuse a mechanism with motions that no motor determines, and say what would hold them.
+    """Refuse a mechanism with motions that no motor determines; name joints to hold.
 
     Raises:
         _Undriven: with joints to hold, if they have springs, or a body that all motors move stands still.

@@ -34,7 +34,7 @@ _NO_NAMES = ("", "mjcf", "model", "mujoco", "mujoco model", "onshape", "robot", 
 
 
 class LeftOut(NamedTuple):
-    """An element that is not read, and the joints and links that it acts on.
+    """An element that is not read, with the joints and links under its action.
 
     Without the force of most elements a robot is still the same mechanism; where one decides how the
     mechanism moves (`is_decisive`), it cannot be left out of parts that move.
@@ -46,7 +46,7 @@ class LeftOut(NamedTuple):
 
 
 class Pull(NamedTuple):
-    """A motor or a tendon, and the joints that it pulls at, each with its share in its length."""
+    """A motor or tendon along a length of joints, each with a share in the length."""
 
     name: str  # with its kind
     shares: Mapping[str, float]
@@ -200,7 +200,7 @@ def lock_all_but(tree: UrdfTree, base: str, reference: Mapping[str, float]) -> N
 
 
 def lock(tree: UrdfTree, locked: Mapping[str, float | None], reference: dict[str, float]) -> None:
-    """Lock joints at a value [rad, m]; at the reference, else at zero, where it is None.
+    """Lock joints at values [rad, m]; None means the reference, else zero.
 
     Of a ball J one turn may be held, J_rx, J_ry or J_rz: it becomes a cross about the other two, whose angles
     come into the reference.
@@ -230,7 +230,7 @@ def lock(tree: UrdfTree, locked: Mapping[str, float | None], reference: dict[str
 
 
 def couplings_of_the_rest(tree: UrdfTree, couplings: Sequence[Coupling]) -> list[Coupling]:
-    """Return the couplings of two joints that still move; where one is held, hold the other with it."""
+    """Return the couplings of moving joints; fix a joint coupled with a fixed one."""
     while more := locked_by_couplings(couplings, {name: values[0] for name, values in tree.held.items()}):
         for name, value in more.items():
             tree.fix(tree.joints[name], value)
@@ -246,7 +246,7 @@ def add_pulls(
     tree: UrdfTree,
     couplings: Sequence[Coupling],
 ) -> tuple[dict[str, JointDynamics], list[LeftOut]]:
-    """Add what acts along lengths to the joints that they follow; return these, and what follows several."""
+    """Add dynamics along lengths to the joints of each; return joints and the ambiguous rest."""
     sums, left_out = dict(joints), list[LeftOut]()
     for pull in pulls:
         if replace(pull.acting, rest=0.0) == JointDynamics():
@@ -267,7 +267,7 @@ def add_pulls(
 def actuators_of(
     motors: Sequence[Pull], tree: UrdfTree, couplings: Sequence[Coupling]
 ) -> tuple[list[Actuator], list[str]]:
-    """Return the motors that drive one joint that moves, and the names of those that drive several.
+    """Return the motors of single moving joints, and the names of motors of several.
 
     A tendon over joints that couplings make one is a transmission to that one. Of two motors on a joint,
     such as a servo's position and speed, the first is taken.
@@ -288,7 +288,7 @@ def actuators_of(
 def shares_of_leaders(
     shares: Mapping[str, float], tree: UrdfTree, couplings: Sequence[Coupling]
 ) -> tuple[dict[str, float], float]:
-    """Return shares of joints as shares of those that follow no other and move, and a constant."""
+    """Express shares of joints by moving joints that follow no other, and a constant."""
     followed = {coupling.joint: coupling for coupling in couplings}
     leaders: dict[str, float] = {}
     constant = 0.0
@@ -308,7 +308,7 @@ def shares_of_leaders(
 
 
 def left_out_of(tree: UrdfTree, items: Iterable[LeftOut]) -> tuple[str, ...]:
-    """Return what is left out of the parts that still move, each once.
+    """Return the elements left out of parts that move, each once.
 
     Raises:
         RobotFileError: it decides how they move.

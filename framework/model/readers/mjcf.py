@@ -283,7 +283,7 @@ class _Model:
         return joints
 
     def tendons(self) -> Iterator[Pull]:
-        """Yield fixed tendons with what acts along them."""
+        """Yield the fixed tendons with their dynamics."""
         model = self.compiled
         for k, (low, high) in enumerate(model.tendon_lengthspring):
             shares = self._shares("tendon", k)
@@ -298,7 +298,7 @@ class _Model:
                 yield Pull(f"tendon {self.name('tendon', k)!r}", shares, acting=acting)
 
     def motors(self) -> Iterator[Pull | LeftOut]:
-        """Yield the motors on hinges, slides and fixed tendons of them, and others as left out."""
+        """Yield motors on hinges, slides and their fixed tendons, and other motors as left out."""
         model = self.compiled
         for k in range(model.nactuator):
             target, kind, gear = int(model.actuator_trnid[k, 0]), model.actuator_trntype[k], self._gear(k)

@@ -152,7 +152,7 @@ def _included_files(folder: Path, text: str) -> Iterator[tuple[str, bytes]]:
 
 
 def _delete_unused(mujoco: Any, spec: Any) -> Iterator[LeftOut]:
-    """Delete what no motion needs, and actuators of plugins, which are named."""
+    """Delete elements that no motion needs; yield actuators of plugins."""
     for geom in list(spec.geoms):
         if geom.type == mujoco.mjtGeom.mjGEOM_HFIELD:
             spec.delete(geom)
@@ -237,7 +237,7 @@ def _weighs(mujoco: Any, geom: Any, body: Any) -> bool:
 
 
 def _compile(spec: Any) -> tuple[Any, list[LeftOut]]:
-    """Compile without the meshes that MuJoCo refuses, one by one; return what that decides."""
+    """Compile a specification without refused meshes; return model and decisive omissions."""
     masses, inertias = spec.compiler.boundmass, spec.compiler.boundinertia
     spec.compiler.boundmass = max(masses, STAND_IN_MASS)
     spec.compiler.boundinertia = max(inertias, STAND_IN_INERTIA)
@@ -255,7 +255,7 @@ def _compile(spec: Any) -> tuple[Any, list[LeftOut]]:
 
 
 def _delete_refused_meshes(spec: Any, error: str) -> list[LeftOut]:
-    """Delete geoms of the mesh in whose line the error is, of all meshes where it names none of them.
+    """Delete geoms of the mesh in the line of an error, else of all meshes.
 
     Raises:
         RobotFileError: the error, where there is no mesh.

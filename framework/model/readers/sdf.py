@@ -154,7 +154,7 @@ def read_sdf(file: Path, root: ElementTree.Element, options: Options) -> ParsedR
 
 
 def _left_out(scope: Scope, ends: Mapping[str, tuple[str, str]], cut: Sequence[_Joint]) -> Iterator[LeftOut]:
-    """Yield what decides motions or acts, and is not in the records."""
+    """Yield elements with motion or force that the records do not hold."""
     for name, element in scope.joints.items():
         if element.get("type") in _NOT_READ:
             text = f"joint {name!r}: {element.get('type')}: not read"
@@ -169,7 +169,7 @@ def _left_out(scope: Scope, ends: Mapping[str, tuple[str, str]], cut: Sequence[_
 
 
 def _remarks(root: ElementTree.Element, scope: Scope, part: set[str]) -> Iterator[str]:
-    """Yield what no motion needs, by number, and links beside the mechanism."""
+    """Yield the number of unused elements, and the links beside the mechanism."""
     counts = {tag: sum(1 for _ in root.iter(tag)) for tag in _UNUSED}
     if unused := ", ".join(f"{count} <{tag}>" for tag, count in counts.items() if count):
         yield f"not used: {unused}"
@@ -361,7 +361,7 @@ def _own(joint: ElementTree.Element, tags: Sequence[str] = _OWN) -> str:
 
 
 def _couplings(joint: _Joint, names: Sequence[str]) -> Iterator[Coupling]:
-    """Yield the coupling of a joint that mimics another, and of a screw's slide with its turn."""
+    """Yield the couplings of a mimic joint and of a screw's slide."""
     where, element = f"joint {joint.name!r}", joint.element
     for mimic in element.findall("axis/mimic"):
         of = element.get("scope", "") + (mimic.get("joint") or "")
@@ -394,7 +394,7 @@ def _largest_part(scope: Scope, ends: Mapping[str, tuple[str, str]]) -> set[str]
 
 
 def _tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
-    """Choose the joints of a tree: those with something of their own first, and balls last."""
+    """Choose the joints of a tree: joints with properties first, balls last."""
     mimicked = {mimic.get("joint") for joint in scope.joints.values() for mimic in joint.iter("mimic")}
 
     def rank(joint: _Joint) -> tuple[bool, ...]:
@@ -508,7 +508,7 @@ def read_cut_joint(scope: Scope, tree: UrdfTree, element: ElementTree.Element) -
 
 
 def _closure(tree: UrdfTree, joint: _Joint) -> Closure:
-    """Return the closure of a joint that is cut, of the joint's own kind; a screw's stub is fixed."""
+    """Return the closure of a cut joint, of its own kind; the stub of a screw is fixed."""
     if joint.kind == "screw":
         pair = (("1", f"{joint.name}_stub", np.eye(4)), ("2", joint.links[1], joint.places[1]))
         return tree.close(f"{joint.name}_end", "fixed", pair)
