@@ -128,7 +128,7 @@ def _read_coupling(tree: UrdfTree, element: ElementTree.Element) -> Closure | No
 def _end(
     tree: UrdfTree, element: ElementTree.Element, where: str, end: str, origin: str = ""
 ) -> tuple[str, str, Array]:
-    """Return the name of an end, its link and the placement there, of an `origin` beside it or within it."""
+    """Return an end, its link and its placement, by an `origin` beside or within."""
     body = child_element(element, where, end)
     only(body, f"{where}: <{end}>", () if origin else ("origin",), ("link",))
     link = tree.link(f"{where}: <{end}>", attribute(body, f"{where}: <{end}>", "link"))
