@@ -102,7 +102,7 @@ class Stepper:
             new = self.step(q[None], v[None], torque[None], h, world=world)
             return State(new.q[0], new.v[0])
         driven = np.zeros((len(torque), self.stack.rotors.shape[1]))
-        driven[:, self.stack.actuated] = self.stack.gear_ratio * torque
+        driven[:, self.stack.robots[0].actuated] = self.stack.gear_ratio * torque
         if world is not None:
             driven += world
         with np.errstate(over="ignore", invalid="ignore"):
