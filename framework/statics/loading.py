@@ -249,14 +249,12 @@ def _correct(
 
 def _newton_step(state: Balance, tangent: Array, lands: BoolArray) -> tuple[Array, Array]:
     """Compute Newton's step (T, f) to the curve, and the change (T,) of the share."""
-    d = state.H.shape[1]
-    bordered, right = np.zeros((len(state.H), d + 1, d + 1)), np.zeros((len(state.H), d + 1))
-    bordered[:, :d, :d], bordered[:, :d, d], right[:, :d] = state.H, state.drive, -state.slope
-    bordered[:, d, :d] = np.where(lands[:, None], 0.0, matvec(state.null.swapaxes(1, 2), tangent))
-    bordered[:, d, d] = lands
+    along = np.where(lands[:, None], 0.0, matvec(state.null.swapaxes(1, 2), tangent))
+    bordered = np.block([[state.H, state.drive[:, :, None]], [along[:, None], lands[:, None, None]]])
+    right = np.append(-state.slope, np.zeros((len(along), 1)), axis=1)
     with np.errstate(all="ignore"):  # what is singular, or no number, ends there
         step = solve(bordered, right)
-        return state.closing + matvec(state.null, step[:, :d]), step[:, d]
+        return state.closing + matvec(state.null, step[:, :-1]), step[:, -1]
 
 
 def _folds(robot: ParallelRobot, start: _Points, load: Load) -> TurningPoints:
