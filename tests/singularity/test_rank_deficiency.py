@@ -40,7 +40,7 @@ def measured(*entries, power=1):
     branch = SimpleNamespace(
         robot=SimpleNamespace(name="matrix"),
         path=SimpleNamespace(knots=np.empty(0)),
-        closed=lambda s: SimpleNamespace(linearised=s),
+        close=lambda s: SimpleNamespace(linearised=s),
     )
     return Measured(branch, matrix, power)
 
