@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.arrays import Array, ArrayLike, ReadOnlyArrays, join, select
 from framework.atlas.sweep import STEP_PARTS, PoseReason, step_poses
 from framework.errors import InvalidInput
 from framework.kinematics.inverse_kinematics import require_square
@@ -181,10 +181,14 @@ def _follow_rays(
 
 def _join_nearest(stretches: list[Stretches], robot: ParallelRobot, x: Array) -> Stretches:
     """Return the stretches that begin hardly farther from x than the first one ends."""
-    joined = Stretches(*(np.concatenate(parts) for parts in zip(*stretches, strict=True)))
-    begin, end = (np.linalg.norm((y - x) / robot.platform_scale, axis=1) for y in joined[1:])
-    near = begin <= FAR_RATIO * end.min(initial=np.inf)
-    return Stretches(*(part[near] for part in joined))
+    joined = join(stretches)
+    begin, end = _distances(robot, joined.start, x), _distances(robot, joined.end, x)
+    return select(joined, begin <= FAR_RATIO * end.min(initial=np.inf))
+
+
+def _distances(robot: ParallelRobot, y: Array, x: Array) -> Array:
+    """Compute the distances (...) of y (..., n) from x (n,) [robot lengths, rad]."""
+    return np.linalg.norm((y - x) / robot.platform_scale, axis=-1)
 
 
 def _advance_to_ends(robot: ParallelRobot, stretches: Stretches, x: Array, *, by_sign: bool) -> list[Foot]:
@@ -193,13 +197,12 @@ def _advance_to_ends(robot: ParallelRobot, stretches: Stretches, x: Array, *, by
     All are found coarsely, and the nearest to rounding.
     """
     coarse = _advance(robot, stretches, by_sign=by_sign, halvings=COARSE_HALVINGS)
-    distance = np.linalg.norm((coarse.start - x) / robot.platform_scale, axis=1)
-    order = np.argsort(distance, kind="stable")
-    nearest = Stretches(*(part[order[:1]] for part in coarse))
+    order = np.argsort(_distances(robot, coarse.start, x), kind="stable")
+    nearest = select(coarse, order[:1])
     fine = _advance(robot, nearest, by_sign=by_sign, halvings=MAX_HALVINGS - COARSE_HALVINGS)
-    feet = [(y, q) for q, y, _ in zip(*fine, strict=True)]
-    feet += [(coarse.start[k], coarse.q[k]) for k in order[1:]]
-    return [Foot(float(np.linalg.norm((y - x) / robot.platform_scale)), y, q) for y, q in feet]
+    ends = join([fine, select(coarse, order[1:])])
+    distances = map(float, _distances(robot, ends.start, x))
+    return [Foot(*foot) for foot in zip(distances, ends.start, ends.q, strict=True)]
 
 
 def _advance(robot: ParallelRobot, stretches: Stretches, *, by_sign: bool, halvings: int) -> Stretches:
@@ -223,8 +226,12 @@ def _advance(robot: ParallelRobot, stretches: Stretches, *, by_sign: bool, halvi
 
 def _is_singular(robot: ParallelRobot, hit: Foot) -> bool:
     """Return whether g is zero to rounding at a pose."""
-    matrices = type2_matrix(robot, linearised_at(robot, hit.q[None], hit.x[None]))
-    return bool(abs(bordered_solution(matrices, 0).g[0]) < RANK_LOST)
+    return bool(abs(_measure(robot, hit.q[None], hit.x[None])[0]) < RANK_LOST)
+
+
+def _measure(robot: ParallelRobot, q: Array, x: Array) -> Array:
+    """Compute g (T,) at q (T, nq), x (T, n), with the border of the first."""
+    return bordered_solution(type2_matrix(robot, linearised_at(robot, q, x)), 0).g
 
 
 def _find_foot(robot: ParallelRobot, hit: Foot, x: Array) -> Foot | None:
@@ -236,16 +243,14 @@ def _find_foot(robot: ParallelRobot, hit: Foot, x: Array) -> Foot | None:
         step = step_poses(robot, np.tile(q, (2 * n + 1, 1)), np.tile(y, (2 * n + 1, 1)), y + offsets)
         if (step.reason != PoseReason.REACHED).any():
             return None
-        matrices = type2_matrix(robot, linearised_at(robot, step.q, y + offsets))
-        g = bordered_solution(matrices, 0).g
+        g = _measure(robot, step.q, y + offsets)
         slope = (g[1 : n + 1] - g[n + 1 :]) / (2 * DIFFERENCE_STEP)
         if not float(slope @ slope) > 0:
             return None
-        offset = (y - x) / scale
-        foot = x + scale * slope * (slope @ offset - g[0]) / float(slope @ slope)
-        move = float(np.linalg.norm((foot - y) / scale))
+        foot = x + scale * slope * (slope @ ((y - x) / scale) - g[0]) / float(slope @ slope)
+        move = float(_distances(robot, foot, y))
         if move < NEWTON_STEP:
-            return Foot(float(np.linalg.norm(offset)), y, q) if abs(g[0]) < RANK_LOST else None
+            return Foot(float(_distances(robot, y, x)), y, q) if abs(g[0]) < RANK_LOST else None
         foot = y + min(1.0, RAY_STEP / move) * (foot - y)
         step = step_poses(robot, q[None], y[None], foot[None], STEP_PARTS)
         if step.reason[0] != PoseReason.REACHED:

@@ -74,9 +74,8 @@ def assembly_mode_change(locus: TracedLocus, cusp: LocusPoint) -> AssemblyModeCh
 def _curve_of(locus: TracedLocus, cusp: LocusPoint) -> LocusCurve:
     """Return the curve that has this cusp."""
     for curve in locus.curves:
-        for point in curve.cusps:
-            if point is cusp:
-                return curve
+        if any(point is cusp for point in curve.cusps):
+            return curve
     raise InvalidInput("cusp: needs to be one of `locus.cusps`")
 
 

@@ -27,6 +27,7 @@ from framework.locus.curve_tracing import (
     MAX_STEP,
     Curve,
     Points,
+    off_chords,
     points_at,
     solutions_near,
     whole_curves,
@@ -175,13 +176,10 @@ def _least_slope(equations: LocusEquations, points: Points) -> Array:
 def _passes(equations: LocusEquations, curve: Curve, point: Points) -> bool:
     """Whether a curve passes a point (S = 1)."""
     offsets = equations.offsets(point.q, curve.points.q)  # (m, k)
-    start, chord = offsets[:-1], np.diff(offsets, axis=0)
-    length = np.linalg.norm(chord, axis=1)
-    near = (length < 2 * MAX_STEP) & (length > 0)  # others jump where a hinge has turned once round
-    start, chord, length = start[near], chord[near], length[near]
-    share = np.clip(-np.sum(start * chord, axis=1) / length**2, 0.0, 1.0)
-    gap = np.linalg.norm(start + share[:, None] * chord, axis=1)
-    return bool((gap < MAX_CURVE_OFFSET * length).any())
+    chord = np.diff(offsets, axis=0)
+    length, gap = (np.linalg.norm(part, axis=1) for part in (chord, off_chords(-offsets[:-1], chord)))
+    # longer ones jump where a hinge has turned once round
+    return bool(((gap < MAX_CURVE_OFFSET * length) & (length < 2 * MAX_STEP)).any())
 
 
 def _describe(equations: LocusEquations, curve: Curve, crossings: list[Points]) -> LocusCurve:

@@ -51,7 +51,7 @@ class Stepper:
         Raises:
             InvalidInput: unknown scheme, one that does not suit the robot, robots of different structure.
         """
-        stack = RobotStack.of(robots, None if damping is None else np.asarray(damping, dtype=float), like)
+        stack = RobotStack.of(robots, damping, like)
         massless = _has_massless_motions(stack.first)
         if scheme is None:
             scheme = "extrapolated" if massless else "midpoint"

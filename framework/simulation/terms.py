@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from framework.arrays import Array, IntArray
+from framework.arrays import Array, ArrayLike, IntArray
 from framework.errors import InvalidInput
 from framework.kinematics.closures import closure_drift, loop_equations
 from framework.kinematics.frames import FrameMotions, FrameStack, stacked_frames
@@ -52,7 +52,7 @@ class RobotStack:
     @staticmethod
     def of(
         robots: ParallelRobot | Sequence[ParallelRobot],
-        damping: Array | None = None,
+        damping: ArrayLike | None = None,
         like: ParallelRobot | None = None,
     ) -> RobotStack:
         """Stack one robot or several; `like` decides which loop equations count and which joints idle.

@@ -159,8 +159,7 @@ def _type_1(robot: ParallelRobot, rates: Array, gained: int) -> tuple[bool, tupl
     Args:
         rates: (k, n_a) of the motors in the motions of a locked platform.
     """
-    values = singular_values(rates) if len(rates) else np.zeros(0)
-    if int(np.sum(values > RANK_LOST)) <= gained:
+    if np.linalg.matrix_rank(rates, tol=RANK_LOST) <= gained:
         return False, ()
     share = np.linalg.norm(rates, axis=0)
     moving = zip(robot.actuator_names, share, strict=True)
