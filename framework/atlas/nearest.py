@@ -112,7 +112,7 @@ def nearest_singular_pose(
     leg_end = size * min((end.distance for end in ends), default=np.inf)
     if nearest is None:
         return NearestSingularPose(np.inf, *search, None, None, None, leg_end)
-    twist = uncontrolled_motion(robot, linearised_at(robot, nearest.q[None], nearest.x[None])).twist
+    twist = uncontrolled_motion(robot, linearised_at(robot, nearest.q[None], None)).twist
     found = nearest.x, nearest.q, twist
     return NearestSingularPose(nearest.distance * size, *search, *found, leg_end)
 
@@ -148,9 +148,9 @@ def _directions(n: int) -> Array:
     return np.concatenate([np.eye(n), -np.eye(n), drawn])
 
 
-def _sign(robot: ParallelRobot, q: Array, x: Array) -> Array:
-    """Compute the sign of g (T,) at q (T, nq), x (T, n)."""
-    return np.linalg.slogdet(type2_matrix(robot, linearised_at(robot, q, x)))[0]
+def _sign(robot: ParallelRobot, q: Array) -> Array:
+    """Compute the sign of g (T,) at q (T, nq)."""
+    return np.linalg.slogdet(type2_matrix(robot, linearised_at(robot, q, None)))[0]
 
 
 def _follow_rays(
@@ -161,7 +161,7 @@ def _follow_rays(
     count = max(int(np.ceil(reach / RAY_STEP)), 1)
     live = np.arange(len(rays))
     all_q = np.repeat(q[None], len(rays), axis=0)
-    sign = _sign(robot, q[None], x[None])[0]
+    sign = _sign(robot, q[None])[0]
     crossed: list[Stretches] = []
     ended: list[Stretches] = []
     for k in range(count):
@@ -169,7 +169,7 @@ def _follow_rays(
         step = step_poses(robot, all_q[live], start, end, STEP_PARTS)
         reached = step.reason == PoseReason.REACHED
         across = reached.copy()
-        across[reached] = _sign(robot, step.q[reached], end[reached]) != sign
+        across[reached] = _sign(robot, step.q[reached]) != sign
         for stretches, mask in ((crossed, across), (ended, ~reached)):
             stretches.append(Stretches(all_q[live[mask]], start[mask], end[mask]))
         all_q[live] = step.q
@@ -211,14 +211,14 @@ def _advance(robot: ParallelRobot, stretches: Stretches, *, by_sign: bool, halvi
     A long step near an end is not trusted, a shorter one is: its length stays until it is refused in turn.
     """
     q, start, end = (part.copy() for part in stretches)
-    sign, share, size = _sign(robot, q, start), np.zeros(len(q)), np.full(len(q), 0.5)
+    sign, share, size = _sign(robot, q), np.zeros(len(q)), np.full(len(q), 0.5)
     while (live := np.flatnonzero(size > 0.5 ** (halvings + 1))).size:
         ends = (share + size)[live]
         origin, target = (start[live] + (end - start)[live] * part[:, None] for part in (share[live], ends))
         step = step_poses(robot, q[live], origin, target)
         good = (step.reason == PoseReason.REACHED) & (ends < 1.0)
         if by_sign:
-            good[good] = _sign(robot, step.q[good], target[good]) == sign[live[good]]
+            good[good] = _sign(robot, step.q[good]) == sign[live[good]]
         q[live[good]], share[live[good]] = step.q[good], ends[good]
         size[live[~good]] *= 0.5
     return Stretches(q, start + (end - start) * share[:, None], end)
@@ -226,12 +226,12 @@ def _advance(robot: ParallelRobot, stretches: Stretches, *, by_sign: bool, halvi
 
 def _is_singular(robot: ParallelRobot, hit: Foot) -> bool:
     """Return whether g is zero to rounding at a pose."""
-    return bool(abs(_measure(robot, hit.q[None], hit.x[None])[0]) < RANK_LOST)
+    return bool(abs(_measure(robot, hit.q[None])[0]) < RANK_LOST)
 
 
-def _measure(robot: ParallelRobot, q: Array, x: Array) -> Array:
-    """Compute g (T,) at q (T, nq), x (T, n), with the border of the first."""
-    return bordered_solution(type2_matrix(robot, linearised_at(robot, q, x)), 0).g
+def _measure(robot: ParallelRobot, q: Array) -> Array:
+    """Compute g (T,) at q (T, nq), with the border of the first."""
+    return bordered_solution(type2_matrix(robot, linearised_at(robot, q, None)), 0).g
 
 
 def _find_foot(robot: ParallelRobot, hit: Foot, x: Array) -> Foot | None:
@@ -243,7 +243,7 @@ def _find_foot(robot: ParallelRobot, hit: Foot, x: Array) -> Foot | None:
         step = step_poses(robot, np.tile(q, (2 * n + 1, 1)), np.tile(y, (2 * n + 1, 1)), y + offsets)
         if (step.reason != PoseReason.REACHED).any():
             return None
-        g = _measure(robot, step.q, y + offsets)
+        g = _measure(robot, step.q)
         slope = (g[1 : n + 1] - g[n + 1 :]) / (2 * DIFFERENCE_STEP)
         if not float(slope @ slope) > 0:
             return None

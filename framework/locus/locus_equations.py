@@ -113,7 +113,7 @@ class LocusEquations:
         robot, k = self.robot, self.size
         step = np.concatenate([np.zeros((1, k)), DIFFERENCE_STEP * np.eye(k), -DIFFERENCE_STEP * np.eye(k)])
         poses = self.move(np.repeat(q, len(step), axis=0), np.tile(step, (len(q), 1)))
-        linearised = linearised_at(robot, poses, np.broadcast_to(self.x, (len(poses), robot.n)))
+        linearised = linearised_at(robot, poses, None)
         sizes = robot.structure.row_sizes
         loops = (
             scale_jacobian(robot, linearised.closures[:: len(step)], robot.loops.rotation) / sizes[:, None]
@@ -139,14 +139,12 @@ class LocusEquations:
         """Compute the offsets (T, n - 2) of the fixed freedoms at poses (T, nq), without dimension."""
         robot, fixed = self.robot, self.fixed
         if self.in_motors:
-            columns = robot.actuated[fixed]
-            sliding = robot.sliding[columns]
-            offset = robot.actuated_coordinates(poses)[:, fixed] - self.motors[fixed]
-            offset = offset / robot.column_scale[columns]
+            sliding, scale = robot.sliding[robot.actuated], robot.column_scale[robot.actuated]
+            offset = robot.actuated_coordinates(poses) - self.motors
         else:
-            sliding = robot.translations[fixed]
-            offset = (robot.platform.coordinates(frames) - self.x)[:, fixed]
-            offset = offset / np.where(sliding, robot.length, 1.0)
+            sliding, scale = robot.translations, robot.platform_scale
+            offset = robot.platform.coordinates(frames) - self.x
+        offset, sliding = (offset / scale)[:, fixed], sliding[fixed]
         offset[:, ~sliding] = wrap_angles(offset[:, ~sliding])
         return offset
 

@@ -144,7 +144,7 @@ def _free(robot: ParallelRobot, poses: MapPoses) -> tuple[str, str]:
 def _modes(robot: ParallelRobot, poses: MapPoses, places: IntArray) -> Array:
     """Return the sign of each leg (e, legs) at some poses of the map."""
     i, j = places.T
-    return leg_signs(robot, linearised_at(robot, poses.q[i, j], poses.x[i, j]))
+    return leg_signs(robot, linearised_at(robot, poses.q[i, j], None))
 
 
 def _trace_near(robot: ParallelRobot, poses: MapPoses, starts: list[Array]) -> list[LocusCurve]:

@@ -105,6 +105,6 @@ def _follow_circle(robot: ParallelRobot, cusp: LocusPoint, motors: Array) -> Ass
             continue
         if np.linalg.norm((x[-1] - x[0]) / scale) > DISTINCT_SOLUTIONS:
             poses = np.array(q)
-            g = singularity_measure(robot, linearised_at(robot, poses, np.array(x))).g
+            g = singularity_measure(robot, linearised_at(robot, poses, None)).g
             return AssemblyModeChange(cusp, motors, poses, np.array(x), g)
     return None

@@ -185,7 +185,7 @@ def _passes(equations: LocusEquations, curve: Curve, point: Points) -> bool:
 def _describe(equations: LocusEquations, curve: Curve, crossings: list[Points]) -> LocusCurve:
     """Describe a curve in the robot's own coordinates."""
     robot, points = equations.robot, curve.points
-    linearised = linearised_at(robot, points.q, np.broadcast_to(equations.x, (len(points.q), robot.n)))
+    linearised = linearised_at(robot, points.q, None)
     x, motors = robot.platform.coordinates(linearised.frames), robot.actuated_coordinates(points.q)
     steps = equations.offsets(points.q[:-1], points.q[1:])
     kind = "type_2"

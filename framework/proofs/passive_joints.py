@@ -125,8 +125,7 @@ def is_proved(robot: ParallelRobot, q: Array, *, locked: str = "motors") -> bool
     change: no joint turns a frame that is farther away than all links are long, and an equation is a product
     of two vectors that turn. All in radians and lengths of the robot, norms of largest entries.
     """
-    frames = frames_at(robot, q[None])
-    linearised = linearised_at(robot, q[None], robot.platform.coordinates(frames))
+    linearised = linearised_at(robot, q[None], None)
     matrix = (passive_matrix if locked == "motors" else type1_matrix)(robot, linearised)[0]
     if matrix.shape[0] != matrix.shape[1]:
         return False

@@ -193,7 +193,7 @@ def _collect(record: _Record, steps: Iterator[FixedStep], edges: Array) -> tuple
 
 def _cubics(robot: ParallelRobot, edges: Array, states: list[State]) -> Cubics:
     """Return the cubic polynomials through states at `edges` (K + 1,)."""
-    return Cubics(robot, edges, *(np.array(part) for part in zip(*states, strict=True)))
+    return Cubics(robot, edges, *map(np.array, zip(*states, strict=True)))
 
 
 def _fixed_step_error(robot: ParallelRobot, v: Array, h: float) -> float:

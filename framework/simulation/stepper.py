@@ -88,7 +88,7 @@ class Stepper:
         if q.ndim == 1:
             return State(*consistent_state(self.stack.equations(0), q, v, tau, world))
         states = [consistent_state(self.stack.equations(k), q[k], v[k], tau[k], world) for k in range(len(q))]
-        return State(np.array([state[0] for state in states]), np.array([state[1] for state in states]))
+        return State(*map(np.array, zip(*states, strict=True)))
 
     def step(self, q: Array, v: Array, torque: Array, h: float, *, world: Array | None = None) -> State:
         """Return the state h [s] later under constant torques (n_a,) or (R, n_a) [N m], motor side.

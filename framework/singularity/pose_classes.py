@@ -181,7 +181,7 @@ def _is_singular_everywhere(robot: ParallelRobot, q: Array) -> bool:
 
 def _least_singular_value(robot: ParallelRobot, q: Array) -> float:
     """Compute the smallest singular value of P at q (nq,)."""
-    return float(clearance(robot, linearised_at(robot, q[None], robot.reference.x[None]))[0])
+    return float(clearance(robot, linearised_at(robot, q[None], None))[0])
 
 
 def _unit_twists(robot: ParallelRobot, twists: Array) -> Array:
@@ -202,7 +202,7 @@ def _contact(robot: ParallelRobot, closed: ClosedStack, along: ArrayLike, corank
         raise InvalidInput(f"along ({', '.join(robot.axis_names)}): must not be zero")
     steps = DIFFERENCE_STEP / size * np.array([-1.0, 0.0, 1.0])[:, None] * rates
     poses = integrate(robot, np.repeat(closed.q, 3, axis=0), steps)
-    matrices = type2_matrix(robot, linearised_at(robot, poses, np.repeat(closed.x, 3, axis=0)))
+    matrices = type2_matrix(robot, linearised_at(robot, poses, None))
     G = bordered_solution(matrices, 1, corank).G
     slope = (G[2] - G[0]) / (2 * DIFFERENCE_STEP)
     return "transversal" if singular_values(slope)[-1] > TANGENTIAL_SLOPE else "tangential"

@@ -34,7 +34,7 @@ from framework.kinematics.continuation.turning_point import (
     TurningPoints,
     turning_points,
 )
-from framework.kinematics.frames import frames_at, integrate_columns
+from framework.kinematics.frames import integrate_columns
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.modes import mode_signs
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -161,10 +161,7 @@ def _loaded_stack(
     robot: ParallelRobot, q: Array, reached: _Points, reason: NDArray[np.uint8], load: Load
 ) -> LoadedStack:
     """Return the stack reached from q (T, nq), with its stiffness and changes of assembly mode."""
-    start, end = (
-        linearised_at(robot, poses, robot.platform.coordinates(frames_at(robot, poses)))
-        for poses in (q, reached.q)
-    )
+    start, end = (linearised_at(robot, poses, None) for poses in (q, reached.q))
     changes_mode = mode_signs(robot, end)[1] != mode_signs(robot, start)[1]
     reason[changes_mode & (reason == LoadReason.CARRIED)] = LoadReason.OTHER_MODE
     free = compliant_motions(robot, end, reached.q)
