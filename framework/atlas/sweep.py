@@ -130,7 +130,7 @@ def step_poses(robot: ParallelRobot, q: Array, start: Array, end: Array, parts: 
 def _step_once(robot: ParallelRobot, q: Array, start: Array, end: Array) -> StepEnds:
     """Assemble configurations at `end` (T, n), from q (T, nq) at `start` (T, n), in one step each."""
     linearised = linearised_at(robot, q, start)
-    twist, _ = robot.platform.twist(start, end - start)
+    twist = robot.platform.twist(start, end - start)[0]
     move = joint_rates(robot, linearised, twist, np.zeros((len(q), robot.n_e)))
     predicted = integrate(robot, q, move)
     corrected, end_linearised, closed = close_each(
@@ -139,19 +139,18 @@ def _step_once(robot: ParallelRobot, q: Array, start: Array, end: Array) -> Step
     with np.errstate(invalid="ignore"):
         correction = np.abs(difference(robot, predicted, corrected) / robot.column_scale).max(axis=1)
         advance = np.abs(move / robot.column_scale).max(axis=1)
-        small = np.flatnonzero(closed & is_small(correction, advance))
         # no Type 1 singularity lies between
         sure = keeps_sign(linearised.factors.slogdet, end_linearised.factors.slogdet)
         same = np.array(
             [
                 k
-                for k in small.tolist()
+                for k in np.flatnonzero(closed & is_small(correction, advance)).tolist()
                 if sure[k] or keeps_working_mode(robot, linearised.select(k), end_linearised.select(k))[0]
             ],
             dtype=np.intp,
         )
         # where branches cross, the tangent turns by more than the correction of one branch tells
-        twist, _ = robot.platform.twist(end, twist)
+        twist = robot.platform.twist(end, twist)[0]
         turn = joint_rates(robot, end_linearised.select(same), twist[same], np.zeros((len(same), robot.n_e)))
         turn = np.abs((turn - move[same]) / robot.column_scale).max(axis=1)
         bent = ~is_straight(turn, correction[same], advance[same])

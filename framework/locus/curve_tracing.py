@@ -142,7 +142,7 @@ class _Fronts(NamedTuple):
 def _pieces(
     equations: LocusEquations, starts: Points, inside: Callable[[Array], BoolArray], longest: float
 ) -> dict[int, _Piece]:
-    """Trace a piece from each of S starts: 0 .. S - 1 along the tangents, S .. 2 S - 1 against."""
+    """Trace 2 S pieces from S starts: first along the tangents, then against."""
     begins = join([starts, starts.reverse()])
     step = np.full(len(begins.q), min(FIRST_STEP, longest))
     fronts = _Fronts(begins, np.zeros_like(begins.tangent), step, np.arange(len(step)))
@@ -179,7 +179,7 @@ def _find_following(
     length = np.linalg.norm(chord, axis=2)
     distance = np.einsum("fsk,fk->fs", to_start, points.tangent)
     remaining = np.einsum("fsk,fk->fs", from_end, ahead.tangent)
-    aside = np.linalg.norm(off_chords(to_start, chord), axis=2)
+    aside = np.linalg.norm(chord_offsets(to_start, chord), axis=2)
     cosine = ahead.tangent @ starts.tangent.T  # (F, S)
     passes = (distance > MIN_START_DISTANCE) & (remaining <= 0) & (length < 2 * step[:, None])
     passes &= (aside < MAX_CURVE_OFFSET * length + MIN_START_DISTANCE) & (np.abs(cosine) > MIN_CURVE_COSINE)
@@ -188,15 +188,18 @@ def _find_following(
     return np.where(passes.any(axis=1), first + len(starts.q) * against, -1)
 
 
-def off_chords(offset: Array, chord: Array) -> Array:
-    """Compute the way (..., k) to a point from the nearest one of its chord, both as seen from its start."""
+def chord_offsets(offset: Array, chord: Array) -> Array:
+    """Compute offsets (..., k) of points from the nearest points of their chords.
+
+    Points and ends of chords are offsets from the chords' starts.
+    """
     square = np.maximum(np.sum(chord**2, axis=-1), np.finfo(float).tiny)
     share = np.clip(np.sum(offset * chord, axis=-1) / square, 0.0, 1.0)
     return offset - share[..., None] * chord
 
 
 def _chain(pieces: dict[int, _Piece], first: int, done: set[int]) -> tuple[list[Points], str]:
-    """Collect a piece and those that follow, and the end; `closed` at the start of the first."""
+    """Collect a piece and its followers; return the end, `closed` at the first start."""
     count, parts, piece = len(pieces) // 2, list[Points](), pieces[first]
     done.add(first % count)
     while True:

@@ -22,7 +22,7 @@ from framework.kinematics.frames import frames_at
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.modes import leg_signs
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.locus.curve_tracing import off_chords
+from framework.locus.curve_tracing import chord_offsets
 from framework.locus.locus_equations import LocusEquations
 from framework.locus.traced_locus import LocusCurve, trace_locus
 from framework.tolerances import DISTINCT_SOLUTIONS
@@ -123,8 +123,7 @@ def _trace_modes(
                     if _is_apart(poses, part.x, curves, SAME_CURVE_CELLS).any():  # repeats no other
                         curves.append(part)
             unexplained = _is_apart(poses, _middles(poses, changes), curves, EXPLAINED_CELLS)
-            remaining = np.count_nonzero(unexplained & of_mode)
-            if remaining in (0, len(todo)) or len(todo) <= STARTS_PER_ROUND:
+            if np.count_nonzero(unexplained & of_mode) in (0, len(todo)) or len(todo) <= STARTS_PER_ROUND:
                 break
             starts = []
     return curves, unexplained
@@ -203,7 +202,7 @@ def _is_apart(poses: MapPoses, x: Array, curves: list[MapCurve], cells: float) -
         points = curve.x / poses.cell
         start, chord = points[:-1], np.diff(points, axis=0)
         for k in np.flatnonzero(is_apart).tolist():
-            is_apart[k] = np.abs(off_chords(scaled[k] - start, chord)).max(axis=1).min() > cells
+            is_apart[k] = np.abs(chord_offsets(scaled[k] - start, chord)).max(axis=1).min() > cells
     return is_apart
 
 

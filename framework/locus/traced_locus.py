@@ -27,7 +27,7 @@ from framework.locus.curve_tracing import (
     MAX_STEP,
     Curve,
     Points,
-    off_chords,
+    chord_offsets,
     points_at,
     solutions_near,
     whole_curves,
@@ -177,7 +177,7 @@ def _passes(equations: LocusEquations, curve: Curve, point: Points) -> bool:
     """Whether a curve passes a point (S = 1)."""
     offsets = equations.offsets(point.q, curve.points.q)  # (m, k)
     chord = np.diff(offsets, axis=0)
-    length, gap = (np.linalg.norm(part, axis=1) for part in (chord, off_chords(-offsets[:-1], chord)))
+    length, gap = (np.linalg.norm(part, axis=1) for part in (chord, chord_offsets(-offsets[:-1], chord)))
     # longer ones jump where a hinge has turned once round
     return bool(((gap < MAX_CURVE_OFFSET * length) & (length < 2 * MAX_STEP)).any())
 

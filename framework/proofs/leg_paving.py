@@ -249,8 +249,11 @@ class LeverChain(NamedTuple):
         model = robot.model
         levers, between = np.zeros(len(columns)), np.zeros((len(columns), model.nv))
         inside, slides = np.zeros(len(columns), dtype=bool), np.zeros(model.nv)
-        ends = [model.frames[robot.frames[k]].placement for k in (second, first) if k != BASE]
-        length, *rest = (float(np.linalg.norm(placement.translation)) for placement in ends)
+        length, *rest = (
+            float(np.linalg.norm(model.frames[robot.frames[k]].placement.translation))
+            for k in (second, first)
+            if k != BASE
+        )
         for number, sign in reversed(joints_between(robot, first, second)):
             joint = model.joints[number]
             own, span = columns == joint.idx_v, slice(joint.idx_v, joint.idx_v + joint.nv)

@@ -216,5 +216,9 @@ class SingularBoxTest:
         small &= (2 * robot.length * x_radii <= self.resolution).all(axis=1)
         x_radii = robot.platform_scale * x_radii
         boxes = select(boxes.clip(proof.lower, proof.upper), small)
-        arcs = Arcs(equations.x[small], x_radii[small], boxes, along[small])
-        return Contracted(lower, upper), np.where(proof.proved, along, NO_AXIS), small, arcs
+        return (
+            Contracted(lower, upper),
+            np.where(proof.proved, along, NO_AXIS),
+            small,
+            Arcs(equations.x[small], x_radii[small], boxes, along[small]),
+        )

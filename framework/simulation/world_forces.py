@@ -93,9 +93,9 @@ class WorldForces:
     def _frame_wrenches(
         self, robot: ParallelRobot, t: Array, q: Array, models: Sequence[pin.Model] | None = None
     ) -> Iterator[tuple[Array, Array, bool]]:
-        """Compute each wrench at t (T,) and q (T, nq): J (T, nv, 6), the wrench (T, 6) on base axes.
+        """Yield the Jacobian (T, nv, 6) and wrench (T, 6) of each entry, on base axes.
 
-        And whether the wrench turns with its frame.
+        At t (T,) and q (T, nq); and whether the wrench turns with its frame.
         """
         model, data = robot.model, scratch_of(robot).data
         models = [model] * len(q) if models is None else models

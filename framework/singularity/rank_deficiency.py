@@ -85,10 +85,9 @@ def contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
         else:
             root = root_of_g(measured.evaluate, start, size=size, longest=STENCIL_HALF_WIDTH)
             # the roots beside an extremum are known, and a root on the edge of two panels is found twice
-            is_known = any(low <= root.place <= high for low, high in stretches)
+            is_new = _is_outside(root.place, stretches) and _is_apart(root.place, single, SAME_PLACE)
             if (
-                not is_known
-                and _is_apart(root.place, single, SAME_PLACE)
+                is_new
                 and abs(root.place - start) < MAX_ROOT_SHIFT * (panel.end - panel.start)
                 and abs(root.depth) < residual
                 and _is_crossing(measured, root, size)
@@ -147,6 +146,11 @@ def _miss_at_end(measured: Measured, panel: Panel, known: list[Contact], s: floa
 def _is_apart(s: float, places: Sequence[Contact | NearMiss], distance: float) -> bool:
     """Whether s is farther than a distance from all places."""
     return all(abs(s - place.s) > distance for place in places)
+
+
+def _is_outside(s: float, stretches: list[tuple[float, float]]) -> bool:
+    """Whether s lies in none of the stretches."""
+    return not any(low <= s <= high for low, high in stretches)
 
 
 def _border_width(measured: Measured, matrix: Array) -> int:
