@@ -27,7 +27,7 @@ from framework.kinematics.loop_matrices import type2_matrix
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.proofs.regular_ball import MAX_CELLS, regular_ball
 from framework.singularity.bordered_system import bordered_solution
-from framework.singularity.type2 import uncontrolled_motion
+from framework.singularity.type2 import has_signed_measure, uncontrolled_motion
 from framework.tolerances import NEWTON_STEP, RANK_LOST
 
 RAY_STEP = 0.02  # [robot lengths, rad] along a ray
@@ -86,7 +86,7 @@ def nearest_singular_pose(
     """
     expect_robot(robot)
     require_square(robot)
-    if robot.n_a != robot.n or not len(robot.following):
+    if not has_signed_measure(robot):
         raise InvalidInput(
             f"{robot.name}: a margin needs a measure g with a sign: passive joints, and a motor for each "
             f"axis of the platform"

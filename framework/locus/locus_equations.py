@@ -25,6 +25,7 @@ from framework.kinematics.loop_matrices import passive_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.rotations import wrap_angles
 from framework.singularity.bordered_system import Border, solve_bordered
+from framework.singularity.type2 import has_signed_measure
 
 # [rad, lengths] of central differences: errors of 1e-10 in slopes, none in what is solved
 DIFFERENCE_STEP = 1e-5
@@ -64,7 +65,7 @@ class LocusEquations:
                 passive joints, which leave no signed measure g.
         """
         require_square(robot)
-        if not len(robot.following) or robot.n_a != robot.n:
+        if not has_signed_measure(robot):
             raise InvalidInput(f"{robot.name}: a locus needs passive joints and one motor for each freedom")
         names = robot.axis_names + robot.actuator_names
         if free is None:

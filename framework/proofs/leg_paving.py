@@ -144,12 +144,9 @@ class LegEquations:
         turning, distance = rows.rotation[loops], rows.distance[loops]
         equations = loop_equations(rows, frames)
         weight = np.where(turning, 1.0, 1.0 / length)
-        errors = np.zeros((len(frames.q), len(loops)))
-        for k, chain in enumerate(self.chain_of):
-            if distance[k]:
-                errors[:, k] = bounds[chain].distance / rows.length[loops[k]]
-            else:
-                errors[:, k] = bounds[chain].attitude if turning[k] else bounds[chain].position
+        kind = np.where(distance, 2, turning)  # place in `ChainBounds`
+        chain_bounds = np.reshape(bounds, (len(bounds), 4, len(frames.q)))
+        errors = chain_bounds[self.chain_of, kind].T / np.where(distance, rows.length[loops], 1.0)
         slopes = equations.jacobian[:, loops][:, :, self.own] * weight[:, None]
         return LinearEnclosure(equations.residual[:, loops] * weight, slopes, errors)
 

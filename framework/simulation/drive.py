@@ -112,7 +112,9 @@ class Drive:
                 wrenches that are none.
         """
         motion = planned_motion(source)
-        world = _world_of(robot, motion, wrenches)
+        planned = getattr(motion, "wrenches", NO_WRENCHES)
+        entries = planned if wrenches is None else ExternalWrenches.of(wrenches)
+        world = WorldForces.of(robot, entries, getattr(motion, "law", None))
         if motion is not None:
             motors = np.shape(motion.torque(0.0))[-1]
             if motors != robot.n_a:
@@ -147,15 +149,6 @@ class Drive:
             return np.array([single(float(t[k]), q[k], v[k]) for k in range(len(t))])
 
         return Drive(robot, stack, argument_count == 3, tuple(sorted(map(float, breaks))), world)
-
-
-def _world_of(
-    robot: ParallelRobot, motion: PlannedMotion | None, wrenches: Mapping[str, Any] | None
-) -> WorldForces:
-    """Return the wrenches, by default of the motion, as forces in time."""
-    planned = getattr(motion, "wrenches", NO_WRENCHES)
-    entries = planned if wrenches is None else ExternalWrenches.of(wrenches)
-    return WorldForces.of(robot, entries, getattr(motion, "law", None))
 
 
 def _arguments(function: Callable[..., Any]) -> int:
