@@ -51,8 +51,8 @@ def own_file(name: str) -> Path:
 @cache
 def own_robots() -> Mapping[str, CatalogueEntry]:
     """Return the robots of this project, by name."""
-    found = [run_path(str(file)).get("ENTRY") for file in sorted(_ROBOTS.glob("[!_]*.py"))]
-    return {entry.name: entry for entry in found if entry is not None}
+    entries = [run_path(str(file)).get("ENTRY") for file in sorted(_ROBOTS.glob("[!_]*.py"))]
+    return {entry.name: entry for entry in entries if entry is not None}
 
 
 def catalogue() -> Mapping[str, CatalogueEntry]:

@@ -105,14 +105,26 @@ def format_distinct(one: float, other: float, digits: int = 4) -> tuple[str, str
     return texts
 
 
+def round_up(value: float, digits: int) -> float:
+    """Round a positive number up to so many digits; infinity stays."""
+    if not np.isfinite(value):
+        return value
+    unit = 10.0 ** (np.floor(np.log10(value)) - digits + 1)
+    return float(f"{np.ceil(value / unit) * unit:.{digits}g}")
+
+
 def choose_from(what: str, given: object, valid: Iterable[str]) -> str:
     """Return the sentence for a name that is not in a list: the given, the nearest and the valid names."""
     names = sorted(valid)
-    similar = " or ".join(map(repr, nearest(str(given), names)))
-    hint = f"; did you mean {similar}?" if similar else ""
     listed = ", ".join(names[:_LISTED]) if names else "none"
-    more = f", and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
-    return f"unknown {what} {_CUT.repr(given)}{hint} (valid: {listed}{more})"
+    rest = f", and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
+    return f"unknown {what} {_CUT.repr(given)}{did_you_mean(given, names)} (valid: {listed}{rest})"
+
+
+def did_you_mean(given: object, valid: Iterable[str]) -> str:
+    """Return the end of a sentence with the valid names that resemble a given one; empty without any."""
+    similar = " or ".join(map(repr, nearest(str(given), valid)))
+    return f"; did you mean {similar}?" if similar else ""
 
 
 def check_name(where: str, what: str, given: object, valid: Collection[str]) -> None:

@@ -170,7 +170,7 @@ def text(where: str, given: Any) -> str:
 
 
 def one_of(what: str, valid: Collection[str]) -> Reader[str]:
-    """Return a reader of one of the valid names of a kind, `what`."""
+    """Return a reader of one of some valid names."""
 
     def read_name(where: str, given: Any) -> str:
         if not isinstance(given, str) or given not in valid:

@@ -10,7 +10,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 GUIDE = ROOT / "framework" / "README.md"
-QUESTIONS_ABOUT_A_PLAN = 7
+QUESTIONS_ABOUT_A_PLAN = 8
 
 
 def rows_of(file: Path) -> list[tuple[Path, str]]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.dynamics.forces import balanced_forces, static_forces
-from framework.dynamics.tangent_stiffness import given_wrench
+from framework.dynamics.tangent_stiffness import check_wrench
 from framework.errors import InvalidInput, choose_from, finite_numbers
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -221,7 +221,7 @@ def choose_quantities(
         raise InvalidInput(f"wrench: counts for {', '.join(loaded)} alone; ask for one of them")
     load = tuple(finite_numbers("wrench", wrench, robot.n).tolist())
     if any(quantity.loaded for quantity in quantities):
-        given_wrench(robot, load)  # a load that deflects has to have a potential
+        check_wrench(robot, load)  # a load that deflects has to have a potential
     return tuple(
         replace(quantity, wrench=load) if quantity.takes_wrench else quantity for quantity in quantities
     )

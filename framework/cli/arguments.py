@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -88,14 +88,16 @@ def parse_file(options: Namespace, *, propose: Propose | None = None) -> ParsedR
 
 
 def named_numbers(option: str, words: Sequence[str], form: str) -> dict[str, float]:
-    """Parse numbers with names, NAME=VALUE."""
+    """Parse finite numbers with names, NAME=VALUE."""
     values = {}
     for word in words:
-        name, _, text = word.partition("=")
+        name, _, text = word.rpartition("=")
         try:
             values[name] = float(text)
         except ValueError:
-            raise InvalidInput(f"{option}: needs {form} with a number, got {word!r}") from None
+            values[name] = float("nan")
+        if not (name and abs(values[name]) <= LARGEST_NUMBER):
+            raise InvalidInput(f"{option}: needs {form} with a finite number, got {word!r}")
     return values
 
 
@@ -103,28 +105,11 @@ def _missing_fields(options: Namespace) -> MotionOptions:
     """Return the fields that options add to a foreign file, as keyword arguments of `parse_any`."""
     values = vars(options)
     fields = {key: values.get(key) for key in ("platform", "axes", "motors", "base", "platform_joints")}
-    fields["reference"] = dict(_parse_joint_values("--reference", values.get("reference") or []))
-    fields["locked"] = dict(_parse_locks(values.get("lock") or []))
-    return fields
-
-
-def _parse_locks(items: Sequence[str]) -> Iterator[tuple[str, float | None]]:
-    """Parse joints, as JOINT or JOINT=VALUE."""
-    for item in items:
-        yield from _parse_joint_values("--lock", [item]) if "=" in item else [(item, None)]
-
-
-def _parse_joint_values(option: str, items: Sequence[str]) -> Iterator[tuple[str, float]]:
-    """Parse joint values, as JOINT=VALUE."""
-    for item in items:
-        name, equals, value = item.rpartition("=")
-        try:
-            number = float(value)
-        except ValueError:
-            number = float("nan")
-        if not (name and equals and abs(number) <= LARGEST_NUMBER):
-            raise InvalidInput(f"{option}: needs JOINT=VALUE with a finite number, got {item!r}")
-        yield name, number
+    form, locked = "JOINT=VALUE", dict[str, float | None]()
+    fields["reference"] = named_numbers("--reference", values.get("reference") or [], form)
+    for word in values.get("lock") or []:
+        locked |= named_numbers("--lock", [word], form) if "=" in word else {word: None}
+    return fields | {"locked": locked}
 
 
 def path(options: Namespace, robot: ParallelRobot) -> Path:

@@ -55,7 +55,7 @@ def add(commands: Any) -> None:
 def run(options: Namespace) -> Report:
     """Calibrate; report the errors of predicted poses held out of the fit."""
     robot = arguments.load(options)
-    found = calibrate(
+    calibration = calibrate(
         robot,
         options.data,
         joints=options.joints,
@@ -64,36 +64,38 @@ def run(options: Namespace) -> Report:
         angle_error=options.angle_error,
         progress=options.progress.start("calibrating", unit="steps"),
     )
-    document = found.to_dict()
+    document = calibration.to_dict()
     if options.out is not None:
-        options.written = document["robot_file"] = str(found.write(options.out))
-    return document, calibration_text(found)
+        options.written = document["robot_file"] = str(calibration.write(options.out))
+    return document, calibration_text(calibration)
 
 
-def _noise_text(found: Calibration) -> str:
-    if found.degrees_of_freedom < 1.0:
+def _noise_text(calibration: Calibration) -> str:
+    if calibration.degrees_of_freedom < 1.0:
         return "too few poses to estimate the noise: deviations are those of the noise assumed"
     return (
-        f"{found.noise:.2g} of the noise assumed, of {found.degrees_of_freedom:.3g} equations more than the "
-        f"parameters need"
+        f"{calibration.noise:.2g} of the noise assumed, of {calibration.degrees_of_freedom:.3g} equations "
+        f"more than the parameters need"
     )
 
 
-def calibration_text(found: Calibration) -> str:
+def calibration_text(calibration: Calibration) -> str:
     """Return the report on a calibration, in words."""
-    geometry = found.geometry
-    outliers = f"; outliers: rows {', '.join(map(str, found.outliers))}" if found.outliers else ""
-    lines = [HEAD.format(found, len(geometry.names), _noise_text(found), outliers)]
-    driven = found.measured.driven
-    errors = zip(found.measured.names, found.error_before, found.error_after, strict=True)
-    lines += [f"  {name}\t{before:.2e}\t{after:.2e}" for name, before, after in list(errors)[driven:]]
+    geometry = calibration.geometry
+    outliers = f"; outliers: rows {', '.join(map(str, calibration.outliers))}" if calibration.outliers else ""
+    lines = [HEAD.format(calibration, len(geometry.names), _noise_text(calibration), outliers)]
+    errors = zip(calibration.measured.names, calibration.error_before, calibration.error_after, strict=True)
+    lines += [
+        f"  {name}\t{old:.2e}\t{new:.2e}" for name, old, new in list(errors)[calibration.measured.driven :]
+    ]
     lines += ["  parameters [m, rad]", "  name\toff by\tdeviation"]
-    rows = zip(geometry.names, found.values, found.deviations, strict=True)
+    rows = zip(geometry.names, calibration.values, calibration.deviations, strict=True)
     changed = [row for row in rows if abs(row[1]) > NO_CHANGE * row[2]]
     lines += [f"  {name}\t{value:.2e}\t{off:.1e}" for name, value, off in changed]
-    if found.unseen:
-        lines.append(f"  not seen by these data: {len(found.unseen)} directions, which stay as in the file")
-        lines += [f"    {sentence}" for sentence in found.unseen[:LISTED_UNSEEN]]
-        more = len(found.unseen) - LISTED_UNSEEN
-        lines += [f"    and {more} more, see --json"] if more > 0 else []
+    if calibration.unseen:
+        count = len(calibration.unseen)
+        lines.append(f"  not seen by these data: {count} directions, which stay as in the file")
+        lines += [f"    {sentence}" for sentence in calibration.unseen[:LISTED_UNSEEN]]
+        rest = count - LISTED_UNSEEN
+        lines += [f"    and {rest} more, see --json"] if rest > 0 else []
     return "\n".join(lines)

@@ -11,6 +11,8 @@ from framework.cli import arguments
 from framework.cli.parser import Report, add_path_and_motion, add_robot, command
 from framework.crossing.capacity import Capacity, capacity_request, largest_load_of
 
+NUMBERS = ("multiple", "refused", "proved", "impossible", "undecided")  # of a capacity, with --json
+
 
 def add(commands: Any) -> None:
     """Add the command to the parser."""
@@ -36,19 +38,17 @@ def run(options: argparse.Namespace) -> Report:
 
 
 def _document(capacity: Capacity) -> dict[str, Any]:
+    """Return the capacity for JSON, in which infinite numbers are null."""
+    plan = capacity.plan
     return {
-        "robot": capacity.plan.robot.name,
-        "flexibility": capacity.plan.robot.flexibility,
-        "multiple": capacity.multiple,
-        "refused": capacity.refused if np.isfinite(capacity.refused) else None,
-        "binds": None if capacity.refusal is None else str(capacity.refusal),
-        "proved": capacity.proved,
-        "impossible": capacity.impossible if np.isfinite(capacity.impossible) else None,
-        "undecided": capacity.undecided if np.isfinite(capacity.undecided) else None,
-        "failure": None if capacity.failure is None else str(capacity.failure),
-        "wrenches": capacity.plan.request.wrenches,
-        "duration": capacity.plan.duration,
-        "peak_torque": capacity.plan.peak_torque,
+        "robot": plan.robot.name,
+        "flexibility": plan.robot.flexibility,
+        **{key: getattr(capacity, key) for key in NUMBERS},
+        "binds": capacity.refusal and str(capacity.refusal),
+        "failure": capacity.failure and str(capacity.failure),
+        "wrenches": plan.request.wrenches,
+        "duration": plan.duration,
+        "peak_torque": plan.peak_torque,
     }
 
 

@@ -1,4 +1,4 @@
-"""`crossing check`: what kind of mechanism a file describes, and what is wrong with it."""
+"""`crossing check`: the kind of mechanism that a file describes, and its faults."""
 
 from __future__ import annotations
 

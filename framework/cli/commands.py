@@ -160,8 +160,8 @@ class OneLineParser(argparse.ArgumentParser):
 
     def __init__(self, *, examples: Iterable[str] = (), **settings: Any) -> None:
         self.examples = tuple(examples)
-        shown = "\n  ".join(["examples:", *self.examples])
-        super().__init__(allow_abbrev=False, epilog=shown, formatter_class=_Help, **settings)
+        epilog = "\n  ".join(["examples:", *self.examples])
+        super().__init__(allow_abbrev=False, epilog=epilog, formatter_class=_Help, **settings)
         self._optionals.title = "output"
         # argparse takes -1e-3 for an option, and what has a unit; none of ours begins like a number
         self._negative_number_matcher = re.compile(r"^-\.?\d")
@@ -204,11 +204,9 @@ class OneLineParser(argparse.ArgumentParser):
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         """Refuse a value that is none of the choices, as argparse does, with the nearest one."""
         if action.choices is not None and value not in action.choices:
-            from framework.errors import nearest
+            from framework.errors import did_you_mean
 
-            similar = " or ".join(map(repr, nearest(str(value), action.choices)))
-            hint = f"; did you mean {similar}?" if similar else ""
-            listed = ", ".join(action.choices)
+            hint, listed = did_you_mean(value, action.choices), ", ".join(action.choices)
             raise argparse.ArgumentError(action, f"invalid choice: {value!r}{hint} (choose from {listed})")
 
     def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
@@ -266,8 +264,8 @@ def _check_first(arguments: Sequence[str]) -> None:
 
         raise Misuse(f"{choose_from('command', first, COMMANDS)} (see `crossing --help`)")
     if meant and first not in ("-h", "--help", "--version"):
-        at = arguments.index(meant)
-        instead = shlex.join(["crossing", meant, *arguments[at + 1 :], *arguments[:at]])
+        index = arguments.index(meant)
+        instead = shlex.join(["crossing", meant, *arguments[index + 1 :], *arguments[:index]])
         raise Misuse(f"{first}: options stand behind the command", instead)
 
 

@@ -1,7 +1,7 @@
-"""The one place where a command speaks: its report on stdout, its complaint in one line on stderr.
+"""The output of commands: reports on stdout, complaints in one line on stderr.
 
-Names and numbers in it come from files and command lines of strangers: they may hold control characters,
-line breaks or thousands of letters.
+Names and numbers come from files and command lines of strangers, with control characters, line breaks or
+thousands of letters.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ def _escape(letter: str) -> str:
 def report(text: str) -> None:
     """Print a report on stdout, in the width and the colours of its terminal; raises as `tell`."""
     if sys.stdout is not None:
-        shown = _printable(text, "\n\t")
-        _tell(lay_out(shown, width_of(sys.stdout), colour=shows_colours(sys.stdout)), sys.stdout)
+        visible = _printable(text, "\n\t")
+        _tell(lay_out(visible, width_of(sys.stdout), colour=shows_colours(sys.stdout)), sys.stdout)
 
 
 def tell(text: str, *, aside: bool = False) -> None:

@@ -50,21 +50,22 @@ def report_design_study(options: Namespace) -> Report:
         keys=tuple(quantity.key for quantity in choose_quantities(robot, options.quantity)),
     )
 
-    def compute_study(kept: KeptChunks | None) -> DesignStudy:
+    def compute_study(store: KeptChunks | None) -> DesignStudy:
         progress = options.progress.start("mapping", len(designs.values), "designs")
         with executor_of(workers=options.workers, dask=options.dask) as executor:
-            return design_study(task, designs, executor=executor, keeper=kept, progress=progress)
+            return design_study(task, designs, executor=executor, keeper=store, progress=progress)
 
     if options.out is None:
         return _report(compute_study(None), robot.name)
-    kept = KeptChunks.of(Path(options.out), study_setup(task, designs))
-    with written_stepwise(options, DOCUMENT, lambda: len(kept.read()), "chunks") as folder:
-        from framework.show.design_study import save_study_figure
+    store = KeptChunks.of(Path(options.out), study_setup(task, designs))
+    with written_stepwise(options, DOCUMENT, lambda: len(store.read()), "chunks") as folder:
+        from framework.show.design_study import plot_study
+        from framework.show.plots import save
 
-        study = compute_study(kept)
+        study = compute_study(store)
         write_study(study, folder)
         options.progress.start("drawing the figure")
-        save_study_figure(study, folder)
+        save(lambda: plot_study(study), folder / "study")
     return _report(study, robot.name)
 
 
@@ -79,8 +80,8 @@ def _report(study: DesignStudy, robot: str) -> Report:
     count = len(study.why)
     refused = sum(bool(why) for why in study.why)
     medians = [key for key in study.columns if key.endswith("_median")]
-    shown = {key: study.columns[key] for key in ("area", "free_area", *medians)}
-    heads = [*study.designs.names, *(f"{key} [{study.units[key]}]" for key in shown)]
+    columns = {key: study.columns[key] for key in ("area", "free_area", *medians)}
+    heads = [*study.designs.names, *(f"{key} [{study.units[key]}]" for key in columns)]
     heads += ["why no robot"] if refused else []
     lines = [
         f"{robot}: {count} designs, {study.task.size} x {study.task.size} poses each, {refused} make no "
@@ -88,7 +89,7 @@ def _report(study: DesignStudy, robot: str) -> Report:
         "  " + "\t".join(heads),
     ]
     for k in range(min(count, MAX_PRINTED_DESIGNS)):
-        numbers = [*study.designs.values[k], *(values[k] for values in shown.values())]
+        numbers = [*study.designs.values[k], *(values[k] for values in columns.values())]
         cells = [f"{value:.4g}" if np.isfinite(value) else "-" for value in numbers]
         lines.append("  " + "\t".join([*cells, *([study.why[k]] if refused else [])]))
     if count > MAX_PRINTED_DESIGNS:

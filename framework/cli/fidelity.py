@@ -72,11 +72,11 @@ def _report_study(options: Namespace) -> tuple[FidelityStudy, Document, str]:
     progress = options.progress.start("planning and simulating", len(LEVELS), "levels")
     motion = options.scene or path
     study = fidelity_study(robot, motion, tolerance=tolerance, progress=progress, **typed)
-    document, text, kept = study.to_dict(), fidelity_text(study), study.scene_entry
-    if kept is None or options.scene is None or typed:
+    document, text, entry = study.to_dict(), fidelity_text(study), study.scene_entry
+    if entry is None or options.scene is None or typed:
         return study, document, text
-    line = f"fidelity: {{level: {kept['level']}, tolerance: {kept['tolerance']:g}}}"
-    return study, {**document, "fidelity": kept}, f"{text}\n  to keep           {line}"
+    line = f"fidelity: {{level: {entry['level']}, tolerance: {entry['tolerance']:g}}}"
+    return study, {**document, "fidelity": entry}, f"{text}\n  to keep           {line}"
 
 
 def fidelity_text(study: FidelityStudy) -> str:
@@ -116,9 +116,9 @@ def _luck(study: FidelityStudy) -> list[str]:
     """Return a line where the level that is enough is so by luck."""
     if study.enough is None or not study.by_luck:
         return []
-    more, are = ", ".join(study.by_luck), "are" if len(study.by_luck) > 1 else "is"
+    names, are = ", ".join(study.by_luck), "are" if len(study.by_luck) > 1 else "is"
     return [
-        f"  by luck           {study.enough.level.name} leaves out errors that cancel: {more}, which model "
+        f"  by luck           {study.enough.level.name} leaves out errors that cancel: {names}, which model "
         f"more, {are} not enough"
     ]
 

@@ -58,7 +58,7 @@ def add(commands: Any) -> None:
 def run(options: Namespace) -> Report:
     """Identify; report the parameters and the errors of torques held out of the fit."""
     robot = arguments.load(options)
-    found = identify(
+    identification = identify(
         robot,
         options.data,
         cutoff=options.cutoff,
@@ -67,36 +67,36 @@ def run(options: Namespace) -> Report:
         massless=options.massless,
         progress=options.progress.start("identifying", unit="poses"),
     )
-    document = found.to_dict()
-    if not found.base.certain:
+    document = identification.to_dict()
+    if not identification.base.certain:
         options.warnings.append(
-            f"the rank {found.base.rank} of the base parameters is uncertain: the gap of singular values is "
-            f"{found.base.gap:.1e}, below {MIN_RANK_GAP:g}"
+            f"the rank {identification.base.rank} of the base parameters is uncertain: the gap of singular "
+            f"values is {identification.base.gap:.1e}, below {MIN_RANK_GAP:g}"
         )
     if options.out is not None:
-        options.written = document["robot_file"] = str(found.write(options.out))
-    return document, identification_text(found)
+        options.written = document["robot_file"] = str(identification.write(options.out))
+    return document, identification_text(identification)
 
 
-def identification_text(found: Identification) -> str:
+def identification_text(identification: Identification) -> str:
     """Return the report on identified parameters, in words."""
-    base, joints = found.base, found.robot.actuator_names
-    rows = zip(base.names, found.values, found.deviations, base.values, strict=True)
+    base, joints = identification.base, identification.robot.actuator_names
+    rows = zip(base.names, identification.values, identification.deviations, base.values, strict=True)
     doubt = "" if base.certain else f", below {MIN_RANK_GAP:g}: the rank is uncertain"
     words = {
         "parameters": len(base.parameters),
         "doubt": doubt,
-        "before": _errors(joints, found.error_before),
-        "after": _errors(joints, found.error_after),
+        "before": _errors(joints, identification.error_before),
+        "after": _errors(joints, identification.error_after),
         "unseen": len(base.without_effect),
         "massless": f"; massless, left out: {', '.join(base.left_out)}" if base.left_out else "",
     }
-    lines = [HEAD.format(found, **words)]
+    lines = [HEAD.format(identification, **words)]
     lines += [f"  {name}\t{value:.6g}\t{off:.2g}\t{own:.6g}" for name, value, off, own in rows]
-    if found.changed:
-        lines.append(f"  off the file      {'; '.join(found.changed)}")
-    if found.undetermined:
-        lines.append(f"  not seen          by these data: {'; '.join(found.undetermined)}")
+    if identification.changed:
+        lines.append(f"  off the file      {'; '.join(identification.changed)}")
+    if identification.undetermined:
+        lines.append(f"  not seen          by these data: {'; '.join(identification.undetermined)}")
     return "\n".join(lines)
 
 

@@ -1,8 +1,8 @@
 """Reports in the width of a terminal: lines broken between words, tables whose columns fit, a little colour.
 
-A report is text. Two blanks or more end a label, under whose text a long line goes on. A line with tabs is a
-row of a table; rows that follow one another make one, and the first is its head. Where there is no terminal,
-lines are as long as they are, so that what reads them finds a fact whole.
+A report is text. Two blanks or more end a label; a long line goes on below the text of its label. Lines with
+tabs that follow one another are a table, the first one its head. Without a terminal lines are not broken, so
+that programs find each fact in one line.
 """
 
 from __future__ import annotations

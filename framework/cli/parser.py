@@ -33,10 +33,10 @@ def integer_between(least: int, most: int) -> Callable[[str], int]:
     return read
 
 
-def command(commands: Any, name: str, run: Callable[[Namespace], Report], more: str = "") -> Any:
-    """Add a command with --json; `run` gives its report, `more` is for its own help alone."""
+def command(commands: Any, name: str, run: Callable[[Namespace], Report], details: str = "") -> Any:
+    """Add a command with --json; `run` gives its report, `details` are for its own help alone."""
     text, examples = COMMANDS[name].text, COMMANDS[name].examples
-    described = f"{text}. {more}" if more else text
+    described = f"{text}. {details}" if details else text
     parser = commands.add_parser(name, help=text, description=described, examples=examples)
     parser.add_argument("--json", action="store_true", help="one JSON object on stdout, nothing else")
     parser.set_defaults(run=run)

@@ -1,8 +1,8 @@
-"""The progress line: one line on the terminal that says what a command does, how far it is and for how long.
+"""The progress line: the work of a command, the share done and the time taken, on one line of the terminal.
 
-It appears once a command takes longer than `FIRST` seconds and is gone when the command ends. A thread writes
-it, so that work which counts nothing is not silent either. On a terminal that cannot rewrite a line, and
-where stderr is none, nothing is shown: logs and pipes hold the answer alone.
+It appears once a command takes longer than `FIRST` seconds and is removed when the command ends. A thread
+writes it, also during work that counts nothing. Where stderr is no terminal, or one that cannot rewrite a
+line, nothing is shown: logs and pipes have the answer alone.
 """
 
 from __future__ import annotations
@@ -70,14 +70,14 @@ class Progress:
         self._done = done
 
     def _show(self) -> None:
-        shown, wait = "", FIRST
+        printed, wait = "", FIRST
         with suppress(OSError, ValueError):  # the terminal has gone
             while not self._ended.wait(wait):
                 line, wait = printable(self.sentence)[: shutil.get_terminal_size().columns - 1], INTERVAL
-                if line != shown:
+                if line != printed:
                     sys.stderr.write(f"{ERASE}{line}")
                     sys.stderr.flush()
-                shown = line
-            if shown:
+                printed = line
+            if printed:
                 sys.stderr.write(ERASE)
                 sys.stderr.flush()

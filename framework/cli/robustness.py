@@ -144,11 +144,11 @@ def run(options: Namespace) -> Report:
     if options.out is None:
         return _report(options, setup, _studies(options, setup, {}), None)
     out = Path(options.out)
-    kept = {name: KeptRuns.of(out, setup.to_dict(), name) for name in _names(options)}
+    stores = {name: KeptRuns.of(out, setup.to_dict(), name) for name in _names(options)}
     with written_stepwise(
-        options, FILE, lambda: _count_runs(kept), f"of {options.runs * len(kept)} runs"
+        options, FILE, lambda: _count_runs(stores), f"of {options.runs * len(stores)} runs"
     ) as folder:
-        studies = _studies(options, setup, kept)
+        studies = _studies(options, setup, stores)
         document, text = _report(options, setup, studies, out)
         options.progress.start("drawing the figure")
         _write(setup, studies, document, folder)
@@ -187,12 +187,12 @@ def _report(options: Namespace, setup: StudySetup, studies: list[Study], folder:
     return document, text
 
 
-def _count_runs(kept: dict[str, KeptRuns]) -> int:
+def _count_runs(stores: dict[str, KeptRuns]) -> int:
     """Return the number of runs that are kept."""
-    return sum(len(chunk) for runs in kept.values() for chunk, _ in runs.read())
+    return sum(len(chunk) for runs in stores.values() for chunk, _ in runs.read())
 
 
-def _studies(options: Namespace, setup: StudySetup, kept: dict[str, KeptRuns]) -> list[Study]:
+def _studies(options: Namespace, setup: StudySetup, stores: dict[str, KeptRuns]) -> list[Study]:
     names = _names(options)
     controllers = {name: setup.controller(name) for name in names}
     studies: list[Study] = []
@@ -210,7 +210,7 @@ def _studies(options: Namespace, setup: StudySetup, kept: dict[str, KeptRuns]) -
                     seed=setup.seed,
                     executor=executor,
                     chunk=chunk,
-                    keeper=kept.get(name),
+                    keeper=stores.get(name),
                     progress=partial(_count_further, progress, len(studies) * options.runs),
                 )
             )

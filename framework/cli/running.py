@@ -40,7 +40,7 @@ def run(options: Namespace, heard: Heard, arguments: Sequence[str]) -> int:
         text = "\n".join([text, *(f"  warning           {warning}" for warning in options.warnings)])
     heard.check()
     if options.refusal is not None:
-        told, entry = describe_error(options.refusal, str(options.refusal), arguments)
+        line, entry = describe_error(options.refusal, str(options.refusal), arguments)
         document = {**document, "error": entry}
     if options.json:
         tell(json.dumps(plain(document), allow_nan=False))
@@ -48,7 +48,7 @@ def run(options: Namespace, heard: Heard, arguments: Sequence[str]) -> int:
         report(text)
     if options.refusal is None:
         return 0
-    complain(told)
+    complain(line)
     return exit_code_of(options.refusal)
 
 
@@ -69,8 +69,8 @@ def exit_code_of(error: Exception) -> int:
 
 def report_refusal(error: BaseException, message: str, code: int, arguments: Sequence[str]) -> int:
     """Print one sentence on stderr, with --json also a document on stdout; return the exit code."""
-    told, entry = describe_error(error, message, arguments)
-    complain(told)
+    line, entry = describe_error(error, message, arguments)
+    complain(line)
     if "--json" in arguments:
         tell(json.dumps({"error": entry}, allow_nan=False))
     return code

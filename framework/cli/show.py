@@ -49,14 +49,14 @@ def run(options: Namespace) -> Report:
     films = _films(options)
     file = options.picture or options.html
     if file is not None:
-        shown = films or [_telling_film(options)]
+        filmed = films or [_telling_film(options)]
         if options.picture is None:
-            return _report_file(file, film_page(shown), shown, chosen=not films)
+            return _report_file(file, film_page(filmed), filmed, chosen=not films)
         from framework.show.moving import film_picture
 
         options.progress.start("drawing the picture")
-        picture = film_picture(shown, FilePath(file).suffix[1:])
-        return _report_file(file, picture, shown, chosen=not films)
+        picture = film_picture(filmed, FilePath(file).suffix[1:])
+        return _report_file(file, picture, filmed, chosen=not films)
     if films:
         return _serve(options, film_page(films), None)
     robot = arguments.load(options)

@@ -140,9 +140,9 @@ def run(options: Namespace) -> Report:
     margin = _margin(options, robot)
     if options.out is None:
         return _report(_compute_map(options, robot, window, quantities, None), margin)
-    kept = KeptChunks.of(FilePath(options.out), setup_document(robot, window, quantities))
-    with written_stepwise(options, DOCUMENT, lambda: len(kept.read()), "bands") as folder:
-        workspace = _compute_map(options, robot, window, quantities, kept)
+    store = KeptChunks.of(FilePath(options.out), setup_document(robot, window, quantities))
+    with written_stepwise(options, DOCUMENT, lambda: len(store.read()), "bands") as folder:
+        workspace = _compute_map(options, robot, window, quantities, store)
         options.progress.start("drawing the figures")
         _write(workspace, path, folder)
     return _report(workspace, margin)
@@ -173,7 +173,7 @@ def _compute_map(
     robot: ParallelRobot,
     window: Window,
     quantities: tuple[Quantity, ...],
-    kept: KeptChunks | None,
+    store: KeptChunks | None,
 ) -> WorkspaceMap:
     progress = options.progress.start("mapping", float(np.prod(window.shape)), "poses")
     with executor_of(workers=options.workers, dask=options.dask) as executor:
@@ -183,7 +183,7 @@ def _compute_map(
             [quantity.key for quantity in quantities],
             wrench=options.wrench,
             executor=executor,
-            keeper=kept,
+            keeper=store,
             progress=progress,
         )
     return restrict_to_ranges(workspace) if options.keep_limits else workspace

@@ -4,11 +4,10 @@ At a Type 2 singularity the motors hold no wrench along the platform's twist t_s
 the motion asks for none there: t_s . W_p = 0, with W_p the wrench that inertia and weight of all bodies ask
 of the platform (Briot and Arakelian 2010, condition (8)).
 
-t_s . W_p = motion . r with r the forces of the open tree (`dynamics.forces`), wrenches of the world among
-them, and `motion` the joint rates that belong to t_s (motors locked). On a path, r is affine in s" and
-quadratic in s', and its coefficients come out of a few evaluations of the inverse dynamics the robot already
-has (after toppra, which recovers its constraint coefficients in the same way). delta comes of viscous
-damping, and of deflections that are changing.
+t_s . W_p = motion . r, with r the forces of the open tree (`dynamics.forces`), wrenches of the world
+included, and `motion` the joint rates of t_s with locked motors. On a path, r is affine in s" and quadratic
+in s'. A few evaluations of the inverse dynamics give its coefficients (toppra recovers its constraint
+coefficients in the same way). delta is due to viscous damping and to changing deflections.
 """
 
 from __future__ import annotations
@@ -19,6 +18,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from framework.arrays import Array
+from framework.crossing.motion_scales import coordinate_sizes
 from framework.dynamics.forces import inertial_forces, static_forces
 from framework.errors import NoLaw, NotConverged, point
 from framework.kinematics.continuation.tracking import Branch
@@ -86,9 +86,9 @@ class CrossingPoint(NamedTuple):
 
 
 def crossing_point(
-    branch: Branch, singular: SingularPoint | CrossingPoint, deflection: Deflection | None, near: float
+    branch: Branch, singular: SingularPoint | CrossingPoint, deflection: Deflection | None, s_guess: float
 ) -> CrossingPoint:
-    """Find the singular point of the (deflected) robot on its path, near s = `near`.
+    """Find the singular point of the (deflected) robot on its path, near s = `s_guess`.
 
     An imposed point is returned as it is.
 
@@ -120,7 +120,7 @@ def crossing_point(
         previous = s, close_loops(robot, branch.path(s), guess(s))
         return type2_matrix(robot, previous[1].linearised)
 
-    root = root_of_g(passive, near)
+    root = root_of_g(passive, s_guess)
     if root.converged:  # by a last step along the tangent so small that loops stay closed
         s = np.array([root.place])
         q, x = guess(s), branch.path(s)
@@ -239,7 +239,7 @@ def bounds_of_terms(branch: Branch, place: CrossingPoint, rate: float) -> Array:
     largest `rate` [1/s, over s'].
     """
     robot = branch.robot
-    lengths = np.where(robot.translations, 1.0, robot.length)
+    lengths = coordinate_sizes(robot)
     tangent, escape = (
         float(np.abs(twist * lengths).max())
         for twist in (robot.platform.path_twist(branch.path, place.s), place.twist)

@@ -1,15 +1,15 @@
 """The longest and the shortest motion along a path for each kind of law, before a law is sought.
 
-The polynomial of least degree through its crossings is affine in what it goes through. Over t/T the s" that
-condition (8) asks for is -(beta v^2 + gamma T^2)/alpha, v = s' T: affine in T^2. So with t_k/T and v_k
-chosen, the T at which it always advances are an interval in closed form, and only t_k/T and v_k have to be
-searched for.
+The polynomial of least degree is affine in the values that it passes through. Over t/T condition (8) asks for
+s" = -(beta v^2 + gamma T^2)/alpha, v = s' T, which is affine in T^2. So for given t_k/T and v_k the durations
+T at which the polynomial always advances are an interval in closed form, and only t_k/T and v_k are searched
+for.
 
-A law of free shape may be as slow as one likes if there is any: condition (8) and the limits are met by a
-convex set of squared speeds z, and near an end of the path, where a smooth law asks for little more than the
-weight, z may be multiplied with a factor that is near to zero there. Without limits it may be as quick as one
-likes too, since condition (8) asks something of z and z' at the crossing alone. That such a law
-exists does not say that the degrees tried resolve it: far beyond the pace it is a sharp sprint.
+If a law of free shape exists, slower ones exist without bound: the squared speeds z that meet condition (8)
+and the limits are a convex set, and near an end of the path, where a smooth law needs little more than the
+weight, z may be scaled by a factor close to zero. Without limits quicker ones exist, too, since condition (8)
+concerns z and z' at the crossing alone. The degrees tried may not resolve such a law: far beyond the pace it
+is a sharp sprint.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Condition (8) of the undeformed robot at a singular point, before any law is sought.
 
-alpha s" + beta s'^2 + gamma + delta s' = 0 on the undeformed robot: gamma is what the weight (and springs of
-the robot itself, and wrenches of the world) do in the uncontrolled motion, beta what the bends of path and
-joints ask, delta what viscous damping takes, alpha what s" can do.
+alpha s" + beta s'^2 + gamma + delta s' = 0 on the undeformed robot, each term a power in the uncontrolled
+motion: gamma of the weight, of the robot's own springs and of wrenches of the world, beta of the curvature of
+path and joints, delta of viscous damping, alpha of the acceleration s".
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """A model with more effects than the one a motion was computed with, along nearly the same motion.
 
-The fuller model has its own condition (8), and where springs give way its own singular point on the path. So
-the law is corrected by the polynomial of least degree that vanishes at both ends, as smoothly as laws of the
-fuller model do, and takes it through its own singular points at the same instants and speeds with the
-accelerations that its condition (8) asks for: then its torques are bounded, and tell what the motion's lack.
-Deflections are those that the forces of the first model cause: one pass, of first order.
+The fuller model has its own condition (8) and, with springs, its own singular point on the path. So the law
+is corrected by a polynomial of least degree. It vanishes at both ends, as smoothly as laws of the fuller
+model do, and takes the law through the singular points of the fuller model at the same instants and speeds,
+with the accelerations of its condition (8). Then the torques are bounded, and their difference is what the
+motion lacks. The deflections are caused by the forces of the first model: one pass, of first order.
 """
 
 from __future__ import annotations

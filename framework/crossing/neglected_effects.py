@@ -1,8 +1,8 @@
-"""What a motion's torques leave out, each effect with the motor torque that it is worth at this motion.
+"""The effects that a motion's torques leave out, each with the motor torque that it adds at this motion.
 
 Springs left rigid, geometry and inertia of the deflections, dry friction, masses of bodies: the torques of
 the model with one effect more, less those without (`fuller_model`). Idle turns: the torque that holds them,
-which the certificate has. What the reader of a foreign file left out has no number.
+which the certificate has. Parts of a foreign file that its reader left out have no number.
 """
 
 from __future__ import annotations

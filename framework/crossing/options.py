@@ -3,7 +3,7 @@
 Made from this one declaration: the record that is planned (`request.Request`), the signature and the help of
 `plan_crossing` and its like (`takes_options`), the options of the command line (`TYPED`), the part of a scene
 that the robot file states (`scenes.scene_request`), and the request in plan.json. A new option is one more
-field here, and a line where planning uses it.
+field of `PlanOptions`, and a line where planning uses it.
 """
 
 from __future__ import annotations

@@ -5,9 +5,9 @@ turned towards t_s, x(s) + size d b(s) with d the coordinates that move the plat
 
     b(s) = (s / m)^(N m) ((1 - s) / (1 - m))^(N (1 - m)),  b"(c) = 0,
 
-a bump with its peak, 1, at m and its steepest slope at c: of all places of the peak, that turns the tangent
-most for the distance moved. The crossing moves along with it. The ends stay where they are, and the bent path
-is a spline through points of that curve: everything is proved on the spline.
+a bump with its peak, 1, at m and its steepest slope at c. Among all m, this one turns the tangent most for a
+given size of the bump. The crossing moves along. The ends stay, and the bent path is a spline through points
+of that curve: everything is proved on the spline.
 """
 
 from __future__ import annotations

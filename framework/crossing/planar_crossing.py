@@ -5,7 +5,7 @@ With ds/dt = v and d2s/dt2 = a the motor torques and t_s . W_p are
     torque = (c0 + cv v^2 + ca a) / g,     t_s . W_p = d0 + dv v^2 + da a,
 
 whose numerators are smooth through the singular point, where the measure g vanishes. So a page can evaluate
-any law by itself.
+any law.
 """
 
 from __future__ import annotations

@@ -19,9 +19,8 @@ from framework.crossing.neglected_effects import NeglectedEffect, neglected_effe
 from framework.crossing.request import Request
 from framework.crossing.specification import Specification
 from framework.crossing.timing import CrossingTime
-from framework.dynamics.certificate import Certificate
 from framework.dynamics.loaded_measure import LoadedPoint, loaded_point
-from framework.dynamics.result import InverseDynamics, SingularityCrossing
+from framework.dynamics.result import Certificate, InverseDynamics, SingularityCrossing
 from framework.errors import format_distinct
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import positions_beyond_limits, shares_beyond_limits
@@ -128,6 +127,11 @@ class CrossingPlan:
         v = self.dynamics.velocity(t, order)
         return v if np.ndim(t) else v[0]
 
+    @property
+    def _times(self) -> Array:
+        """Instants (PEAK_SAMPLES,) [s] at which limits are looked at."""
+        return np.linspace(0.0, self.duration, PEAK_SAMPLES)
+
     @cached_property
     def peak_torque(self) -> dict[str, float]:
         """Largest |torque| [N m] of each motor, by joint."""
@@ -162,7 +166,7 @@ class CrossingPlan:
 
     def _motor_excesses(self) -> Iterator[tuple[str, str]]:
         """Yield joints of motors with a torque or a speed beyond its limit, in words."""
-        times, robot = np.linspace(0.0, self.duration, PEAK_SAMPLES), self.robot
+        times, robot = self._times, self.robot
         for what, values, units in (
             ("torque", self.torque(times), robot.torque_units),
             ("speed", self.motor_angle(times, 1), robot.speed_units),
@@ -178,7 +182,7 @@ class CrossingPlan:
 
     def _position_excesses(self) -> Iterator[tuple[str, str]]:
         """Yield joints with a position beyond the limits of the URDF, in words."""
-        times, limits = np.linspace(0.0, self.duration, PEAK_SAMPLES), self.robot.limits
+        times, limits = self._times, self.robot.limits
         q = self.dynamics.configuration(times)
         s_worst = self.law(times[shares_beyond_limits(limits, q).argmax(axis=0)])
         s_of_joint = dict(zip([limit.joint for limit in limits], s_worst, strict=True))
@@ -287,6 +291,6 @@ def _condition(
     """Return condition (8) where and when the motion crosses, with its own deflections."""
     if request.geometry != "deformed" or not dynamics.robot.n_e:
         return to_cross.at_rest[k][1]
-    deflection, near = Deflection.evaluate(dynamics.deflection, time), float(dynamics.law(np.array(time)))
-    place = crossing_point(to_cross.branch, to_cross.crossing_points[k], deflection, near)
+    deflection, s_guess = Deflection.evaluate(dynamics.deflection, time), float(dynamics.law(np.array(time)))
+    place = crossing_point(to_cross.branch, to_cross.crossing_points[k], deflection, s_guess)
     return coefficients_at(to_cross.branch, place, deflection)

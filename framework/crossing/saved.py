@@ -1,7 +1,7 @@
 """plan.json: a plan written down, and read back for its request and its law.
 
-Crossings, torques and certificate are computed anew from the law, and compared with those of the file leaf by
-leaf: nothing in the file is believed.
+Crossings, torques and certificate are computed anew from the law and compared with the file, value by value:
+nothing in the file is believed.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from framework.crossing.result import Crossing, CrossingPlan, Optimality, certif
 from framework.crossing.scenes import path_of
 from framework.crossing.specification import specification_of
 from framework.crossing.timing import CrossingTime
-from framework.dynamics.certificate import Certificate
 from framework.dynamics.inverse_dynamics import GEOMETRIES, check_law, resolve_law
+from framework.dynamics.result import Certificate
 from framework.errors import InvalidInput, NoAnswer, RobotFileError, choose_from, finite_numbers, short
 from framework.fields import (
     Field,
@@ -350,10 +350,10 @@ def read_document(file: FilePath, command: str) -> dict[str, Any]:
     return saved
 
 
-def _find_robot(stated: dict[str, Any], file: FilePath, named: str | FilePath | None) -> ParallelRobot:
-    """Load the robot of `named` if given, else of the robot file that the plan states."""
-    if named is not None:
-        place = robot_file_of(str(named))
+def _find_robot(stated: dict[str, Any], file: FilePath, robot_file: str | FilePath | None) -> ParallelRobot:
+    """Load the robot of `robot_file` if given, else of the file that the plan states."""
+    if robot_file is not None:
+        place = robot_file_of(str(robot_file))
     else:
         entries, name = catalogue(), stated["robot_file"]
         place = entries[name].file if name in entries else file.parent / name

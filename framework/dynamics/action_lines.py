@@ -1,7 +1,7 @@
 """The lines along which the motors' forces act on the platform.
 
-Row k of G (framework.dynamics.platform_wrench) is the wrench that a torque of 1 N m of motor k gives the
-platform: a force along a line, or a torque about an axis on a platform that only turns. At a Type 2
+Row k of G (framework.dynamics.platform_wrench) is the wrench of a torque of 1 N m of motor k on the platform:
+a force along a line, or a torque about an axis on a platform that only turns. At a Type 2
 singularity G t_s = 0: all these lines are reciprocal to t_s (J.-P. Merlet, Parallel Robots, 2006, on
 singularities by line geometry).
 """
@@ -28,9 +28,9 @@ class ActionLines(NamedTuple):
 def action_lines(robot: ParallelRobot, motor_speed: Array) -> ActionLines | None:
     """Compute the lines of the motors' forces, from G (F, n_a, n), or the axes of their torques.
 
-    A wrench is known on the platform's own axes alone: where those are fewer than six, the line is one of
-    those that give it, the nearest to the origin. None for one motor, or where a wrench is no force along a
-    line (a screw with pitch), or is none at all, or where the platform's axes are not those of the base.
+    A wrench is known on the platform's own axes alone: if these are fewer than six, several lines have the
+    same wrench, and the one nearest to the origin is returned. None for one motor, for a wrench that is no
+    force along a line (a screw with pitch, or zero), or if the platform's axes are not those of the base.
     """
     platform = robot.platform
     if robot.n_a < 2 or not isinstance(platform, FramePlatform) or not platform.constant:
@@ -47,12 +47,12 @@ def action_lines(robot: ParallelRobot, motor_speed: Array) -> ActionLines | None
     turning = [axis - 3 for axis in platform.axes if axis >= 3] if platform.translations.any() else []
     if not turning:
         return ActionLines(np.zeros_like(way), way)
-    # place x way = arm, on the axes about which the platform turns: place = -[way]x^+ arm there
-    crossing = np.cross(np.eye(3), way[:, :, None, :])  # (F, n_a, 3, 3): row i is e_i x way
-    of_place = np.swapaxes(crossing, 2, 3)[:, :, turning, :]
-    to_place = np.linalg.pinv(of_place, rcond=RANK_ROUNDING)
-    place = np.einsum("fkij,fkj->fki", to_place, arm[:, :, turning])
-    missed = np.abs(np.einsum("fkij,fkj->fki", of_place, place) - arm[:, :, turning]).max()
-    if missed > FILE_ROUNDING * max(robot.length, float(np.abs(arm).max())):
+    # place x way = arm on the axes about which the platform turns: solve for the place of least norm
+    arms = np.cross(np.eye(3), way[:, :, None, :]).swapaxes(2, 3)[
+        :, :, turning
+    ]  # (F, n_a, turns, 3) of places
+    place = np.einsum("fkij,fkj->fki", np.linalg.pinv(arms, rcond=RANK_ROUNDING), arm[:, :, turning])
+    error = np.abs(np.einsum("fkij,fkj->fki", arms, place) - arm[:, :, turning]).max()
+    if error > FILE_ROUNDING * max(robot.length, float(np.abs(arm).max())):
         return None
     return ActionLines(place, way)

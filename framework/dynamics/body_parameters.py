@@ -1,7 +1,7 @@
 """The inertial parameters of a robot's bodies, by link, and the open tree's forces along them.
 
-Of each body that moves the ten (m, m c, I about the origin of its joint) on the axes of its link: forces are
-linear in them, r = Y(q, v, a) pi with Y by pinocchio's `computeJointTorqueRegressor`.
+Each moving body has ten parameters (m, m c, I about the origin of its joint) on the axes of its link. Forces
+are linear in these, r = Y(q, v, a) pi with Y by pinocchio's `computeJointTorqueRegressor`.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from framework.arrays import Array, IntArray, read_only
 from framework.dynamics.forces import JointMotion
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.pinocchio_memory import scratch_of
+from framework.kinematics.tree_model import link_axes
 
 INERTIAL = ("mass", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 # entries of the symmetric matrix of second moments that hold a moment of inertia of pinocchio's order
@@ -25,8 +26,8 @@ _PLACES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 def body_parameters(robot: Mechanism) -> tuple[tuple[str, ...], Array]:
     """Return names LINK.mass, LINK.mx .. LINK.Izz and values (p,) of all bodies that move.
 
-    A body is all that is fixed to the link behind a joint: mass [kg], mass times the place of its centre
-    [kg m], inertia [kg m^2] about the joint's origin, on the link's axes.
+    A body is the link behind a joint with all parts fixed to it: mass [kg], mass times the position of its
+    centre [kg m], inertia [kg m^2] about the joint's origin, on the link's axes.
     """
     bodies = range(1, robot.model.njoints)
     names = [f"{link_of(robot.model, j)}.{parameter}" for j in bodies for parameter in INERTIAL]
@@ -36,7 +37,7 @@ def body_parameters(robot: Mechanism) -> tuple[tuple[str, ...], Array]:
 def tree_regressor(robot: Mechanism, motion: JointMotion, bodies: IntArray | None = None) -> Array:
     """Compute the derivatives (T, nv, 10 b) of the open tree's forces along the parameters of bodies.
 
-    `bodies` (b,) are those that these joints carry, all by default.
+    `bodies` (b,) are the indices of their joints, all by default.
     """
     model, data = robot.model, scratch_of(robot).data
     bodies = np.arange(1, model.njoints) if bodies is None else bodies
@@ -54,28 +55,20 @@ def tree_regressor(robot: Mechanism, motion: JointMotion, bodies: IntArray | Non
 
 @lru_cache(maxsize=64)
 def _turned_axes(robot: Mechanism) -> dict[int, Array]:
-    """Return the matrices of `moved_parameters` of joints whose axes are not those of their links."""
+    """Return `parameter_transform` for joints with other axes than their links, by joint."""
     axes = {j: link_axes(robot.model, j) for j in range(1, robot.model.njoints)}
-    return {j: moved_parameters(turned) for j, turned in axes.items() if not turned.isIdentity(0.0)}
+    return {j: parameter_transform(turned) for j, turned in axes.items() if not turned.isIdentity(0.0)}
 
 
 def link_of(model: pin.Model, j: int) -> str:
-    """Return the name of the link that joint j carries: the first of those fixed to it."""
+    """Return the name of the first link fixed to joint j."""
     body = pin.FrameType.BODY
     names = (frame.name for frame in model.frames if frame.parentJoint == j and frame.type == body)
     return str(next(names, model.names[j]))
 
 
-def link_axes(model: pin.Model, j: int) -> pin.SE3:
-    """Return the placement of the link's axes on joint j: the identity, but that balls turn theirs."""
-    name = str(model.names[j])
-    if model.existFrame(name, pin.FrameType.JOINT):
-        return model.frames[model.getFrameId(name, pin.FrameType.JOINT)].placement
-    return pin.SE3.Identity()
-
-
 def link_parameters(model: pin.Model, j: int) -> Array:
-    """Return the ten inertial parameters of what joint j carries, about its origin on the link's axes."""
+    """Return the ten inertial parameters of joint j's body, about the joint's origin on the link's axes."""
     return link_axes(model, j).actInv(model.inertias[j]).toDynamicParameters()
 
 
@@ -96,7 +89,7 @@ def pseudo_inertia(parameters: Array) -> Array:
     return matrix
 
 
-def of_pseudo_inertia(matrix: Array) -> Array:
+def from_pseudo_inertia(matrix: Array) -> Array:
     """Return the ten parameters (..., 10) of a pseudo-inertia (..., 4, 4)."""
     moments = matrix[..., :3, :3]
     trace = np.trace(moments, axis1=-2, axis2=-1)
@@ -105,7 +98,7 @@ def of_pseudo_inertia(matrix: Array) -> Array:
     return np.stack([*first, *(inertia[..., i, j] for i, j in _PLACES)], axis=-1)
 
 
-def moved_parameters(placement: pin.SE3) -> Array:
+def parameter_transform(placement: pin.SE3) -> Array:
     """Return the matrix (10, 10) that expresses ten parameters of one frame in another, at `placement`."""
     move = placement.homogeneous
-    return of_pseudo_inertia(move @ pseudo_inertia(np.eye(10)) @ move.T).T
+    return from_pseudo_inertia(move @ pseudo_inertia(np.eye(10)) @ move.T).T

@@ -5,7 +5,7 @@ the loop forces (`forces`), the torque t of the motors that moves the bodies is 
 
     G' dt = T' d(r - J' lambda)          at fixed lambda,
 
-so it takes the change of the open tree's forces (`force_changes`) along that of the joints' motion
+so dt needs the change of the open tree's forces (`force_changes`) along that of the joints' motion
 (`motion_changes`), and one solution with G, which is singular at Type 2. With redundant motors t is the
 least, t = G k, and dt = dG k + G dk.
 """
@@ -22,8 +22,8 @@ from framework.dynamics.body_parameters import body_parameters, tree_regressor
 from framework.dynamics.force_changes import force_changes, force_slopes
 from framework.dynamics.forces import (
     balanced_forces,
-    carried_forces,
     least_motor_torques,
+    loop_multipliers,
     motor_torque,
     tree_forces,
 )
@@ -44,7 +44,7 @@ class DynamicsDerivatives(ReadOnlyArrays):
     """Motor torques of one instant and their derivatives; of T instants T is the first axis of all arrays.
 
     Torques are on the motor side, with rotors, armature, damping and springs on joints. The platform's
-    coordinates x, their rates and their accelerations vary each with the two others held.
+    coordinates x, their rates and their accelerations vary one at a time.
     """
 
     torque: Array  # (n_a,) [N m, N] as `dynamics_at` gives it
@@ -65,9 +65,9 @@ def dynamics_derivatives(
 ) -> DynamicsDerivatives:
     """Compute the derivatives of the torques of `dynamics_at` at an assembled configuration q (nq,).
 
-    They are those of the closed robot: with x all joints move on, in their working mode. An elastic robot
-    keeps the deflections of q, as in `dynamics_at`, which takes springs for rigid where they are. Wrenches of
-    the world keep their components on base axes and move along with their frames.
+    They are those of the closed robot: with x all joints move, in their working mode. An elastic robot keeps
+    the deflections of q, as in `dynamics_at`. Wrenches of the world keep their components on base axes and
+    move with their frames.
 
     Args:
         q, dx, ddx, wrenches: as for `dynamics_at`, a stack of T instants included.
@@ -84,24 +84,24 @@ def dynamics_derivatives(
     require_hold(robot, motion.linearised, prescribed.x)
     r = tree_forces(robot, motion)
     joint_torque = balanced_forces(robot, motion.linearised, r).joint_torque
-    multipliers = carried_forces(robot, motion.linearised, r, joint_torque)[:, robot.n :]
+    multipliers = loop_multipliers(robot, motion.linearised, r, joint_torque)[:, robot.n :]
     steps = coordinate_steps(robot, (prescribed.x, prescribed.dx, prescribed.ddx))
     changes = motion_changes(robot, motion, steps)
     changed = force_changes(robot, motion, force_slopes(robot, motion), multipliers, changes)
     speeds, rates = motor_speeds(robot, motion.linearised)
-    slopes = (changed @ rates).swapaxes(1, 2)  # (T, n, 3 n) of the platform wrench
-    moved = _least_torque_changes(robot, motion, steps, speeds, joint_torque)
-    slopes = moved + _motor_shares(robot, speeds, slopes - speeds.swapaxes(1, 2) @ moved)
+    wrench_slopes = (changed @ rates).swapaxes(1, 2)  # (T, n, 3 n)
+    by_speeds = _least_torque_changes(robot, motion, steps, speeds, joint_torque)
+    slopes = by_speeds + _motor_shares(robot, speeds, wrench_slopes - speeds.swapaxes(1, 2) @ by_speeds)
     rotors = robot.rotor_inertia * robot.gear_ratio
-    slopes = slopes + (rotors * changes.a[..., robot.actuated]).swapaxes(1, 2)
-    along_bodies = rates.swapaxes(1, 2) @ tree_regressor(robot, motion)
-    entry, n = prescribed.entry, robot.n
+    slopes = (slopes + (rotors * changes.a[..., robot.actuated]).swapaxes(1, 2))[prescribed.entry]
+
+    regressor = _motor_shares(robot, speeds, rates.swapaxes(1, 2) @ tree_regressor(robot, motion))
     return DynamicsDerivatives(
-        torque=motor_torque(robot, motion, joint_torque)[entry],
-        torque_x=slopes[entry, ..., :n],
-        torque_dx=slopes[entry, ..., n : 2 * n],
-        torque_ddx=slopes[entry, ..., 2 * n :],
-        regressor=_motor_shares(robot, speeds, along_bodies)[entry],
+        torque=motor_torque(robot, motion, joint_torque)[prescribed.entry],
+        torque_x=slopes[..., : robot.n],
+        torque_dx=slopes[..., robot.n : 2 * robot.n],
+        torque_ddx=slopes[..., 2 * robot.n :],
+        regressor=regressor[prescribed.entry],
         parameters=body_parameters(robot)[0],
     )
 
@@ -120,14 +120,14 @@ def _motor_shares(robot: ParallelRobot, speeds: Array, wrenches: Array) -> Array
 def _least_torque_changes(
     robot: ParallelRobot, motion: Motion, steps: MotionSteps, speeds: Array, joint_torque: Array
 ) -> Array:
-    """Compute dG k (T, n_a, steps) for the least torques G k = t of redundant motors; 0 of others."""
-    count, many = steps.twist[0].shape[:2]
+    """Compute dG k (T, n_a, steps) for the least torques G k = t of redundant motors, else 0."""
+    instants, count = steps.twist[0].shape[:2]
     if robot.n_a == robot.n:
-        return np.zeros((count, robot.n_a, many))
+        return np.zeros((instants, robot.n_a, count))
     k = np.linalg.pinv(speeds) @ (joint_torque / robot.gear_ratio)[..., None]
     rates = motor_speeds(robot, motion.linearised)[1]
-    still = np.zeros_like(steps.twist[0])
+    zero = np.zeros_like(steps.twist[0])
     at_twist = replace(motion, v=(rates @ k)[..., 0], a=np.zeros_like(motion.a))
-    held = steps._replace(twist=(steps.twist[0], still, still))
-    changed = motion_changes(robot, at_twist, held).v[..., robot.actuated]
+    constant_twist = steps._replace(twist=(steps.twist[0], zero, zero))
+    changed = motion_changes(robot, at_twist, constant_twist).v[..., robot.actuated]
     return (robot.gear_ratio * changed).swapaxes(1, 2)

@@ -1,9 +1,9 @@
-"""Raw sampling: the torque formula evaluated instant by instant, with no proof of anything.
+"""Raw sampling: the torque formula evaluated instant by instant, without a certificate.
 
-This is what one gets without the method of this package: finite differences in time and a division by
-whatever is small. Near a Type 2 singularity that is met without condition (8) it shows spikes whose
-height depends on how near a sample happens to fall, as Fig. 3(b) of Briot and Arakelian 2010 does.
-For looking and for comparison only; `inverse_dynamics` gives torques that can be used.
+Torques come from finite differences in time and a division by a determinant, however small. Near a Type 2
+singularity that is met without condition (8) they have spikes whose height depends on the distance of the
+nearest sample, as in Fig. 3(b) of Briot and Arakelian 2010. They serve figures and comparisons only; use
+`inverse_dynamics` for torques.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class FiniteDifferenceTorques(NamedTuple):
     torque: Array  # (T, n_a) [N m], motor side
     motor_angle: Array  # (T, n_a) [rad], motor side
     deflection: Array  # (T, n_e) [m, rad]
-    motion: Motion  # that the torques belong to, its loops closed
+    motion: Motion  # of these torques, its loops closed
 
 
 def finite_difference_torques(
@@ -47,8 +47,8 @@ def finite_difference_torques(
     """Compute torques at equidistant instants; velocities of motors and springs by finite differences.
 
     Args:
-        passes: how often forces and deflections are computed in turn (deformed geometry only).
-        branch: the path as followed by `track_path`, if at hand.
+        passes: evaluations of forces and deflections in turn (deformed geometry only).
+        branch: the result of `track_path`, if at hand.
 
     Raises:
         InvalidInput: fewer than 5 samples, geometry unknown, path does not fit the robot.

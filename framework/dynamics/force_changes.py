@@ -1,11 +1,11 @@
-"""How the forces that motors and loops balance change along small changes of a motion.
+"""Changes of the forces that motors and loops balance, for small changes of a motion.
 
-With r the forces of the open tree, less those of the world, and lambda the loop forces held fixed,
+With r the forces of the open tree, less those of the world, and constant loop forces lambda,
 
     d(r - J' lambda) = dr/dq dq + dr/dv dv + M da - (d(J' lambda)/dq) dq.
 
-Along motions that keep the loops closed nothing is left of what dlambda would add. dr/dq, dr/dv and M are
-pinocchio's (`computeRNEADerivatives`), the curvature of the loops is that of `loop_curvature`.
+Motions that keep the loops closed do no work with dlambda. dr/dq, dr/dv and M are pinocchio's
+(`computeRNEADerivatives`), the curvature of the loops is that of `loop_curvature`.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from framework.linalg.ordered_sums import cross
 
 
 class ForceSlopes(NamedTuple):
-    """Derivatives of the forces (T, nv) of the open tree, less those of the world; (T, nv, nv) each."""
+    """Derivatives (T, nv, nv) of the forces of the open tree, less forces of the world."""
 
     by_q: Array  # along pinocchio's tangent at q
     by_v: Array
@@ -53,9 +53,9 @@ def force_slopes(robot: ParallelRobot, motion: Motion) -> ForceSlopes:
 def wrench_slope(robot: ParallelRobot, screws: Array, applied: AppliedWrench) -> Array:
     """Compute the derivative (T, nv, nv) of the joint forces S_j . w of a wrench of the world.
 
-    With w = (f, m + p x f) about the base's origin, a column i before j turns S_j by [S_i, S_j], and every i
-    that moves the frame takes w along: on base axes p alone, by d_i, S_j . (0, d_i x f); on axes of the frame
-    all of it, -[S_i, S_j] . w.
+    With w = (f, m + p x f) about the base's origin, a column i before j turns S_j by [S_i, S_j]. Every i that
+    moves the frame changes w: on base axes through p alone, by d_i, S_j . (0, d_i x f); on axes of the frame
+    as a whole, -[S_i, S_j] . w.
     """
     columns, w = tree_columns(robot), applied.wrench
     carried = columns.carried[applied.joint]

@@ -8,8 +8,8 @@ equations' Jacobian J,
     actuated   tau_joint   = r_a - J_a' lambda         Eq. (3a) without the rotors
 
 At a Type 2 singularity P eta = 0, so lambda exists only if eta . r_p = 0: condition (8) with the inertia
-of all bodies, legs included, and what the world does. With massless legs eta . r_p = t_s . W_p, the paper's
-form.
+of all bodies, legs included, and the wrenches of the world. With massless legs eta . r_p = t_s . W_p, the
+paper's form.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Forces(NamedTuple):
 
 
 class JointMotion(Protocol):
-    """Positions q (T, nq), velocities v and accelerations a (T, nv) of all joints, and wrenches on them."""
+    """Positions q (T, nq), velocities v and accelerations a (T, nv) of all joints, and wrenches."""
 
     @property
     def q(self) -> Array: ...
@@ -52,8 +52,8 @@ class JointMotion(Protocol):
 def tree_forces(robot: ParallelRobot, motion: JointMotion) -> Array:
     """Compute the forces (T, nv) of the open tree: RNEA with armature, springs and damping of its own joints.
 
-    Less what the wrenches of the world do. Of a robot without `elastic_inertia` at the rates that its
-    platform's motion alone makes.
+    The forces of the world are subtracted. A robot without `elastic_inertia` has the rates of its platform's
+    motion alone.
     """
     felt = _as_felt(robot, motion)
     forces = _rnea(robot, robot.model, felt)
@@ -65,10 +65,7 @@ def tree_forces(robot: ParallelRobot, motion: JointMotion) -> Array:
 
 
 def static_forces(robot: ParallelRobot, q: Array, wrenches: tuple[AppliedWrench, ...] = ()) -> Array:
-    """Compute what of `tree_forces` (T, nv) there is at rest at q (T, nq).
-
-    Gravity and joint springs, less what the wrenches of the world do.
-    """
+    """Compute `tree_forces` (T, nv) at rest at q (T, nq): gravity and joint springs, less wrenches."""
     forces: Array = np.empty((len(q), robot.model.nv))
     data = scratch_of(robot).data
     for k in range(len(q)):
@@ -79,7 +76,7 @@ def static_forces(robot: ParallelRobot, q: Array, wrenches: tuple[AppliedWrench,
 
 
 def _less(forces: Array, wrenches: tuple[AppliedWrench, ...]) -> Array:
-    """Take the joint forces of the wrenches of the world off forces (T, nv), in place."""
+    """Subtract the joint forces of the wrenches of the world from forces (T, nv), in place."""
     for wrench in wrenches:
         forces -= wrench.generalised
     return forces
@@ -88,9 +85,8 @@ def _less(forces: Array, wrenches: tuple[AppliedWrench, ...]) -> Array:
 def inertial_forces(robot: ParallelRobot, motion: JointMotion) -> Array:
     """Compute the share of `tree_forces` (T, nv) that accelerates the bodies and the armature.
 
-    It is linear in the accelerations and quadratic in the rates, so its coefficients can be read at any pace;
-    out of `tree_forces` they would come as differences against gravity, which loses digits for a robot that
-    is small or quick.
+    It is linear in the accelerations and quadratic in the rates, so its coefficients can be computed at any
+    speed. As differences of `tree_forces` they would lose digits against gravity for a small or quick robot.
     """
     return _rnea(robot, robot.weightless, _as_felt(robot, motion))
 
@@ -112,9 +108,9 @@ def _rnea(robot: ParallelRobot, model: pin.Model, motion: JointMotion) -> Array:
 
 
 def spring_torques(robot: ParallelRobot, q: Array, stiffness: Array) -> Array:
-    """Compute torques (T, nv) of springs of this stiffness (nv,): those on joints of the URDF, or all."""
-    turned = difference(robot, robot.neutral, q)
-    return forces_on_joints(robot, robot.neutral, q, stiffness * (turned - robot.joint_rest))
+    """Compute torques (T, nv) of springs of a stiffness (nv,) at q (T, nq)."""
+    offset = difference(robot, robot.neutral, q)
+    return forces_on_joints(robot, robot.neutral, q, stiffness * (offset - robot.joint_rest))
 
 
 def joint_forces(robot: ParallelRobot, motion: Motion) -> Forces:
@@ -123,16 +119,16 @@ def joint_forces(robot: ParallelRobot, motion: Motion) -> Forces:
 
 
 def balanced_forces(robot: ParallelRobot, linearised: LinearisedLoops, r: Array) -> Forces:
-    """Compute what motors and springs give so that the loops can carry the forces r (T, nv) of the open tree.
+    """Compute the forces of motors and springs that balance forces r (T, nv) of the open tree.
 
     The loops close with the platform held by a wrench w and free motors, or by the motors alone:
 
         F' [w; lambda_0] = r        F' [M; ...] = unit torques of the motors        M tau = w
 
-    with F = d[platform ; closures]/dq along the joints that follow, regular at Type 2 and factored when
-    they moved, and M (n, n_a) = (dq_a/dx)', which is singular there. With redundant motors the sum of
-    squares of tau_joint / gear ratio is least. An instant exactly on a Type 2 singularity divides 0 by 0
-    and comes out as infinite.
+    with F = d[platform ; closures]/dq along the joints that follow, regular at Type 2 and already factored,
+    and M (n, n_a) = (dq_a/dx)', singular at Type 2. With redundant motors the sum of squares of
+    tau_joint / gear ratio is least. An instant exactly on a Type 2 singularity divides 0 by 0 and is
+    infinite.
     """
     columns = robot.moving  # the actuated ones first
     loads = np.zeros((1 + robot.n_a, len(r), len(columns)))
@@ -145,20 +141,21 @@ def balanced_forces(robot: ParallelRobot, linearised: LinearisedLoops, r: Array)
         return Forces(torque, np.zeros((len(r), 0)))
     with np.errstate(invalid="ignore"):  # an infinite torque leaves no number
         multipliers = carried[0] - np.einsum("atk,ta->tk", carried[1:], torque)
-    multipliers[:, : robot.n] = 0.0  # nobody holds the platform
-    held = linearised.equations.elastic.transposed_times(linearised.entries, multipliers)
-    return Forces(torque, r[:, robot.elastic] - held)
+    multipliers[:, : robot.n] = 0.0  # no wrench on the platform
+    loops = linearised.equations.elastic.transposed_times(linearised.entries, multipliers)
+    return Forces(torque, r[:, robot.elastic] - loops)
 
 
-def carried_forces(robot: ParallelRobot, linearised: LinearisedLoops, r: Array, joint_torque: Array) -> Array:
-    """Compute what of the open tree's forces r (T, nv) joint torques (T, n_a) leave to the loops.
+def loop_multipliers(
+    robot: ParallelRobot, linearised: LinearisedLoops, r: Array, joint_torque: Array
+) -> Array:
+    """Solve r - S tau_joint = [X; J]' multipliers (T, n + m) for forces r (T, nv).
 
-    Multipliers (T, n + m): the wrench that would have to hold the platform, and of the independent loop
-    equations lambda, r - S tau_joint = J' lambda.
+    They are the wrench that would have to hold the platform, and lambda of the independent loop equations.
     """
-    left = r.take(robot.moving, axis=1)
-    left[:, : robot.n_a] -= joint_torque
-    return linearised.factors.solve_transposed(left)
+    rest = r.take(robot.moving, axis=1)
+    rest[:, : robot.n_a] -= joint_torque
+    return linearised.factors.solve_transposed(rest)
 
 
 def _motor_share(robot: ParallelRobot, matrix: Array, wrench: Array) -> Array:
@@ -170,10 +167,10 @@ def _motor_share(robot: ParallelRobot, matrix: Array, wrench: Array) -> Array:
 
 
 def least_motor_torques(robot: ParallelRobot, matrix: Array, wrenches: Array) -> Array:
-    """Solve matrix (T, n, n_a) @ torques = wrenches (T, n, k) for the torques (T, n_a, k) of least norm.
+    """Solve matrix (T, n, n_a) @ torques = wrenches (T, n, k) for least torques (T, n_a, k), motor side.
 
-    On the motor side. The equations of forces are multiplied by the robot's length before, so that all are
-    couples: those of a small robot would lose digits beside its moments.
+    Equations of forces are multiplied by the robot's length first, so that all are couples: forces of a small
+    robot would lose digits beside its moments.
     """
     arm = robot.platform_scale[:, None]
     directions, triangle = np.linalg.qr((arm * matrix).swapaxes(1, 2))  # of the torques that hold a wrench

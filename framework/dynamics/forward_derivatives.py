@@ -5,8 +5,8 @@ motions that close the loops and lambda the loop forces,
 
     T' (r + rotors + springs - S' n tau) = 0,        so        T' d(r - J' lambda + ...) = T' S' n dtau
 
-at fixed lambda. What y", y', y and tau change of the left side comes from `force_changes`; the block of y" is
-the inertia, and nothing is divided by what vanishes at a Type 2 singularity.
+at fixed lambda. The derivatives of the left side by y", y', y and tau come from `force_changes`; the block of
+y" is the inertia, and no divisor vanishes at a Type 2 singularity.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
 from framework.dynamics.force_changes import force_changes, force_slopes
-from framework.dynamics.forces import carried_forces, tree_forces
+from framework.dynamics.forces import loop_multipliers, tree_forces
 from framework.dynamics.forward_dynamics import forward_dynamics
 from framework.dynamics.pointwise_dynamics import entry_of
 from framework.errors import InvalidInput
 from framework.kinematics.inverse_kinematics import require_square
-from framework.kinematics.motion_changes import coordinate_steps, motion_changes, solve_rates
+from framework.kinematics.motion_changes import MotionChanges, coordinate_steps, motion_changes, solve_rates
 from framework.kinematics.motion_rates import Motion, platform_twists
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.platform import CoordinateRates
@@ -33,9 +33,9 @@ from framework.kinematics.platform import CoordinateRates
 class ForwardDerivatives(ReadOnlyArrays):
     """Accelerations of one state under motor torques, and their derivatives; of T states T comes first.
 
-    The coordinates y are the platform's x (n,), of an elastic robot followed by the deflections (n_e,): d of
-    them. Positions, rates and torques vary each with the others held; torques are on the motor side, motor
-    accelerations on the joint side of the gears.
+    The d coordinates y are the platform's x (n,), of an elastic robot followed by the deflections (n_e,).
+    Positions, rates and torques vary one at a time; torques are on the motor side, motor accelerations on the
+    joint side of the gears.
     """
 
     acceleration: Array  # (d,) of y
@@ -76,41 +76,67 @@ def forward_derivatives(
             f"{robot.name}, {robot.flexibility}: some motion has no mass, so that torques do not tell its "
             f"acceleration; give the links of the springs mass, or leave the springs out"
         )
-    motion, n = instant._motion, robot.n
+    motion = instant._motion
     motion = motion.with_wrenches(tuple(one._replace(turns=one.frame in turning) for one in motion.wrenches))
     x = platform_rates_of(robot, motion)
-    others = np.concatenate([robot.elastic, robot.structure.idle])
-    changes = motion_changes(robot, motion, coordinate_steps(robot, x, others))
-    r = tree_forces(robot, motion)
-    joint_torque = np.atleast_2d(instant.joint_torque)
-    multipliers = carried_forces(robot, motion.linearised, r, joint_torque)[:, robot.n :]
-    changed = force_changes(robot, motion, force_slopes(robot, motion), multipliers, changes)
-    changed += robot.rotors * changes.a
-    changed[..., robot.elastic] += robot.stiffness * changes.q[..., robot.elastic]
-    d, size = n + robot.n_e, n + len(others)
-    units = np.broadcast_to(np.eye(size), (len(motion.q), size, size))
-    right = np.zeros((*units.shape[:2], motion.linearised.residual.shape[1]))
-    right[..., :n] = units[..., :n]
-    rates = solve_rates(robot, motion.linearised, right, others, units[..., n:])  # (T, size, nv)
+    changes = motion_changes(robot, motion, coordinate_steps(robot, x, _other_columns(robot)))
+    changed = _force_changes(robot, motion, np.atleast_2d(instant.joint_torque), changes)
+    rates = _unit_rates(robot, motion)
     by_y, by_dy, inertia = np.split(rates @ changed.swapaxes(1, 2), 3, axis=2)
-    pushed = robot.gear_ratio * rates[..., robot.actuated]
-    answers = np.linalg.solve(inertia, np.concatenate([-by_y[..., :d], -by_dy[..., :d], pushed], axis=2))
-    joint = changes.a[..., robot.actuated].swapaxes(1, 2)  # (T, n_a, 3 size)
-    motor = joint[..., 2 * size :] @ answers
-    motor[..., :d] += joint[..., :d]
-    motor[..., d : 2 * d] += joint[..., size : size + d]
-    answers = answers[:, :d]
-    entry = entry_of(q)
+    d = robot.n + robot.n_e
+    drive = robot.gear_ratio * rates[..., robot.actuated]
+    slopes = np.linalg.solve(inertia, np.concatenate([-by_y[..., :d], -by_dy[..., :d], drive], axis=2))
+    motor = _motor_slopes(changes.a[..., robot.actuated], slopes, d)
+    entry, slopes = entry_of(q), slopes[:, :d]
     return ForwardDerivatives(
         acceleration=np.concatenate([x[2], motion.a[:, robot.elastic]], axis=1)[entry],
-        acceleration_y=answers[entry, ..., :d],
-        acceleration_dy=answers[entry, ..., d : 2 * d],
-        acceleration_torque=answers[entry, ..., 2 * d :],
+        acceleration_y=slopes[entry, ..., :d],
+        acceleration_dy=slopes[entry, ..., d : 2 * d],
+        acceleration_torque=slopes[entry, ..., 2 * d :],
         motor=motion.a[entry, ..., robot.actuated],
         motor_y=motor[entry, ..., :d],
         motor_dy=motor[entry, ..., d : 2 * d],
         motor_torque=motor[entry, ..., 2 * d :],
     )
+
+
+def _motor_slopes(changes: Array, slopes: Array, d: int) -> Array:
+    """Compute derivatives (T, n_a, 2 d + n_a) of motor accelerations from `slopes` of y".
+
+    `changes` (T, 3 k, n_a) are those by unit steps of positions, rates and accelerations.
+    """
+    by_y, by_dy, by_ddy = np.split(changes.swapaxes(1, 2), 3, axis=2)
+    motor = by_ddy @ slopes
+    motor[..., :d] += by_y[..., :d]
+    motor[..., d : 2 * d] += by_dy[..., :d]
+    return motor
+
+
+def _other_columns(robot: ParallelRobot) -> IntArray:
+    """Return the deflections and idle joints, which the platform does not determine."""
+    return np.concatenate([robot.elastic, robot.structure.idle])
+
+
+def _force_changes(
+    robot: ParallelRobot, motion: Motion, joint_torque: Array, changes: MotionChanges
+) -> Array:
+    """Compute `force_changes` (T, k, nv) under joint torques (T, n_a), with rotors and springs."""
+    r = tree_forces(robot, motion)
+    multipliers = loop_multipliers(robot, motion.linearised, r, joint_torque)[:, robot.n :]
+    changed = force_changes(robot, motion, force_slopes(robot, motion), multipliers, changes)
+    changed += robot.rotors * changes.a
+    changed[..., robot.elastic] += robot.stiffness * changes.q[..., robot.elastic]
+    return changed
+
+
+def _unit_rates(robot: ParallelRobot, motion: Motion) -> Array:
+    """Compute joint rates (T, k, nv) for unit twists of the platform, then unit rates of `_other_columns`."""
+    others, n = _other_columns(robot), robot.n
+    size = n + len(others)
+    units = np.broadcast_to(np.eye(size), (len(motion.q), size, size))
+    right = np.zeros((*units.shape[:2], motion.linearised.residual.shape[1]))
+    right[..., :n] = units[..., :n]
+    return solve_rates(robot, motion.linearised, right, others, units[..., n:])
 
 
 def platform_rates_of(robot: ParallelRobot, motion: Motion) -> CoordinateRates:

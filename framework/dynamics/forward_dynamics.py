@@ -1,7 +1,7 @@
-"""Forward dynamics: accelerations of motor torques, and the forces in loops and joints, of one state or many.
+"""Forward dynamics: accelerations under motor torques, and the forces in loops and joints, of states.
 
-The accelerations are those of the simulation (`simulation.accelerations`), regular at Type 2; what loops and
-joints then carry is computed as for a motion that is prescribed (`instant`).
+The accelerations are those of the simulation (`simulation.accelerations`), regular at Type 2; the forces in
+loops and joints are computed as for a prescribed motion (`Instant`).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from framework.arrays import Array, ArrayLike
 from framework.dynamics.forces import Forces, tree_forces
 from framework.dynamics.pointwise_dynamics import Instant, entry_of, instant_of
-from framework.dynamics.reactions import given_wrenches, stacked_rows, under_wrenches
+from framework.dynamics.reactions import apply_wrenches, stack_wrenches, stacked_rows
 from framework.errors import InvalidInput
 from framework.kinematics.linearised_loops import ClosedStack, assembled_at
 from framework.kinematics.loop_matrices import scaled_loops
@@ -36,20 +36,20 @@ def forward_dynamics(
     *,
     wrenches: Mapping[str, ArrayLike] | None = None,
 ) -> Instant:
-    """Compute what the robot does under motor torques, assembled at q (nq,) with joint rates v (nv,).
+    """Compute the accelerations and loads under motor torques at q (nq,) with joint rates v (nv,).
 
         M a + c + g + K (q - rest) = S' n tau + f + J' lambda,        J a + drift = 0
 
-    in all coordinates, so that nothing is singular at Type 2; of rigid robots it undoes `dynamics_at`, which
-    takes springs for rigid, where here they push as they are deflected in q. `a` of the answer has
-    NaN where a motion without mass leaves the acceleration open (an elastic robot of massless links); its
-    `torque` are the given ones, its `spring_force` that of the springs' deflections.
+    in all coordinates, so that nothing is singular at Type 2. For rigid robots it inverts `dynamics_at`. That
+    takes springs for rigid, while this counts the forces of their deflections in q. `a` of the result is NaN
+    for a motion without mass (an elastic robot of massless links), `torque` the argument, `spring_force` that
+    of the deflections.
 
     Args:
-        q: as `assemble` or `forward_kinematics` give it; or a stack of T states (T, nq), and all that is told
-            of one then has T as its first axis. Accelerations, loop forces and reactions of a state are those
-            that it has alone, to the last bit.
-        v: (nv,) or (T, nv) [rad/s, m/s], as `dynamics_at(robot, q, dx=...)` or a plan gives them.
+        q: assembled, of `assemble` or `forward_kinematics`; or a stack of T states (T, nq), and all results
+            then have T as their first axis. Accelerations, loop forces and reactions of a state are the same
+            alone and in a stack, to the last bit.
+        v: (nv,) or (T, nv) [rad/s, m/s], of `dynamics_at(robot, q, dx=...)` or a plan.
         torque: (n_a,) or (T, n_a) [N m, N], motor side.
         wrenches: of the world, as for `dynamics_at`.
 
@@ -64,42 +64,34 @@ def forward_dynamics(
     torques = stacked_rows(f"torque ({', '.join(robot.actuator_names)})", torque, robot.n_a, count)
     _check_rates(robot, closed, rates)
     at_rest = Motion(closed.q, rates.copy(), np.zeros((count, nv)), closed.linearised)
-    at_rest = under_wrenches(robot, at_rest, given_wrenches(robot, wrenches, count))
+    at_rest = apply_wrenches(robot, at_rest, stack_wrenches(robot, wrenches, count))
     applied = sum((wrench.generalised for wrench in at_rest.wrenches), start=np.zeros((count, nv)))
-    equations = equations_of(robot)
-    solution = accelerations(equations, closed.q, rates, torques, applied)
+    solution = accelerations(_equations_of(robot, threading.get_ident()), closed.q, rates, torques, applied)
     motion = replace(at_rest, a=solution.a)
-    r = tree_forces(robot, motion)
     rotors = (robot.rotors * solution.a)[:, robot.actuated]
     forces = Forces(
         robot.gear_ratio * torques - rotors,
         -robot.stiffness * robot.coordinates.positions(closed.q)[:, robot.elastic],
     )
     entry = entry_of(q)
+    instant = instant_of(robot, motion, tree_forces(robot, motion), forces, entry)
     determined = np.where(solution.undetermined, np.nan, solution.a)
-    instant = instant_of(robot, motion, r, forces, entry)
     return replace(instant, torque=torques[entry], a=determined[entry])
 
 
-def equations_of(robot: ParallelRobot) -> EquationsOfMotion:
-    """Return the equations of motion of a robot, made once for each thread."""
-    return _equations(robot, threading.get_ident())
-
-
 @lru_cache(maxsize=16)  # megabytes each; their working memory serves one thread
-def _equations(robot: ParallelRobot, thread: int) -> EquationsOfMotion:
+def _equations_of(robot: ParallelRobot, thread: int) -> EquationsOfMotion:
     return EquationsOfMotion.of(robot)
 
 
 def _check_rates(robot: ParallelRobot, closed: ClosedStack, v: Array) -> None:
     """Refuse joint rates (T, nv) under which the loop equations open."""
     speeds = v / robot.column_scale
-    opening = matvec(scaled_loops(robot, closed.linearised), speeds)
-    left = np.abs(opening).max(axis=1, initial=0.0)
-    wrong = np.flatnonzero(left > FILE_ROUNDING * np.abs(speeds).max(axis=1, initial=0.0))
+    opening = np.abs(matvec(scaled_loops(robot, closed.linearised), speeds)).max(axis=1, initial=0.0)
+    wrong = np.flatnonzero(opening > FILE_ROUNDING * np.abs(speeds).max(axis=1, initial=0.0))
     if len(wrong):
         row = f", row {wrong[0]}" if len(v) > 1 else ""
         raise InvalidInput(
-            f"v{row}: the loops of {robot.name} open with {left[wrong[0]]:.3g} rad/s or robot lengths/s; see "
-            f"`dynamics_at`"
+            f"v{row}: the loops of {robot.name} open with {opening[wrong[0]]:.3g} rad/s or robot lengths/s; "
+            f"see `dynamics_at`"
         )

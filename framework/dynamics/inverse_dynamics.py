@@ -15,22 +15,21 @@ from typing import Any
 import numpy as np
 
 from framework.arrays import Array
-from framework.dynamics.certificate import Certificate
 from framework.dynamics.elastic_pass import Pass
 from framework.dynamics.elasticity import (
     DeflectionSolution,
     LawChoice,
-    given_deflections,
+    assess_deflections,
     solve_deflections,
 )
 from framework.dynamics.forces import motor_torque
 from framework.dynamics.known_deflections import KnownDeflections
 from framework.dynamics.motor_friction import FRICTIONS, PlannedFriction, motor_friction
 from framework.dynamics.near_misses import unseen_near_miss
-from framework.dynamics.refusals import not_resolved, not_settled
-from framework.dynamics.residuals import check_idle_joints, measure_neglected
+from framework.dynamics.refusals import unresolved_error, unsettled_error
+from framework.dynamics.residuals import check_idle_joints, measure_residuals
 from framework.dynamics.restoration import deflections_of
-from framework.dynamics.result import InverseDynamics, SingularityCrossing
+from framework.dynamics.result import Certificate, InverseDynamics, SingularityCrossing
 from framework.dynamics.singularity_crossings import (
     check_bounded,
     check_crossings,
@@ -188,7 +187,7 @@ def resolve(
 
         try:
             if known is not None:
-                state = given_deflections(branch, grid, law, known)
+                state = assess_deflections(branch, grid, law, known)
             else:
                 state = solve_deflections(
                     branch,
@@ -231,10 +230,10 @@ def resolve(
         enough = min(enough, left)
         changes.append(certificate.change)
         if left > tolerance and size < SIZES[-1]:
-            if certificate.change > tolerance and (known is not None or stalled(changes)):
+            if certificate.change > tolerance and (known is not None or is_stalled(changes)):
                 break
             continue
-        result = replace(result, certificate=measure_neglected(branch, state, result))
+        result = replace(result, certificate=measure_residuals(branch, state, result))
         closed = result.certificate.max_closure_error <= LOOP_GAP * max(branch.robot.length, 1.0)
         if left <= tolerance and closed and _law_is_resolved(state.law, grid):
             unseen = unseen_near_miss(searched, state, result)
@@ -249,21 +248,21 @@ def resolve(
     if known is None:  # else a law that is bounded with others
         check_bounded(branch.robot, crossings, pole)
     if state.change > RESOLVABLE_TAIL < enough:
-        raise not_settled(branch.robot, state)
-    raise not_resolved(searched, result, tolerance, size=grid.size, enough=enough, unseen=unseen)
+        raise unsettled_error(branch.robot, state)
+    raise unresolved_error(searched, result, tolerance, size=grid.size, enough=enough, unseen=unseen)
 
 
 def _planned_friction(result: InverseDynamics, friction: str) -> PlannedFriction | None:
-    """Return the dry friction of driven joints along a motion, None where there is none to plan with."""
+    """Return the dry friction of driven joints along a motion, None without friction."""
     actuated, size = result.robot.actuated, motor_friction(result.robot, friction)
 
     def speed(t: Array) -> Array:
         return result.robot.gear_ratio * result.velocity(t)[:, actuated]
 
-    return PlannedFriction.along(size, speed, result.duration)
+    return PlannedFriction.from_speed(size, speed, result.duration)
 
 
-def stalled(changes: list[float]) -> bool:
+def is_stalled(changes: list[float]) -> bool:
     """Whether the last two grids left as much of the change as the one before them: so will a finer one."""
     return len(changes) > 2 and min(changes[-2:]) > STALLED * changes[-3]
 

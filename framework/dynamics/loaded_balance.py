@@ -25,7 +25,7 @@ import numpy as np
 
 from framework.arrays import Array, IntArray
 from framework.dynamics.forces import Forces, tree_forces
-from framework.dynamics.tangent_stiffness import factored, moving_columns
+from framework.dynamics.tangent_stiffness import factor_transposed, moving_columns
 from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.frames import difference, integrate, integrate_columns
 from framework.kinematics.inverse_kinematics import close_loops
@@ -172,7 +172,7 @@ def _balanced(robot: ParallelRobot, loaded: Loaded) -> tuple[Array, Array, Array
     """The load (T, f) along what moves while the motors are locked, the loops' multipliers, and Y."""
     columns, units = _locked(robot)
     J, load = _loops(robot, loaded.motion), loaded.load[:, columns] * units
-    range_, R, null = factored(J)
+    range_, R, null = factor_transposed(J)
     return load, solve(R, matvec(range_.swapaxes(1, 2), load)), null
 
 

@@ -1,8 +1,8 @@
-"""Dry friction of driven joints along a planned motion: its size by the sign of the planned speed.
+"""Dry friction of driven joints along a planned motion, with the sign of the planned speed.
 
-A motor that turns against the dry friction f of its joint gives f sign(dq_a/dt) / gear ratio beside what the
-robot asks for without. Along a path that advances the sign is that of dq_a/ds; it jumps where a motor
-reverses, so this share is no Chebyshev series and is added after it. At a standstill it is zero.
+Dry friction f of its joint adds f sign(dq_a/dt) / gear ratio to the torque of a motor. Along a path that
+advances the sign is that of dq_a/ds. It jumps where a motor reverses, so this share is no Chebyshev series
+and is added to the series of the rest. At a standstill it is zero.
 """
 
 from __future__ import annotations
@@ -18,19 +18,18 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.tolerances import AT_REST
 
 FRICTIONS = ("driven", "none")
-# instants at which the speed's sign is looked at; a reversal and back between two is not seen
-SPEED_SAMPLES = 1001
+SPEED_SAMPLES = 1001  # instants for the speed's sign; two reversals between samples are not seen
 
 
 def motor_friction(robot: ParallelRobot, friction: str) -> Array:
-    """Return the dry friction (n_a,) [N m or N], motor side, that is planned with: "driven" or "none"."""
+    """Return the dry friction (n_a,) [N m or N], motor side, of plans with friction "driven" or "none"."""
     if friction == "none":
         return np.zeros(robot.n_a)
     return robot.joint_friction[robot.actuated] / np.abs(robot.gear_ratio)
 
 
 def signs(speeds: Array) -> Array:
-    """Return the signs (T, n_a) of motor speeds (T, n_a), zero where the motor stands still."""
+    """Return the signs (T, n_a) of motor speeds (T, n_a), zero at a standstill."""
     size = np.abs(speeds)
     return np.where(size > AT_REST * size.max(initial=0.0), np.sign(speeds), 0.0)
 
@@ -48,8 +47,8 @@ class PlannedFriction(ReadOnlyArrays):
     between: tuple[Array, ...]
 
     @staticmethod
-    def along(size: Array, speed: Callable[[Array], Array], duration: float) -> PlannedFriction | None:
-        """Return friction of this size (n_a,) for motor speeds (T, n_a) at t (T,); None without any."""
+    def from_speed(size: Array, speed: Callable[[Array], Array], duration: float) -> PlannedFriction | None:
+        """Return friction of a size (n_a,) for motor speeds (T, n_a) at t (T,); None for zero."""
         if not size.any():
             return None
         t = np.linspace(0.0, duration, SPEED_SAMPLES)
@@ -73,14 +72,14 @@ class PlannedFriction(ReadOnlyArrays):
 
 
 def _intervals(t: Array, sign: Array, speed: Callable[[Array], Array], motor: int) -> tuple[Array, Array]:
-    """Return instants (k,) and the constant signs (k - 1,) between them, from samples of the sign.
+    """Return instants (k,) and the constant sign (k - 1,) of each interval, from samples of the sign.
 
-    A motion starts and stops so gently that its first and last samples may have no sign: they have that of
-    their neighbours. The same holds of a single sample, a zero of the speed; more of them are a standstill.
+    A motion starts and stops so gently that its first and last samples may have no sign; they take that of
+    their neighbours. So does a single sample, a zero of the speed; several are a standstill.
     """
     from scipy.optimize import brentq  # takes time to import, and most robots have no dry friction
 
-    def of_motor(instant: float) -> float:
+    def motor_speed(instant: float) -> float:
         return float(speed(np.array([instant]))[0, motor])
 
     moving = np.flatnonzero(sign)
@@ -92,6 +91,6 @@ def _intervals(t: Array, sign: Array, speed: Callable[[Array], Array], motor: in
             instants += [t[i + 1], t[j - 1]]
             between += [0.0, sign[j]]
         elif sign[i] != sign[j]:
-            instants.append(brentq(of_motor, t[i], t[j], xtol=1e-15 * t[-1]))
+            instants.append(brentq(motor_speed, t[i], t[j], xtol=1e-15 * t[-1]))
             between.append(sign[j])
     return np.array([*instants, t[-1]]), np.array(between)

@@ -1,4 +1,4 @@
-"""Limits of the motors: those of the robot file, and those that are stated beside the robot."""
+"""Limits of the motors, of the robot file or stated beside the robot."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Limit = float | Sequence[float | None] | Mapping[str, float | None] | Array | No
 
 
 def motor_limits(robot: ParallelRobot, name: str, stated: Limit) -> Array:
-    """Return the limits of all motors (n_a,), motor side, infinite where there is none.
+    """Return the limits of all motors (n_a,), motor side, infinite for unlimited motors.
 
     Args:
         name: `torque_limit` [N m, or N where a motor slides] or `speed_limit` [rad/s, m/s].
@@ -51,13 +51,13 @@ def motor_limits(robot: ParallelRobot, name: str, stated: Limit) -> Array:
 
 
 def is_limited(stated: Limit) -> bool:
-    """Whether limits that are stated, as for `motor_limits`, bound any motor: None and infinity do not."""
+    """Whether stated limits, as for `motor_limits`, bound any motor: None and infinity do not."""
     values = stated.values() if isinstance(stated, Mapping) else np.atleast_1d(np.array(stated, object))
     return any(value is not None and value != np.inf for value in values)
 
 
 def shortest_form(limits: Array) -> tuple[float | None, ...]:
-    """Return limits (n_a,) as one number if they are all the same, and None for what is infinite."""
+    """Return limits (n_a,) as one number if all are the same, with None for infinity."""
     values = tuple(limit if np.isfinite(limit) else None for limit in limits.tolist())
     return values[:1] if len(set(values)) == 1 else values
 

@@ -1,9 +1,9 @@
-"""Near misses of the singular locus: whether the torques of a motion are known there.
+"""Check that the torques of a motion are resolved at near misses of the singular locus.
 
-Beside a singularity torques may rise like 1/|g|, over as short a stretch of the path as |g| takes to double.
-Nodes farther apart than that do not see it, however small the tail of their series is. So the torques are
-computed once more, from the motion, where |g| is least and where it has doubled; they agree as far as a
-resolved torque has to, and rounding of g lets them.
+Beside a singularity torques may rise like 1/|g|, over a stretch of the path in which |g| doubles. Nodes
+farther apart do not resolve it, however small the tail of their series is. So the torques are computed again
+from the motion where |g| is least and where it has doubled. They have to agree with the series to the
+tolerance of a resolved torque, plus the rounding of g.
 """
 
 from __future__ import annotations
@@ -26,12 +26,9 @@ from framework.tolerances import RESOLVABLE_TAIL
 def unseen_near_miss(
     searched: SearchedPath, state: DeflectionSolution, result: InverseDynamics
 ) -> NearMiss | None:
-    """Return the first near miss where the torques differ from their series; None if none does.
-
-    At the ends of the path the motion rests, and nodes are densest.
-    """
+    """Return the first near miss where the torques differ from their series, else None."""
     for miss in searched.near_misses:
-        if miss.s in (0.0, 1.0):
+        if miss.s in (0.0, 1.0):  # the motion rests, and nodes are densest
             continue
         for t in instants(state.law, state.grid.edges, miss.s):
             if not _is_seen(searched, state, result, miss, t):
@@ -59,7 +56,7 @@ def _is_seen(
     return bool(np.abs(computed - expected).max() <= allowed * np.abs(state.forces.joint_torque).max())
 
 
-def near_miss_sentence(searched: SearchedPath, miss: NearMiss) -> str:
+def describe_near_miss(searched: SearchedPath, miss: NearMiss) -> str:
     """Return the sentence about a near miss: its place, its distance and the remedy."""
     robot, x = searched.branch.robot, searched.branch.path(miss.s)
     return (

@@ -1,18 +1,18 @@
 """The admissible wrenches and speeds of the platform at one pose, within the motors' limits.
 
 With G (n_a, n) the motor speeds for unit velocities v of the platform and tau the motor torques, the platform
-gives the world
+exerts on the world
 
     U = G' tau - W_g,        |tau_k| <= limit of motor k,
 
-a zonotope: W_g holds the weight of all bodies (and the springs on their joints) at rest. Its velocities v are
-those with |G v| <= speed limits. Of a linkage whose platform is joints (an ankle with pitch and roll), U are
-the true limits of the joints' torques: they depend on the pose and on one another, where a robot file of the
-tree alone has a box. At a Type 2 singularity G t_s = 0: the wrenches have no width along t_s, and the speed
-has no limit along it.
+a zonotope: W_g holds the weight of all bodies (and the springs on their joints) at rest. Admissible
+velocities v have |G v| <= speed limits. For a linkage whose platform is joints (an ankle with pitch and
+roll), U are the true limits of the joints' torques: they depend on the pose and on one another, while a robot
+file of the tree alone has a box. At a Type 2 singularity G t_s = 0: the wrenches have no width along t_s, and
+the speed has no limit along t_s.
 
-All parts are rigid, springs keep their deflections, nothing is touched, motors give their limit at every
-speed, and what is said holds at this pose alone.
+All parts are rigid, springs keep their deflections, the robot has no contacts, motors reach their limit at
+every speed, and the limits hold at this pose alone.
 """
 
 from __future__ import annotations
@@ -84,14 +84,14 @@ def platform_limits(
     wrenches = speeds = None
     if np.isfinite(torque).all():
         forces = zonotope(-weight * size, torque[:, None] * G[0] * size)
-        wrenches = _in_units(forces, size)
+        wrenches = _scale_polytope(forces, size)
     if np.isfinite(speed).all():
-        speeds = _in_units(slabs(G[0] * size, speed), 1.0 / size)
+        speeds = _scale_polytope(slabs(G[0] * size, speed), 1.0 / size)
     return PlatformLimits(robot, wrenches, speeds, weight)
 
 
-def _in_units(scaled: Polytope, size: Array) -> Polytope:
-    """Turn a polytope of y * size into one of y."""
+def _scale_polytope(scaled: Polytope, size: Array) -> Polytope:
+    """Convert a polytope of y * size to one of y."""
     normals = scaled.normals * size
     lengths = np.linalg.norm(normals, axis=1)
     free = np.linalg.qr((scaled.free / size).T)[0].T if len(scaled.free) else scaled.free

@@ -1,13 +1,13 @@
-"""The wrench that a motion asks of the platform, and the wrenches that the motors can give.
+"""The wrench on the platform that a motion requires, and the wrenches that the motors can exert.
 
-By virtual work along a twist v of the platform that closes the loops with the springs held, the motor
+By virtual work along a twist v of the platform that closes the loops at constant deflections, the motor
 torques tau (motor side, rotors included) and the forces r of the open tree do the same work,
 
     v . W = tau . G v,        W = (dq/dv)' r + rotors,        G = (d motor speed)/dv,
 
-so W = G' tau is the wrench that the motion asks for, legs included (W_p of the paper where the legs have
-no mass), and G' maps the box of motor torques onto the wrenches that the motors can give: a zonotope. At a
-Type 2 singularity G t_s = 0: along t_s the zonotope has no width, and W must have no component there,
+so W = G' tau is the wrench that the motion requires, legs included (W_p of the paper if the legs have no
+mass), and G' maps the box of motor torques onto the wrenches that the motors can exert: a zonotope. At a
+Type 2 singularity G t_s = 0: along t_s the zonotope has no width, and W must have no component along t_s,
 condition (8) of Briot and Arakelian 2010.
 """
 
@@ -28,36 +28,36 @@ from framework.kinematics.parallel_robot import ParallelRobot
 class PlatformWrench(NamedTuple):
     """The wrench W = G' tau on the platform at T instants, tau the motor torques."""
 
-    asked: Array  # (T, n) W [N, N m] on the platform's axes, inertia and weight of all bodies and rotors
+    required: Array  # (T, n) W [N, N m] on the platform's axes, inertia and weight of all bodies and rotors
     motor_speed: Array  # (T, n_a, n) G: motor speeds [rad/s] for unit twists along the platform's axes
-    rotors: Array  # (T, n) what of W the rotors take for themselves
+    rotors: Array  # (T, n) share of the rotors in W
 
-    def along(self, twist: Array) -> Array:
-        """Return the force (T,) asked for along a twist (n,) or (T, n)."""
-        return np.sum(self.asked * twist, axis=1)
+    def force_along(self, twist: Array) -> Array:
+        """Compute the required force (T,) along a twist (n,) or (T, n)."""
+        return np.sum(self.required * twist, axis=1)
 
     def lacking(self, torque: Array) -> Array:
-        """Return what motor torques (T, n_a) lack of it, W - G' tau (T, n)."""
-        return self.asked - np.einsum("tan,ta->tn", self.motor_speed, torque)
+        """Compute the wrench W - G' tau (T, n) that motor torques (T, n_a) lack."""
+        return self.required - np.einsum("tan,ta->tn", self.motor_speed, torque)
 
     def reach(self, twist: Array, torque_limit: Array) -> Array:
         """Return the largest force (T,) along a twist (n,) or (T, n), torques within limits (n_a,)."""
-        speeds = np.einsum("tan,tn->ta", self.motor_speed, np.broadcast_to(twist, self.asked.shape))
+        speeds = np.einsum("tan,tn->ta", self.motor_speed, np.broadcast_to(twist, self.required.shape))
         return np.abs(speeds) @ torque_limit
 
     def band(self, twist: Array, torque_limit: Array) -> Array:
-        """Return the least and the largest force (T, 2) along a twist that is left for the bodies.
+        """Return the least and the largest force (T, 2) on the bodies along a twist.
 
-        Motor torques are up to limits (n_a,), and their rotors move as the motion asks: the band holds
-        t_s . W_p of `wrench_curves` wherever motors within their limits can carry the motion on.
+        Motor torques are up to limits (n_a,), and their rotors move as the motion requires: the band contains
+        t_s . W_p of `wrench_curves` wherever motors within their limits can continue the motion.
         """
-        reach, of_rotors = self.reach(twist, torque_limit), np.sum(self.rotors * twist, axis=1)
-        return np.column_stack([-reach - of_rotors, reach - of_rotors])
+        reach, rotor_force = self.reach(twist, torque_limit), np.sum(self.rotors * twist, axis=1)
+        return np.column_stack([-reach - rotor_force, reach - rotor_force])
 
     def vertices(self, torque_limit: Array) -> Array:
         """Return wrenches (T, 2^n_a, n) of all motors at plus or minus their limits (n_a,).
 
-        Their convex hull is what the motors can give.
+        The motors can exert every wrench in the convex hull.
         """
         corners = np.array(list(product((-1.0, 1.0), repeat=len(torque_limit)))) * torque_limit
         return np.einsum("ca,tan->tcn", corners, self.motor_speed)
@@ -72,7 +72,7 @@ def motor_speeds(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Arr
 
 
 def platform_wrench(robot: ParallelRobot, motion: Motion) -> PlatformWrench:
-    """Compute the wrench that a motion asks of the platform, and the motors' share in it.
+    """Compute the wrench on the platform that a motion requires, and the motors' share.
 
     Raises:
         NotAssembled: the platform does not determine the joints at some instant (Type 1).
@@ -89,15 +89,13 @@ class Hold(NamedTuple):
     """The torques of motors at rest that hold a platform wrench."""
 
     motor_speed: Array  # (n_a, n) G, as in PlatformWrench
-    torque: (
-        Array | None
-    )  # (n_a,) [N m] motor side that holds the wrench asked for; None: no torque does, or several
+    torque: Array | None  # (n_a,) [N m] motor side; None: no torque holds the wrench, or several
 
 
 def hold_at(robot: ParallelRobot, q: Array, wrench: Array) -> Hold:
-    """Compute G at an assembled configuration q (nq,), and the motor torques that hold a wrench (n,) there.
+    """Compute G at an assembled configuration q (nq,), and the motor torques that hold a wrench (n,).
 
-    W = G' tau has one solution tau where the motors are as many as the platform's freedoms and hold it.
+    W = G' tau has one solution tau if the motors are as many as the platform's freedoms and hold it.
 
     Raises:
         InvalidInput: q is not assembled.

@@ -1,9 +1,9 @@
 """The dynamics of one instant: loads of motors, loops and joints, and the reflected inertia.
 
-No law and no path: a pose, rates and accelerations of the platform, wrenches of the world. Motor torques
-follow from the independent loop equations, as everywhere (`forces`), and are computed at once, on a Type 2
-singularity as a limit (`singular_instant`); what loops and joints carry (`reactions`), inertia and velocity
-matrices are computed when they are asked for. `forward_dynamics` gives the same from torques.
+The input is a pose, rates and accelerations of the platform, and wrenches of the world. Motor torques follow
+from the independent loop equations (`forces`), on a Type 2 singularity as a limit (`torque_at_singularity`).
+Loads of loops and joints (`reactions`), inertia and velocity matrices are computed on first use.
+`forward_dynamics` returns the same record from torques.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ import pinocchio as pin
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays, freeze, read_only
 from framework.dynamics.forces import Forces, balanced_forces, motor_torque, tree_forces
 from framework.dynamics.platform_wrench import motor_speeds
+from framework.dynamics.pointwise_at_singularity import forces_through_singularity
 from framework.dynamics.reactions import (
     LoopLoads,
     Wrenches,
+    apply_wrenches,
     closure_wrenches,
     coupling_torques,
-    given_wrenches,
     joint_reactions,
     loop_loads,
+    stack_wrenches,
     stacked_rows,
-    under_wrenches,
 )
-from framework.dynamics.torque_at_singularity import forces_through_singularity
 from framework.errors import SingularPose
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, assembled_at
@@ -47,8 +47,8 @@ from framework.tolerances import RANK_LOST
 class Instant(ReadOnlyArrays):
     """State and loads of a robot at one instant; wrenches are (force, moment) (6,) in base axes [N, N m].
 
-    At a stack of T instants every array has them as its first axis. Springs keep the deflections of q;
-    `spring_force` is what they would have to give for that.
+    At a stack of T instants the first axis of every array is T. Springs keep the deflections of q;
+    `spring_force` is the force necessary for that.
     """
 
     robot: ParallelRobot
@@ -70,7 +70,7 @@ class Instant(ReadOnlyArrays):
     @cached_property
     def loop_forces(self) -> Mapping[str, Array]:
         """By closure with frames [a, b] the wrench BY b's body ON a's, at a's origin; NaN if undetermined."""
-        return self._by_name(closure_wrenches(self.robot, self._loops))
+        return self._unstack_each(closure_wrenches(self.robot, self._loops))
 
     @cached_property
     def coupling_torques(self) -> Mapping[str, Array | float]:
@@ -79,21 +79,21 @@ class Instant(ReadOnlyArrays):
         NaN where undetermined.
         """
         torques = coupling_torques(self.robot, self._loops)
-        return MappingProxyType({name: self._shown(torque) for name, torque in torques.items()})
+        return MappingProxyType({name: self._unstack(torque) for name, torque in torques.items()})
 
     @cached_property
     def reactions(self) -> Mapping[str, Array]:
-        """By joint the wrench BY the body before it ON the one behind, at its origin; NaN if undetermined.
+        """By joint the wrench BY the parent body ON the child body, at its origin; NaN if undetermined.
 
-        The part along the joint's axis is what a motor (rotor not included), a spring, damping or a coupling
-        gives.
+        The part along the joint's axis comes from a motor (rotor not included), a spring, damping or a
+        coupling.
         """
-        return self._by_name(joint_reactions(self.robot, self._motion, self._loops))
+        return self._unstack_each(joint_reactions(self.robot, self._motion, self._loops))
 
     @cached_property
     def platform_inertia(self) -> Array:
         """The inertia of all bodies and rotors, along the platform's twist on its axes, (n, n)."""
-        return self._shown(_platform_inertia(self.robot, self._motion))
+        return self._unstack(_platform_inertia(self.robot, self._motion))
 
     @cached_property
     def motor_inertia(self) -> Array:
@@ -109,17 +109,20 @@ class Instant(ReadOnlyArrays):
             to_platform = np.linalg.inv(speeds[moving])
             along_platform = np.atleast_3d(self.platform_inertia.T).T[moving]
             inertia[moving] = to_platform.swapaxes(1, 2) @ along_platform @ to_platform
-        return self._shown(inertia)
+        return self._unstack(inertia)
 
     @cached_property
     def platform_velocity(self) -> Array:
-        """v (n,), see `kinematics.platform`: (linear, angular) of a frame, and not dx if it turns freely."""
-        return self._shown(platform_twists(self.robot, self._motion)[0])
+        """v (n,), see `kinematics.platform`: (linear, angular) of a frame.
+
+        It is not dx if the frame turns freely.
+        """
+        return self._unstack(platform_twists(self.robot, self._motion)[0])
 
     @cached_property
     def platform_acceleration(self) -> Array:
         """Time derivative (n,) of `platform_velocity`."""
-        return self._shown(platform_twists(self.robot, self._motion)[1])
+        return self._unstack(platform_twists(self.robot, self._motion)[1])
 
     @property
     def velocity_matrices(self) -> VelocityMatrices:
@@ -133,7 +136,7 @@ class Instant(ReadOnlyArrays):
 
     @property
     def indeterminate(self) -> tuple[str, ...]:
-        """Names of what the loops leave open, at some instant: `tip: force z`, `elbow: moment x`."""
+        """Names of wrench components that no equation determines: `tip: force z`, `elbow: moment x`."""
         parts = [f"{kind} {axis}" for kind in ("force", "moment") for axis in "xyz"]
         return tuple(
             f"{name}: {part}"
@@ -153,13 +156,13 @@ class Instant(ReadOnlyArrays):
     @cached_property
     def _matrices(self) -> tuple[VelocityMatrices, VelocityMatrices]:
         matrices, rates = matrices_and_rates(self.robot, self._motion)
-        return VelocityMatrices(*map(self._shown, matrices)), VelocityMatrices(*map(self._shown, rates))
+        return VelocityMatrices(*map(self._unstack, matrices)), VelocityMatrices(*map(self._unstack, rates))
 
-    def _shown(self, stack: Array) -> Array:
+    def _unstack(self, stack: Array) -> Array:
         return read_only(stack if self.q.ndim == 2 else stack[0])
 
-    def _by_name(self, stacks: Mapping[str, Array]) -> Mapping[str, Array]:
-        return MappingProxyType({name: self._shown(stack) for name, stack in stacks.items()})
+    def _unstack_each(self, stacks: Mapping[str, Array]) -> Mapping[str, Array]:
+        return MappingProxyType({name: self._unstack(stack) for name, stack in stacks.items()})
 
 
 def dynamics_at(
@@ -174,23 +177,23 @@ def dynamics_at(
     """Compute motor torques, loop forces, joint reactions and inertia at an assembled configuration q (nq,).
 
     Args:
-        q: as `assemble` or `forward_kinematics` give it; or a stack of T instants (T, nq), and all that is
-            told of one then has T as its first axis.
+        q: of `assemble` or `forward_kinematics`; or a stack of T instants (T, nq), and all results then have
+            T as their first axis.
         dx, ddx: rates (n,) and accelerations (n,) of the platform coordinates, 0 by default; or (T, n).
         wrenches: of the world, by URDF link or joint: ON its body, at its origin, (force, moment) (6,) in
             base axes [N, N m]; or (T, 6). They are taken for constant.
         dddx: third derivatives (n,), or (T, n), which count on a Type 2 singularity alone.
 
     Raises:
-        InvalidInput: q leaves the loops open; an argument of the wrong shape, or a frame that is not there;
-            a platform that does not determine the joints.
-        NotAssembled: it does not at this pose (Type 1).
-        SingularPose: the motors do not hold the robot there (Type 2). The torque is then a limit, which is
-            given where the motion is known to third order, dddx, crosses the locus and meets condition (8).
+        InvalidInput: q leaves the loops open; an argument of the wrong shape, or an unknown frame; a platform
+            that does not determine the joints.
+        NotAssembled: the platform does not determine the joints at this pose (Type 1).
+        SingularPose: the motors do not hold the robot (Type 2). The torque is then a limit, which is computed
+            if the motion is known to third order, dddx, crosses the locus and meets condition (8).
     """
     prescribed = prescribed_motion(robot, q, dx=dx, ddx=ddx, wrenches=wrenches)
     motion, count = prescribed.motion, len(prescribed.x)
-    third = given_rates("dddx", dddx, robot.n, count)
+    third = stack_rates("dddx", dddx, robot.n, count)
     r = tree_forces(robot, motion)
     forces = balanced_forces(robot, motion.linearised, r)
     for k in map(int, find_near_type2(robot, motion.linearised, RANK_LOST)):
@@ -206,20 +209,20 @@ def dynamics_at(
             rates=(prescribed.dx[k], prescribed.ddx[k], third[k]),
             wrenches={frame: wrench[k] for frame, wrench in prescribed.wrenches.items()},
         )
-        for stack, alone in zip(forces, limit, strict=True):
-            stack[k] = alone[0]
+        for stack, value in zip(forces, limit, strict=True):
+            stack[k] = value[0]
     return instant_of(robot, motion, r, forces, prescribed.entry)
 
 
 class PrescribedMotion(NamedTuple):
-    """The motion of T instants that is asked for, with the wrenches of the world."""
+    """The prescribed motion of T instants, with the wrenches of the world."""
 
     x: Array  # (T, n)
     dx: Array  # (T, n)
     ddx: Array  # (T, n)
     motion: Motion
     wrenches: Wrenches
-    entry: int | slice  # of what is told: the only one if one configuration was given, all of a stack
+    entry: int | slice  # of the results: 0 for one configuration, all of a stack
 
 
 def prescribed_motion(
@@ -230,7 +233,7 @@ def prescribed_motion(
     ddx: ArrayLike | None,
     wrenches: Mapping[str, ArrayLike] | None,
 ) -> PrescribedMotion:
-    """Check what is asked of an instant, or a stack of them, and compute its motion; see `dynamics_at`.
+    """Check the arguments of `dynamics_at` and compute the prescribed motion.
 
     Raises:
         InvalidInput, NotAssembled: as `dynamics_at`.
@@ -239,14 +242,14 @@ def prescribed_motion(
     require_square(robot)
     closed = assembled_at(robot, q, stacks=True)
     count = len(closed.q)
-    rate, acceleration = given_rates("dx", dx, robot.n, count), given_rates("ddx", ddx, robot.n, count)
-    applied = given_wrenches(robot, wrenches, count)
-    motion = under_wrenches(robot, motion_at(robot, closed, rate, acceleration), applied)
+    rate, acceleration = stack_rates("dx", dx, robot.n, count), stack_rates("ddx", ddx, robot.n, count)
+    applied = stack_wrenches(robot, wrenches, count)
+    motion = apply_wrenches(robot, motion_at(robot, closed, rate, acceleration), applied)
     return PrescribedMotion(closed.x, rate, acceleration, motion, applied, entry_of(q))
 
 
 def entry_of(q: ArrayLike) -> int | slice:
-    """Return the index of what is told of given configurations q (nq,), or (T, nq)."""
+    """Return the index of results: 0 for a configuration q (nq,), all for a stack (T, nq)."""
     return 0 if np.ndim(getattr(q, "q", q)) == 1 else slice(None)
 
 
@@ -258,7 +261,7 @@ def require_hold(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) ->
 
 
 def type2_pose(robot: ParallelRobot, x: Array, torque: str) -> SingularPose:
-    """Return the error for a platform x (n,) that the motors do not hold; `torque` goes on about torque."""
+    """Return the error for a platform x (n,) that the motors do not hold; `torque` ends its sentence."""
     return SingularPose(
         f"{robot.name}: at {robot.place(x)} the motors do not hold the robot (Type 2): torque {torque}",
         platform=x,
@@ -281,8 +284,8 @@ def instant_of(robot: ParallelRobot, motion: Motion, r: Array, forces: Forces, e
     )
 
 
-def given_rates(name: str, values: ArrayLike | None, width: int, count: int) -> Array:
-    """Return the given numbers (count, width), see `stacked_rows`; zeros where none are given."""
+def stack_rates(name: str, values: ArrayLike | None, width: int, count: int) -> Array:
+    """Return numbers (count, width), see `stacked_rows`; zeros by default."""
     return np.zeros((count, width)) if values is None else stacked_rows(name, values, width, count)
 
 

@@ -5,11 +5,11 @@ Jacobian of all loop equations, redundant ones too,
 
     r = S tau_joint + J' lambda.
 
-lambda is unique only where J' has no null space: what the null space can reach, in a loop or in a joint, is
-indeterminate in a rigid robot, and is NaN here instead of one choice of many.
+lambda is unique only if J' has no null space. Wrenches of loops and joints that change along the null space
+are indeterminate in a rigid robot, and are NaN instead of one choice of many.
 
-A joint carries what it gives to all that is behind it, less what the world and the loops give there: a sum of
-wrenches about the base's origin, each counted for the joints that carry its body.
+The wrench in a joint is that of the inertia of all bodies behind it, less the wrenches of world and loops on
+them: a sum of wrenches about the base's origin, each counted for the joints that carry its body.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from framework.kinematics.external_wrenches import (
     expect_wrenches,
     move_wrench,
 )
+from framework.kinematics.frame_variations import tree_columns
 from framework.kinematics.frames import rotations
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.motion_rates import Motion
@@ -38,23 +39,23 @@ from framework.tolerances import RANK_ROUNDING
 
 
 class LoopLoads(NamedTuple):
-    """All loop equations as wrenches, and how much of each acts."""
+    """All loop equations as wrenches, with their multipliers."""
 
     wrench: Array  # (T, rows, 6) on the second body, at the origin of the second frame
     position: Array  # (T, rows, 3) of that origin
-    displacement: Array  # (T, rows, 3) to it from the origin of the first frame
+    displacement: Array  # (T, rows, 3) from the origin of the first frame to that of the second
     multipliers: Array  # (T, rows) the smallest that balance the robot
-    free: Array  # (T, rows, rows) what may be added to them, and no joint feels it; zero rows are none
+    free: Array  # (T, rows, rows) multipliers without an effect on the balance; zero rows are none
 
 
 Wrenches = Mapping[str, Array]  # by URDF link or joint (T, 6): ON its body, at its frame's origin, base axes
 
 
-def given_wrenches(robot: ParallelRobot, wrenches: Mapping[str, ArrayLike] | None, count: int) -> Wrenches:
-    """Check wrenches, (6,) or (T, 6) each, and stack them for T = `count` configurations.
+def stack_wrenches(robot: ParallelRobot, wrenches: Mapping[str, ArrayLike] | None, count: int) -> Wrenches:
+    """Stack wrenches, (6,) or (T, 6) each, for T = `count` configurations.
 
     Raises:
-        InvalidInput: a frame that is not there, or not 6 finite numbers.
+        InvalidInput: an unknown frame, or not 6 finite numbers.
     """
     expect_wrenches(wrenches)
     for frame in wrenches or {}:
@@ -77,7 +78,7 @@ def stacked_rows(name: str, entries: ArrayLike, width: int, count: int) -> Array
     return values if values.ndim == 2 else np.repeat(values[None], count, axis=0)
 
 
-def under_wrenches(robot: ParallelRobot, motion: Motion, wrenches: Wrenches) -> Motion:
+def apply_wrenches(robot: ParallelRobot, motion: Motion, wrenches: Wrenches) -> Motion:
     """Return the motion under wrenches of the world, (6,) or (T, 6) each."""
     frames = motion.linearised.frames
     return motion.with_wrenches(
@@ -86,28 +87,31 @@ def under_wrenches(robot: ParallelRobot, motion: Motion, wrenches: Wrenches) -> 
 
 
 def loop_loads(robot: ParallelRobot, linearised: LinearisedLoops, r: Array, joint_torque: Array) -> LoopLoads:
-    """Solve r = S tau + J' lambda for all rows of J and the joints that follow; r (T, nv), tau (T, n_a)."""
+    """Solve r = S tau + J' lambda for all rows of J; r (T, nv), tau (T, n_a)."""
     rows, columns, frames = robot.rows, robot.moving, linearised.frames
     wrench, position = linearised.loops.wrench, frames.position[:, rows.second]
     signs = frames.carried[rows.second] - frames.carried[rows.first]
     screws = frames.screws.swapaxes(1, 2)[:, :, columns]
     jacobian = matmul(move_wrench(wrench, position), screws) * signs[:, columns]
     jacobian = jacobian + rows.coupling_jacobian(robot.model.nv)[:, columns]
-    scale = robot.column_scale[columns]  # columns in radians and robot lengths, and so are the rows
-    lengths = robot.row_lengths
-    left = r[:, columns].copy()
-    left[:, : robot.n_a] -= joint_torque
-    # J' lambda = left by the singular value decomposition of J
-    along_rows, sizes, along_columns = np.linalg.svd(jacobian * scale / lengths[:, None])
-    count = sizes.shape[1]
-    sound = sizes > RANK_ROUNDING * sizes.max(axis=1, initial=0.0)[:, None]
-    parts = matvec(along_columns[:, :count], left * scale)
-    parts = np.where(sound, parts / np.where(sound, sizes, 1.0), 0.0)
-    free = along_rows.swapaxes(1, 2).copy()
-    free[:, :count] *= ~sound[:, :, None]
-    multipliers = matvec(along_rows[:, :, :count], parts)
+    rest = r[:, columns].copy()
+    rest[:, : robot.n_a] -= joint_torque
+    scale, lengths = robot.column_scale[columns], robot.row_lengths  # radians and robot lengths
+    multipliers, free = _least_multipliers(jacobian * scale / lengths[:, None], rest * scale)
     displacement = position - frames.position[:, rows.first]
     return LoopLoads(wrench, position, displacement, multipliers / lengths, free / lengths)
+
+
+def _least_multipliers(J: Array, forces: Array) -> tuple[Array, Array]:
+    """Solve J' lambda = forces (T, f) for the least lambda (T, rows), and span the null space of J'."""
+    left, sizes, right = np.linalg.svd(J)
+    count = sizes.shape[1]
+    sound = sizes > RANK_ROUNDING * sizes.max(axis=1, initial=0.0)[:, None]
+    parts = matvec(right[:, :count], forces)
+    parts = np.where(sound, parts / np.where(sound, sizes, 1.0), 0.0)
+    free = left.swapaxes(1, 2).copy()
+    free[:, :count] *= ~sound[:, :, None]
+    return matvec(left[:, :, :count], parts), free
 
 
 def closure_wrenches(robot: ParallelRobot, loops: LoopLoads) -> dict[str, Array]:
@@ -125,13 +129,13 @@ def closure_wrenches(robot: ParallelRobot, loops: LoopLoads) -> dict[str, Array]
 
 
 def coupling_torques(robot: ParallelRobot, loops: LoopLoads) -> dict[str, Array]:
-    """Compute what each coupling gives its first joint (T,) [N m, N], by its name; NaN: indeterminate.
+    """Compute the torque of each coupling on its first joint (T,) [N m, N], by name; NaN: indeterminate.
 
-    Its second joint gets that times minus the ratio.
+    The torque on its second joint is this times minus the ratio.
     """
     rows = np.flatnonzero(robot.rows.coupled)
-    reached = np.abs(loops.free[:, :, rows] * robot.row_lengths[rows]).max(axis=1, initial=0.0)
-    torque = np.where(reached > RANK_ROUNDING, np.nan, loops.multipliers[:, rows])
+    freedom = np.abs(loops.free[:, :, rows] * robot.row_lengths[rows]).max(axis=1, initial=0.0)
+    torque = np.where(freedom > RANK_ROUNDING, np.nan, loops.multipliers[:, rows])
     names = [coupling.name for coupling in robot.description.couplings]
     return dict(zip(names, torque.T, strict=True))
 
@@ -139,46 +143,45 @@ def coupling_torques(robot: ParallelRobot, loops: LoopLoads) -> dict[str, Array]
 def joint_reactions(robot: ParallelRobot, motion: Motion, loops: LoopLoads) -> dict[str, Array]:
     """Compute the wrench (T, 6) in each joint, by its name; NaN: indeterminate.
 
-    It is exerted BY the body before the joint ON the one behind it, at the joint's origin.
+    It is exerted BY the parent body of the joint ON the child body, at the joint's origin.
     """
-    model, scratch, count = robot.model, scratch_of(robot), len(motion.q)
-    poses, own = np.empty((count, *scratch.joints.shape)), np.empty((count, *scratch.forces.shape))
-    for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
-        pin.forwardKinematics(model, scratch.data, q)
-        pin.rnea(model, scratch.data, q, v, a)
-        scratch.update()
-        poses[k], own[k] = scratch.joints, scratch.forces
-    position = poses[..., 9:]
-    turned = matvec(rotations(poses)[:, :, None], own.reshape(*own.shape[:2], 2, 3))
-    reactions = turned.reshape(own.shape)
-    carrying = _carrying(model)
-    ends = np.array([model.frames[frame].parentJoint for frame in robot.frames], dtype=np.intp)
-    of_loops = carrying[ends[robot.rows.second]] - carrying[ends[robot.rows.first]]  # (rows, joints)
+    model = robot.model
+    reactions, position = _tree_reactions(robot, motion)
+    carrying = tree_columns(robot).carried  # by body and column
+    columns = [model.joints[j].idx_v for j in range(1, model.njoints)]
+    carrying = np.insert(carrying[:, columns], 0, 1.0, axis=1)  # by body and joint; the base carries all
+    bodies = scratch_of(robot).bodies
+    signs = carrying[bodies[robot.rows.second]] - carrying[bodies[robot.rows.first]]  # (rows, joints)
     about_base = move_wrench(loops.wrench, loops.position)
-    # wrenches about the base's origin, summed for each joint and moved to its own
-    carried = matmul(of_loops.T, loops.multipliers[:, :, None] * about_base)
+    # wrenches about the base's origin, summed for each joint and moved to its origin
+    loads = matmul(signs.T, loops.multipliers[:, :, None] * about_base)
     for load in motion.wrenches:
-        carried += carrying[load.joint][:, None] * load.wrench[:, None]
-    reactions -= move_wrench(carried, -position)
-    moved = np.einsum("mj,tkm,tmi->tjki", of_loops, loops.free, about_base)
-    moved = move_wrench(moved, -position[:, :, None])
-    names = {j: str(model.names[j]) for j in range(1, model.njoints)}
-    return {name: _determinate(robot, reactions[:, j], moved[:, j]) for j, name in names.items()}
+        loads += carrying[load.joint][:, None] * load.wrench[:, None]
+    reactions -= move_wrench(loads, -position)
+    free = np.einsum("mj,tkm,tmi->tjki", signs, loops.free, about_base)
+    free = move_wrench(free, -position[:, :, None])
+    names = list(map(str, model.names))
+    return {names[j]: _determinate(robot, reactions[:, j], free[:, j]) for j in range(1, model.njoints)}
 
 
-def _carrying(model: pin.Model) -> Array:
-    """Return 1 where a joint (the second index) carries the body of another or its own, (joints, joints)."""
-    carrying = np.zeros((model.njoints, model.njoints))
-    for joint in range(model.njoints):
-        carrying[joint, list(model.supports[joint])] = 1.0
-    return carrying
+def _tree_reactions(robot: ParallelRobot, motion: Motion) -> tuple[Array, Array]:
+    """Compute wrenches (T, joints, 6) in the joints of the open tree, and the joints' origins."""
+    scratch, count = scratch_of(robot), len(motion.q)
+    poses, forces = np.empty((count, *scratch.joints.shape)), np.empty((count, *scratch.forces.shape))
+    for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
+        pin.forwardKinematics(robot.model, scratch.data, q)
+        pin.rnea(robot.model, scratch.data, q, v, a)
+        scratch.update()
+        poses[k], forces[k] = scratch.joints, scratch.forces
+    on_base_axes = matvec(rotations(poses)[:, :, None], forces.reshape(*forces.shape[:2], 2, 3))
+    return on_base_axes.reshape(forces.shape), poses[..., 9:]
 
 
-def _determinate(robot: ParallelRobot, wrench: Array, moved: Array) -> Array:
-    """Replace by NaN what is indeterminate of wrenches (T, 6).
+def _determinate(robot: ParallelRobot, wrench: Array, free: Array) -> Array:
+    """Replace indeterminate components of wrenches (T, 6) by NaN.
 
-    `moved` (T, k, 6) is what a unit of each direction that may be added to lambda adds to them.
+    `free` (T, k, 6) are the wrenches of unit multipliers in the null space of J'.
     """
     lever = np.repeat([1.0, robot.length], 3)
-    reached = np.abs(moved / lever).max(axis=1, initial=0.0) * robot.length
-    return np.where(reached > RANK_ROUNDING, np.nan, wrench)
+    freedom = np.abs(free / lever).max(axis=1, initial=0.0) * robot.length
+    return np.where(freedom > RANK_ROUNDING, np.nan, wrench)

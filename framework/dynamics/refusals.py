@@ -1,4 +1,4 @@
-"""The errors for a motion whose deflections or torques were not found, with a remedy."""
+"""The errors for a motion without deflections or resolved torques, with a remedy."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ import numpy as np
 
 from framework.dynamics.elastic_pass import spring_scale
 from framework.dynamics.elasticity import DeflectionSolution
-from framework.dynamics.near_misses import near_miss_sentence
+from framework.dynamics.near_misses import describe_near_miss
 from framework.dynamics.result import InverseDynamics
-from framework.errors import NotConverged
+from framework.errors import NotConverged, round_up
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.singularity.points_on_path import SearchedPath
 from framework.singularity.rank_deficiency import NearMiss
 from framework.tolerances import RESOLVABLE_TAIL
 
 
-def not_settled(robot: ParallelRobot, state: DeflectionSolution) -> NotConverged:
-    """Return the error where no deflections were found that their forces cause."""
+def unsettled_error(robot: ParallelRobot, state: DeflectionSolution) -> NotConverged:
+    """Return the error for deflections that did not converge."""
     size = np.abs(state.caused / spring_scale(robot))
     instant, k = divmod(int(np.argmax(size)), robot.n_e)
     unit = "m" if robot.sliding[robot.elastic][k] else "rad"
@@ -32,7 +32,7 @@ def not_settled(robot: ParallelRobot, state: DeflectionSolution) -> NotConverged
     )
 
 
-def not_resolved(
+def unresolved_error(
     searched: SearchedPath,
     result: InverseDynamics,
     tolerance: float,
@@ -41,9 +41,9 @@ def not_resolved(
     enough: float,
     unseen: NearMiss | None,
 ) -> NotConverged:
-    """Return the error where the finest grid, `size` nodes a panel, does not resolve the motion.
+    """Return the error for a motion that the finest grid, `size` nodes a panel, does not resolve.
 
-    `enough` is the least tail and change of all grids, `unseen` a near miss that none resolved.
+    `enough` is the least tail and change of all grids, `unseen` a near miss that no grid resolved.
     """
     robot, certificate = searched.branch.robot, result.certificate
     missed = unseen or min(searched.near_misses, key=lambda miss: miss.width, default=None)
@@ -61,22 +61,16 @@ def not_resolved(
         problem = f"the motion is not resolved (loops open by {gap:.2g} m or rad between nodes)"
     advice = "is the law smooth, is the path far from other singularities?"
     if missed is not None:
-        advice = near_miss_sentence(searched, missed)
+        advice = describe_near_miss(searched, missed)
     elif len(searched.points) > 1:
         first, second = min(pairwise(searched.points), key=lambda pair: pair[1].s - pair[0].s)
         apart = second.s - first.s
         advice = f"is the law smooth? The path is singular at s = {first.s:.9g} and {apart:.2g} farther on"
     if tolerance < enough < RESOLVABLE_TAIL:
-        advice = f"tolerance {_rounded_up(enough):g} would do; {advice}"
+        advice = f"tolerance {round_up(1.1 * enough, 2):g} would do; {advice}"
     return NotConverged(
         f"{robot.name}: {problem} by {size} nodes a panel: {advice}",
         residual=max(certificate.tail, certificate.change),
         s=None if missed is None else missed.s,
         platform=None if missed is None else searched.branch.path(missed.s),
     )
-
-
-def _rounded_up(value: float) -> float:
-    """Return the value with two digits, rounded up."""
-    unit = 10.0 ** (np.floor(np.log10(value)) - 1)
-    return float(np.ceil(1.1 * value / unit) * unit)

@@ -1,10 +1,9 @@
 """The residuals of all equations along the whole motion, on the nodes of time and between them.
 
-The motion is found from the loop equations that are independent at the reference, with the idle joints held
-still or turned as `kinematics.idle_turns` says. Here all loop equations are looked at, and what the joints
-would have to give beside motors and springs for the motion to be as planned: nothing, if it is right. With r
-the inverse dynamics of the tree, J the loop equations' Jacobian, S the motors' columns and tau_joint their
-torques on the joint side,
+The motion is computed from the loop equations that are independent at the reference, with the idle joints at
+rest or turned by `kinematics.idle_turns`. This module evaluates all loop equations, and the torques beside
+motors and springs that the planned motion would need: zero, if it is right. With r the inverse dynamics of
+the tree, J the loop equations' Jacobian, S the motors' columns and tau_joint their torques on the joint side,
 
     r - S' tau_joint = J' lambda + X' w        along the actuated and passive joints
     idle             = r - J' lambda           along the idle ones
@@ -21,10 +20,9 @@ import pinocchio as pin
 
 from framework.arrays import Array
 from framework.dynamics.body_parameters import link_of
-from framework.dynamics.certificate import Certificate
 from framework.dynamics.elasticity import DeflectionSolution
-from framework.dynamics.forces import carried_forces, tree_forces
-from framework.dynamics.result import InverseDynamics
+from framework.dynamics.forces import loop_multipliers, tree_forces
+from framework.dynamics.result import Certificate, InverseDynamics
 from framework.errors import LoadedJoint, NotAssembled
 from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.frames import integrate
@@ -40,10 +38,10 @@ from framework.motion.path import time_derivatives
 from framework.tolerances import EXPORT_ROUNDING, HELD_IDLE, LOOP_GAP
 
 
-def measure_neglected(branch: Branch, state: DeflectionSolution, result: InverseDynamics) -> Certificate:
-    """Look at all loop equations and all joints of a motion, at its nodes and half-way between them.
+def measure_residuals(branch: Branch, state: DeflectionSolution, result: InverseDynamics) -> Certificate:
+    """Measure all loop equations and residual torques of a motion, on nodes and half-way between.
 
-    Return the certificate with what was found.
+    Return the certificate with these numbers.
 
     Raises:
         NotAssembled: a loop equation that was dropped at the reference is open on a node.
@@ -68,7 +66,7 @@ def _rounded_gap(robot: ParallelRobot, q: Array) -> float:
     """Compute the largest gap of rounded loops along q (T, nq) [m or rad].
 
     Raises:
-        NotAssembled: by more than rounding explains.
+        NotAssembled: the gap is larger than rounding explains.
     """
     gap = rounded_gap(robot, q)
     if gap > EXPORT_ROUNDING * max(robot.length, 1.0):
@@ -85,10 +83,10 @@ def _rounded_gap(robot: ParallelRobot, q: Array) -> float:
 def check_idle_joints(branch: Branch, state: DeflectionSolution, result: InverseDynamics) -> float:
     """Return the largest torque [N m or N] that would hold the idle joints to their planned motion.
 
-    Free, they would turn under that torque, and change the torques of the motors by its order.
+    Free joints would turn under that torque, and change the torques of the motors by its order.
 
     Raises:
-        LoadedJoint: it is more than HELD_IDLE of the largest torque of a motor on the joint side.
+        LoadedJoint: the torque is more than HELD_IDLE of a motor's largest torque on the joint side.
     """
     robot, idle = branch.robot, branch.robot.structure.idle
     if not len(idle):
@@ -114,7 +112,7 @@ def check_idle_joints(branch: Branch, state: DeflectionSolution, result: Inverse
 
 
 def _remedy(robot: ParallelRobot, column: int) -> str:
-    """Return the advice on how to hold this coordinate, or to have nothing to hold."""
+    """Return advice on holding this coordinate, or on taking its load away."""
     model = robot.model
     joint = carried_axis(robot, column).joint
     if not is_ball(model.joints[joint]):
@@ -140,9 +138,9 @@ def _instants(robot: ParallelRobot, nodes: Array) -> Array:
 
 
 def checked_motion(branch: Branch, result: InverseDynamics, times: Array) -> tuple[ClosedStack, Motion]:
-    """Evaluate the coordinates as functions of time, nothing solved, and the motion whose forces are taken.
+    """Evaluate the coordinates as functions of time, with nothing solved, and the motion of the forces.
 
-    With rigid geometry that is the robot's without deflections.
+    With rigid geometry the latter is the motion without deflections.
     """
     robot, s = branch.robot, orders_of(result.law, times)
     x, dx, ddx = time_derivatives(branch.path, s)
@@ -162,7 +160,7 @@ def _joint_torques(state: DeflectionSolution, times: Array) -> Array:
 
 
 def _check_dropped_rows(robot: ParallelRobot, times: Array, residual: Array, q: Array) -> None:
-    """Raise NotAssembled if a loop equation (T, rows) that is not among the independent ones is open."""
+    """Raise NotAssembled if a dropped loop equation is open, of all residuals (T, rows)."""
     scale, dropped = robot.row_lengths, robot.structure.dropped
     if not len(dropped):
         return
@@ -182,12 +180,12 @@ def _check_dropped_rows(robot: ParallelRobot, times: Array, residual: Array, q: 
 
 
 def _residual_torques(robot: ParallelRobot, motion: Motion, torque: Array) -> Array:
-    """Compute the forces (T, nv) that balance lacks beside the joint torques (T, n_a) of the motors.
+    """Compute the forces (T, nv) missing for balance beside the joint torques (T, n_a) of the motors.
 
-    A wrench on the platform is given by the joints that carry it; springs are left out.
+    A wrench on the platform is exerted by the joints that carry it; springs are left out.
     """
     forces, columns, idle = tree_forces(robot, motion), robot.moving, robot.structure.idle
-    multipliers = carried_forces(robot, motion.linearised, forces, torque)  # w and lambda
+    multipliers = loop_multipliers(robot, motion.linearised, forces, torque)  # w and lambda
     residual = np.zeros_like(forces)
     residual[:, columns] = np.einsum(
         "tn,tnv->tv", multipliers[:, : robot.n], motion.linearised.platform[:, :, columns]

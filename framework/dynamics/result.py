@@ -1,4 +1,4 @@
-"""The result of inverse dynamics: torques, motor angles and deflections as functions of time."""
+"""The result of inverse dynamics: torques, motor angles and deflections as functions of time, certified."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays
-from framework.dynamics.certificate import Certificate
 from framework.dynamics.motor_friction import PlannedFriction
 from framework.errors import check_order
 from framework.kinematics.external_wrenches import NO_WRENCHES, ExternalWrenches
@@ -20,13 +19,50 @@ from framework.motion.law import MotionLaw, orders_of
 from framework.motion.path import HIGHEST_ORDER, Path, time_derivatives
 
 
+@dataclass(frozen=True)
+class Certificate:
+    """The numbers by which a result proves itself.
+
+    nodes: Chebyshev nodes in time, all panels together.
+    tail: largest of the last Chebyshev coefficients of torques and deflections over the largest one.
+        A pole leaves coefficients of the size of its residue, which do not fall with more nodes.
+    passes: evaluations of forces and deflections in turn, on all grids together.
+    change: change of the deflections or the spring forces by one more pass, over the largest of them; 0 with
+        rigid geometry, which neglects it.
+    max_closure_error: largest loop or platform equation of the coordinates as functions of time [m or rad],
+        on the nodes and half-way between them, redundant loop equations included.
+    max_residual_torque: largest torque beside motors and springs that the planned motion would need in a
+        joint, half-way between the nodes [N m or N]; idle joints are counted apart.
+    max_held_torque: largest torque that would hold idle joints, such as a rod's spin about its own line, to
+        their planned motion: at rest, or driven by damping or armature of balls [N m or N]. The motors'
+        torques are wrong by its order. 0 without idle joints; at most `tolerances.HELD_IDLE` of a motor's
+        largest torque on the joint side.
+    end_speed: largest motor speed at both ends over the largest one on the way. Zero when the law is
+        smooth enough; an elastic robot whose springs carry inertia needs more smoothness than its default.
+    monotone: the law advances at all instants between its ends.
+    rounded_gap: largest of the loop equations set aside because they repeat others but for rounding [m or
+        rad]; 0 without such.
+    """
+
+    nodes: int
+    tail: float
+    passes: int
+    change: float
+    max_closure_error: float
+    max_residual_torque: float
+    max_held_torque: float
+    end_speed: float
+    monotone: bool
+    rounded_gap: float = 0.0
+
+
 @dataclass(frozen=True, eq=False)
 class SingularityCrossing(ReadOnlyArrays):
     """An instant at which the motion is in a Type 2 singularity.
 
-    `wrench` is t_s . W_p there [N, or N m for a pure turn], the inertia of all bodies included; `scale`
+    `wrench` is t_s . W_p at this instant [N, or N m for a pure turn], with the inertia of all bodies; `scale`
     is the largest sum of the sizes of its terms along the motion, at least mass length / duration^2.
-    Condition (8) holds when wrench / scale is rounding.
+    Condition (8) holds if wrench / scale is rounding.
     """
 
     time: float
@@ -76,8 +112,7 @@ class InverseDynamics(ReadOnlyArrays):
     def torque(self, t: ArrayLike, order: int = 0) -> Array:
         """Evaluate motor torques [N m] or their time derivatives; t (T,) gives (T, n_a), a scalar (n_a,).
 
-        Dry friction of the driven joints is part of them if it was planned with, and makes them jump where
-        a motor reverses.
+        They include dry friction of the driven joints if the plan does, and then jump where a motor reverses.
         """
         smooth = self.torques(t, order)
         return smooth if self.friction is None or order > 0 else smooth + self.friction(t)

@@ -26,16 +26,16 @@ from framework.singularity.type2 import UNCROSSABLE, escaping_motions, uncontrol
 from framework.tolerances import SAME_PLACE, STOP_AT_CROSSING
 
 LAW_ROOT_ROUNDING = 1e-12  # in s, of what a law leaves at its roots
-MAX_POLISHINGS, ROOT_LEFT = 3, 1e-15  # Newton steps to a root of the law, unless so little of s is left
+MAX_POLISHINGS, ROOT_LEFT = 3, 1e-15  # Newton steps to a root of the law, and residual in s that ends them
 SAMPLES = 17  # of a motion, for the size of its forces
-EDGE_CLEARANCE = 0.1  # of a panel: an edge nearer to a crossing than this is a node too near to it
+EDGE_CLEARANCE = 0.1  # of a panel: an edge nearer to a crossing is moved, as edges are nodes
 
 
 def panel_edges(branch: Branch, law: MotionLaw, clear_of: Iterable[float] = ()) -> Array:
     """Return the ends of the motion and of the law's panels, and the instants of the branch's knots.
 
-    Every edge is a node. Where a panel of the law ends on one of the instants `clear_of` [s], it ends beside
-    it instead: the law is smooth there.
+    Every edge is a node. A panel of the law that ends on one of the instants `clear_of` [s] is made to end
+    beside it, as the law is smooth there.
     """
     ends = np.array([0.0, law.duration])
     if isinstance(law, PlannedLaw) and len(law.edges):
@@ -60,14 +60,15 @@ def instants(law: MotionLaw, edges: Array, s: float) -> Array:
         shifted = series.copy()
         shifted[0] -= s
         t = start + 0.5 * (end - start) * (real_roots(shifted) + 1.0)
-        left = np.asarray(law(t)) - s
+        residual = np.asarray(law(t)) - s
         for _ in range(MAX_POLISHINGS if len(t) else 0):
             slope = np.asarray(law(t, 1))
-            t = np.clip(t - np.divide(left, slope, out=np.zeros_like(t), where=slope != 0.0), start, end)
-            left = np.asarray(law(t)) - s
-            if np.abs(left).max() < ROOT_LEFT:
+            step = np.divide(residual, slope, out=np.zeros_like(t), where=slope != 0.0)
+            t = np.clip(t - step, start, end)
+            residual = np.asarray(law(t)) - s
+            if np.abs(residual).max() < ROOT_LEFT:
                 break
-        roots.append(t[np.abs(left) < LAW_ROOT_ROUNDING])  # no near misses
+        roots.append(t[np.abs(residual) < LAW_ROOT_ROUNDING])  # no near misses
     times = np.sort(np.concatenate(roots))
     keep = np.concatenate(([True], np.diff(times) > SAME_PLACE * (edges[-1] - edges[0])))
     return times[keep[: len(times)]]
@@ -79,33 +80,37 @@ def rigid_crossings(
     """Find all instants at which the law takes the undeformed robot through a singular point.
 
     Raises:
-        NoLaw: the motion stands still on one of them, or one cannot be crossed by any law.
+        NoLaw: the motion stands still on a singular point, or no law can cross it.
     """
     for singular in points:
         check_kind(branch.robot, singular)
     edges = panel_edges(branch, law)
-    met = [(t, singular) for singular in points for t in map(float, instants(law, edges, singular.s))]
-    if not met:
+    crossed = [(t, singular) for singular in points for t in map(float, instants(law, edges, singular.s))]
+    if not crossed:
         return ()
-    count, robot = len(met), branch.robot
-    times = np.concatenate([[t for t, _ in met], np.linspace(0.0, law.duration, SAMPLES)])
+    times = np.concatenate([[t for t, _ in crossed], np.linspace(0.0, law.duration, SAMPLES)])
     s = orders_of(law, times)
-    quickest = np.abs(s[1]).max()
-    for (t, singular), speed in zip(met, s[1], strict=False):
-        if abs(speed) <= STOP_AT_CROSSING * quickest:
-            raise NoLaw(
-                f"{robot.name}: the motion stands still on a Type 2 singularity at t = {t:.6g} s, s = "
-                f"{singular.s:.6g}: a stop on the locus can never be crossed; shift the path's end or the law"
-            )
-    x, dx, ddx = time_derivatives(branch.path, s)
-    # only the size of the forces is wanted of the samples: a guess will do
-    q = np.concatenate([*(singular.q[None] for _, singular in met), branch.guess(s[0][count:])])
-    closed = ClosedStack(q, x, linearised_at(robot, q, x))
-    forces = tree_forces(robot, branch.load_motion(motion_at(robot, closed, dx, ddx), s[0]))
+    stopping = np.abs(s[1][:-SAMPLES]) <= STOP_AT_CROSSING * np.abs(s[1]).max()
+    if stopping.any():
+        t, singular = crossed[int(stopping.argmax())]
+        raise NoLaw(
+            f"{branch.robot.name}: the motion stands still on a Type 2 singularity at t = {t:.6g} s, s = "
+            f"{singular.s:.6g}: a stop on the locus can never be crossed; shift the path's end or the law"
+        )
+    # a guess is enough for the size of the forces at samples
+    q = np.concatenate([*(singular.q[None] for _, singular in crossed), branch.guess(s[0][-SAMPLES:])])
+    forces = _undeformed_forces(branch, q, s)
     return tuple(
-        _rigid_crossing(robot, law.duration, t, singular, forces[[k, *range(count, len(forces))]])
-        for k, (t, singular) in enumerate(met)
+        _rigid_crossing(branch.robot, law.duration, t, singular, np.vstack([force, forces[-SAMPLES:]]))
+        for (t, singular), force in zip(crossed, forces, strict=False)
     )
+
+
+def _undeformed_forces(branch: Branch, q: Array, s: list[Array]) -> Array:
+    """Compute forces (T, nv) of the open tree at q (T, nq) along a law s with two derivatives."""
+    x, dx, ddx = time_derivatives(branch.path, s)
+    motion = motion_at(branch.robot, ClosedStack(q, x, linearised_at(branch.robot, q, x)), dx, ddx)
+    return tree_forces(branch.robot, branch.load_motion(motion, s[0]))
 
 
 def check_kind(robot: ParallelRobot, singular: SingularPoint) -> None:
@@ -128,7 +133,7 @@ def _rigid_crossing(
 ) -> SingularityCrossing:
     """Compute t_s . W_p when the undeformed robot passes a singular point at time t.
 
-    With the forces (1 + SAMPLES, nv) of its open tree there, and then along the motion.
+    `forces` (1 + SAMPLES, nv) are those of the open tree at the point, then along the motion.
     """
     escape = singular.motion[None]
     if singular.corank > 1:
@@ -152,7 +157,7 @@ def _rigid_crossing(
 
 
 def deformed_crossing(result: InverseDynamics, near: SingularityCrossing) -> SingularityCrossing:
-    """Find the same crossing in the deformed robot: the root of g in time, and t_s . W_p there."""
+    """Find the same crossing in the deformed robot: the root of g in time, with t_s . W_p."""
     robot = result.robot
 
     def passive(t: Array) -> Array:
@@ -175,7 +180,7 @@ def deformed_crossing(result: InverseDynamics, near: SingularityCrossing) -> Sin
 
 
 def check_bounded(robot: ParallelRobot, crossings: tuple[SingularityCrossing, ...], allowed: float) -> None:
-    """Raise UnboundedTorque for the worst crossing whose residual is above what is allowed."""
+    """Raise UnboundedTorque for the worst crossing if its residual is above the allowed one."""
     worst = max(crossings, key=lambda crossing: crossing.residual, default=None)
     if worst is None or worst.residual <= allowed:
         return
@@ -194,9 +199,9 @@ def check_bounded(robot: ParallelRobot, crossings: tuple[SingularityCrossing, ..
 def check_crossings(
     robot: ParallelRobot, state: DeflectionSolution, geometry: str, crossings: tuple[SingularityCrossing, ...]
 ) -> None:
-    """Check that the assembly mode changes exactly at the known crossings.
+    """Check that the assembly mode changes exactly at the crossings.
 
-    With rigid geometry only the motors deflect, after the fact: what `motion` shows then proves nothing.
+    With rigid geometry the deflections only move the motors afterwards, and `motion` proves nothing.
     """
     if geometry == "rigid" and robot.n_e:
         return

@@ -1,12 +1,12 @@
-"""Forces and tangent stiffness of T configurations with locked motors, along what the loops allow.
+"""Forces and tangent stiffness of T configurations with locked motors, along motions that the loops allow.
 
 With the energy V of springs and weight, the forces w of the world on the platform x and the closures c, the
 balance is dV/dq - w . dx/dq = lambda . dc/dq, and the tangent stiffness along motions Z that keep c
 
     H = Z' (d2V/dq2 - lambda . d2c/dq2 - w . d2x/dq2) Z.
 
-Second derivatives are exact: lambda . closure_drift is the quadratic form of lambda . c", and its polar form,
-from drifts along pairs of motions, the matrix.
+Second derivatives are exact: lambda . closure_drift is the quadratic form of lambda . c". Drifts along pairs
+of motions give its matrix by polarisation.
 """
 
 from __future__ import annotations
@@ -29,15 +29,15 @@ from framework.linalg.ordered_sums import matmul, matvec, solve
 
 
 class Load(NamedTuple):
-    """The load on T configurations, and the share of it that acts."""
+    """The load on T configurations, with the acting share of each."""
 
     w: Array  # (n,) wrench of the world ON the platform, on its axes
     share: Array  # (T,) of weight and w, 0 .. 1
-    before: Array  # (T, nv) forces of springs that are taken for balanced as long as there is no load
+    preload: Array  # (T, nv) forces of springs that balance without load
 
-    def at(self, which: IntArray) -> Load:
+    def select(self, which: IntArray) -> Load:
         """Return the load on some of the configurations."""
-        return Load(self.w, self.share[which], self.before[which])
+        return Load(self.w, self.share[which], self.preload[which])
 
 
 class Balance(NamedTuple):
@@ -45,14 +45,14 @@ class Balance(NamedTuple):
 
     gap: Array  # (T,) largest error of a loop equation
     closing: Array  # (T, f) the least step that closes the loops, to first order
-    null: Array  # (T, f, d) orthonormal: steps that keep them closed
-    slope: Array  # (T, d) of the energy along those, after the closing step
+    null: Array  # (T, f, d) orthonormal: steps that keep the loops closed
+    slope: Array  # (T, d) of the energy along `null`, after the closing step
     drive: Array  # (T, d) derivative of the slope with respect to the share of the load
-    H: Array  # (T, d, d) tangent stiffness along those
+    H: Array  # (T, d, d) tangent stiffness along `null`
     linearised: LinearisedLoops
 
 
-def given_wrench(robot: ParallelRobot, wrench: ArrayLike | None) -> Array:
+def check_wrench(robot: ParallelRobot, wrench: ArrayLike | None) -> Array:
     """Return the wrench (n,) of the world on the platform, zero by default.
 
     Raises:
@@ -70,13 +70,13 @@ def moving_columns(robot: ParallelRobot) -> IntArray:
 
 
 def balance(robot: ParallelRobot, q: Array, load: Load) -> Balance:
-    """Compute how far configurations q (T, nq), whose loops need not be closed, are from balance."""
+    """Compute the distance of configurations q (T, nq), with loops open or closed, from balance."""
     columns = moving_columns(robot)
     lengths = robot.column_scale[columns]
     linearised = linearised_at(robot, q, robot.platform.coordinates(frames_at(robot, q)))
     J = scaled_loops(robot, linearised)[:, :, columns]
     residual = linearised.residual[:, robot.n :] * (1.0 / robot.loop_lengths)
-    range_, R, null = factored(J)
+    range_, R, null = factor_transposed(J)
     closing = -matvec(range_, solve(R.swapaxes(1, 2), residual))
     steps = np.concatenate([null, closing[:, :, None]], axis=2)
     at_rest, drive = _forces(robot, linearised, q, load)
@@ -98,49 +98,50 @@ def tangent_stiffness(
     robot: ParallelRobot, linearised: LinearisedLoops, q: Array, steps: Array, load: Load
 ) -> Array:
     """Compute d2V/dq2 - lambda . d2c/dq2 - w . d2x/dq2 (T, p, p) along `steps` (T, f, p) at q (T, nq)."""
-    model, data = robot.model, scratch_of(robot).data
-    columns, count = moving_columns(robot), steps.shape[2]
-    lengths = robot.column_scale[columns]
+    model, data, columns = robot.model, scratch_of(robot).data, moving_columns(robot)
     J = scaled_loops(robot, linearised)[:, :, columns]
     at_rest, drive = _forces(robot, linearised, q, load)
-    forces = (at_rest + load.share[:, None] * drive)[:, columns] * lengths
-    range_, R, _ = factored(J)
+    forces = (at_rest + load.share[:, None] * drive)[:, columns] * robot.column_scale[columns]
+    range_, R, _ = factor_transposed(J)
     multipliers = solve(R, matvec(range_.swapaxes(1, 2), forces)) * (1.0 / robot.loop_lengths)
     weight = np.array([pin.computeGeneralizedGravityDerivatives(model, data, row) for row in q])
     weight = 0.5 * (weight + weight.swapaxes(1, 2))[:, columns[:, None], columns] * load.share[:, None, None]
-    pulled = robot.all_stiffness[columns][:, None] * steps + matmul(weight, steps)
-    first, second = np.triu_indices(count)
-    v = np.zeros((len(q), len(first), model.nv))
-    v[:, :, columns] = (steps[:, :, first] + steps[:, :, second]).swapaxes(1, 2)
-    drift = _drift(robot, q, linearised.frames, v, multipliers, load.share[:, None] * load.w)
+    force_changes = robot.all_stiffness[columns][:, None] * steps + matmul(weight, steps)
+    curvature = _curvature(robot, linearised.frames, steps, multipliers, load.share[:, None] * load.w)
+    return matmul(steps.swapaxes(1, 2), force_changes) - curvature
+
+
+def _curvature(robot: ParallelRobot, frames: FrameStack, steps: Array, multipliers: Array, w: Array) -> Array:
+    """Compute lambda . d2c/dq2 + w . d2x/dq2 (T, p, p) along `steps` (T, f, p), by polarisation."""
+    first, second = np.triu_indices(steps.shape[2])
+    v = np.zeros((len(steps), len(first), robot.model.nv))
+    v[:, :, moving_columns(robot)] = (steps[:, :, first] + steps[:, :, second]).swapaxes(1, 2)
+    drift = _drift(robot, frames, v, multipliers, w)
     diagonal = drift[:, first == second] / 4.0  # of a + a: twice a has four times the drift of a
-    curved = np.zeros((len(q), count, count))
-    curved[:, first, second] = 0.5 * (drift - diagonal[:, first] - diagonal[:, second])
-    curved[:, second, first] = curved[:, first, second]
-    return matmul(steps.swapaxes(1, 2), pulled) - curved
+    curvature = np.zeros((len(steps), steps.shape[2], steps.shape[2]))
+    curvature[:, first, second] = 0.5 * (drift - diagonal[:, first] - diagonal[:, second])
+    curvature[:, second, first] = curvature[:, first, second]
+    return curvature
 
 
-def factored(J: Array) -> tuple[Array, Array, Array]:
-    """Factor J' = Q R, J (T, m, f): m columns of Q, R (T, m, m), and the other columns, J's null space."""
+def factor_transposed(J: Array) -> tuple[Array, Array, Array]:
+    """Factor J' = Q R of J (T, m, f); return Q (T, f, m), R (T, m, m) and J's null space."""
     Q, R = np.linalg.qr(J.swapaxes(1, 2), mode="complete")
     count = J.shape[1]
     return Q[:, :, :count], R[:, :count], Q[:, :, count:]
 
 
 def _forces(robot: ParallelRobot, linearised: LinearisedLoops, q: Array, load: Load) -> tuple[Array, Array]:
-    """Compute the forces (T, nv) on the closures without load, of springs, and what the whole load adds."""
+    """Compute the forces (T, nv) of springs on the closures, and of the full load."""
     model, data = robot.model, scratch_of(robot).data
     weight = np.array([pin.computeGeneralizedGravity(model, data, row) for row in q])
     wrench = matvec(linearised.platform.swapaxes(1, 2), np.broadcast_to(load.w, (len(q), robot.n)))
-    return spring_torques(robot, q, robot.all_stiffness) - load.before, load.before + weight - wrench
+    return spring_torques(robot, q, robot.all_stiffness) - load.preload, load.preload + weight - wrench
 
 
-def _drift(
-    robot: ParallelRobot, q: Array, frames: FrameStack, v: Array, multipliers: Array, w: Array
-) -> Array:
+def _drift(robot: ParallelRobot, frames: FrameStack, v: Array, multipliers: Array, w: Array) -> Array:
     """Compute v' (lambda . c" + w . x") v (T, p) for joint rates v (T, p, nv)."""
-    count = v.shape[1]
-    stack = frames.select(np.repeat(np.arange(len(q)), count))
+    stack = frames.select(np.repeat(np.arange(len(v)), v.shape[1]))
     motions = frame_motions(robot, stack, stack.q, v.reshape(-1, v.shape[2]))
     loops = closure_drift(robot.loops, stack, motions).reshape(*v.shape[:2], -1)
     platform = robot.platform.drift(stack, motions).reshape(*v.shape[:2], -1)

@@ -1,4 +1,4 @@
-"""t_s and W_p along a whole motion; condition (8) makes their product vanish at a crossing."""
+"""t_s, W_p and the measure g along a whole motion; condition (8): t_s . W_p vanishes at a crossing."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from framework.dynamics.platform_wrench import motor_speeds
 from framework.dynamics.result import InverseDynamics
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.singularity.points_on_path import SearchedPath, search_path
 from framework.singularity.type2 import sign_along, singularity_measure, twist_norm
 
 
 class WrenchCurves(NamedTuple):
-    """The demand of a motion along the twist that its motors hold least, at T instants.
+    """The force of a motion along the twist that its motors hold least, at T instants.
 
     t_s is continued smoothly away from the singularity; where |g| is least it has unit size and points along
-    the motion. `power` is
-    eta . r with eta the joint rates of t_s: at a singularity t_s . W_p whatever the mass of the legs, away
-    from it the same if the legs have none.
+    the motion. `power` is eta . r with eta the joint rates of t_s: at a singularity it is t_s . W_p for legs
+    of any mass, away from it for massless legs.
     """
 
     g: Array  # (T,) the measure of singularity
@@ -45,7 +45,31 @@ def wrench_curves(robot: ParallelRobot, motion: Motion) -> WrenchCurves:
 def wrench_along(result: InverseDynamics, t: Array) -> tuple[Array, Array]:
     """Compute g (T,) and t_s . W_p (T,) [N, or N m for a pure turn] at ascending instants t (T,).
 
-    At a crossing t_s . W_p is what `SingularityCrossing.wrench` is.
+    At a crossing t_s . W_p is `SingularityCrossing.wrench`.
     """
     curves = wrench_curves(result.robot, result.motion(t))
     return curves.g, curves.power
+
+
+class MeasureAlongPath(NamedTuple):
+    """g (see `singularity_measure`) as a function of s, springs at rest, and of t, deflected."""
+
+    result: InverseDynamics
+    at_rest: SearchedPath
+
+    @staticmethod
+    def of(result: InverseDynamics) -> MeasureAlongPath:
+        """Follow the path of a motion again, springs at rest."""
+        return MeasureAlongPath(result, search_path(result.robot, result.path))
+
+    def evaluate_at_rest(self, s: Array) -> Array:
+        """Compute g (T,) at ascending path coordinates s (T,), springs at rest."""
+        return singularity_measure(self.result.robot, self.at_rest.branch.close(s).linearised).g
+
+    def evaluate_in_motion(self, t: Array) -> Array:
+        """Compute g (T,) at ascending instants t (T,), with the deflections of the motion."""
+        return singularity_measure(self.result.robot, self.result.motion(t).linearised).g
+
+    def nearest_at_rest(self, s: float) -> float:
+        """Return the singular point at rest that is nearest to path coordinate s."""
+        return min((point.s for point in self.at_rest.points), key=lambda place: abs(place - s))

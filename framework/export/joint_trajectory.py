@@ -1,12 +1,12 @@
 """A plan as the trajectory that ros2_control's joint_trajectory_controller takes.
 
 The layout is that of trajectory_msgs/JointTrajectory, joints in the order of the robot file's motors. On the
-joint side of the gears positions and their derivatives are those of the URDF's joints, motor angles over gear
-ratio, and effort is what a motor sends into its joint, gear ratio times motor torque; on the motor side they
-are the motors'. The rotor's share is in it: a simulator without rotor inertia needs less. In a robot with
-springs a drive's spring is behind its joint, so that these are angles and torques before it, and the link
-stands aside by the deflection. The header's frame_id, which the controller does not read, says the side, one
-of FRAME_IDS; `trajectory_file.read_joint_trajectory` reads it back.
+joint side of the gears positions and their derivatives are those of the URDF's joints (motor angle over gear
+ratio), and effort is gear ratio times motor torque. On the motor side they are the motors'. The effort
+includes the rotor's: a simulator without rotor inertia needs less. In a robot with springs the spring of a
+drive is behind its joint: angles and torques are before the spring, and the link is off by the deflection.
+The header's frame_id, one of FRAME_IDS, says the side; the controller does not read it,
+`trajectory_file.read_joint_trajectory` does.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ SIDES = {
 }
 # of the header: the side, and whether all is before the springs of drives and links
 FRAME_IDS = {
-    f"{side}_side{'_before_springs' if before else ''}": (side, before)
+    f"{side}_side{'_before_springs' if with_springs else ''}": (side, with_springs)
     for side in SIDES
-    for before in (False, True)
+    for with_springs in (False, True)
 }
 BEFORE_SPRINGS = "; before the springs of drives and links"
 

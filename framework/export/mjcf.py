@@ -3,12 +3,18 @@
 Joints keep their names, axes and zeros, armature, damping, dry friction and springs; the frames of the
 platform and of the loops become sites. A rotor adds the armature gear ratio^2 times its inertia, a motor is
 an actuator of that gear whose control is its torque, a spring of the robot a joint with stiffness. Loops and
-couplings of joints are equalities, see `mjcf_loops`. MuJoCo wants mass in each body that moves: where the
-robot has none, MIN_MASS and MIN_INERTIA stand in. Bodies have no shape.
+couplings of joints are equalities. MuJoCo wants mass in each body that moves: where the robot has none,
+MIN_MASS and MIN_INERTIA stand in. Bodies have no shape.
+
+A loop is closed by points that coincide, MuJoCo's `connect`: one, two on a hinge's axis, three of a weld. Any
+other closure is written as the first of these that locks its axes and more, if the robot cannot move along
+the axes that are added. That is tested at random configurations beside the reference, springs deflected; as
+the loop equations are analytic, it then holds everywhere on that branch. Rods of a parallelogram that lock
+two axes for the sake of few equations are points that coincide in this way.
 
 A torque limit is the range of a motor's control and force, which MuJoCo keeps. The URDF's range of a joint is
-its range, which MuJoCo keeps, too, by forces of its own, and so a range that the reference is not in is left
-out (`ranges_left_out`). MuJoCo knows no speed limit: `<custom>` passes it on, `JOINT_speed_limit` [rad/s],
+its range, which MuJoCo keeps by forces of its own; a range without the reference is left out
+(`ranges_left_out`). MuJoCo knows no speed limit: `<custom>` passes it on, `JOINT_speed_limit` [rad/s],
 motor side.
 
 Source: MuJoCo's documentation, chapter "XML Reference". Loops are as hard as the step allows.
@@ -17,14 +23,20 @@ Source: MuJoCo's documentation, chapter "XML Reference". Loops are as hard as th
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 
 from framework.arrays import Array
-from framework.export.mjcf_loops import OFF_ORIGIN, equality_axes, frame_names
+from framework.errors import InvalidInput
+from framework.kinematics.assembly import nearby_configurations
+from framework.kinematics.closures import loop_equations
+from framework.kinematics.frames import frames_at, integrate_columns
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import is_ball, positions_beyond_limits
+from framework.model.description import Closure, locked_axes
+from framework.model.loop_rows import loop_rows
 from framework.model.urdf_writing import vector_text
 
 MIN_MASS, MIN_INERTIA = 1e-9, 1e-12  # [kg], [kg m^2] of bodies without; MuJoCo refuses less than 1e-15
@@ -41,7 +53,7 @@ def mjcf_text(robot: ParallelRobot) -> str:
     """Return the robot with its springs as MJCF; the keyframe `reference` is its assembled reference.
 
     Raises:
-        InvalidInput: a loop that MuJoCo has no equality for, see `mjcf_loops.equality_axes`.
+        InvalidInput: a loop that MuJoCo has no equality for, see `equality_axes`.
     """
     root = ElementTree.Element("mujoco", model=robot.name)
     root.append(ElementTree.Comment(f" {START} "))
@@ -187,3 +199,68 @@ def _placement_attributes(placement: pin.SE3) -> dict[str, str]:
     rotation = pin.Quaternion(placement.rotation)
     quaternion = vector_text([rotation.w, rotation.x, rotation.y, rotation.z])
     return {"pos": vector_text(placement.translation), "quat": quaternion}
+
+
+POINT, WELD = locked_axes("spherical"), locked_axes("fixed")
+HINGES = {locked_axes("revolute", axis): k for k, axis in enumerate("xyz")}  # and the axis that is free
+# Axes on which there are more points than the origin. MuJoCo's own weld weighs its couples with the inertia
+# of a body about its centre, which makes it soft where that is next to nothing (a rod about its own axis).
+OFF_ORIGIN = {POINT: (), **{axes: (k,) for axes, k in HINGES.items()}, WELD: (0, 1)}
+TRIED_DEFLECTION = 1e-3  # [rad, robot lengths] by which springs are, where the loops are looked at
+# [rad, robot lengths]: the square of TRIED_DEFLECTION, by which a free axis opens, is above it
+CLOSED_GAP = 1e-10
+
+
+def equality_axes(robot: ParallelRobot) -> dict[str, tuple[str, ...]]:
+    """Choose the axes, one of OFF_ORIGIN, that the equalities of each closure lock.
+
+    Raises:
+        InvalidInput: a closure that none of them says; names it, and the axes along which the robot moves.
+    """
+    closures, poses = robot.description.closures, None
+    locked = {}
+    for closure in closures:
+        if closure.axes in OFF_ORIGIN:
+            locked[closure.name] = closure.axes
+            continue
+        poses = _configurations_beside(robot) if poses is None else poses
+        locked[closure.name] = _choose_more_axes(robot, closure, poses)
+    return locked
+
+
+def _choose_more_axes(robot: ParallelRobot, closure: Closure, poses: Array) -> tuple[str, ...]:
+    """Choose the first axes of OFF_ORIGIN with a closure's, all closed at configurations (K, nq)."""
+    lacking = dict[tuple[str, ...], float]()
+    placements, names = frames_at(robot, poses), frame_names(robot)
+    for axes in OFF_ORIGIN:
+        if not set(closure.axes) <= set(axes):
+            continue
+        rows = loop_rows([replace(closure, axes=axes)], names)
+        lengths = np.where(rows.rotation, 1.0, robot.length)
+        gap = float((np.abs(loop_equations(rows, placements).residual) / lengths).max(initial=0.0))
+        if gap <= CLOSED_GAP:
+            return axes
+        lacking[axes] = gap
+    least = min(lacking, key=lacking.__getitem__, default=())
+    added = ", ".join(axis for axis in least if axis not in closure.axes)
+    raise InvalidInput(
+        f"{robot.name}: MuJoCo has no equality for closure {closure.name!r}, which locks "
+        f"{', '.join(closure.axes)} (valid: kinds spherical, revolute and fixed"
+        f"{f'; the robot has to move along {added}' if added else ''})"
+    )
+
+
+def _configurations_beside(robot: ParallelRobot) -> Array:
+    """Return assembled configurations (K, nq) at and beside the reference, springs at rest and deflected."""
+    rest = robot.reference.q
+    share = np.random.default_rng(0).uniform(-1, 1, robot.n_e)
+    deflections = TRIED_DEFLECTION * robot.column_scale[robot.elastic] * share
+    starts = [rest, integrate_columns(robot, rest, robot.elastic, deflections)] if robot.n_e else [rest]
+    return np.array([rest, *(q for start in starts for q in nearby_configurations(robot, start))])
+
+
+def frame_names(robot: ParallelRobot) -> list[str]:
+    """Return names of `robot.frames`, in their order."""
+    closures = robot.description.closures
+    ends = (name for closure in closures for name in closure.frames)
+    return list(dict.fromkeys([robot.description.platform.frame, *ends]))

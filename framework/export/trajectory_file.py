@@ -97,9 +97,9 @@ def read_joint_trajectory(file: str | Path) -> TrajectoryFile:
                 f"points[{i}].time_from_start: must be after {times[i - 1]:.9g} s of the point before, got "
                 f"{times[i]:.9g} s"
             )
-    side, before = FRAME_IDS[message["header"]["frame_id"]]
+    side, before_springs = FRAME_IDS[message["header"]["frame_id"]]
     columns = (np.array([point[key] for point in points]) for key in FIELDS)
-    return TrajectoryFile(side, before, names, times, *columns)
+    return TrajectoryFile(side, before_springs, names, times, *columns)
 
 
 def _parse(content: str) -> Any:

@@ -1,7 +1,8 @@
 """The level of fidelity to plan a motion with: the level that its scene keeps, or a prediction.
 
-A scene keeps what a study has found by simulation (`fidelity_study`). For any other motion the indicators
-choose (`fidelity_indicators`): from the plans of the two levels without springs, and nothing is simulated.
+A scene keeps the level that a study found by simulation (`fidelity_study`). For any other motion the
+indicators (`fidelity_indicators`) choose from the plans of the two levels without springs; nothing is
+simulated.
 """
 
 from __future__ import annotations

@@ -4,13 +4,12 @@ From the plan of the rigid level, one pass of first order gives the deflections 
 (`crossing.fuller_model`). A level's torques are then off in two ways, and the larger counts:
 
 * from the torques that the highest model needs for nearly the same motion: over their peak;
-* on the platform: what they lack of the wrench that the highest model asks for along the path, W - G' tau,
-  carries the platform off, and nothing corrects it (`dynamics.open_loop`): over the path's length.
+* on the platform: the wrench W - G' tau that they lack along the path carries the platform off, and nothing
+  corrects the error (`dynamics.open_loop`): over the path's length.
 
-Both are regular at Type 2: the first because the highest model crosses with its own condition (8), the second
-because nothing is divided by what vanishes there; the rest of t_s . W_p that the torques of too low a level
-leave is a push like any other. What a level leaves out in all is the largest of what it and those above it
-leave out: errors that cancel in one of them are luck.
+Both are regular at Type 2. The highest model crosses with its own condition (8), and the second divides by
+nothing that vanishes there: a rest of t_s . W_p pushes like any other wrench. The error of a level is the
+largest of its own and of all levels above: errors that cancel in one of them are luck.
 """
 
 from __future__ import annotations
@@ -83,11 +82,11 @@ def _accumulate_errors(errors: Mapping[str, LevelError], growth: float) -> Indic
     An error that is not a number is unknown and counts as infinite.
     """
     names = [level.name for level in LEVELS]
-    known = {name: np.where(np.isfinite(one), one, np.inf) for name, one in errors.items()}
-    largest = [0.0, *(known.get(name, np.array(np.inf)).max() for name in reversed(names[:-1]))]
+    counted = {name: np.where(np.isfinite(one), one, np.inf) for name, one in errors.items()}
+    largest = [0.0, *(counted.get(name, np.array(np.inf)).max() for name in reversed(names[:-1]))]
     words = {
         name: f"torques {_percent(torque)}, platform {_percent(platform)}"
-        for name, (torque, platform) in known.items()
+        for name, (torque, platform) in counted.items()
     }
     return Indicators(
         dict(zip(names, np.maximum.accumulate(largest)[::-1].tolist(), strict=True)),
@@ -154,7 +153,7 @@ class _Motion:
         fuller = FullerModel.of(self.rigid.dynamics, still)
         torque = fuller.torque(fuller.compute_pass(self.fuller.first_pass.caused))
         return self._error(
-            torque, platform_wrench(robot, motion).asked - platform_wrench(still, motion).asked
+            torque, platform_wrench(robot, motion).required - platform_wrench(still, motion).required
         )
 
     def _error(self, torque: Array, lacking: Array) -> LevelError:

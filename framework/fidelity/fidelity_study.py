@@ -1,14 +1,13 @@
 """The least model of a robot that is enough for a motion: each level of fidelity against the highest.
 
-A level plans the motion with what it knows. Its torques then drive the forward simulation of the highest
-model that the robot's file can express, from rest at the start of the path, and nothing corrects them on
-the way. The level is enough if the platform stays by its plan, within the tolerance of the path's length,
-and the torques by those of the highest level, within the tolerance of their peak. Comparing neighbours would
-not do: where legs have no mass two levels agree exactly, and say nothing of the springs above them.
+A level plans the motion. Its torques then drive the forward simulation of the highest model that the robot's
+file can express, from rest at the start of the path and without correction. The level is enough if the
+platform stays near its plan, within the tolerance of the path's length, and the torques near those of the
+highest level, within the tolerance of their peak. Comparing neighbours would not do: where legs have no mass
+two levels agree exactly, which says nothing of the springs above.
 
-What the torques of too low a level do near a singularity is part of the answer. They act there on a robot
-that cannot resist a force along t_s: whatever of t_s . W_p they leave pushes the platform off its path, as
-far as the simulation says.
+The effect of the torques of too low a level near a singularity is part of the answer. There the robot cannot
+resist a force along t_s: the rest of t_s . W_p pushes the platform off its path, as the simulation shows.
 """
 
 from __future__ import annotations

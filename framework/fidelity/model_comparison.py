@@ -100,8 +100,10 @@ class HighestLevel:
             InvalidInput: the robot cannot be simulated.
         """
         robot, duration = plan.robot, plan.duration
-        near = [one.time + side * NEAR_CROSSING * duration for one in plan.crossings for side in (-1.0, 1.0)]
-        times = np.unique(np.concatenate([np.linspace(0.0, duration, MOTION_SAMPLES), *near]))
+        close_instants = [
+            one.time + side * NEAR_CROSSING * duration for one in plan.crossings for side in (-1.0, 1.0)
+        ]
+        times = np.unique(np.concatenate([np.linspace(0.0, duration, MOTION_SAMPLES), *close_instants]))
         times = times[(times >= 0.0) & (times <= duration)]
         peak = largest_by_unit(robot, np.array(list(plan.peak_torque.values())))
         length = path_length(robot, plan.path)

@@ -7,23 +7,30 @@ from dataclasses import dataclass
 import numpy as np
 
 from framework.arrays import Array, ReadOnlyArrays
-from framework.errors import NotConverged
+from framework.errors import NotAssembled, NotConverged
 from framework.identification.combinations import (
     Combinations,
     combination_text,
     determined_combinations,
 )
-from framework.identification.random_motions import random_motion
 from framework.identification.torque_parameters import (
     TorqueParameters,
+    gravity_of,
     parameter_regressor,
     torque_parameters,
 )
+from framework.kinematics.assembly import MAX_NEWTON_STEP
+from framework.kinematics.inverse_kinematics import close_each, close_loops, require_square
+from framework.kinematics.linearised_loops import linearised_at
+from framework.kinematics.loop_matrices import clearance
+from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.tolerances import MIN_RANK_GAP
+from framework.tolerances import BRANCHES_MEET, MIN_RANK_GAP
 
 RANDOM_SETS = 3  # of instants, whose ranks must agree
 ROWS_PER_PARAMETER = 1.5  # of a set
+STEP = 0.5  # [rad, robot lengths] largest move of the platform in a step of a random walk
+STEPS, MAX_STEPS = 16, 36  # of each walk; further, ever shorter ones, for walks that have not moved yet
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,12 +38,12 @@ class BaseParameters(ReadOnlyArrays):
     """The base parameters of a robot on its closed loops, by name.
 
     Attributes:
-        rank: how many there are.
-        gap: the last singular value that counts over the first that does not, of the random set of instants
-            that has the least.
+        rank: number of base parameters.
+        gap: the last singular value within the rank over the first beyond it, least of all random sets of
+            instants.
         names: of the base parameters, each a combination of `parameters`.
         without_effect: parameters that no torque depends on.
-        left_out: links without mass in the file, whose parameters are not asked for.
+        left_out: links without mass in the file, whose parameters are not identified.
     """
 
     robot: ParallelRobot
@@ -57,10 +64,10 @@ class BaseParameters(ReadOnlyArrays):
 
 
 def base_parameters(robot: ParallelRobot, *, massless: bool = False, seed: int = 0) -> BaseParameters:
-    """Compute which combinations of inertial and motor parameters the motor torques determine.
+    """Compute the combinations of inertial and motor parameters that motor torques determine.
 
-    Of any motion near the reference, not of one that is given: a line shows less. The rank is that of the
-    regressor of the closed robot (`parameter_regressor`) at random instants; several sets of them must agree.
+    They are those of all motions near the reference; a single line determines fewer. The rank is that of the
+    regressor of the closed robot (`parameter_regressor`) at random instants; several sets must agree.
 
     Args:
         massless: whether bodies without mass in the file have parameters, too.
@@ -77,17 +84,17 @@ def base_parameters(robot: ParallelRobot, *, massless: bool = False, seed: int =
     sets = []
     for _ in range(RANDOM_SETS):
         matrix = parameter_regressor(robot, random_motion(robot, count, random), described).matrix
-        # every instant counts alike: near a singularity of the inverse kinematics forces are large
+        # equal weights of instants: near a singularity of the inverse kinematics forces are large
         matrix /= np.linalg.norm(matrix * described.sizes, axis=(1, 2))[:, None, None]
         sets.append(determined_combinations(matrix.reshape(-1, matrix.shape[2]), described.sizes))
-    ranks = [each.rank for each in sets]
+    ranks = [combinations.rank for combinations in sets]
+    least = min(sets, key=lambda combinations: combinations.gap)
     if len(set(ranks)) > 1:
         raise NotConverged(
             f"{robot.name}: random instants give base parameters of rank {', '.join(map(str, ranks))}; the "
             f"singular values leave no clear gap",
-            residual=max(1.0 / each.gap for each in sets),
+            residual=1.0 / least.gap,
         )
-    least = min(sets, key=lambda each: each.gap)
     everything = torque_parameters(robot, massless=True).links
     return BaseParameters(
         robot=robot,
@@ -100,4 +107,47 @@ def base_parameters(robot: ParallelRobot, *, massless: bool = False, seed: int =
         values=least.coefficients @ described.values,
         described=described,
         combinations=least,
+    )
+
+
+def random_motion(robot: ParallelRobot, count: int, random: np.random.Generator) -> Motion:
+    """Draw a motion near the reference at `count` random instants, with inertia forces as large as weight.
+
+    Raises:
+        InvalidInput: the platform does not determine the joints.
+        NotAssembled: the loops close nowhere near the reference.
+    """
+    require_square(robot)
+    poses = _random_poses(robot, count, random)
+    rate = np.sqrt(gravity_of(robot) / robot.length)
+    dx, ddx = (
+        size * robot.platform_scale * random.standard_normal((count, robot.n)) for size in (rate, rate**2)
+    )
+    return motion_at(robot, close_loops(robot, poses[1], poses[0]), dx, ddx)
+
+
+def _random_poses(robot: ParallelRobot, count: int, random: np.random.Generator) -> tuple[Array, Array]:
+    """Draw assembled configurations (count, nq) and their platforms (count, n) by walks from the reference.
+
+    A step to open loops or to one of their singularities is not taken.
+    """
+    q, x = (np.repeat(start[None], count, axis=0) for start in (robot.reference.q, robot.reference.x))
+    moved = np.zeros(count, dtype=bool)
+    for k in range(MAX_STEPS):
+        step = STEP * robot.platform_scale * random.uniform(-1.0, 1.0, (count, robot.n))
+        ahead = x + step * 0.5 ** max(k - STEPS, 0)
+        closed = close_each(robot, ahead, q, farthest=MAX_NEWTON_STEP)
+        taken = closed.closed.copy()
+        if k >= STEPS:
+            taken &= ~moved
+        regular = linearised_at(robot, closed.q[taken], None)
+        taken[taken] = clearance(robot, regular) > BRANCHES_MEET
+        q[taken], x[taken] = closed.q[taken], ahead[taken]
+        moved |= taken
+        if k + 1 >= STEPS and moved.all():
+            return q, x
+    raise NotAssembled(
+        f"{robot.name}: the loops close at no pose beside the reference",
+        q=robot.reference.q,
+        residual=robot.reference.residual,
     )

@@ -1,7 +1,7 @@
 """Calibration of the geometry from motor angles and measured poses, or parts of poses.
 
 Damped Gauss-Newton steps on all poses and parameters at once, with a prior about the robot file and Huber's
-weights against outliers. What the data cannot see stays at the file's values, and is named.
+weights against outliers. Directions that the data do not determine stay at the file's values, and are named.
 """
 
 from __future__ import annotations
@@ -18,14 +18,13 @@ import numpy as np
 from framework.arrays import Array, ReadOnlyArrays
 from framework.errors import InvalidInput, NotConverged, choose_from
 from framework.identification.calibration_equations import (
-    Eliminated,
     Measurements,
-    eliminated,
+    ParameterEquations,
+    eliminate_poses,
     joint_names,
     measurements_of,
     offsets,
 )
-from framework.identification.calibration_steps import GaussNewton, rows_of
 from framework.identification.combinations import Combinations, combination_text, determined_combinations
 from framework.identification.geometry import Geometry, geometry_of
 from framework.identification.recording import Recording, recording_of
@@ -42,20 +41,25 @@ NOISE = {"motor_angle": 3e-5, "joint": 1e-4, "platform": 2e-5}  # standard devia
 HELD_OUT_EVERY = 4  # instants
 MAX_CLOSING_STEPS = 20
 MIN_RESPONSE = 1e-6  # of a measurement to a direction, over its largest motion [robot lengths, rad]
+HUBER = 2.0  # of the usual residual of an instant: larger ones have less weight
+MAX_STEPS, FIRST_DAMPING, MAX_DAMPING = 60, 1e-3, 1e9  # damping is a share of the prior's weight
+CONVERGED = 1e-6  # of the prior: the largest change of a parameter in the last step
+DEVIATIONS = 3.0  # at which Student's distribution and the normal one are compared
+LEAST_NOISE = 1e-3  # of residuals over the assumed noise: rounding
 
 
 @dataclass(frozen=True, eq=False)
 class Calibration(ReadOnlyArrays):
-    """A calibrated geometry with what proves it: poses that were held out.
+    """A calibrated geometry, validated by poses that were held out.
 
     Attributes:
         values, deviations: (p,) of `geometry.names` [m, rad], about the file's, with standard deviations.
-        combinations: what the data determine of them; unseen directions keep the prior.
-        error_before, error_after: (m,) by column of `measured`, root mean square at instants held out, of
-            what the motors' angles predict; zero for the motors themselves.
-        noise: residual over the noise that was assumed; deviations are scaled by it. It is 1, the noise
-            assumed, where the data are too few to show it. Else deviations are widened, as Student's t is for
-            an estimated noise: three of them hold what three of a known noise do.
+        combinations: of the parameters that the data determine; unseen directions keep the prior.
+        error_before, error_after: (m,) by column of `measured`, root mean square of predictions from the
+            motors' angles at instants held out; zero for the motors themselves.
+        noise: residual over the assumed noise; deviations are scaled by it. It is 1, the assumed noise, if
+            the data are too few to estimate it. Else deviations are widened by Student's t for an estimated
+            noise: three of them have the probability of three of a known noise.
         degrees_of_freedom: equations less the parameters that they determine; noise is estimated from 1
             upwards.
     """
@@ -129,40 +133,35 @@ def calibrate(
 
     Args:
         data: motor angles, with coordinates of the platform or angles of other joints; or the file of it.
-        joints: whose origins are calibrated, by default all that matter, see `geometry_of`.
-        noise: standard deviations of what is measured, by kind: `motor_angle`, `joint`, `platform`.
-        length_error, angle_error: standard deviations of the file's dimensions [m, rad].
-        progress: called with the number of steps that are tried.
+        joints: whose origins are calibrated, by default all in loops or below the platform, see
+        `geometry_of`. noise: standard deviations of measurements, by kind: `motor_angle`, `joint`,
+        `platform`. length_error, angle_error: standard deviations of the file's dimensions [m, rad].
+        progress: called with the number of steps tried.
 
     Raises:
-        InvalidInput: data that are not right or too few; redundant motors; unknown joints or kinds of noise.
+        InvalidInput: wrong or too few data; redundant motors; unknown joints or kinds of noise.
         NotAssembled: the loops do not close at some motor angles.
         NotConverged: the steps do not settle, or settle far outside the errors that the file may have.
     """
     expect_robot(robot)
     started = clock.perf_counter()
     noise = noise or {}
-    for name in noise:
-        if name not in NOISE:
-            raise InvalidInput(choose_from("kind of noise", name, NOISE))
-    for what, value in {**noise, "length_error": length_error, "angle_error": angle_error}.items():
-        if not (np.isfinite(value) and value > 0):
-            raise InvalidInput(f"{what}: needs a positive number, got {value!r}")
+    _check_errors(noise, length_error=length_error, angle_error=angle_error)
     geometry = geometry_of(robot, joints)
     data = recording_of(robot, data)
     measured = measurements_of(geometry, data, {**NOISE, **noise})
-    held = np.arange(len(data)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
-    if not held.any():
+    test = np.arange(len(data)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
+    if not test.any():
         raise InvalidInput(f"{data.source}: {len(data)} rows; at least {HELD_OUT_EVERY} are needed")
     start = _start(geometry.model, measured)
-    used = measured.rows(~held)
+    used = measured.rows(~test)
     prior = np.where(geometry.turning, angle_error, length_error)
-    solver = GaussNewton(geometry.model, used, start[~held], prior)
+    solver = GaussNewton(geometry.model, used, start[~test], prior)
     solver.run(robot.name, progress)
     _check_plausible(robot, geometry, solver.values / prior, solver.noise)
-    combinations, at_file = _determined(geometry, used, start[~held], prior)
+    combinations, at_file = _determine(geometry, used, start[~test], prior)
     before, after = (
-        _prediction_error(geometry.model, measured.rows(held), start[held], values)
+        _prediction_error(geometry.model, measured.rows(test), start[test], values)
         for values in (np.zeros_like(prior), solver.values)
     )
     return Calibration(
@@ -172,16 +171,26 @@ def calibrate(
         values=solver.values,
         deviations=solver.deviations,
         combinations=combinations,
-        unseen=_unseen(geometry, used, start[~held], at_file, combinations),
+        unseen=_describe_unseen(geometry, used, start[~test], at_file, combinations),
         error_before=before,
         error_after=after,
         noise=solver.noise,
         degrees_of_freedom=solver.freedom,
-        outliers=tuple(np.flatnonzero(~held)[solver.weights**2 < 0.5].tolist()),
+        outliers=tuple(np.flatnonzero(~test)[solver.weights**2 < 0.5].tolist()),
         instants=len(data),
         steps=solver.count,
         seconds=clock.perf_counter() - started,
     )
+
+
+def _check_errors(noise: Mapping[str, float], **file_errors: float) -> None:
+    """Raise InvalidInput for unknown kinds of noise and errors that are not positive."""
+    for name in noise:
+        if name not in NOISE:
+            raise InvalidInput(choose_from("kind of noise", name, NOISE))
+    for name, value in {**noise, **file_errors}.items():
+        if not (np.isfinite(value) and value > 0):
+            raise InvalidInput(f"{name}: needs a positive number, got {value!r}")
 
 
 def _start(model: ParallelRobot, measured: Measurements) -> Array:
@@ -192,18 +201,18 @@ def _start(model: ParallelRobot, measured: Measurements) -> Array:
     return stack.q
 
 
-def _determined(
+def _determine(
     geometry: Geometry, measured: Measurements, q: Array, prior: Array
-) -> tuple[Combinations, Eliminated]:
-    """Compute what data show at these poses of the file's geometry, or loops hold."""
-    equations = eliminated(geometry.model, measured, q)
-    holding = equations.holding * LOOP_GAP / measured.noise.min()  # as large as what is measured
-    rows = np.concatenate([rows_of(equations.matrix), rows_of(holding)])
+) -> tuple[Combinations, ParameterEquations]:
+    """Compute the combinations that data or loops determine at poses q of the file's geometry."""
+    equations = eliminate_poses(geometry.model, measured, q)
+    loops = equations.loop_slopes * LOOP_GAP / measured.noise.min()  # of the size of measurements
+    rows = np.concatenate([rows_of(equations.matrix), rows_of(loops)])
     return determined_combinations(rows, prior), equations
 
 
 def _check_plausible(robot: ParallelRobot, geometry: Geometry, share: Array, noise: float) -> None:
-    """Refuse residuals, and changes over their prior (p,), that these errors of the file do not explain."""
+    """Refuse residuals, and changes over their prior (p,), beyond the assumed errors of the file."""
     if noise > MAX_NOISE_RATIO:
         raise NotConverged(
             f"{robot.name}: what is left of the data is {noise:.3g} times the noise that is assumed; raise "
@@ -221,7 +230,7 @@ def _check_plausible(robot: ParallelRobot, geometry: Geometry, share: Array, noi
 
 
 def _prediction_error(model: ParallelRobot, measured: Measurements, q: Array, values: Array) -> Array:
-    """Compute errors (m,), root mean square, of what motors' angles and parameters (p,) predict."""
+    """Compute errors (m,), root mean square, of predictions by motors' angles and parameters (p,)."""
     q = integrate_columns(model, q, model.elastic, np.tile(values, (len(q), 1)))
     lengths = model.column_scale[model.joints]
     sizes = 1.0 / model.row_lengths[model.structure.independent]
@@ -232,8 +241,8 @@ def _prediction_error(model: ParallelRobot, measured: Measurements, q: Array, va
         driven = slice(0, measured.driven)
         matrix = np.concatenate([sizes[:, None] * loops.jacobian, slope[:, driven]], axis=1)
         right = np.concatenate([sizes * loops.residual, offset[:, driven]], axis=1)
-        back = np.linalg.pinv(matrix[:, :, model.joints] * lengths, rcond=RANK_ROUNDING)
-        q = integrate_columns(model, q, model.joints, -lengths * np.einsum("tkr,tr->tk", back, right))
+        inverse = np.linalg.pinv(matrix[:, :, model.joints] * lengths, rcond=RANK_ROUNDING)
+        q = integrate_columns(model, q, model.joints, -lengths * np.einsum("tkr,tr->tk", inverse, right))
         if np.abs(right).max() < RANK_ROUNDING:
             break
     else:
@@ -246,35 +255,41 @@ def _prediction_error(model: ParallelRobot, measured: Measurements, q: Array, va
     return np.sqrt(np.mean(offsets(model, measured, frames_at(model, q)).offset ** 2, axis=0))
 
 
-def _unseen(
-    geometry: Geometry, measured: Measurements, q: Array, equations: Eliminated, combinations: Combinations
+def _describe_unseen(
+    geometry: Geometry,
+    measured: Measurements,
+    q: Array,
+    equations: ParameterEquations,
+    combinations: Combinations,
 ) -> tuple[str, ...]:
-    """Name the directions of the parameters that the data do not see, with what would show each."""
-    model, names = geometry.model, geometry.names
-    frames = frames_at(model, q)
-    axes = [*(f"platform_{axis}" for axis in "xyz"), *(f"the platform's turn about {axis}" for axis in "xyz")]
-    shown = {axis: frames.jacobian[:, 0, k] for k, axis in enumerate(axes)}
-    for column, name in joint_names(model).items():
-        shown[name] = np.tile(np.eye(model.model.nv)[column], (len(q), 1))
+    """Describe the directions of the parameters that the data do not determine, with a remedy each."""
+    model = geometry.model
+    sensors = {name: slope for name, slope in _sensors(model, q).items() if name not in measured.names}
     sentences = []
     for direction in combinations.unseen:
-        moved = np.zeros((len(q), model.model.nv))
-        moved[:, model.joints] = equations.follow @ direction
-        moved[:, model.elastic] = direction
-        size = np.abs(moved / model.column_scale).max()
-        by = [
-            name
-            for name, slope in shown.items()
-            if name not in measured.names
-            and np.abs(np.einsum("tv,tv->t", slope, moved)).max() > MIN_RESPONSE * size
-        ]
-        advice = f"{by[0]} would show it" if by else "no pose or joint angle depends on it"
-        sentences.append(f"{unseen_text(names, direction)}; {advice}")
+        motion = np.zeros((len(q), model.model.nv))
+        motion[:, model.joints] = equations.follow @ direction
+        motion[:, model.elastic] = direction
+        least = MIN_RESPONSE * np.abs(motion / model.column_scale).max()
+        responses = {name: np.abs(np.einsum("tv,tv->t", slope, motion)) for name, slope in sensors.items()}
+        by = next((name for name, response in responses.items() if response.max() > least), None)
+        advice = f"{by} would show it" if by else "no pose or joint angle depends on it"
+        sentences.append(f"{unseen_text(geometry.names, direction)}; {advice}")
     return tuple(sentences)
 
 
+def _sensors(model: ParallelRobot, q: Array) -> dict[str, Array]:
+    """Return the derivatives (T, nv) of all numbers that may be measured at q (T, nq), by name."""
+    frames = frames_at(model, q)
+    axes = [*(f"platform_{axis}" for axis in "xyz"), *(f"the platform's turn about {axis}" for axis in "xyz")]
+    sensors = {axis: frames.jacobian[:, 0, k] for k, axis in enumerate(axes)}
+    for column, name in joint_names(model).items():
+        sensors[name] = np.tile(np.eye(model.model.nv)[column], (len(q), 1))
+    return sensors
+
+
 def unseen_text(names: Sequence[str], direction: Array) -> str:
-    """Return a direction that data do not see, in words."""
+    """Return a direction that data do not determine, in words."""
     used = np.flatnonzero(direction)
     if len(used) == 1:
         return f"{names[used[0]]} not at all"
@@ -284,3 +299,132 @@ def unseen_text(names: Sequence[str], direction: Array) -> str:
             kind = "difference" if first * second > 0 else "sum"
             return f"{names[used[0]]} and {names[used[1]]} only as their {kind}"
     return f"no change by {combination_text(names, direction)}"
+
+
+class GaussNewton:
+    """Damped Gauss-Newton steps for parameters and poses.
+
+    values, deviations: (p,) of the parameters about the file's, and their standard deviations.
+    weights: (T,) roots of Huber's weights of the instants.
+    noise: residual over the assumed noise; freedom: degrees of freedom of this estimate.
+    """
+
+    def __init__(self, model: ParallelRobot, measured: Measurements, q: Array, prior: Array) -> None:
+        self.model, self.measured, self.q, self.prior = model, measured, q, prior
+        self.values, self.weights = np.zeros(len(prior)), np.ones(len(q))
+        self.noise, self.freedom, self.count = 1.0, 0.0, 0
+        self.deviations = prior
+
+    def run(self, name: str, progress: Callable[[int], None]) -> None:
+        """Take steps until the parameters rest."""
+        damping, equations = FIRST_DAMPING, eliminate_poses(self.model, self.measured, self.q)
+        self._weigh(equations)
+        cost = self._cost(equations, self.values)
+        for self.count in range(1, MAX_STEPS + 1):
+            progress(self.count)
+            change = self._change(equations, damping)
+            joints = equations.step + equations.follow @ change
+            parameters = np.tile(change, (len(joints), 1))
+            columns = np.concatenate([self.model.joints, self.model.elastic])
+            q = integrate_columns(self.model, self.q, columns, np.concatenate([joints, parameters], axis=1))
+            stepped = eliminate_poses(self.model, self.measured, q)
+            stepped_cost = self._cost(stepped, self.values + change)
+            if not stepped_cost <= cost * (1.0 + RANK_ROUNDING) + RANK_ROUNDING:
+                damping *= 10.0
+                if damping > MAX_DAMPING:
+                    break
+                continue
+            self.q, self.values, equations = q, self.values + change, stepped
+            damping = max(0.1 * damping, 1e-12)
+            self._weigh(equations)
+            cost = self._cost(equations, self.values)
+            if np.abs(change / self.prior).max() < CONVERGED:
+                self._finish(equations)
+                return
+        raise NotConverged(
+            f"{name}: calibration does not settle after {self.count} steps; the file is too far off for "
+            f"these data, or they are of another robot",
+            residual=float(cost),
+        )
+
+    def _system(self, equations: ParameterEquations) -> tuple[Array, Array]:
+        """Return rows on scaled parameters, of unit noise, and their right sides; the prior left out."""
+        weights = self.weights[:, None] / self.noise
+        matrix = np.concatenate(
+            [rows_of(weights[..., None] * equations.matrix), rows_of(equations.loop_slopes)]
+        )
+        right = np.concatenate([(weights * equations.right).ravel(), equations.open_loops.ravel()])
+        return matrix * self.prior, right
+
+    def _change(self, equations: ParameterEquations, damping: float) -> Array:
+        matrix, right = self._system(equations)
+        damped = np.sqrt(damping) * np.eye(len(self.prior))
+        rows = np.concatenate([matrix, np.eye(len(self.prior)), damped])
+        targets = np.concatenate([right, self.values / self.prior, np.zeros(len(self.prior))])
+        q, r = np.linalg.qr(rows)
+        return -self.prior * np.linalg.solve(r, q.T @ targets)
+
+    def _cost(self, equations: ParameterEquations, values: Array) -> float:
+        right = self._system(equations)[1]
+        return float(right @ right + np.sum((values / self.prior) ** 2))
+
+    def _weigh(self, equations: ParameterEquations) -> None:
+        """Set the noise of the usual instant, and Huber's weights of outlying instants."""
+        ranks = equations.right.shape[1] - self.measured.driven
+        size = np.sqrt(np.sum(equations.right**2, axis=1) / max(ranks, 1))
+        self._set_noise(equations, float(np.median(size)))
+        self.weights = np.sqrt(np.minimum(1.0, HUBER * self.noise / np.maximum(size, RANK_ROUNDING)))
+
+    def _finish(self, equations: ParameterEquations) -> None:
+        """Set the noise of all instants, and the deviations."""
+        from scipy.special import ndtr, stdtrit  # takes time to import
+
+        right = self.weights[:, None] * equations.right
+        count = equations.right.size - self.measured.driven * len(self.q)
+        self._set_noise(equations, float(np.sqrt(np.sum(right**2) / max(count, 1))))
+        matrix, _ = self._system(equations)
+        upper = np.linalg.qr(np.concatenate([matrix, np.eye(len(self.prior))]), mode="r")
+        self.deviations = self.prior * np.linalg.norm(np.linalg.inv(upper), axis=1)
+        if self.freedom >= 1.0:
+            self.deviations *= stdtrit(self.freedom, ndtr(DEVIATIONS)) / DEVIATIONS
+
+    def _set_noise(self, equations: ParameterEquations, residual: float) -> None:
+        """Estimate the noise of equations from their residuals at the fit, over the assumed noise.
+
+        A fit of N equations of noise s with a prior has residuals s sqrt(N - r), r = sum of w^2 / (w^2 + s^2)
+        the number of parameters that it determines, w the singular values of the rows: the left side of
+        s^2 (N - r) = N residual^2 grows with s.
+        """
+        count = equations.right.size - self.measured.driven * len(self.q)
+        powers = self._powers(equations)
+
+        def freedom(noise: float) -> float:
+            return count - float(np.sum(powers / (powers + noise**2)))
+
+        self.noise, self.freedom = 1.0, freedom(LEAST_NOISE)
+        if self.freedom < 1.0:
+            return
+        from scipy.optimize import brentq  # takes time to import
+
+        def excess(noise: float) -> float:
+            return float(noise**2 * freedom(noise) - count * residual**2)
+
+        high = max(residual * np.sqrt(count), 1.0)
+        self.noise = LEAST_NOISE
+        if excess(LEAST_NOISE) < 0.0:
+            self.noise = float(brentq(excess, LEAST_NOISE, high, xtol=RANK_ROUNDING * LEAST_NOISE))
+        self.freedom = freedom(self.noise)
+
+    def _powers(self, equations: ParameterEquations) -> Array:
+        """Return squared singular values (p,) of the data's scaled rows on motions that the loops allow."""
+        size = len(self.prior)
+        loops = np.concatenate([rows_of(equations.loop_slopes) * self.prior, np.zeros((size, size))])
+        _, values, axes = np.linalg.svd(np.linalg.qr(loops, mode="r"))
+        rows = rows_of(self.weights[:, None, None] * equations.matrix) * self.prior
+        rows = rows @ axes.T / np.sqrt(1.0 + values**2)
+        return np.linalg.eigvalsh(rows.T @ rows).clip(0.0)
+
+
+def rows_of(stack: Array) -> Array:
+    """Return the rows (T m, p) of a stack (T, m, p) below one another."""
+    return stack.reshape(-1, stack.shape[2])

@@ -1,7 +1,7 @@
 """The linear combinations of parameters that a regressor determines, each led by one parameter.
 
-Columns of the regressor are taken in the order of the parameters. One that depends on those before it is
-regrouped with them, as Khalil and Gautier do: the others lead the base parameters
+Columns of the regressor are taken in the order of the parameters. A column that depends on its predecessors
+is regrouped with them, as by Khalil and Gautier; the others lead the base parameters
 
     base = parameters[leading] + coefficients of the dependent ones.
 
@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from framework.arrays import Array, IntArray, ReadOnlyArrays
+from framework.kinematics.loop_structure import row_pivots
 from framework.linalg.ordered_sums import singular_values
 from framework.tolerances import RANK_ROUNDING
 
@@ -27,7 +28,7 @@ MAX_TERMS = 8  # of a combination in a text
 
 @dataclass(frozen=True, eq=False)
 class Combinations(ReadOnlyArrays):
-    """What a regressor (rows, p) determines of p parameters.
+    """The combinations of p parameters that a regressor (rows, p) determines.
 
     rank: number of base parameters.
     singular_values: of the regressor with columns of unit length, those without effect left out.
@@ -45,7 +46,7 @@ class Combinations(ReadOnlyArrays):
 
     @property
     def gap(self) -> float:
-        """The last singular value that counts over the first that does not; infinite where all count."""
+        """The last singular value within the rank over the next one; infinite at full rank."""
         if self.rank == len(self.singular_values) or not self.rank:
             return np.inf
         least = max(float(self.singular_values[self.rank]), float(np.finfo(float).tiny))
@@ -55,8 +56,7 @@ class Combinations(ReadOnlyArrays):
     def unseen(self) -> Array:
         """Return directions (p - rank, p) of the parameters that change no base parameter.
 
-        One for each parameter that leads none: that parameter changes by 1 and the leading ones make up for
-        it.
+        Along each of them one parameter that leads none changes by 1, and leading ones compensate.
         """
         others = np.setdiff1d(np.arange(self.coefficients.shape[1]), self.leading)
         directions = np.zeros((len(others), self.coefficients.shape[1]))
@@ -71,11 +71,10 @@ def determined_combinations(regressor: Array, sizes: Array) -> Combinations:
     Args:
         sizes: (p,) typical sizes of the parameters, which make the columns comparable.
     """
-    scaled = regressor * sizes
-    lengths = np.linalg.norm(scaled, axis=0)
+    columns = regressor * sizes
+    lengths = np.linalg.norm(columns, axis=0)
     seen = np.flatnonzero(lengths > RANK_ROUNDING * lengths.max(initial=0.0))
-    unit = scaled[:, seen] / lengths[seen]
-    compact = np.asarray(np.linalg.qr(unit, mode="r"))
+    compact = np.asarray(np.linalg.qr(columns[:, seen] / lengths[seen], mode="r"))
     values = singular_values(compact)
     rank = int(np.sum(values > RANK_ROUNDING * values.max(initial=0.0)))
     leading = _leading(compact, rank)
@@ -84,7 +83,7 @@ def determined_combinations(regressor: Array, sizes: Array) -> Combinations:
     regrouped[np.arange(rank), seen[leading]] = 1.0
     shares = np.linalg.lstsq(compact[:, leading], compact[:, others], rcond=None)[0]
     weights = lengths[seen] / sizes[seen]
-    # columns in units of the parameters; what rounding leaves of a share that is zero is taken away
+    # columns in units of the parameters; shares at rounding are zero
     for_sizes = shares * lengths[seen[others]] / lengths[seen[leading], None]
     largest = np.abs(for_sizes).max(axis=0, initial=0.0)
     shares[np.abs(for_sizes) <= COEFFICIENT_ROUNDING * np.maximum(largest, 1.0)] = 0.0
@@ -94,24 +93,22 @@ def determined_combinations(regressor: Array, sizes: Array) -> Combinations:
 
 
 def _leading(matrix: Array, rank: int) -> IntArray:
-    """Return `rank` independent columns of a matrix with columns of unit length, the first that are.
+    """Return the first `rank` independent columns of a matrix with columns of unit length.
 
-    The first that leave the span of those before them; where rounding makes them too many or too few, those
-    of a QR decomposition with column pivoting.
+    A column is independent if it leaves the span of its predecessors. If rounding makes them too many or too
+    few, they are those of a QR decomposition with column pivoting.
     """
-    from scipy.linalg import qr
-
     basis, leading = np.empty((len(matrix), 0)), []
     for k, column in enumerate(matrix.T):
-        beside = column - basis @ (basis.T @ column)
-        beside -= basis @ (basis.T @ beside)
-        length = float(np.linalg.norm(beside))
+        rest = column - basis @ (basis.T @ column)
+        rest -= basis @ (basis.T @ rest)
+        length = float(np.linalg.norm(rest))
         if length > RANK_ROUNDING:
-            basis = np.column_stack([basis, beside / length])
+            basis = np.column_stack([basis, rest / length])
             leading.append(k)
     if len(leading) == rank:
         return np.array(leading, dtype=np.intp)
-    return np.sort(qr(matrix, mode="r", pivoting=True)[1][:rank]).astype(np.intp)
+    return np.sort(row_pivots(matrix.T)[:rank])
 
 
 def combination_text(names: Sequence[str], coefficients: Array) -> str:

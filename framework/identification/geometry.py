@@ -1,8 +1,8 @@
-"""The geometric parameters of a robot: how far the origin of each joint of its URDF may be off.
+"""The geometric parameters of a robot: errors of the origins of the joints in its URDF.
 
-Six of each joint on the way to a frame of the platform or of a closure, fixed joints included: displacements
-along, then turns about the axes of its origin. They are virtual joints, as springs are, so that loop
-equations, frames and their derivatives along the parameters are those of the robot's own equations.
+Each joint between the base and a frame of the platform or of a closure, fixed joints included, has six:
+displacements along, then turns about the axes of its origin. They are virtual joints, like springs, so that
+the robot's own equations have loop equations, frames and derivatives along the parameters.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from framework.model.urdf_writing import joint_element, origin_element
 from framework.model.xml_reading import origin_of
 
 ERRORS = "errors"  # ending of a virtual joint's name
-PLACED = "placed"  # ending of what carries the origin of a joint that moves
+PLACED = "placed"  # ending of the fixed joint with the origin of a joint that moves
 
 
 @dataclass(frozen=True, eq=False)
 class Geometry(ReadOnlyArrays):
-    """A robot whose joint origins may be off: `model` has a virtual joint for each parameter, elastic ones.
+    """A robot with errors of its joint origins: `model` has an elastic virtual joint for each parameter.
 
-    joints: those whose origins are parameters; names: (p,) JOINT.x .. JOINT.rz.
-    turning: (p,) which are angles [rad]; the others are lengths [m].
+    joints: whose origins are parameters; names: (p,) JOINT.x .. JOINT.rz.
+    turning: (p,) whether a parameter is an angle [rad], not a length [m].
     """
 
     robot: ParallelRobot
@@ -44,9 +44,9 @@ class Geometry(ReadOnlyArrays):
         description = self.robot.description
         urdf = ElementTree.fromstring(description.urdf_text)
         elements = {joint.get("name", ""): joint for joint in urdf.findall("joint")}
-        for joint, moved in zip(self.joints, values.reshape(-1, 6), strict=True):
-            if moved.any():
-                _move_origin(elements[joint], moved)
+        for joint, move in zip(self.joints, values.reshape(-1, 6), strict=True):
+            if move.any():
+                _move_origin(elements[joint], move)
         return replace(description, urdf_text=ElementTree.tostring(urdf, encoding="unicode"))
 
 
@@ -54,7 +54,7 @@ def geometry_of(robot: ParallelRobot, joints: Sequence[str] | None = None) -> Ge
     """Return a robot with its geometric parameters.
 
     Args:
-        joints: whose origins are parameters; by default all that lead to a frame of the platform or a loop.
+        joints: whose origins are parameters; by default all between the base and frames of platform or loops.
 
     Raises:
         InvalidInput: unknown joints; too many.
@@ -101,7 +101,7 @@ def _end(joint: ElementTree.Element, end: str) -> str:
 
 
 def _split(urdf: ElementTree.Element, joint: ElementTree.Element) -> str:
-    """Give the origin of a joint that moves to a fixed joint in front of it; returns the name of that."""
+    """Insert a fixed joint with the origin of a moving joint before the latter; return its name."""
     name = f"{joint.get('name')}_{PLACED}"
     link = f"{name}_link"
     ElementTree.SubElement(urdf, "link", name=link)
@@ -115,11 +115,11 @@ def _split(urdf: ElementTree.Element, joint: ElementTree.Element) -> str:
     return name
 
 
-def _move_origin(joint: ElementTree.Element, moved: Array) -> None:
+def _move_origin(joint: ElementTree.Element, move: Array) -> None:
     """Move the origin of a joint by displacements along and turns about its axes (6,)."""
     old = joint.find("origin")
-    place = origin_of(old, f"joint {joint.get('name')!r}") @ placement(None, moved[:3])
-    for axis, angle in zip(np.eye(3), moved[3:], strict=True):
+    place = origin_of(old, f"joint {joint.get('name')!r}") @ placement(None, move[:3])
+    for axis, angle in zip(np.eye(3), move[3:], strict=True):
         place = place @ placement(about(axis, angle))
     if old is not None:
         joint.remove(old)

@@ -2,7 +2,7 @@
 
 Weighted least squares on the base parameters, from rows N' Y theta = N' S tau (`torque_parameters`) whose
 noise is that of the torques, G' e of `platform_wrench`. At a Type 2 singularity G' e has no component along
-t_s, and what is wrong there comes from the motion: a floor keeps such rows from counting without bound.
+t_s, and errors of the motion dominate: a floor of the noise bounds the weight of such rows.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ from framework.linalg.ordered_sums import singular_values
 from framework.model.robot_file_writer import write_robot_file
 from framework.tolerances import MIN_NOISE_RATIO, RANK_ROUNDING, SIGNIFICANT_DEVIATIONS
 
-HELD_OUT_BLOCKS, HELD_OUT_EVERY = 20, 4  # the recording in blocks of time, of which every fourth is held out
+HELD_OUT_BLOCKS, HELD_OUT_EVERY = 20, 4  # blocks of time in a recording, every fourth held out
 DEFAULT_PRIOR = 1.0  # standard deviation of the file's values, as a share of each body's own size
 
 
 class Rows(NamedTuple):
-    """Rows A theta = b of unit noise but for a common factor, of T instants."""
+    """Rows A theta = b of T instants, of unit noise up to a common factor."""
 
     matrix: Array  # (T, n, p)
     right: Array  # (T, n)
@@ -45,16 +45,16 @@ class Rows(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Identification(ReadOnlyArrays):
-    """Identified parameters, with what proves them: torques of instants that were held out.
+    """Identified parameters, validated by torques of instants that were held out.
 
     Attributes:
         base: the base parameters of the robot.
         values, deviations: (rank,) identified, with their standard deviations, infinite where these data do
-            not show one.
-        parameters: (p,) of `base.parameters`: bodies that can exist, nearest to the file's.
+            not determine one.
+        parameters: (p,) of `base.parameters`: possible bodies, nearest to the file's.
         links, link_values: the same of single links.
         error_before, error_after: (n_a,) of motor torques held out, by the file and by `parameters`, root
-            mean square over that of the measured torques; NaN where all of them are at Type 2.
+            mean square over that of the measured torques; NaN if all of them are at Type 2.
     """
 
     robot: ParallelRobot
@@ -66,26 +66,27 @@ class Identification(ReadOnlyArrays):
     link_values: Array
     error_before: Array
     error_after: Array
-    noise: float  # of rows over what the noise of the torques alone makes: 1 if nothing else is wrong
+    noise: float  # of rows over that of the torques alone: 1 without other errors
     cutoff: float  # [Hz]
-    poses: str  # what they come from: motors or platform
+    poses: str  # their source: motors or platform
     motor_misfit: float  # of these poses to the motors' angles, see `MeasuredMotion`
     instants: int
     seconds: float
 
     @property
     def undetermined(self) -> tuple[str, ...]:
-        """Base parameters that these data leave open: their standard deviation is above their size."""
+        """Base parameters whose standard deviation is above their size."""
         size = np.maximum(np.abs(self.values), np.abs(self.base.values))
-        return tuple(
-            name for name, open_ in zip(self.base.names, self.deviations > size, strict=True) if open_
-        )
+        return self._base_names(self.deviations > size)
 
     @property
     def changed(self) -> tuple[str, ...]:
         """Base parameters that are off the file's values by more than chance explains."""
-        off = np.abs(self.values - self.base.values) > SIGNIFICANT_DEVIATIONS * self.deviations
-        return tuple(name for name, is_off in zip(self.base.names, off, strict=True) if is_off)
+        change = np.abs(self.values - self.base.values)
+        return self._base_names(change > SIGNIFICANT_DEVIATIONS * self.deviations)
+
+    def _base_names(self, which: BoolArray) -> tuple[str, ...]:
+        return tuple(self.base.names[k] for k in np.flatnonzero(which))
 
     def identified_robot(self) -> ParallelRobot:
         """Return the robot with the identified parameters."""
@@ -121,8 +122,8 @@ class Identification(ReadOnlyArrays):
             "changed": list(self.changed),
             "undetermined": list(self.undetermined),
             "parameters": dict(zip(self.base.parameters, self.parameters.tolist(), strict=True)),
-            "torque_error_before": _by_motor(self.robot, self.error_before),
-            "torque_error_after": _by_motor(self.robot, self.error_after),
+            "torque_error_before": _name_by_motor(self.robot, self.error_before),
+            "torque_error_after": _name_by_motor(self.robot, self.error_after),
             "noise": self.noise,
             "cutoff": self.cutoff,
             "poses": self.poses,
@@ -147,13 +148,13 @@ def identify(
     Args:
         data: with time, motor angles and torques (and the platform, where the motion passes Type 2), or the
             file of it, see `read_recording`.
-        cutoff: of the filter [Hz], see `measured_motion`; poses: "motors" or "platform", the same.
-        prior: how far the file's values may be off, a share of each body's size.
+        cutoff: of the filter [Hz], and poses: "motors" or "platform", see `measured_motion`.
+        prior: standard deviation of the file's values, a share of each body's size.
         massless: whether bodies without mass in the file have parameters, too.
-        progress: called with the number of poses that the motors have led to.
+        progress: called with the number of poses computed from the motors.
 
     Raises:
-        InvalidInput: data that are not right, or too few; a robot with springs.
+        InvalidInput: wrong or too few data; a robot with springs.
         NotAssembled: the loops do not close along the recorded motion.
         NotConverged: no physically possible parameters were found.
     """
@@ -165,24 +166,18 @@ def identify(
     data = recording_of(robot, data)
     measured = measured_motion(robot, data, cutoff=cutoff, poses=poses, progress=progress)
     regressor = parameter_regressor(robot, measured.motion, base.described, signs=measured.signs)
-    rows = _whitened(robot, regressor, measured)
-    held = _held_out(measured.times)
-    used = Rows(rows.matrix[~held].reshape(-1, rows.matrix.shape[2]), rows.right[~held].ravel())
-    if len(used.right) <= base.rank:
+    test = _held_out(measured.times)
+    A, b = _select_rows(_whiten(robot, regressor, measured), ~test)
+    if len(b) <= base.rank:
         raise InvalidInput(
-            f"{data.source}: {len(used.right)} equations at {int((~held).sum())} instants for {base.rank} "
+            f"{data.source}: {len(b)} equations at {int((~test).sum())} instants for {base.rank} "
             f"base parameters; record longer, or give a cutoff above {measured.cutoff:.3g} Hz"
         )
-    values, deviations, noise = _least_squares(base, used)
-    links = link_parameters_of(robot, base.described)
-    missing = used.right - used.matrix @ base.described.values
-    link_values = possible_parameters(
-        robot, links, used.matrix.T @ used.matrix / noise**2, used.matrix.T @ missing / noise**2, prior
-    )
-    parameters = base.described.values + links.to_parameters @ (link_values - links.values)
-    before, after = (
-        torque_error(robot, regressor, measured, held, each) for each in (base.described.values, parameters)
-    )
+    values, deviations, noise = _least_squares(base, Rows(A, b))
+    file, links = base.described.values, link_parameters_of(robot, base.described)
+    information, residual = A.T @ A / noise**2, A.T @ (b - A @ file) / noise**2
+    link_values = possible_parameters(robot, links, information, residual, prior)
+    parameters = file + links.to_parameters @ (link_values - links.values)
     return Identification(
         robot=robot,
         base=base,
@@ -191,8 +186,8 @@ def identify(
         parameters=parameters,
         links=links,
         link_values=link_values,
-        error_before=before,
-        error_after=after,
+        error_before=torque_error(robot, regressor, measured, test, file),
+        error_after=torque_error(robot, regressor, measured, test, parameters),
         noise=noise,
         cutoff=measured.cutoff,
         poses=measured.source,
@@ -202,27 +197,32 @@ def identify(
     )
 
 
-def _whitened(robot: ParallelRobot, regressor: ParameterRegressor, measured: MeasuredMotion) -> Rows:
-    """Return the rows of all instants, weighed by the noise G' e of the torques."""
+def _whiten(robot: ParallelRobot, regressor: ParameterRegressor, measured: MeasuredMotion) -> Rows:
+    """Return the rows of all instants, whitened by the noise G' e of the torques."""
     arm = robot.platform_scale
     noise = np.maximum(measured.torque_noise, RANK_ROUNDING * np.abs(measured.torque).max(axis=0))
     spread = regressor.motors * noise / arm[:, None]  # (T, n, n_a), forces and couples by the robot's length
     variance, axes = np.linalg.eigh(spread @ spread.swapaxes(1, 2))
     floor = MIN_NOISE_RATIO**2 * variance[:, -1:]
-    turned = axes.swapaxes(1, 2) / np.sqrt(np.maximum(variance, floor))[..., None] / arm
+    weights = axes.swapaxes(1, 2) / np.sqrt(np.maximum(variance, floor))[..., None] / arm
     wrench = np.einsum("tna,ta->tn", regressor.motors, measured.torque) - regressor.known
-    return Rows(turned @ regressor.matrix, np.einsum("tmn,tn->tm", turned, wrench))
+    return Rows(weights @ regressor.matrix, np.einsum("tmn,tn->tm", weights, wrench))
+
+
+def _select_rows(rows: Rows, instants: BoolArray) -> tuple[Array, Array]:
+    """Return the matrix (rows, p) and the right side (rows,) of some instants."""
+    return rows.matrix[instants].reshape(-1, rows.matrix.shape[2]), rows.right[instants].ravel()
 
 
 def _held_out(times: Array) -> BoolArray:
-    """Return which instants are held out: every fourth block of time."""
+    """Whether instants (T,) are held out: every fourth block of time."""
     share = (times - times[0]) / (times[-1] - times[0])
     blocks = np.minimum((share * HELD_OUT_BLOCKS).astype(int), HELD_OUT_BLOCKS - 1)
     return blocks % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
 
 
 def _least_squares(base: BaseParameters, rows: Rows) -> tuple[Array, Array, float]:
-    """Return base parameters, their standard deviations, and the noise of rows that were to have 1."""
+    """Return base parameters, their standard deviations, and the noise of rows assumed to have 1."""
     leading = base.combinations.leading
     sizes = base.described.sizes[leading]
     left, values, right = np.linalg.svd(rows.matrix[:, leading] * sizes, full_matrices=False)
@@ -244,7 +244,7 @@ def torque_error(
 ) -> Array:
     """Compute the error (n_a,) of motor torques by parameters (p,), root mean square over the measured ones.
 
-    Of instants at which the motors hold the robot well; NaN where there are none.
+    Only instants at which the motors hold the robot well count; NaN without any.
     """
     speeds = regressor.motors / robot.platform_scale[:, None] / robot.column_scale[robot.actuated]
     values = singular_values(speeds / robot.gear_ratio)
@@ -259,6 +259,6 @@ def torque_error(
     return np.sqrt(np.mean(error**2, axis=0)) / np.maximum(size, np.finfo(float).tiny)
 
 
-def _by_motor(robot: ParallelRobot, values: Array) -> dict[str, float | None]:
+def _name_by_motor(robot: ParallelRobot, values: Array) -> dict[str, float | None]:
     pairs = zip(robot.actuator_names, values.tolist(), strict=True)
     return {joint: value if np.isfinite(value) else None for joint, value in pairs}

@@ -1,9 +1,10 @@
-"""Parameters of bodies and motors that can exist, nearest to those of the file and true to what was measured.
+"""Physically possible parameters of bodies and motors, nearest to the file and to the data.
 
-What data determine is a quadratic form of all parameters; what they do not see keeps the file's values, by a
-prior. Every body's pseudo-inertia is positive semidefinite (Wensing, Kim and Slotine, IEEE Robotics and
-Automation Letters 3(1), 2018), rotor inertia, damping and friction are not negative: a semidefinite program.
-Links that are fixed to one another make one body: the prior shares out what is measured of it.
+The misfit to the data is a quadratic form of all parameters; a prior keeps parameters that they do not
+determine at the file's values. Every body's pseudo-inertia is positive semidefinite (Wensing, Kim and
+Slotine, IEEE Robotics and Automation Letters 3(1), 2018), rotor inertia, damping and friction are not
+negative: a semidefinite program. Links fixed to one another make one body, whose parameters the prior divides
+among them.
 """
 
 from __future__ import annotations
@@ -17,26 +18,25 @@ import pinocchio as pin
 
 from framework.arrays import Array
 from framework.dynamics.body_parameters import (
-    link_axes,
-    moved_parameters,
-    of_pseudo_inertia,
+    parameter_transform,
     pseudo_inertia,
 )
 from framework.errors import NotConverged
 from framework.identification.torque_parameters import LENGTH_POWERS, OF_MOTORS, TorqueParameters
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.tree_model import link_axes
 from framework.model.description import JointDynamics, RobotDescription
-from framework.model.urdf_writing import vector_text
+from framework.model.urdf_writing import inertial_element, remove_children
 from framework.model.xml_reading import attribute, child_element, origin_of
 from framework.motion.cone_program import Affine, LinearMatrix, Unsolved, semidefinite_least_squares
 
 MOMENTS = ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")  # in the order of pinocchio
-NO_ROTOR = 1e-9  # of the size of a motor's inertia: what a rotor that the file does not have may take
-ROUNDED_BODY = 1e-9  # of mass and second moments: what rounding may leave negative
+NO_ROTOR = 1e-9  # of the size of a motor's inertia: spread of a rotor that the file does not have
+ROUNDED_BODY = 1e-9  # of mass and second moments: negative parts that rounding may leave
 
 
 class LinkParameters(NamedTuple):
-    """The parameters of single links, (10,) each on its own axes, and of motors: u of them."""
+    """The u parameters of single links, (10,) each on its own axes, and of motors."""
 
     links: tuple[str, ...]  # with mass in the file
     values: Array  # (u,) ten of each link, then three of each motor
@@ -45,30 +45,27 @@ class LinkParameters(NamedTuple):
 
 
 def link_parameters_of(robot: ParallelRobot, parameters: TorqueParameters) -> LinkParameters:
-    """Return the parameters of all links with mass; those of a body are fixed to one another and add up."""
+    """Return the parameters of all links with mass and of the motors."""
     urdf = ElementTree.fromstring(robot.description.urdf_text)
     own = {link.get("name", ""): inertial_parameters(link) for link in urdf.findall("link")}
-    links, values, spread, blocks = [], [], [], []
+    links, blocks = [], []
     for i, j in enumerate(map(int, parameters.bodies)):
         for frame in robot.model.frames:
             is_link = frame.parentJoint == j and frame.type == pin.FrameType.BODY
-            if not is_link or own.get(frame.name, np.zeros(1))[0] <= 0.0:
-                continue
-            block = np.zeros((len(parameters.names), 10))
-            place = link_axes(robot.model, j).inverse() * frame.placement
-            block[10 * i : 10 * i + 10] = moved_parameters(place)
-            links.append(str(frame.name))
-            values.append(own[frame.name])
-            spread.append(_body_sizes(own[frame.name]))
-            blocks.append(block)
+            if is_link and own.get(frame.name, np.zeros(1))[0] > 0.0:
+                block = np.zeros((len(parameters.names), 10))
+                place = link_axes(robot.model, j).inverse() * frame.placement
+                block[10 * i : 10 * i + 10] = parameter_transform(place)
+                links.append(str(frame.name))
+                blocks.append(block)
     motors = slice(10 * len(parameters.bodies), None)
-    sizes = parameters.sizes[motors].copy()
-    rotors = parameters.values[motors][:: len(OF_MOTORS)]
-    sizes[:: len(OF_MOTORS)] = np.maximum(rotors, NO_ROTOR * sizes[:: len(OF_MOTORS)])
+    spread = parameters.sizes[motors].copy()
+    rotors = slice(None, None, len(OF_MOTORS))
+    spread[rotors] = np.maximum(parameters.values[motors][rotors], NO_ROTOR * spread[rotors])
     return LinkParameters(
         links=tuple(links),
-        values=np.concatenate([*values, parameters.values[motors]]),
-        spread=np.concatenate([*spread, sizes]),
+        values=np.concatenate([*(own[link] for link in links), parameters.values[motors]]),
+        spread=np.concatenate([*(_body_sizes(own[link]) for link in links), spread]),
         to_parameters=np.concatenate([*blocks, np.eye(len(parameters.names))[:, motors]], axis=1),
     )
 
@@ -90,18 +87,18 @@ def inertial_parameters(link: ElementTree.Element) -> Array:
     inertia = child_element(inertial, where, "inertia")
     entries = [float(attribute(inertia, where, key)) for key in MOMENTS]
     place = origin_of(inertial.find("origin"), where)
-    return moved_parameters(pin.SE3(place)) @ np.array([float(mass), 0.0, 0.0, 0.0, *entries])
+    return parameter_transform(pin.SE3(place)) @ np.array([float(mass), 0.0, 0.0, 0.0, *entries])
 
 
 def possible_parameters(
     robot: ParallelRobot, links: LinkParameters, information: Array, residual: Array, prior: float
 ) -> Array:
-    """Compute the parameters (u,) of links and motors that data want, nearest to the file's and possible.
+    """Compute possible parameters (u,) of links and motors, nearest to the data and the file.
 
     They minimise |A (theta - theta_file) - r|^2 and their distance from the file's.
 
     Args:
-        information: A' A (p, p) of rows whose noise is of unit size; residual: A' r (p,).
+        information: A' A (p, p) of rows of unit noise; residual: A' r (p,).
         prior: standard deviation of the file's values, as a share of each link's own size.
 
     Raises:
@@ -109,17 +106,12 @@ def possible_parameters(
     """
     spread = prior * links.spread
     along = links.to_parameters * spread
-    # in unknowns whose distances are those of the quadratic form
+    # unknowns in which the quadratic form is a distance
     squares, axes = np.linalg.eigh(along.T @ information @ along + np.eye(len(spread)))
     change = spread[:, None] * axes / np.sqrt(squares)  # of the parameters along the unknowns
-    best = links.values + change @ (axes.T @ (along.T @ residual) / np.sqrt(squares))  # whatever can be
-    matrices = []
-    for i in range(len(links.links)):
-        body = slice(10 * i, 10 * i + 10)
-        balance = _balance(links.values[body])
-        slopes = np.moveaxis(balance @ pseudo_inertia(change[body].T) @ balance, 0, 2)
-        offset = balance @ pseudo_inertia(best[body]) @ balance
-        matrices.append(LinearMatrix(slopes, offset + ROUNDED_BODY * np.eye(4)))
+    best = links.values + change @ (axes.T @ (along.T @ residual) / np.sqrt(squares))  # possible or not
+    bodies = [slice(10 * i, 10 * i + 10) for i in range(len(links.links))]
+    matrices = [_inertia_cone(links.values[body], change[body], best[body]) for body in bodies]
     motors = slice(10 * len(links.links), None)
     positive = Affine(change[motors] / spread[motors, None], best[motors] / spread[motors])
     solution = semidefinite_least_squares(matrices, positive)
@@ -133,6 +125,14 @@ def possible_parameters(
     return values
 
 
+def _inertia_cone(file: Array, change: Array, best: Array) -> LinearMatrix:
+    """Return a body's pseudo-inertia, linear in u unknowns by changes (10, u) of its parameters."""
+    balance = _balance(file)
+    slopes = np.moveaxis(balance @ pseudo_inertia(change.T) @ balance, 0, 2)
+    offset = balance @ pseudo_inertia(best) @ balance
+    return LinearMatrix(slopes, offset + ROUNDED_BODY * np.eye(4))
+
+
 def _balance(parameters: Array) -> Array:
     """Return the diagonal matrix (4, 4) that makes mass and the largest second moment of mass 1."""
     diagonal = np.diag(pseudo_inertia(parameters))
@@ -141,7 +141,7 @@ def _balance(parameters: Array) -> Array:
 
 
 def with_masses_and_motors(robot: ParallelRobot, links: LinkParameters, values: Array) -> RobotDescription:
-    """Return the robot's description with these parameters (u,) of links and motors, its URDF rewritten."""
+    """Return the robot's description with parameters (u,) of links and motors, its URDF rewritten."""
     description = robot.description
     urdf = ElementTree.fromstring(description.urdf_text)
     elements = {link.get("name", ""): link for link in urdf.findall("link")}
@@ -166,16 +166,6 @@ def with_masses_and_motors(robot: ParallelRobot, links: LinkParameters, values: 
 def _write_inertial(link: ElementTree.Element, parameters: Array) -> None:
     """Write the ten parameters of a link about its origin into its <inertial>, about the centre of mass."""
     mass, centre = float(parameters[0]), parameters[1:4] / parameters[0]
-    matrix = pseudo_inertia(parameters)
-    matrix[:3, :3] -= mass * np.outer(centre, centre)
-    matrix[:3, 3] = matrix[3, :3] = 0.0
-    central = of_pseudo_inertia(matrix)
-    old = link.find("inertial")
-    if old is not None:
-        link.remove(old)
-    inertial = ElementTree.Element("inertial")
-    ElementTree.SubElement(inertial, "origin", xyz=vector_text(centre), rpy="0 0 0")
-    ElementTree.SubElement(inertial, "mass", value=repr(mass))
-    entries = {key: repr(float(value)) for key, value in zip(MOMENTS, central[4:], strict=True)}
-    ElementTree.SubElement(inertial, "inertia", entries)
-    link.insert(0, inertial)
+    moments = pseudo_inertia(parameters)[:3, :3] - mass * np.outer(centre, centre)
+    remove_children(link, "inertial")
+    link.insert(0, inertial_element(mass, centre, np.trace(moments) * np.eye(3) - moments))

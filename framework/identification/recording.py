@@ -1,7 +1,7 @@
 """Recorded motions: CSV files with the columns of motion.csv, read strictly.
 
-Used are time, motor_angle_JOINT and torque_JOINT (motor side of the gear), platform_AXIS, and joint_NAME of
-joints with a sensor but no motor; SI units and radians. Other columns are passed over.
+Columns are time, motor_angle_JOINT and torque_JOINT (motor side of the gear), platform_AXIS, and joint_NAME
+of joints with a sensor but no motor; SI units and radians. Other columns are ignored.
 """
 
 from __future__ import annotations
@@ -45,18 +45,18 @@ class Recording(ReadOnlyArrays):
         """Return the columns PREFIX_ENDING, (T, k).
 
         Raises:
-            InvalidInput: one of them is missing.
+            InvalidInput: a column is missing.
         """
-        wanted = [f"{prefix}_{ending}" for ending in endings]
-        missing = [name for name in wanted if name not in self.names]
+        names = [f"{prefix}_{ending}" for ending in endings]
+        missing = [name for name in names if name not in self.names]
         if missing:
             raise InvalidInput(
                 f"{self.source}: no column {', '.join(missing)}; it has {', '.join(self.names) or 'none'}"
             )
-        return self.values[:, [self.names.index(name) for name in wanted]]
+        return self.values[:, [self.names.index(name) for name in names]]
 
     def has(self, prefix: str, endings: Sequence[str]) -> bool:
-        """Whether all columns PREFIX_ENDING are there."""
+        """Whether the recording has all columns PREFIX_ENDING."""
         return all(f"{prefix}_{ending}" in self.names for ending in endings)
 
     def as_csv(self) -> str:
@@ -84,12 +84,12 @@ def known_columns(robot: ParallelRobot) -> tuple[str, ...]:
 
 
 def read_recording(robot: ParallelRobot, file: str | Path) -> Recording:
-    """Read what was recorded of a robot from a CSV file, columns that are not known left out.
+    """Read a recording of a robot from a CSV file, without unknown columns.
 
     Raises:
-        InvalidInput: no such file; a row without as many cells as there are columns, or a cell that is no
-            finite number, with its row and column; a column twice; no column of this robot; motor angles in
-            degrees.
+        InvalidInput: no such file; a row with another number of cells than columns, or a cell that is no
+        finite
+            number, with its row and column; a column twice; no column of this robot; motor angles in degrees.
     """
     text = read_text(file, f"{file}", largest=LARGEST_RECORDING)
     reader = csv.reader(io.StringIO(text))
@@ -137,11 +137,7 @@ def recording_of(robot: ParallelRobot, data: Recording | str | Path) -> Recordin
 
 
 def check_recording(robot: ParallelRobot, recording: Recording) -> None:
-    """Refuse time that does not advance, and motor angles in degrees.
-
-    Raises:
-        InvalidInput: so it is.
-    """
+    """Raise InvalidInput for time that does not advance, and for motor angles in degrees."""
     if "time" in recording.names:
         back = np.flatnonzero(np.diff(recording.column("time")) <= 0.0)
         if len(back):
@@ -154,23 +150,23 @@ def check_recording(robot: ParallelRobot, recording: Recording) -> None:
     ]
     joints = [robot.actuator_names[k] for k in turning]
     angles = recording.columns("motor_angle", joints) / robot.gear_ratio[turning]
-    if turning and _in_degrees(angles, start[turning]):
+    if turning and _is_in_degrees(angles, start[turning]):
         raise InvalidInput(
             f"{recording.source}: motor_angle_{joints[0]} is in degrees, to judge by the robot's reference; "
             f"radians are needed, on the motor side of the gear"
         )
 
 
-def _in_degrees(angles: Array, start: Array) -> bool:
-    """Whether angles (T, k) are near their reference (k,) when they are converted, and not as they are.
+def _is_in_degrees(angles: Array, start: Array) -> bool:
+    """Whether angles (T, k) are near their reference (k,) only after conversion from degrees.
 
-    Whole turns count as no distance, once a sample is farther away than half a turn.
+    Whole turns do not count as distance, once a sample is farther away than half a turn.
     """
-    away, converted = angles[0] - start, np.radians(angles) - start
-    beside_turns = np.abs(away - whole_turns(away)).max()
+    distance, converted = angles[0] - start, np.radians(angles) - start
+    without_turns = np.abs(distance - whole_turns(distance)).max()
     return bool(
-        np.abs(away).max() > np.pi
-        and np.abs(converted[0]).max() < beside_turns
+        np.abs(distance).max() > np.pi
+        and np.abs(converted[0]).max() < without_turns
         and np.abs(converted).max() <= np.pi
     )
 

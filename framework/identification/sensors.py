@@ -1,4 +1,4 @@
-"""What sensors record of a simulated motion: motor angles, torques and the platform, with noise and steps."""
+"""Sensors of a simulated motion: motor angles, torques and the platform, with noise and steps."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def record_sensors(
     """Sample a simulated motion as sensors do.
 
     Args:
-        torque: motor torques (T, n_a), motor side, at t (T,): what drove it, such as `plan.torque`.
+        torque: motor torques (T, n_a) of the motion, motor side, at t (T,), such as `plan.torque`.
 
     Raises:
         InvalidInput: more than ten million samples.
@@ -63,21 +63,22 @@ def record_sensors(
     slides = np.array([unit == "N" for unit in robot.torque_units])
     steps = np.where(slides, sensors.slide_step, sensors.angle_step)
     largest = np.abs(torques).max(axis=0)
-    x = simulation.platform(times)
-
-    def measured(values: Array, noise: Array | float, step: Array | float) -> Array:
-        noisy = values + noise * random.standard_normal(values.shape)
-        size = np.broadcast_to(step, values.shape)
-        return np.where(size > 0, np.round(noisy / np.where(size > 0, size, 1.0)) * size, noisy)
-
+    platform_noise = sensors.platform_noise * robot.platform_scale / robot.length
     columns = [
         times[:, None],
-        measured(angles, sensors.angle_noise, steps),
-        measured(torques, sensors.torque_noise * largest, sensors.torque_step * largest),
-        measured(x, sensors.platform_noise * robot.platform_scale / robot.length, 0.0),
+        _measure(random, angles, sensors.angle_noise, steps),
+        _measure(random, torques, sensors.torque_noise * largest, sensors.torque_step * largest),
+        _measure(random, simulation.platform(times), platform_noise, 0.0),
     ]
     values = np.concatenate(columns, axis=1)
     return Recording(f"sensors of {robot.name}", known_columns(robot)[: values.shape[1]], values)
+
+
+def _measure(random: np.random.Generator, values: Array, noise: Array | float, step: Array | float) -> Array:
+    """Add noise of a standard deviation to values (T, k), then round to steps; 0 for none."""
+    noisy = values + noise * random.standard_normal(values.shape)
+    size = np.broadcast_to(step, values.shape)
+    return np.where(size > 0, np.round(noisy / np.where(size > 0, size, 1.0)) * size, noisy)
 
 
 def sensors_of(words: dict[str, float]) -> Sensors:

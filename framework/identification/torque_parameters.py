@@ -7,8 +7,9 @@ By virtual work along the platform's twists, with N = dq/dv the joint rates for 
 Y the joint torque regressor of the open tree and S the motors' joints: W = G' tau of `platform_wrench`, which
 is regular at Type 2 singularities too and holds with redundant motors.
 
-Parameters: of each body that moves the ten (m, m c, I about the origin of its joint) on the axes of its link,
-of each motor the rotor inertia on its own side of the gear, viscous and dry friction on the joint's.
+Parameters of each moving body are the ten (m, m c, I about the origin of its joint) on the axes of its link;
+those of each motor the rotor inertia on the motor side, viscous and dry friction on the joint side of the
+gear.
 """
 
 from __future__ import annotations
@@ -30,10 +31,10 @@ OF_MOTORS = ("rotor_inertia", "damping", "friction")
 
 
 class TorqueParameters(NamedTuple):
-    """The parameters of a robot's bodies and motors: p of them, those of bodies first."""
+    """The p parameters of a robot's bodies and motors, bodies first."""
 
-    bodies: IntArray  # (b,) joints of pinocchio that carry them
-    links: tuple[str, ...]  # (b,) the links that they are named by
+    bodies: IntArray  # (b,) joints of pinocchio that carry the bodies
+    links: tuple[str, ...]  # (b,) names of the bodies
     names: tuple[str, ...]  # (p,)
     values: Array  # (p,) of the file, SI units
     sizes: Array  # (p,) typical of a body of this robot [kg, kg m, kg m^2] and of a motor
@@ -53,31 +54,34 @@ def torque_parameters(robot: ParallelRobot, *, massless: bool = False) -> Torque
             f"{robot.name}, {robot.flexibility}: parameters are of the rigid robot; load it with "
             f"flexibility='rigid'"
         )
-    model = robot.model
+    model, columns = robot.model, robot.actuated
     bodies = [j for j in range(1, model.njoints) if massless or model.inertias[j].mass > 0]
-    links = [link_of(model, j) for j in bodies]
-    names = [f"{link}.{name}" for link in links for name in INERTIAL]
-    names += [f"{joint}.{name}" for joint in robot.actuator_names for name in OF_MOTORS]
-    values = [link_parameters(model, j) for j in bodies]
-    columns, gears = robot.actuated, robot.gear_ratio
-    of_motors = [robot.rotor_inertia, robot.joint_damping[columns], robot.joint_friction[columns]]
-    length, mass = robot.length, robot.mass or 1.0
-    sizes = np.tile(mass * length**LENGTH_POWERS, len(bodies))
-    arm = robot.column_scale[columns]  # 1 of a hinge, whose inertia is mass length^2
-    inertia = mass * (length / arm) ** 2
-    rate = np.sqrt(gravity_of(robot) / length)
-    motor_sizes = [inertia / gears**2, inertia * rate, inertia * rate**2]
+    links = tuple(link_of(model, j) for j in bodies)
+    names = (
+        *(f"{link}.{name}" for link in links for name in INERTIAL),
+        *(f"{joint}.{name}" for joint in robot.actuator_names for name in OF_MOTORS),
+    )
+    motors = [robot.rotor_inertia, robot.joint_damping[columns], robot.joint_friction[columns]]
+    body_sizes = np.tile((robot.mass or 1.0) * robot.length**LENGTH_POWERS, len(bodies))
     return TorqueParameters(
         bodies=np.array(bodies, dtype=np.intp),
-        links=tuple(links),
-        names=tuple(names),
-        values=np.concatenate([*values, np.stack(of_motors, axis=1).ravel()]),
-        sizes=np.concatenate([sizes, np.stack(motor_sizes, axis=1).ravel()]),
+        links=links,
+        names=names,
+        values=np.concatenate([*(link_parameters(model, j) for j in bodies), np.stack(motors, 1).ravel()]),
+        sizes=np.concatenate([body_sizes, _motor_sizes(robot).ravel()]),
     )
 
 
+def _motor_sizes(robot: ParallelRobot) -> Array:
+    """Return typical sizes (n_a, 3) of rotor inertia, viscous and dry friction."""
+    arm = robot.column_scale[robot.actuated]  # 1 of a hinge, whose inertia is mass length^2
+    inertia = (robot.mass or 1.0) * (robot.length / arm) ** 2
+    rate = np.sqrt(gravity_of(robot) / robot.length)
+    return np.stack([inertia / robot.gear_ratio**2, inertia * rate, inertia * rate**2], axis=1)
+
+
 def gravity_of(robot: ParallelRobot) -> float:
-    """Return the size of gravity, 1 m/s^2 where there is none: with the length it is a scale of time."""
+    """Return the size of gravity, or 1 m/s^2; with the length a scale of time."""
     return float(np.linalg.norm(robot.model.gravity.linear)) or 1.0
 
 

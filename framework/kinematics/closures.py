@@ -5,9 +5,12 @@ that carries one of them is the derivative along that joint (Ball's reciprocal p
 (`Mechanism.rows`) serves every kind of joint: a kind is data, not code. A joint that carries both bodies or
 neither has no entry.
 
-An equation that locks no axis, as `distance`, is a flag of `LoopRows` (model/loop_rows) with its value, its
-derivative and its drift here, and its curvature in loop_curvature. The proofs
-know it by a term of proofs/equation_terms with bounds in proofs/derivative_bounds.
+Every equation is a product of two vectors that are linear in the axes and origins of frames (`row_factors`).
+Residual, Jacobian, curvature (`loop_curvature`) and exact derivatives (`frame_variations`) follow from these.
+
+A row that locks no axis, as `distance`, is a flag of `LoopRows` with its factors (model/loop_rows), a key
+(model/robot_keys), its vectors and `closure_drift` (this module), and for proofs a term
+(proofs/equation_terms) with bounds (proofs/derivative_bounds, proofs/leg_paving).
 
 This module also has the directions that closures keep alike. They tell a closed loop from one turned over.
 

@@ -44,9 +44,9 @@ class FrameStack(NamedTuple):
     @property
     def slopes(self) -> Array:
         """Derivatives of axes and origins along the joints, (T, F, 4, nv, 3)."""
-        jacobian = self.jacobian.swapaxes(2, 3)
-        slopes = cross(jacobian[:, :, None, :, 3:], self.placements[..., None, :])
-        slopes[:, :, 3] = jacobian[..., :3]
+        twists = self.screws[:, None] * self.carried[..., None]  # (T, F, nv, 6)
+        slopes = cross(twists[:, :, None, :, 3:], self.placements[..., None, :])
+        slopes[:, :, 3] += twists[..., :3]
         return slopes
 
     @property

@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from framework.arrays import Array, IntArray
-from framework.errors import InvalidInput, NotAssembled, point
+from framework.errors import InvalidInput, NotAssembled
 from framework.kinematics.frames import (
     difference,
     difference_rates,
@@ -75,7 +75,7 @@ def close_loops(
     worst = int(np.argmax(left))
     residual = float(np.abs(linearised.residual[worst]).max())
     raise NotAssembled(
-        f"{robot.name}: the loops do not close at {', '.join(robot.axis_names)} = {point(x[worst])}: "
+        f"{robot.name}: the loops do not close at {robot.place(x[worst])}: "
         f"{residual:.3g} m or rad left after {MAX_ITERATIONS} iterations",
         q=q[worst],
         residual=residual,

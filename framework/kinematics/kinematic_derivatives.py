@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from framework.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
-from framework.errors import SingularPose, point
+from framework.errors import SingularPose
 from framework.kinematics.assembly import Configuration
 from framework.kinematics.continuation.forward_kinematics import check_motors_are_free
 from framework.kinematics.frame_variations import bracket, tree_columns
@@ -72,7 +72,7 @@ def kinematic_derivatives(robot: ParallelRobot, q: ArrayLike | Configuration) ->
     linearised, n_e = closed.linearised, robot.n_e
     if len(find_near_type2(robot, linearised, RANK_LOST)):
         raise SingularPose(
-            f"{robot.name}: at {', '.join(robot.axis_names)} = {point(closed.x[0])} the motors do not hold "
+            f"{robot.name}: at {robot.place(closed.x[0])} the motors do not hold "
             f"the robot (Type 2), and the pose has no derivative along them",
             platform=closed.x[0],
         )

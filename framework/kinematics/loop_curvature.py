@@ -12,6 +12,9 @@ second derivative is a_i . b_j + a_j . b_i, plus the sum of omega_i x c_j . g ov
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import lru_cache
+
 import numpy as np
 
 from framework.arrays import Array, IntArray
@@ -28,11 +31,11 @@ def loop_curvature(mechanism: Mechanism, rows: LoopRows, frames: FrameStack, mul
     slopes = frames.slopes  # (T, F, 4, nv, 3)
     count, size, _, nv, _ = slopes.shape
     load = (rows.weight * multipliers)[..., None]  # (T, m, 1)
-    da, db = row_factors(rows, slopes.reshape(count, size, 4, 3 * nv))  # (T, m, 3 nv)
-    mixed = _products((load * da).reshape(count, -1, nv, 3), db.reshape(count, -1, nv, 3))
+    mixed = _products(*_factor_slopes(rows, slopes, load))
 
-    used, gradient = _gradients(rows, frames, load)
-    turns = frames.jacobian[:, used // 4, 3:].swapaxes(2, 3)  # (T, used, nv, 3)
+    used, *shares = _used_vectors(rows, size)
+    gradient = _gradients(rows, frames, load, shares)
+    turns = frames.screws[:, None, :, 3:] * frames.carried[used // 4, :, None]  # (T, used, nv, 3)
     upper = _products(cross(gradient[:, :, None], turns), slopes.reshape(count, 4 * size, nv, 3)[:, used])
     before = tree_columns(mechanism).before
     strictly = before & ~before.T  # not two columns of one ball, whose order matters
@@ -40,14 +43,26 @@ def loop_curvature(mechanism: Mechanism, rows: LoopRows, frames: FrameStack, mul
     return np.asarray(mixed + mixed.swapaxes(1, 2) + second, dtype=float)
 
 
-def _gradients(rows: LoopRows, frames: FrameStack, load: Array) -> tuple[IntArray, Array]:
-    """Compute sums g (T, k, 3) of load d(a . b)/dc over rows, with the k indices of axes and origins c."""
-    a, b = row_factors(rows, frames.placements)  # (T, m, 3)
-    size = frames.placements.shape[1]
-    in_a, in_b = row_factors(rows, np.eye(4 * size).reshape(size, 4, 4 * size))  # (m, 4 F): a, b as sums of c
+def _factor_slopes(rows: LoopRows, slopes: Array, load: Array) -> list[Array]:
+    """Return the derivatives (T, m, nv, 3) of load a and of b along the joints."""
+    count, size, _, nv, _ = slopes.shape
+    da, db = row_factors(rows, slopes.reshape(count, size, 4, 3 * nv))
+    return [part.reshape(count, -1, nv, 3) for part in (load * da, db)]
+
+
+@lru_cache(maxsize=64)
+def _used_vectors(rows: LoopRows, size: int) -> tuple[IntArray, Array, Array]:
+    """Return the k axes and origins c in a or b, and their shares (m, k) in each."""
+    in_a, in_b = row_factors(rows, np.eye(4 * size).reshape(size, 4, 4 * size))
     used = np.flatnonzero(np.any([in_a, in_b], axis=(0, 1)))
-    from_a = np.einsum("mc,tmx->tcx", in_a[:, used], load * b)
-    return used, from_a + np.einsum("mc,tmx->tcx", in_b[:, used], load * a)
+    return used, in_a[:, used], in_b[:, used]
+
+
+def _gradients(rows: LoopRows, frames: FrameStack, load: Array, shares: Sequence[Array]) -> Array:
+    """Compute sums g (T, k, 3) of load d(a . b)/dc over rows, from shares (m, k) of c."""
+    a, b = row_factors(rows, frames.placements)  # (T, m, 3)
+    from_a = np.einsum("mc,tmx->tcx", shares[0], load * b)
+    return from_a + np.einsum("mc,tmx->tcx", shares[1], load * a)
 
 
 def _products(a: Array, b: Array) -> Array:

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import chain
+from operator import attrgetter
 from pathlib import Path
 from typing import Self
 
@@ -32,7 +33,7 @@ from framework.model.description import Coupling, JointDynamics, ParsedRobot, Ro
 from framework.model.documents import naming, parse_xml
 from framework.model.loop_rows import CoupledJoints, LockedDirections, LoopRows, locked_directions, loop_rows
 from framework.model.readers.recognise import parse_any
-from framework.model.spring_joints import count_turns, insert_springs
+from framework.model.spring_joints import insert_springs, make_continuous_joints_revolute
 from framework.model.urdf_elements import SEVERAL, coordinates_of
 
 MAX_JOINTS = 250  # a `pin.Data` for them takes 0.5 GB
@@ -215,11 +216,11 @@ def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
     springs = description.active_springs(flexibility)
     model = _sprung_model(parsed, springs)
     model.gravity.linear = np.array(description.gravity)
-    joints = description.joints.items()
 
     def acting(key: str) -> Array:
         """Return one parameter of the joints' springs, damping and friction, (nv,)."""
-        return _joint_vector(model, {name: getattr(joint, key) for name, joint in joints})
+        names, joints = description.joints.keys(), description.joints.values()
+        return _joint_vector(model, dict(zip(names, map(attrgetter(key), joints), strict=True)))
 
     model.armature[:] = acting("armature")
     elastic_names = tuple(chain.from_iterable(spring.coordinates for spring in springs))
@@ -254,7 +255,7 @@ def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
 def _sprung_model(parsed: ParsedRobot, springs: Sequence[Spring]) -> pin.Model:
     """Return pinocchio's model of a robot's tree with a joint for each spring."""
     file, moving = parsed.description.file, bare_urdf(parsed.urdf)
-    count_turns(moving)
+    make_continuous_joints_revolute(moving)
     insert_springs(moving, springs)
     try:
         model = tree_model(moving, _balls_by_axes(parsed.urdf, parsed.description))

@@ -86,7 +86,7 @@ def motion_changes(robot: ParallelRobot, motion: Motion, steps: MotionSteps) -> 
 def solve_rates(
     robot: ParallelRobot, linearised: LinearisedLoops, right: Array, columns: IntArray, prescribed: Array
 ) -> Array:
-    """Solve (dF/dq) rates = right (T, k, n + m) for joint rates (T, k, nv), some prescribed (T, k, c).
+    """Solve (dF/dq) rates = right (T, k, n + m) for rates (T, k, nv), some prescribed (T, k, c).
 
     Raises:
         NotAssembled: the platform does not determine the joints (Type 1).

@@ -23,9 +23,8 @@ class SinglePose:
     def __init__(self, robot: ParallelRobot) -> None:
         rows, scratch = robot.rows, Scratch.of(robot.model, robot.frames)
         self.robot, self.scratch, m = robot, scratch, len(rows.names)
-        self._placed = np.empty((len(scratch.frames), 12))  # axes and origin of each frame
+        self._placed = np.empty((len(scratch.frames), 4, 3))  # axes and origin of each frame
         self._turning, self._length = rows.rotation[:, None], rows.length[:, None]
-
         self._signs = scratch.carried[rows.second] - scratch.carried[rows.first]
         self._coupled = rows.coupling_jacobian(robot.model.nv)
         self._wrench = np.empty((m, 6))
@@ -61,8 +60,8 @@ class SinglePose:
         """Return the second time derivative (rows,) of the equations at the last `move`."""
         scratch, rows = self.scratch, self.robot.rows
         motions = np.array([scratch.velocities, scratch.accelerations]).take(scratch.bodies, axis=1)
-        rates = np.empty((3, len(self._placed), 4, 3))  # of axes and origins: values and two derivatives
-        rates[0] = self._placed.reshape(-1, 4, 3)
+        rates = np.empty((3, *self._placed.shape))  # of axes and origins: values and two derivatives
+        rates[0] = self._placed
         rates[1:] = move_frames(motions, rates[0])
         rates[2] += turn_vectors(motions[0], rates[1])
         a, b = row_factors(rows, rates)
@@ -70,8 +69,7 @@ class SinglePose:
 
     def frame_stack(self, q: Array) -> FrameStack:
         """Return the frames of the last `place` or `move` at q (nq,), as a stack of one."""
-        frames, scratch = self._placed.reshape(1, -1, 4, 3), self.scratch
-        return FrameStack(frames, scratch.columns[None], scratch.carried, q[None])
+        return FrameStack(self._placed[None], self.scratch.columns[None], self.scratch.carried, q[None])
 
     def platform_twist(self) -> tuple[Array, Array]:
         """Return velocity and angular velocity (3,) of the platform's frame at the last `move`."""
@@ -81,14 +79,14 @@ class SinglePose:
     @property
     def platform_origin(self) -> Array:
         """The origin (3,) of the platform's frame at the last `place` or `move`."""
-        return self._placed[0, 9:]
+        return self._placed[0, 3]
 
     def _measure(self, q: Array) -> tuple[Array, Array]:
         """Gather the vectors of the frames, compute the residual, and return both factors (rows, 3)."""
         scratch, rows = self.scratch, self.robot.rows
         scratch.update()
-        scratch.placements.take(scratch.frames, axis=0, out=self._placed)
-        a, b = row_factors(rows, self._placed.reshape(-1, 4, 3))
+        scratch.placements.reshape(-1, 4, 3).take(scratch.frames, axis=0, out=self._placed)
+        a, b = row_factors(rows, self._placed)
         np.einsum("ij,ij->i", a, b, out=self.residual)
         if not rows.only_translations:
             self.residual *= rows.weight

@@ -143,11 +143,16 @@ def named_axes(model: pin.Model) -> Array:
     for j in range(1, model.njoints):
         if is_ball(model.joints[j]):
             columns = slice(model.joints[j].idx_v, model.joints[j].idx_v + 3)
-            name = str(model.names[j])
-            if model.existFrame(name, pin.FrameType.JOINT):
-                frame = model.frames[model.getFrameId(name, pin.FrameType.JOINT)]
-                axes[columns, columns] = frame.placement.rotation.T
+            axes[columns, columns] = link_axes(model, j).rotation.T
     return axes
+
+
+def link_axes(model: pin.Model, j: int) -> pin.SE3:
+    """Return the placement of the link's axes on joint j: the identity except for balls."""
+    name = str(model.names[j])
+    if model.existFrame(name, pin.FrameType.JOINT):
+        return model.frames[model.getFrameId(name, pin.FrameType.JOINT)].placement
+    return pin.SE3.Identity()
 
 
 class JointLimit(NamedTuple):

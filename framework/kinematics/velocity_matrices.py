@@ -19,7 +19,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 
 
 class VelocityMatrices(NamedTuple):
-    """Matrices of A v = B dq_a + C dq_e, v the platform's twist on its axes, q_a on the joint side."""
+    """Matrices of A v = B dq_a + C dq_e, v on the platform's axes, q_a on the joint side."""
 
     A: Array  # (m, n)
     B: Array  # (m, n_a)

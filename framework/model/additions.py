@@ -1,5 +1,4 @@
-"""What a robot file changes in a URDF of somebody else: frames and bodies on its links, joints that are
-locked, and a root that is free to move.
+"""Changes of a foreign URDF by a robot file: frames and bodies on links, locked joints, a free root.
 
 All are written into the URDF, so that everything downstream sees one tree of one-degree joints.
 """
@@ -16,14 +15,22 @@ import numpy as np
 from framework.errors import check_name
 from framework.model.placement import about, placement
 from framework.model.urdf_elements import MOVING, SEVERAL, Joint, read_tree
-from framework.model.urdf_writing import AXIS, joint_element, origin_element, remove_children, vector_text
+from framework.model.urdf_writing import (
+    AXIS,
+    inertial_element,
+    joint_element,
+    origin_element,
+    remove_children,
+    vector_text,
+    visual_element,
+)
 
 GROUND = "ground"
 ROOT_JOINTS = ("root_x", "root_y", "root_z", "root_rz", "root_ry", "root_rx")
 
 
 class AddedFrame(NamedTuple):
-    """A frame fixed to the link `parent` at `xyz` [m] and `rpy` [rad], and the body that it may carry.
+    """A frame fixed to the link `parent` at `xyz` [m] and `rpy` [rad], with or without a body.
 
     `mass` [kg] has its centre at the frame's origin and `inertia` [kg m^2] about its axes.
     """
@@ -46,21 +53,17 @@ def add_frames(root: ElementTree.Element, frames: Sequence[AddedFrame]) -> None:
         place = ElementTree.Element("origin", xyz=vector_text(frame.xyz), rpy=vector_text(frame.rpy))
         root.append(joint_element(f"{frame.name}_mount", "fixed", frame.parent, frame.name, origin=place))
         if frame.mass:
-            inertial = ElementTree.SubElement(link, "inertial")
-            ElementTree.SubElement(inertial, "mass", value=repr(frame.mass))
-            ixx, iyy, izz = map(repr, frame.inertia)
-            ElementTree.SubElement(inertial, "inertia", ixx=ixx, iyy=iyy, izz=izz, ixy="0", ixz="0", iyz="0")
+            link.append(inertial_element(frame.mass, np.zeros(3), np.diag(frame.inertia)))
             _add_box(link, frame)
 
 
 def _add_box(link: ElementTree.Element, frame: AddedFrame) -> None:
-    """Add a box with edges a_x^2 = 6 (I_yy + I_zz - I_xx) / m and so on, if all three are given."""
+    """Add a box with edges a_x^2 = 6 (I_yy + I_zz - I_xx) / m and so on, if all are positive."""
     squares = 6.0 / frame.mass * (sum(frame.inertia) - 2.0 * np.array(frame.inertia))
     if squares.min() <= 0.0:
         return
-    visual = ElementTree.SubElement(link, "visual")
-    size = vector_text(np.sqrt(squares).tolist())
-    ElementTree.SubElement(ElementTree.SubElement(visual, "geometry"), "box", size=size)
+    visual = visual_element("box", {"size": vector_text(np.sqrt(squares))}, np.eye(4))
+    link.append(visual)
     material = ElementTree.SubElement(visual, "material", name=f"{frame.name}_colour")
     ElementTree.SubElement(material, "color", rgba="0.93 0.72 0.13 1")  # of platforms in the catalogue
 

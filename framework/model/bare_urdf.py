@@ -1,7 +1,7 @@
-"""The part of a URDF that moves: what pinocchio gets to parse.
+"""The part of a URDF that moves, as input of pinocchio's parser.
 
-Its parser prints to the console whatever it finds wrong in visuals and collisions, which kinematics and
-dynamics do not need, and reads numbers by rules of its own. So it is given links with their inertia and
+The parser prints errors in visuals and collisions to the console, which kinematics and
+dynamics do not need, and reads numbers by rules of its own. Its input has links with their inertia and
 joints with their origin, axis and limit, and each number as Python has read it.
 """
 
@@ -20,7 +20,7 @@ _MOVING = {**_ORIGIN, "axis": ("xyz",), "limit": ("lower", "upper", "effort", "v
 
 
 def bare_urdf(root: ElementTree.Element) -> ElementTree.Element:
-    """Return a copy of the URDF without shapes, materials and what else does not move.
+    """Return a copy of the URDF without shapes, materials and other parts that do not move.
 
     The URDF must be one that `check_urdf` or `UrdfTree` has checked.
     """
@@ -43,7 +43,7 @@ def bare_urdf(root: ElementTree.Element) -> ElementTree.Element:
 def _copy(
     source: ElementTree.Element, target: ElementTree.Element, tables: Mapping[str, Sequence[str]]
 ) -> None:
-    """Copy the children with these tags that are there, with these attributes."""
+    """Copy existing children and numbers of their attributes, by tag."""
     for tag, keys in tables.items():
         element = source.find(tag)
         if element is not None:

@@ -5,7 +5,7 @@ of Euler and Bernoulli (or Timoshenko), which couples displacement and rotation:
 
     y = F L^3 / (3 E Iz) + M L^2 / (2 E Iz),    rz = F L^2 / (2 E Iz) + M L / (E Iz).
 
-Seen from the middle of the beam it does not: there the same beam is the diagonal stiffness
+At the middle of the beam the two are not coupled, and the stiffness is diagonal:
 
     x  E A / L       y  12 E Iz / L^3    z  12 E Iy / L^3
     rx G J / L       ry E Iy / L         rz E Iz / L
@@ -14,10 +14,10 @@ Seen from the middle of the beam it does not: there the same beam is the diagona
 stands in the middle of the link is exact for every small load at the tip, to first order in the
 deflection, with the beam's own mass neglected. `split_beam` puts a fixed joint there.
 
-At the tip itself no diagonal stiffness is right. `tip_spring` keeps the two direct terms, 3 E I / L^3
-and E I / L: exact for the displacement of a rod that only a force loads at its tip, as one that ends in
-a spherical joint, and for the rotation of one that only a moment loads; the cross terms L^2 / (2 E I)
-are left out. A planar rod with a pin at each end carries no bending: its x alone matters, exact in both.
+At the tip itself no diagonal stiffness is exact. `tip_spring` keeps the two direct terms, 3 E I / L^3 and E I
+/ L, without the cross terms L^2 / (2 E I). It is exact for the displacement under a force at the tip alone,
+as of a rod that ends in a spherical joint, and for the rotation under a moment alone. A planar rod with a pin
+at each end carries no bending: only its x matters, exact in both.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ class Section:
 
     @staticmethod
     def tube(outer: float, inner: float = 0.0, shear: float | None = None) -> Section:
-        """Return a round bar or tube of these radii [m].
+        """Return the section of a round bar or tube with radii [m].
 
         Raises:
             InvalidInput: not 0 <= inner < outer.
@@ -113,7 +113,7 @@ class SplitBeam(NamedTuple):
 
 
 def beam_stiffness(section: Section, material: Material, length: float) -> dict[str, float]:
-    """Compute the diagonal stiffness [N/m, N m/rad] by axis of a beam along x, at its middle. Exact there.
+    """Compute the diagonal stiffness [N/m, N m/rad] by axis of a beam along x, exact at its middle.
 
     Raises:
         InvalidInput: the length is not positive.

@@ -10,13 +10,13 @@ from typing import Any, NamedTuple
 
 from framework.errors import RobotFileError, choose_from
 
-# Each has the springs of those before it; `Spring.exists_in` says from which one on a spring's `part` exists.
+# Each has the springs of its predecessors; a spring exists from some level on, see `Spring.exists_in`.
 FLEXIBILITIES = ("rigid", "flexible_joints", "flexible_links")
 SMALLEST_LENGTH = 1e-30  # [m] powers of others vanish
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 
-# What each closure kind locks if its axis is z: axes in the frame of the first body, or the distance of the
-# two origins, whose `length` the closure then gives.
+# Locked axes of each closure kind whose axis is z, in the frame of the first body; or the distance of the two
+# origins, with the closure's `length`.
 _LOCKED = {
     "fixed": ("x", "y", "z", "rx", "ry", "rz"),
     "revolute": ("x", "y", "z", "rx", "ry"),  # turns about its axis
@@ -31,7 +31,7 @@ CLOSURE_KINDS = tuple(_LOCKED)
 
 
 def locked_axes(kind: str, axis: str = "z") -> tuple[str, ...]:
-    """Return what a closure of this kind locks: axes in the frame of the first body, or the distance.
+    """Return the locked axes of a closure kind, in the frame of the first body, or its distance.
 
     `axis` in {x, y, z} is the axis of the joint; the kinds are tabled for z and turned cyclically.
 
@@ -49,14 +49,14 @@ def locked_axes(kind: str, axis: str = "z") -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Platform:
-    """The prescribed motion: that of a frame on these axes of the base frame, or positions of joints.
+    """The prescribed motion: of a frame on axes of the base frame, or of joints.
 
     Of two turns the order counts, see `framework.kinematics.attitude`.
     """
 
     frame: str
     axes: tuple[str, ...] = ()
-    joints: tuple[str, ...] = ()  # given instead of axes; the frame then says what is drawn
+    joints: tuple[str, ...] = ()  # instead of axes; the frame is then only drawn
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -143,7 +143,7 @@ class JointDynamics:
     rest: float = 0.0
 
     def seen_through(self, ratio: float) -> JointDynamics:
-        """Return what acts along a coordinate whose motion times `ratio` is that of this one."""
+        """Return the dynamics on a coordinate whose motion times `ratio` is that of this one."""
         square, rest = ratio * ratio, self.rest / ratio if self.stiffness else 0.0
         friction = abs(ratio) * self.friction
         return JointDynamics(
@@ -151,7 +151,7 @@ class JointDynamics:
         )
 
     def __add__(self, other: JointDynamics) -> JointDynamics:
-        """Return what acts where both do."""
+        """Return the sum of both."""
         stiffness = self.stiffness + other.stiffness
         moment = self.stiffness * self.rest + other.stiffness * other.rest
         return JointDynamics(
@@ -182,7 +182,7 @@ class Coupling:
 
 
 def locked_by_couplings(couplings: Iterable[Coupling], locked: Mapping[str, float]) -> dict[str, float]:
-    """Return the joints that couplings hold with locked ones, and where [rad, m]."""
+    """Return the joints that couplings lock with `locked` ones, and their values [rad, m]."""
     more = {}
     for coupling in couplings:
         if coupling.of in locked and coupling.joint not in locked:
@@ -202,12 +202,12 @@ class KeptLevel:
 
 @dataclass(frozen=True)
 class Scene:
-    """A path and a duration [s], and what is asked at the crossings.
+    """A path, a duration [s] and requirements at the crossings.
 
     `kind` is line, arc or spline, through `points`. `times` [s] and `speeds` [1/s] are None when left
-    open; empty `times` ask for a law without crossing conditions. `at` imposes path coordinates
+    open; empty `times` mean a law without crossing conditions. `at` imposes path coordinates
     instead of locating the singular points. `wrenches` of the world are by frame, see `FrameWrench`.
-    `fidelity` is what a study of the scene has found.
+    `fidelity` is the result of a study of the scene.
     """
 
     name: str
@@ -223,7 +223,7 @@ class Scene:
 
 @dataclass(frozen=True)
 class RobotDescription:
-    """All that a robot file says. `urdf_text` is the untouched URDF, i.e. the rigid robot."""
+    """The content of a robot file. `urdf_text` is the untouched URDF, i.e. the rigid robot."""
 
     name: str
     file: Path
@@ -237,8 +237,8 @@ class RobotDescription:
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     reference: Mapping[str, float] = field(default_factory=dict)
     scenes: Mapping[str, Scene] = field(default_factory=dict)
-    parameters: Mapping[str, float] = field(default_factory=dict)  # the values that its file was read with
-    left_out: tuple[str, ...] = ()  # what acts by the file that it was converted from, and is not in this one
+    parameters: Mapping[str, float] = field(default_factory=dict)  # values of its file's placeholders
+    left_out: tuple[str, ...] = ()  # effects in the file that it was converted from, and not in this one
 
     @property
     def motor_joints(self) -> tuple[str, ...]:
@@ -269,7 +269,7 @@ class ParsedRobot(NamedTuple):
     """The content of a file of any dialect.
 
     `urdf` is the root of `description.urdf_text`, parsed once and not to be changed; `dialect` is one of
-    `readers.recognise.DIALECTS`; `remarks` say what was proposed where a foreign file is silent.
+    `readers.recognise.DIALECTS`; `remarks` report proposals for a foreign file.
     """
 
     description: RobotDescription

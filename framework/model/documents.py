@@ -26,7 +26,7 @@ MAX_YAML_VALUES = 20_000  # aliases written out
 
 @contextmanager
 def naming(path: Path | str, kind: type[InvalidInput] = RobotFileError) -> Iterator[None]:
-    """Put the name of the file in front of complaints about what is in it.
+    """Put the name of the file in front of errors in its content.
 
     Raises:
         InvalidInput: of this kind, with the name; also for what is nested so deeply that Python gives up.
@@ -50,22 +50,22 @@ def parse_xml(text: str) -> ElementTree.Element:
     """
     text = text.lstrip(LEADING_BLANKS)
     try:
-        return _parsed(text)
+        return _build_tree(text)
     except (ElementTree.ParseError, ValueError) as error:
         if isinstance(error, RobotFileError):
             raise
         try:
-            return _parsed(_mended(text))
+            return _build_tree(_mend(text))
         except (ElementTree.ParseError, ValueError):
             raise RobotFileError(f"not well-formed XML: {error}") from None
 
 
-def _parsed(text: str) -> ElementTree.Element:
+def _build_tree(text: str) -> ElementTree.Element:
     return ElementTree.fromstring(text, ElementTree.XMLParser(target=_Builder()))
 
 
-def _mended(text: str) -> str:
-    """Return an XML text with prefixes declared and comments emptied, as other parsers take them."""
+def _mend(text: str) -> str:
+    """Return an XML text with prefixes declared and comments emptied, as other parsers accept."""
     text = re.sub(r"<!--.*?-->", lambda comment: "\n" * comment[0].count("\n"), text, flags=re.DOTALL)
     used = set(re.findall(r"[<\s]/?([A-Za-z_][\w.-]*):[A-Za-z_][\w.-]*(?=[\s=/>])", text)) - {"xml", "xmlns"}
     new = "".join(f' xmlns:{name}="{name}"' for name in sorted(used) if f"xmlns:{name}" not in text)
@@ -90,7 +90,7 @@ class _Builder(ElementTree.TreeBuilder):
 
 
 def parse_yaml(text: str) -> Any:
-    """Parse a YAML text, if it is of a sensible size with its aliases written out.
+    """Parse a YAML text; refuse a huge one, with aliases expanded.
 
     Raises:
         RobotFileError: it is not, has a duplicate key, or is no YAML.
@@ -116,7 +116,7 @@ def parse_yaml(text: str) -> Any:
 
 
 class _Loader(Composer, CParser, SafeConstructor, Resolver):
-    """SafeLoader that counts nodes as they come, and refuses a key given twice.
+    """SafeLoader that counts nodes and refuses duplicate keys.
 
     Read by libyaml, which takes a seventh of the time, but composed in Python, where nodes can be counted.
     """

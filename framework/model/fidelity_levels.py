@@ -16,10 +16,10 @@ BODIES = ("none", "payload", "all")
 class Level:
     """One model of a robot: its bodies, springs and geometry.
 
-    bodies: which of them have mass: none, the payload, all. Rotors always have their inertia.
-    flexibility: which springs exist.
+    bodies: with mass: none, the payload, all. Rotors always have their inertia.
+    flexibility: existing springs.
     geometry: whether forces are those of the undeformed (rigid) or of the deformed robot.
-    elastic_inertia: whether the bodies feel how the springs move, or only how far they have given way.
+    elastic_inertia: whether the rates of springs cause inertia forces, or only their deflections count.
     """
 
     name: str  # in robot files, tables and JSON
@@ -54,11 +54,11 @@ LEVELS_BY_NAME = {level.name: level for level in LEVELS}
 
 
 def with_bodies(description: RobotDescription, bodies: str) -> RobotDescription:
-    """Return the robot of which only these bodies (`BODIES`) have mass.
+    """Return the robot with mass in some `BODIES` only.
 
     The payload is the inertia of the platform's link, or of the moving body that the platform's frame is on
-    when that link has none of its own, as in `control.variation`. Without any mass nothing acts on the
-    joints either: no force is left but the rotors'.
+    if that link has none of its own, as in `control.variation`. Without any mass nothing acts on the
+    joints either: only the rotors have forces.
     """
     if bodies == BODIES[-1]:
         return description

@@ -52,12 +52,12 @@ class FrameWrench(ReadOnlyArrays):
 
     @property
     def turns(self) -> bool:
-        """Whether it turns with its frame."""
+        """Whether the wrench turns with its frame."""
         return self.axes != AXES_OF_WRENCHES[0]
 
     @property
     def document(self) -> Any:
-        """The wrench as a robot file or plan.json has it: its numbers, with axes where they turn."""
+        """The wrench in the form of a robot file or plan.json: its numbers, with axes that turn."""
         numbers = self.rows.tolist()
         return {"wrench": numbers, "axes": self.axes} if self.turns else numbers
 
@@ -94,7 +94,7 @@ class FrameWrench(ReadOnlyArrays):
 
 
 def _is_table(values: Any) -> bool:
-    """Whether these are rows of numbers, right or wrong."""
+    """Whether this is a list of rows, right or wrong."""
     if isinstance(values, np.ndarray):
         return values.ndim > 1
     return isinstance(values, list | tuple) and any(np.iterable(row) for row in values)

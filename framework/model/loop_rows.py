@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -56,7 +56,7 @@ class LoopRows(ReadOnlyArrays):
 
     @cached_property
     def constant(self) -> Array:
-        """Constants (m,) that the equations subtract from these products [m]."""
+        """Constants (m,) that the equations subtract from weighted products [m]."""
         return read_only(np.where(self.distance, 0.5 * self.length, 0.0))
 
     @cached_property
@@ -91,21 +91,7 @@ class LoopRows(ReadOnlyArrays):
         return LoopRows(**{name: getattr(self, name)[rows] for name in _COLUMNS}, names=names)
 
 
-_COLUMNS = {
-    "first": np.intp,
-    "second": np.intp,
-    "distance": np.bool_,
-    "rotation": np.bool_,
-    "first_axis": np.intp,
-    "second_axis": np.intp,
-    "sign": float,
-    "length": float,
-    "coupled": np.bool_,
-    "columns": np.intp,
-    "places": np.intp,
-    "ratio": float,
-    "offset": float,
-}
+_COLUMNS = tuple(field.name for field in fields(LoopRows) if field.name != "names")
 
 
 class CoupledJoints(NamedTuple):
@@ -123,26 +109,25 @@ def loop_rows(
     closures: Sequence[Closure], frames: Sequence[str], couplings: Sequence[CoupledJoints] = ()
 ) -> LoopRows:
     """Make one row for each locked axis of each closure, and one a coupling; `frames` are the mechanism's."""
-    table: list[tuple[Any, ...]] = []
-    uncoupled = (False, (0, 0), (0, 0), 0.0, 0.0)
-    for closure in closures:
-        first, second = (frames.index(name) for name in closure.frames)
-        locked = {AXES.index(axis) - 3 for axis in closure.axes if axis.startswith("r")}
-        for axis in closure.axes:
-            distance, rotation = axis == "distance", axis.startswith("r")
-            k = 0 if distance else "xyz".index(axis[-1])
-            pair = _perpendicular_pair(k, locked) if rotation else (k, 0, 1.0)
-            ends = (first, second, distance, rotation)
-            table.append((f"{closure.name}.{axis}", *ends, *pair, closure.length or 1.0, *uncoupled))
-    for coupling in couplings:  # two axes of one frame stay perpendicular, its origin where it is
-        ends = (0, 0, False, coupling.turns)
-        table.append((f"{coupling.name}.q", *ends, 0, 1, 1.0, 1.0, True, *coupling[1:5]))
+    table = [
+        (f"{closure.name}.{axis}", *map(frames.index, closure.frames), *_axis_entries(closure, axis))
+        for closure in closures
+        for axis in closure.axes
+    ]
+    for coupling in couplings:  # two axes of one frame stay perpendicular, its origin at rest
+        entries = (0, 0, False, coupling.turns, 0, 1, 1.0, 1.0, True, *coupling[1:5])
+        table.append((f"{coupling.name}.q", *entries))
     names, *columns = zip(*table, strict=True)
-    arrays: dict[str, Any] = {
-        name: np.array(column, dtype=kind)
-        for (name, kind), column in zip(_COLUMNS.items(), columns, strict=True)
-    }
-    return LoopRows(**arrays, names=names)
+    return LoopRows(**dict(zip(_COLUMNS, map(np.array, columns), strict=True)), names=names)
+
+
+def _axis_entries(closure: Closure, axis: str) -> tuple[Any, ...]:
+    """Return the entries of `LoopRows` for one axis of a closure, but name and frames."""
+    distance, rotation = axis == "distance", axis.startswith("r")
+    k = 0 if distance else "xyz".index(axis[-1])
+    locked = {AXES.index(name) - 3 for name in closure.axes if name.startswith("r")}
+    pair = _perpendicular_pair(k, locked) if rotation else (k, 0, 1.0)
+    return distance, rotation, *pair, closure.length or 1.0, False, (0, 0), (0, 0), 0.0, 0.0
 
 
 def _perpendicular_pair(locked_axis: int, locked: set[int]) -> tuple[int, int, float]:
@@ -162,7 +147,7 @@ def _perpendicular_pair(locked_axis: int, locked: set[int]) -> tuple[int, int, f
 
 
 class LockedDirections(NamedTuple):
-    """Axes of two frames that are to point the same way, d of them."""
+    """d pairs of axes of two frames that closures keep alike."""
 
     first: IntArray  # (d,) frame, as index into Mechanism.frames
     second: IntArray  # (d,)

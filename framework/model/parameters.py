@@ -54,29 +54,30 @@ def declared_parameters(text: str) -> dict[str, list[float]]:
 
 
 def with_parameters(text: str, given: Mapping[str, float] | None = None) -> tuple[str, dict[str, float]]:
-    """Fill the placeholders of a robot file's text; return it with the values that were taken.
+    """Fill the placeholders of a robot file's text; return text and values.
 
     Args:
         given: values of some parameters, in place of their own.
 
     Raises:
-        RobotFileError: see `declared_parameters` and `filled`; or a parameter that is not declared.
+        RobotFileError: see `declared_parameters` and `fill_placeholders`; or a parameter that is not
+        declared.
     """
     declared = declared_parameters(text)
     for name in given or {}:
         if name not in declared:
             raise RobotFileError(choose_from("parameter", name, declared))
     values = {name: own[0] for name, own in declared.items()} | dict(given or {})
-    return filled(text, values), values
+    return fill_placeholders(text, values), values
 
 
-def filled(text: str, values: Mapping[str, float]) -> str:
+def fill_placeholders(text: str, values: Mapping[str, float]) -> str:
     """Replace each `${...}` of a text by its number.
 
     Raises:
         RobotFileError: one is no arithmetic with these parameters, or has no finite value.
     """
-    return PLACEHOLDER.sub(lambda found: repr(_evaluated(found[1], values)), text) if "${" in text else text
+    return PLACEHOLDER.sub(lambda found: repr(_evaluate(found[1], values)), text) if "${" in text else text
 
 
 def _name(name: Any) -> str:
@@ -97,7 +98,7 @@ def _values(name: str, given: Any) -> list[float]:
     return [float(value) for value in values]
 
 
-def _evaluated(expression: str, values: Mapping[str, float]) -> float:
+def _evaluate(expression: str, values: Mapping[str, float]) -> float:
     place = f"${{{expression[:60]}}}"
     if len(expression) > MAX_EXPRESSION_CHARACTERS:
         raise RobotFileError(f"{place}: more than {MAX_EXPRESSION_CHARACTERS} letters")

@@ -37,7 +37,7 @@ from framework.model.additions import AddedFrame, add_frames, free_root, lock_jo
 from framework.model.description import ParsedRobot, RobotDescription, Spring, locked_by_couplings
 from framework.model.documents import LEADING_BLANKS, naming, parse_xml, parse_yaml
 from framework.model.inertia import check_inertia
-from framework.model.parameters import filled, with_parameters
+from framework.model.parameters import fill_placeholders, with_parameters
 from framework.model.robot_keys import JointSpring, joint_dynamics, robot_table
 from framework.model.spring_joints import virtual_link
 from framework.model.urdf import check_urdf, locate_urdf
@@ -61,7 +61,7 @@ def read_robot_file(file: str | Path) -> RobotDescription:
 
 
 def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> ParsedRobot:
-    """Parse the content of the robot file `path`, and its URDF with these `parameters`.
+    """Parse the content of the robot file `path` and of its URDF with `parameters`.
 
     Raises:
         RobotFileError: as `read_robot_file`, without the name of the file.
@@ -75,12 +75,10 @@ def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> Pa
     robot = read_table("", content, table, others=_TREE)
     coupled = [coupling.joint for coupling in robot["couplings"]]
     robot["couplings"] += tuple(coupling for coupling in mimicked if coupling.joint not in coupled)
-    if more := locked_by_couplings(robot["couplings"], locked):
-        return parse_robot(path, {**content, "locked": {**locked, **more}}, parameters)
-    robot["couplings"] = tuple(coupling for coupling in robot["couplings"] if coupling.joint not in locked)
-    robot["reference"] = {name: value for name, value in robot["reference"].items() if name not in locked}
-    springs = [spring for spring in robot.pop("springs") if not _is_locked(spring, locked)]
-    joints = {name: said for name, said in robot.pop("joints").items() if name not in locked}
+    if further := locked_by_couplings(robot["couplings"], locked):
+        return parse_robot(path, {**content, "locked": {**locked, **further}}, parameters)
+    _drop_locked(robot, locked)
+    springs, joints = robot.pop("springs"), robot.pop("joints")
     for spring in springs:
         if isinstance(spring, JointSpring):
             _add_spring(joints, spring)
@@ -98,6 +96,14 @@ def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> Pa
     return ParsedRobot(description, root)
 
 
+def _drop_locked(robot: dict[str, Any], locked: Mapping[str, float]) -> None:
+    """Drop couplings, springs and numbers of locked joints from the values of the keys."""
+    robot["couplings"] = tuple(coupling for coupling in robot["couplings"] if coupling.joint not in locked)
+    robot["springs"] = tuple(spring for spring in robot["springs"] if not _is_locked(spring, locked))
+    for key in ("reference", "joints"):
+        robot[key] = {name: value for name, value in robot[key].items() if name not in locked}
+
+
 def _is_locked(spring: Spring | JointSpring, locked: Mapping[str, float]) -> bool:
     """Whether a spring is along the motion of a locked joint."""
     if isinstance(spring, JointSpring):
@@ -106,7 +112,7 @@ def _is_locked(spring: Spring | JointSpring, locked: Mapping[str, float]) -> boo
 
 
 def _add_spring(joints: dict[str, dict[str, float]], spring: JointSpring) -> None:
-    """Put a spring on a real joint into what is said of that joint.
+    """Put a spring on a real joint into the entry of the joint.
 
     Raises:
         RobotFileError: the joint has a spring already.
@@ -144,7 +150,7 @@ def _urdf(
     path = locate_urdf(folder, tree["urdf"])
     urdf_text = read_text(path, f"urdf: cannot read {path}", error=RobotFileError).lstrip(LEADING_BLANKS)
     with naming(f"urdf: {path}"):
-        urdf_text = filled(urdf_text, parameters)
+        urdf_text = fill_placeholders(urdf_text, parameters)
         root = parse_xml(urdf_text)
     urdf = check_urdf(path, root)
     locked, free, frames = tree["locked"], tree["root"] == "free", tree["frames"]

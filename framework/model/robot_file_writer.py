@@ -32,7 +32,7 @@ _KINDS = {locked_axes(kind): kind for kind in ("fixed", "spherical", "distance")
 def write_robot_file(
     description: RobotDescription, folder: str | Path, *, comments: Iterable[str] = ()
 ) -> Path:
-    """Write NAME.yaml and NAME.urdf into a folder, read them back to be sure, and return the YAML's path.
+    """Write NAME.yaml and NAME.urdf into a folder, read both back, and return the YAML's path.
 
     `comments` stand on top of the YAML, a line each.
 
@@ -113,7 +113,7 @@ def _joints(description: RobotDescription) -> dict[str, dict[str, float]]:
 
 
 def _joint(joint: JointDynamics) -> dict[str, float]:
-    """Return what is not zero of a joint, and what the URDF may declare otherwise."""
+    """Return the numbers of a joint that are not zero or may override the URDF."""
     keys = ("damping", "friction")
     return {key: value for key, value in asdict(joint).items() if value or key in keys}
 

@@ -78,7 +78,7 @@ def _axes(where: str, given: Any) -> tuple[str, ...]:
 
 
 def _frame(urdf: Tree) -> Reader[str]:
-    """Return the link of a frame: a joint stands for its child, which moves when a spring behind it gives."""
+    """Return a reader of frames as links: a joint stands for its child, behind any spring."""
 
     def read(where: str, given: Any) -> str:
         return urdf.link_of(one_of("frame", urdf.frames)(where, given))
@@ -126,7 +126,7 @@ def _actuator(urdf: Tree) -> Reader[Actuator]:
 
 
 def _closure(urdf: Tree) -> Reader[Closure]:
-    """Return a reader of a closure: it locks axes, given by a kind or one by one, or keeps a distance."""
+    """Return a reader of a closure of locked axes, by kind or one by one, or of a distance."""
     table = {"name": required(text), "frames": required(_pair(urdf))}
     by_kind = {"kind": required(text), "axis": optional(text, "z")}
     by_length = {"kind": required(text), "length": required(positive)}
@@ -193,21 +193,21 @@ _JOINT: Table = {
 
 
 def _joints(urdf: Tree, names: Sequence[str]) -> Reader[dict[str, dict[str, float]]]:
-    """Return a reader of the entries of each coordinate; a joint of several stands for all of them."""
+    """Return a reader of the entries of each coordinate, or of all coordinates of a joint."""
     several = [name for name, joint in urdf.joints.items() if joint.kind in SEVERAL]
 
     def read(where: str, given: Any) -> dict[str, dict[str, float]]:
         joints = mapping_of(record(_JOINT, _given_only), one_of("joint", [*names, *several]))
         values: dict[str, dict[str, float]] = {}
-        for name, said in sorted(joints(where, given).items(), key=lambda item: item[0] not in several):
+        for name, entry in sorted(joints(where, given).items(), key=lambda item: item[0] not in several):
             coordinates = urdf.joints[name].coordinates if name in several else (name,)
-            if name not in urdf.joints and "armature" in said:
+            if name not in urdf.joints and "armature" in entry:
                 raise RobotFileError(
                     f"{below(below(where, name), 'armature')}: a ball has one for all directions; give it "
                     f"under the name of the joint"
                 )
             for coordinate in coordinates:
-                values[coordinate] = {**values.get(coordinate, {}), **said}
+                values[coordinate] = {**values.get(coordinate, {}), **entry}
         return values
 
     return read

@@ -20,8 +20,8 @@ def virtual_link(name: str) -> str:
     return f"{name}_base"
 
 
-def count_turns(root: ElementTree.Element) -> None:
-    """Make the continuous joints of a URDF revolute ones without limits.
+def make_continuous_joints_revolute(root: ElementTree.Element) -> None:
+    """Replace continuous joints of a URDF by unlimited revolute ones.
 
     Pinocchio keeps a continuous joint as a point on a circle; a motor behind a gear needs the angle,
     with its full turns.

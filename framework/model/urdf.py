@@ -1,4 +1,4 @@
-"""The URDF of a robot file: where it is, and its tree."""
+"""The URDF of a robot file: its place and its tree."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ PACKAGE = "package://"
 
 
 def locate_urdf(folder: Path, reference: str) -> Path:
-    """Return the file that a robot file in `folder` means by `urdf: reference`.
+    """Return the file of `urdf: reference` in a robot file in `folder`.
 
     A path is taken from the folder. package://NAME/REST is share/NAME/REST as the Python distribution NAME
     has installed it or, failing that, under the prefix of this interpreter (where conda puts it).

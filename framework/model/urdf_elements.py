@@ -1,6 +1,6 @@
 """The joints and links of a URDF, read one by one and checked: names, numbers, tree.
 
-Pinocchio's parser prints to the console and tells little; what can be told better is told here. Complaints
+Pinocchio's parser prints to the console and says little, so errors are reported here. Messages
 name the element; the caller puts the file in front.
 """
 
@@ -50,13 +50,13 @@ class Joint:
 
     @property
     def coordinates(self) -> tuple[str, ...]:
-        """Names of what says where it is: its own, or one for each of its freedoms."""
+        """Names of its coordinates: its own, or one for each freedom."""
         return coordinates_of(self.name, self.kind)
 
 
 @dataclass
 class Tree:
-    """The links and joints of a URDF by name, and its root link; a frame is a link or a joint."""
+    """Links and joints of a URDF by name, with the root link; frames are both."""
 
     links: list[str]
     joints: dict[str, Joint]
@@ -136,7 +136,7 @@ def read_tree(root: ElementTree.Element, impossible: list[tuple[str, str]] | Non
 
 
 def _base(links: list[str], joints: Mapping[str, Joint]) -> str:
-    """Return the root of the tree of links; raise RobotFileError if there is no one tree."""
+    """Return the root of the tree of links; raise RobotFileError for anything but one tree."""
     for joint in joints.values():
         if joint.child == joint.parent:
             raise RobotFileError(f"joint {joint.name!r}: joins {joint.child!r} with itself")
@@ -160,7 +160,7 @@ def _base(links: list[str], joints: Mapping[str, Joint]) -> str:
 
 
 def depths_below(root: str, parents: Mapping[str, str]) -> dict[str, int]:
-    """Count the joints between the root and each link below it, from the parent of each link."""
+    """Count the joints between the root and each link below, from the parent of each link."""
     children: dict[str, list[str]] = {}
     for child, parent in parents.items():
         children.setdefault(parent, []).append(child)
@@ -174,7 +174,7 @@ def depths_below(root: str, parents: Mapping[str, str]) -> dict[str, int]:
 
 
 def unique_names(root: ElementTree.Element, tag: str) -> list[str]:
-    """Return names of the elements with this tag, each there once.
+    """Return the unique names of the elements with this tag.
 
     Raises:
         RobotFileError: an element has no name, or that of another.
@@ -191,7 +191,7 @@ def unique_names(root: ElementTree.Element, tag: str) -> list[str]:
 def read_joint(
     element: ElementTree.Element, links: set[str], impossible: list[tuple[str, str]] | None = None
 ) -> Joint:
-    """Read a joint between two of these links; remove what has no meaning from the element.
+    """Read a joint between two links of the tree; remove meaningless children from the element.
 
     Raises:
         RobotFileError: its type, links, axis, limit or placement cannot be right.
@@ -281,7 +281,7 @@ def declared_motors(root: ElementTree.Element) -> list[str]:
 
 
 def declared_dynamics(root: ElementTree.Element) -> dict[str, dict[str, float]]:
-    """Return damping and dry friction of <dynamics>, by coordinate, where they are not zero.
+    """Return damping and dry friction of <dynamics>, by coordinate, unless zero.
 
     Raises:
         RobotFileError: a number is none, or negative.

@@ -36,7 +36,7 @@ def joint_element(
     limits: Sequence[float] | None = None,
     effort: str = "1e9",
 ) -> ElementTree.Element:
-    """Return a `<joint>`; where URDF requires limits and there are none, with some that nothing reaches.
+    """Return a `<joint>`, with limits that nothing reaches if URDF requires some.
 
     A continuous joint with limits is a revolute one.
     """
@@ -65,7 +65,7 @@ def visual_element(shape: str, words: dict[str, str], place: Array) -> ElementTr
 
 
 def inertial_element(mass: float, centre: Array, inertia: Array) -> ElementTree.Element:
-    """Return the `<inertial>` of a body: mass [kg], centre (3,) [m], inertia (3, 3) about it [kg m^2]."""
+    """Return the `<inertial>` of a body: mass [kg], centre (3,) [m], central inertia (3, 3) [kg m^2]."""
     inertial = ElementTree.Element("inertial")
     ElementTree.SubElement(inertial, "origin", xyz=vector_text(centre), rpy="0 0 0")
     ElementTree.SubElement(inertial, "mass", value=repr(float(mass)))
@@ -76,7 +76,7 @@ def inertial_element(mass: float, centre: Array, inertia: Array) -> ElementTree.
 
 
 def remove_children(element: ElementTree.Element, *tags: str) -> None:
-    """Remove the children with these tags."""
+    """Remove all children with some tags."""
     for tag in tags:
         for child in element.findall(tag):
             element.remove(child)

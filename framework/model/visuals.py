@@ -52,15 +52,15 @@ class Shape(NamedTuple):
         else:
             low, high = -self.half_edges, self.half_edges
         signs = np.array(list(product((0, 1), repeat=3)))
-        return self.in_node(np.where(signs, high, low))
+        return self.to_node(np.where(signs, high, low))
 
-    def in_node(self, points: Array) -> Array:
+    def to_node(self, points: Array) -> Array:
         """Return points (m, 3) of the shape in the node's frame."""
         return np.asarray(points @ self.placement[:3, :3].T + self.placement[:3, 3])
 
 
 def read_visuals(description: RobotDescription, model: pin.Model) -> list[Shape]:
-    """Read the visuals of the URDF; leave out malformed ones, and those whose mesh cannot be read."""
+    """Read the visuals of the URDF, without malformed ones and unreadable meshes."""
     root = ElementTree.fromstring(description.urdf_text)
     materials = {material.get("name"): material for material in root.findall("material")}
     shapes = []
@@ -81,7 +81,7 @@ Solid = tuple[str, tuple[float, ...], Array | None, IntArray | None]  # kind, si
 
 
 def _solid(description: RobotDescription, geometry: ElementTree.Element | None) -> Solid:
-    """Read a `<geometry>`; raise ValueError for what cannot be drawn."""
+    """Read a `<geometry>`; raise ValueError for unknown shapes."""
     for shape in geometry if geometry is not None else ():
         if shape.tag == "box":
             return "box", _sizes(shape.get("size"), 3), None, None
@@ -113,7 +113,7 @@ def _mesh(description: RobotDescription, element: ElementTree.Element) -> tuple[
 def _color(
     material: ElementTree.Element | None, materials: Mapping[str | None, ElementTree.Element]
 ) -> Color:
-    """Return the colour of a visual, its own or that of the material it names."""
+    """Return the colour of a visual, its own or its material's."""
     color_element = material.find("color") if material is not None else None
     if color_element is None and material is not None and material.get("name") in materials:
         color_element = materials[material.get("name")].find("color")

@@ -57,7 +57,7 @@ def only(
 
 
 def child_element(element: ElementTree.Element, where: str, tag: str) -> ElementTree.Element:
-    """Return the child with this tag; raise RobotFileError where it is missing."""
+    """Return the child with this tag; raise RobotFileError if missing."""
     found = element.find(tag)
     if found is None:
         given = ", ".join(f"<{child.tag}>" for child in element) or "nothing"
@@ -66,7 +66,7 @@ def child_element(element: ElementTree.Element, where: str, tag: str) -> Element
 
 
 def attribute(element: ElementTree.Element, where: str, key: str) -> str:
-    """Return an attribute that must be there and not empty."""
+    """Return an attribute; raise RobotFileError if missing or empty."""
     value = element.get(key)
     if not value:
         given = ", ".join(element.attrib) or "nothing"

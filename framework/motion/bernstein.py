@@ -1,7 +1,8 @@
-"""Functions on cells as Bernstein polynomials, whose coefficients bound them between the points too.
+"""Functions on cells as Bernstein polynomials, whose coefficients bound all values.
 
-A polynomial on a cell lies between its least and its largest Bernstein coefficient, its integral is their
-mean times the width, and that of its size at most the mean of their sizes.
+A polynomial on a cell lies between its least and its largest Bernstein coefficient. Its integral is the mean
+of the coefficients times the width; the integral of its size is at most the mean of their sizes times the
+width.
 
 Source: Farouki, The Bernstein polynomial basis: a centennial retrospective, CAGD 29 (2012).
 """

@@ -1,9 +1,9 @@
 """Functions of time as Chebyshev series, panel by panel.
 
-Everything that a plan knows as a function of time is sampled on Chebyshev points and carried by its
-coefficients. A removable quotient 0/0 between two nodes is then no event at all, and how fast the
-coefficients fall tells whether the function was resolved: `TimeFunction.tail` is the certificate.
-A function with kinks of a known place (the knots of a spline) gets a panel on either side.
+All functions of time of a plan are sampled on Chebyshev points and represented by their coefficients. A
+removable quotient 0/0 between two nodes is then no event. The decay of the coefficients tells whether the
+function is resolved: `TimeFunction.tail` is the certificate. A function with kinks, as at the knots of a
+spline, gets a panel on either side.
 
 Source: Trefethen, Approximation Theory and Approximation Practice, SIAM 2013, chapters 3, 8 and 21.
 """
@@ -72,17 +72,17 @@ def extrema(series: Array) -> Array:
     return real_roots(derivative_matrix(len(series)) @ series)
 
 
-def real_roots(series: Array, *, margin: float = SAME_PLACE) -> Array:
+def real_roots(series: Array) -> Array:
     """Return the real roots in [-1, 1] of one Chebyshev series (size,), ascending, by the colleague matrix.
 
     Those of degree 2, as of p' of a law through one crossing, are closed.
 
-    `margin` accepts roots that rounding has pushed off the real axis or over an end.
+    Roots that rounding has pushed off the real axis or over an end, within SAME_PLACE, are accepted.
     """
     size = np.abs(series)
     degree = int(np.flatnonzero(size > COEFFICIENT_ROUNDING * size.max(initial=0.0)).max(initial=0))
-    # |T_k| is at most largest^k wherever the margin lets a root be: the constant may outweigh all others
-    largest = 1.0 + 2.0 * margin**0.25
+    # |T_k| is at most largest^k where roots are accepted: the constant may outweigh all others
+    largest = 1.0 + 2.0 * SAME_PLACE**0.25
     if degree == 0 or size[0] > size[1 : degree + 1] @ largest ** np.arange(1, degree + 1):
         return np.empty(0)
     if degree == 2:  # of c2 (2 x^2 - 1) + c1 x + c0
@@ -96,8 +96,8 @@ def real_roots(series: Array, *, margin: float = SAME_PLACE) -> Array:
         matrix = matrix.copy()
         matrix[:, 0] -= (series[:degree] / series[degree] * weights)[::-1]
         roots = np.linalg.eigvals(matrix)
-    real = np.real(roots[np.abs(np.imag(roots)) <= np.sqrt(margin)])
-    return np.sort(np.clip(real[np.abs(real) <= 1 + margin], -1.0, 1.0))
+    real = np.real(roots[np.abs(np.imag(roots)) <= np.sqrt(SAME_PLACE)])
+    return np.sort(np.clip(real[np.abs(real) <= 1 + SAME_PLACE], -1.0, 1.0))
 
 
 @lru_cache(maxsize=64)
@@ -174,8 +174,11 @@ class TimeGrid(ReadOnlyArrays):
 
     def fit(self, values: Array) -> TimeFunction:
         """Return the function through values (panels * size, k) at `times`."""
-        stacked = values.reshape(len(self.edges) - 1, self.size, -1)
-        return TimeFunction(self.edges, coefficients(stacked))
+        return TimeFunction(self.edges, coefficients(self._stack_panels(values)))
+
+    def _stack_panels(self, values: Array) -> Array:
+        """Return values (panels * size, k) as (panels, size, k)."""
+        return values.reshape(len(self.edges) - 1, self.size, -1)
 
     @property
     def resolvable(self) -> int:
@@ -188,7 +191,7 @@ class TimeGrid(ReadOnlyArrays):
         Differentiating twice amplifies a coefficient by up to size^4, so rounding would grow if it were
         fed back. The last eighth of a resolved series is rounding and shows its size.
         """
-        series = coefficients(values.reshape(len(self.edges) - 1, self.size, -1))
+        series = coefficients(self._stack_panels(values))
         floor = NOISE_FACTOR * np.abs(series[:, self.resolvable :]).max(axis=1, keepdims=True)
         series[np.abs(series) <= floor] = 0.0
         series[:, self.resolvable :] = 0.0
@@ -212,7 +215,7 @@ class TimeGrid(ReadOnlyArrays):
         """Compute two time derivatives at the nodes of values (panels * size, k), each of the same shape."""
         first, second = _differentiation(self.size)
         half = 0.5 * np.diff(self.edges)[:, None, None]
-        stacked = values.reshape(len(self.edges) - 1, self.size, -1)
+        stacked = self._stack_panels(values)
         slopes, curvatures = first @ stacked / half, second @ stacked / half**2
         return slopes.reshape(values.shape), curvatures.reshape(values.shape)
 
@@ -262,4 +265,5 @@ def basis_values(size: int) -> tuple[Array, Array, Array]:
     derivative = derivative_matrix(size)
     values = np.asarray(chebyshev.chebvander(nodes(size), size - 1), dtype=float)
     first, second = values @ derivative, values @ (derivative @ derivative)
-    return read_only(values), read_only(first), read_only(second)
+    values.setflags(write=False)  # in its own order: products with a copy differ in the last bit
+    return values, read_only(first), read_only(second)

@@ -65,7 +65,7 @@ class OnParameter:
         return np.concatenate([[-1.0], inner, [1.0]])
 
     def motion(self, p: Array) -> tuple[list[Array], Array, Array]:
-        """Compute s and two time derivatives at p (T,), dp/dt = xi' sqrt(z) and d2p/dt2 = xi" z + xi' u."""
+        """Compute s, two time derivatives, dp/dt = xi' sqrt(z) and d2p/dt2 = xi" z + xi' u at p (T,)."""
         law = self.law
         sigma = law.stretch.inverse(p)
         s = [law.evaluate_at(sigma, order) for order in range(3)]

@@ -11,18 +11,23 @@ chords count 1 m like 1 rad. Through the same points in other units it is anothe
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
+from math import comb
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 from framework.errors import InvalidInput, check_order, expect_call
-from framework.tolerances import DEGENERATE_PATH
+from framework.tolerances import DEGENERATE_PATH, WRONG_DERIVATIVE
 
 HIGHEST_ORDER = 4  # derivatives of x, and of s, that an elastic robot's torque needs
 NO_KNOTS: Array = read_only(np.empty(0))
 MAX_COORDINATE = 1e30  # [m, rad] coordinate whose powers do not overflow
+DIFFERENCE_ROUNDING = 1e-10  # of x(b) - x(a), over the largest value: what a user's own formula may lose
+DIFFERENCE_INTERVALS = 9
+INTERVAL_LENGTH = 1e-3  # in s; shorter between knots that are closer
+GOLDEN_RATIO = 0.5 * (5.0**0.5 - 1.0)  # its multiples modulo 1 spread evenly and hit no regular grid
 
 
 class Path(Protocol):
@@ -75,6 +80,10 @@ class PointPath(ReadOnlyArrays):
     kind: ClassVar[str]
     points: Any
 
+    @property
+    def n(self) -> int:
+        return int(self.points.shape[1])
+
     def __eq__(self, other: object) -> bool:
         return (
             isinstance(other, PointPath)
@@ -103,10 +112,6 @@ class Line(PointPath):
     def __post_init__(self) -> None:
         points = _points([self.start, self.end], 2, "line")
         _hold(self, start=points[0], end=points[1], points=points)
-
-    @property
-    def n(self) -> int:
-        return len(self.start)
 
     def __call__(self, s: ArrayLike, order: int = 0) -> Array:
         check_order(order)
@@ -151,10 +156,6 @@ class Arc(PointPath):
         _hold(self, start=start, via=via, end=end, points=points)
         _hold(self, center=read_only(center), radius=radius, angle=angle, _spokes=read_only(spokes))
 
-    @property
-    def n(self) -> int:
-        return len(self.start)
-
     def __call__(self, s: ArrayLike, order: int = 0) -> Array:
         check_order(order)
         phase = np.atleast_1d(np.asarray(s, dtype=float)).reshape(-1, 1) * self.angle
@@ -189,14 +190,13 @@ class Spline(PointPath):
     kind: ClassVar[str] = "spline"
     points: Any
     knots: Array = field(init=False, repr=False)
-    n: int = field(init=False, repr=False)
 
     def __repr__(self) -> str:
         return f"Spline({self.points.tolist()})"
 
     def __post_init__(self) -> None:
         points = _points(self.points, 2, "spline")
-        _hold(self, points=points, n=points.shape[1])
+        _hold(self, points=points)
         chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
         if chords.min() < DEGENERATE_PATH * chords.max():
             k = int(np.argmin(chords))
@@ -230,25 +230,94 @@ class Spline(PointPath):
 def time_derivatives(path: Path, law_values: list[Array]) -> list[Array]:
     """Compute time derivatives of x(s(t)), orders 0 .. len(law_values) - 1 (at most 4), each (T, n).
 
-    `law_values[k]` (T,) is the k-th time derivative of s. Faa di Bruno's formula, written out.
+    `law_values[k]` (T,) is the k-th time derivative of s. Faa di Bruno's formula: that of order m is the sum
+    of x^(k)(s) B_mk over k, with Bell polynomials B_mk = sum over i of binom(m-1, i-1) s^(i) B_(m-i)(k-1).
     """
     order = len(law_values) - 1
     check_order(order, HIGHEST_ORDER)
-    s = law_values[0]
-    x = [path(s, k) for k in range(order + 1)]
+    x = [path(law_values[0], k) for k in range(order + 1)]
     d = [value[..., None] for value in law_values]
-    out = [x[0]]
-    if order >= 1:
-        out.append(x[1] * d[1])
-    if order >= 2:
-        out.append(x[1] * d[2] + x[2] * d[1] ** 2)
-    if order >= 3:
-        out.append(x[1] * d[3] + 3 * x[2] * d[1] * d[2] + x[3] * d[1] ** 3)
-    if order >= 4:
-        out.append(
-            x[1] * d[4]
-            + x[2] * (4 * d[1] * d[3] + 3 * d[2] ** 2)
-            + 6 * x[3] * d[1] ** 2 * d[2]
-            + x[4] * d[1] ** 4
+    bell = {(m, 0): np.array(float(m == 0)) for m in range(order + 1)}
+    derivatives = [x[0]]
+    for m in range(1, order + 1):
+        for k in range(1, m + 1):
+            terms = [comb(m - 1, i - 1) * d[i] * bell[m - i, k - 1] for i in range(1, m - k + 2)]
+            bell[m, k] = np.sum(terms, axis=0)
+        derivatives.append(np.sum([x[k] * bell[m, k] for k in range(1, m + 1)], axis=0))
+    return derivatives
+
+
+# ------------------------------------------------------------------ the check of a user's own path
+
+
+def check_path(path: Path) -> None:
+    """Test x' and x'' of a user's own path against x on a few short intervals.
+
+    Torques are made of x(s), x'(s) and x''(s) as the path gives them: with an x' that is not the derivative
+    of x they belong to no motion, however well they converge. Tested are the integrals
+
+        x(b) - x(a) = int_a^b x'(s) ds,    x'(b) - x'(a) = int_a^b x''(s) ds,
+
+    between the knots by Gauss's rule, which needs no step of a difference.
+
+    Raises:
+        InvalidInput: no path, knots that do not ascend inside (0, 1), a value that is missing or not finite,
+            or path(s, 1) or path(s, 2) that is not the derivative of the order below.
+    """
+    expect_path(path)
+    if isinstance(path, PointPath):
+        return  # one of our own
+    starts, lengths = _intervals(path)
+    for order in (1, 2):
+        _check_derivative(path, order, starts, lengths)
+
+
+def _check_derivative(path: Path, order: int, starts: Array, lengths: Array) -> None:
+    """Compare mean rates of a derivative over intervals with difference quotients of the order below."""
+    nodes, weights = _gauss()
+    inside = starts[:, None] + 0.5 * lengths[:, None] * (nodes + 1.0)
+    ends = np.concatenate([starts, starts + lengths])
+    first, last = np.split(_values(path, ends, order - 1), 2)
+    rates = _values(path, inside.ravel(), order).reshape(*inside.shape, path.n)
+    means = 0.5 * np.einsum("k,ikn->in", weights, rates)
+    quotients = (last - first) / lengths[:, None]
+    size = np.maximum(np.abs(means), np.abs(quotients)).max(axis=0)
+    values = np.maximum(np.abs(first), np.abs(last)).max(axis=0)
+    allowed = WRONG_DERIVATIVE * size + DIFFERENCE_ROUNDING * values / lengths[:, None]
+    excess = np.abs(means - quotients) - allowed
+    if np.any(excess > 0):
+        i, component = np.unravel_index(int(np.argmax(excess)), excess.shape)
+        raise InvalidInput(
+            f"path: path(s, {order}) is not the derivative of path(s, {order - 1}): at s = "
+            f"{starts[i]:.4g} coordinate {component} has {means[i, component]:.6g} instead of "
+            f"{quotients[i, component]:.6g}"
         )
-    return out
+
+
+@cache
+def _gauss() -> tuple[Array, Array]:
+    """Return nodes and weights (5,) on [-1, 1]."""
+    return np.polynomial.legendre.leggauss(5)
+
+
+def _intervals(path: Path) -> tuple[Array, Array]:
+    """Return starts and lengths of intervals (DIFFERENCE_INTERVALS,) in [0, 1] that contain no knot."""
+    knots = np.asarray(path.knots, dtype=float)
+    edges = np.concatenate(([0.0], knots, [1.0]))
+    if not np.all(np.diff(edges) > 0):
+        raise InvalidInput(f"path: knots must ascend inside (0, 1), got {knots.tolist()}")
+    places = np.mod(GOLDEN_RATIO * np.arange(1, DIFFERENCE_INTERVALS + 1), 1.0)
+    panel = np.searchsorted(edges, places, side="right") - 1
+    lengths = np.minimum(INTERVAL_LENGTH, np.diff(edges)[panel])
+    return np.minimum(places, edges[panel + 1] - lengths), lengths
+
+
+def _values(path: Path, s: Array, order: int) -> Array:
+    """Evaluate path(s, order) as an array (T, n) of finite numbers."""
+    values = np.asarray(path(s, order), dtype=float)
+    if values.shape != (len(s), path.n) or not np.all(np.isfinite(values)):
+        raise InvalidInput(
+            f"path: path(s, {order}) must give {path.n} finite numbers for each s, shape "
+            f"({len(s)}, {path.n}), got shape {values.shape}"
+        )
+    return values

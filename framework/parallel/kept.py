@@ -1,7 +1,6 @@
-"""Finished chunks on disk, so that a computation that is stopped goes on from them.
+"""Finished chunks on disk, from which a stopped computation goes on.
 
-A folder beside the results is named by all that they depend on; each chunk is a file that is there whole
-or not at all.
+A folder beside the results is named by all that they depend on; each chunk is a file, whole or absent.
 """
 
 from __future__ import annotations

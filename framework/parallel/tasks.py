@@ -19,7 +19,7 @@ R = TypeVar("R")
 def iterate_results(
     task: Callable[[K], R], chunks: Iterable[K], executor: Executor | None
 ) -> Iterator[tuple[K, R]]:
-    """Yield chunks with results as they finish; without an executor in this process, in order.
+    """Yield chunks with results in the order of their end; in this process without executor.
 
     Waiting chunks are cancelled when the iteration ends early. An executor must be able to pickle the task.
     """

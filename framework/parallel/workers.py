@@ -1,8 +1,8 @@
 """Processes that compute for this one: they end when it ends, however it ends, and may be killed.
 
 `concurrent.futures.ProcessPoolExecutor` gives up all tasks when one of its processes is killed, and leaves
-its processes behind when this one is. Here each process has a thread and a pipe of its own: a pipe that
-breaks tells which task was lost, and that one is begun anew. A process that sees this one gone ends itself.
+its processes behind when the parent is killed. Here each process has a thread and a pipe of its own. A pipe
+that breaks tells which task was lost; that task starts again. A process whose parent is gone ends itself.
 """
 
 from __future__ import annotations

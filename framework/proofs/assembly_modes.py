@@ -27,9 +27,9 @@ from functools import partial
 import numpy as np
 
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays
-from framework.errors import InvalidInput, finite_numbers
+from framework.errors import InvalidInput
 from framework.kinematics.closures import find_turned_over
-from framework.kinematics.continuation.forward_kinematics import motors_are_free
+from framework.kinematics.continuation.forward_kinematics import motor_joints_of, motors_are_free
 from framework.kinematics.frames import difference, frames_at, integrate_columns
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.proofs.leg_conditions import LegConditions, leg_conditions
@@ -102,7 +102,7 @@ def assembly_modes(robot: ParallelRobot, q_a: ArrayLike, *, pave: bool = False) 
         InvalidInput: q_a has the wrong length or is not finite, or the motors depend on one another.
     """
     expect_robot(robot)
-    target = finite_numbers(f"q_a ({', '.join(robot.actuator_names)})", q_a, robot.n_a)
+    target = motor_joints_of(robot, q_a)
     if not motors_are_free(robot):
         raise InvalidInput(f"{robot.name}: its motors depend on one another: none of them can be given alone")
     reference = robot.reference.q[None]

@@ -6,7 +6,7 @@ What is shown
     film                a motion sampled in time: poses, torques, distance to the singularity
     captions            sentences about a film
     forces              all forces that the motors can give
-    shapes, motors      the solids of a robot and of its motors
+    shapes              the solids of a robot and of its motors
     sight               the direction from which a robot is looked at
 
 Figures

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
-from pathlib import Path
 from textwrap import wrap
 
 import numpy as np
@@ -15,7 +13,6 @@ from matplotlib.figure import Figure
 from framework.arrays import Array, BoolArray
 from framework.atlas.design_study import DesignStudy
 from framework.atlas.quantities import QUANTITIES
-from framework.show.plots import save
 from framework.show.style import ALARM, AXIS
 
 CELL_SIZE = 1.5  # [in] of a cell
@@ -95,9 +92,4 @@ def _unit(study: DesignStudy, key: str) -> str:
     return study.units[key if key in AREAS else f"{key}_median"].replace("^2", "\u00b2")
 
 
-def save_study_figure(study: DesignStudy, folder: Path) -> list[Path]:
-    """Write study.pdf and study.png into a folder."""
-    return save(partial(plot_study, study), folder / "study")
-
-
-__all__ = ["plot_study", "save_study_figure"]
+__all__ = ["plot_study"]

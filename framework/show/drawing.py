@@ -73,7 +73,7 @@ def _pieces(shape: Shape, joint: Array, onto: Projection) -> list[tuple[float, A
     """Return depth, outline (m, 2) and colour (4,) of a shape's visible faces, its joint at a pose (7,)."""
 
     def to_base(local: Array) -> Array:
-        return carried_points(joint, shape.in_node(local))
+        return carried_points(joint, shape.to_node(local))
 
     color = np.array(shape.color, dtype=float)
     if shape.vertices is not None and shape.faces is not None:

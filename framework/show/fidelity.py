@@ -1,4 +1,4 @@
-"""Figure of a fidelity study: where along the path each level is off, and by how much."""
+"""Figure of a fidelity study: the errors of each level along the path."""
 
 from __future__ import annotations
 

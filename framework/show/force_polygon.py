@@ -60,7 +60,7 @@ def plot_eye(
     times = crossed.time + SHOWN_DURATION_SHARE * plan.duration * np.linspace(-1.0, 1.0, TIME_SAMPLES)
     times = times[(times >= 0.0) & (times <= plan.duration)]
     wrench, time = platform_wrench(plan.robot, plan.dynamics.motion(times)), times - crossed.time
-    demand, reach = wrench.along(crossed.twist), wrench.reach(crossed.twist, limit)
+    demand, reach = wrench.force_along(crossed.twist), wrench.reach(crossed.twist, limit)
     ax = axes_or_new(ax)
     top = 1.6 * max(float(np.abs(demand).max()), LEAST_DIVISOR)
     _draw_band(ax, time, reach, describe_motors(plan.robot, limit, float(np.abs(torque).max())))
@@ -112,14 +112,14 @@ def plot_eyes(films: Sequence[Film], limit: Array, ax: Axes | None = None) -> Ax
     return ax
 
 
-def _draw_demand(ax: Axes, film: Film, twist: Array, shown: tuple[float, float]) -> float:
+def _draw_demand(ax: Axes, film: Film, twist: Array, s_range: tuple[float, float]) -> float:
     """Draw the force along t_s that a film asks for; return its largest size at s within `shown`."""
-    s, demand, s_singular = film.law(film.time), film.motors.along(twist), film.instants[0].s
+    s, demand, s_singular = film.law(film.time), film.motors.force_along(twist), film.instants[0].s
     color, dash, dot, verdict = THREADS if film.proved else MISSES
     label = f"{film.name or 'the motion'} asks: {verdict}"
     ax.plot(s, demand, dash, color=color, linewidth=1.6, label=label)
     ax.plot([s_singular], [np.interp(s_singular, s, demand)], dot, color=color, markersize=5, zorder=4)
-    return float(np.abs(demand[(shown[0] <= s) & (s <= shown[1])]).max())
+    return float(np.abs(demand[(s_range[0] <= s) & (s <= s_range[1])]).max())
 
 
 def _check_alike(films: Sequence[Film]) -> None:

@@ -172,14 +172,9 @@ def _document(robot: ParallelRobot, pose: JoggedPose) -> Document:
         "origin": platform_positions(robot, poses)[0].tolist(),
         "platform": pose.x.tolist(),
         "motor": pose.motors.tolist(),
-        "g": pose.g,
-        "smallest": pose.smallest,
-        "level": pose.level,
-        "kind": pose.kind,
+        **{key: getattr(pose, key) for key in ("g", "smallest", "level", "kind", "verdict", "stopped")},
         "words": _words(pose),
-        "verdict": pose.verdict,
         "t_s": [twist[:3].tolist(), twist[3:].tolist()],
-        "stopped": pose.stopped,
         "wobble": _wobble(robot, pose),
     }
 

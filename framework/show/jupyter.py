@@ -1,9 +1,9 @@
 """Pictures in Jupyter, with descriptions for those who do not see them; `%load_ext framework.show.jupyter`.
 
-The packages below know nothing of pictures, so these come as an extension of IPython: a robot is drawn at its
-reference, a plan with its path, locus and the eye of its first crossing. Descriptions stand in the metadata
-of the output, `alt`, where IPython puts them and nbconvert's classic template looks. Films are PNGs that
-move, for every renderer takes PNGs.
+An extension of IPython, since the packages below know nothing of pictures: a robot is drawn at its reference,
+a plan with its path, locus and the eye of its first crossing. Descriptions are in the metadata of the output,
+`alt`, where IPython puts them and nbconvert's classic template reads them. Films are animated PNGs, which
+every renderer takes.
 """
 
 from __future__ import annotations
@@ -45,9 +45,9 @@ def show_figure(alt: str, drawing: Figure | None = None) -> None:
     import matplotlib.pyplot as plt
     from IPython.display import Image, display
 
-    shown = plt.gcf() if drawing is None else drawing
-    display(Image(figure_file(shown, "png", dpi=shown.dpi), alt=alt))  # type: ignore[no-untyped-call]
-    plt.close(shown)
+    displayed = plt.gcf() if drawing is None else drawing
+    display(Image(figure_file(displayed, "png", dpi=displayed.dpi), alt=alt))  # type: ignore[no-untyped-call]
+    plt.close(displayed)
 
 
 def show_film(films: Sequence[Film], alt: str) -> None:

@@ -1,7 +1,7 @@
 """A page to learn condition (8) by hand, without Python: one file, nothing fetched.
 
-All that the page needs along its path are Chebyshev series in s (see `planar_crossing`), which it evaluates
-for whatever law its reader makes; nothing on it was drawn beforehand.
+The page has Chebyshev series in s (see `planar_crossing`) and evaluates them for any law that its reader
+makes; nothing is drawn beforehand.
 """
 
 from __future__ import annotations

@@ -216,7 +216,7 @@ def _axes(films: Sequence[Film]) -> tuple[Figure, Axes, list[_Mark]]:
 
 def _dot(film: Film, twist: Array, ax: Axes) -> _Mark:
     """Draw a dot on a curve of the eye, which stops at the end of an unproved motion."""
-    s, demand = film.law(film.time), film.motors.along(twist)
+    s, demand = film.law(film.time), film.motors.force_along(twist)
     end = _end(film)
     color, _, mark, _ = THREADS if film.proved else MISSES
     (dot,) = ax.plot([], [], mark, color=color, markersize=7, markeredgecolor="white", zorder=5)

@@ -1,4 +1,4 @@
-"""The phase plane of a plan: s' and s" over s between what its motors allow, which closes at a crossing."""
+"""The phase plane of a plan: s' and s" over s within the limits of its motors, which close at a crossing."""
 
 from __future__ import annotations
 

@@ -11,8 +11,7 @@ from matplotlib.axes import Axes
 from framework.arrays import Array
 from framework.crossing.result import CrossingPlan
 from framework.dynamics.finite_differences import FiniteDifferenceTorques
-from framework.dynamics.measure_along_path import MeasureAlongPath
-from framework.dynamics.wrench import wrench_along
+from framework.dynamics.wrench import MeasureAlongPath, wrench_along
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.show.captions import display_name, unit
 from framework.show.film import Film, film_plan
@@ -85,11 +84,11 @@ def plot_singularity(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     robot = plan.robot
     s = np.linspace(0.0, 1.0, CURVE_SAMPLES)
     measure = MeasureAlongPath.of(plan.dynamics)
-    g = measure.of_rest(s)
+    g = measure.evaluate_at_rest(s)
     ax.plot(s, g, label="springs at rest" if robot.n_e else None, **line_style(0))
     if plan.geometry == "deformed":
         times = _times(plan)
-        deflected = measure.of_motion(times)
+        deflected = measure.evaluate_in_motion(times)
         deflected *= np.sign(deflected[0] * g[0])
         ax.plot(plan.law(times), deflected, label="as it deflects", **line_style(1))
         ax.legend(loc="upper left")
@@ -134,9 +133,12 @@ def _magnify(ax: Axes, plan: CrossingPlan, measure: MeasureAlongPath) -> None:
     places = [crossing.s, at_rest]
     if loaded is not None and 0.1 * shift < abs(loaded.s - crossing.s) < MAX_INSET_SHIFT * shift:
         places.append(loaded.s)
-    near = np.linspace(min(places) - shift, max(places) + shift, 5)
-    times = crossing.time + (near - crossing.s) / crossing.speed
-    curves = ((near, measure.of_rest(near)), (plan.law(times), measure.of_motion(times)))
+    window = np.linspace(min(places) - shift, max(places) + shift, 5)
+    times = crossing.time + (window - crossing.s) / crossing.speed
+    curves = (
+        (window, measure.evaluate_at_rest(window)),
+        (plan.law(times), measure.evaluate_in_motion(times)),
+    )
     for k, (along, values) in enumerate(curves):
         upward = np.sign((values[-1] - values[0]) * crossing.speed)
         inset.plot((along - at_rest) * 1e6, upward * values * 1e6, **line_style(k))

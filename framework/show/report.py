@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from framework.crossing.result import Crossing, CrossingPlan
-from framework.dynamics.certificate import Certificate
+from framework.dynamics.result import Certificate
 from framework.errors import point
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.frame_wrench import FrameWrench
@@ -264,15 +264,15 @@ def _neglected_table(plan: CrossingPlan) -> str:
 
 def _parameters(plan: CrossingPlan) -> str:
     robot, description = plan.robot, plan.robot.description
-    given, wrenches = given_options(plan), plan.dynamics.wrenches.entries
-    given.pop("wrenches", None)
+    options, wrenches = given_options(plan), plan.dynamics.wrenches.entries
+    options.pop("wrenches", None)
     rows = [
         ("robot", f"{robot.name} ({description.file.name})"),
         ("flexibility", f"{robot.flexibility}, {plan.geometry} geometry"),
         ("platform", f"{description.platform.frame}: {', '.join(robot.axis_names)}"),
         ("path", repr(plan.path)),
         ("duration", f"{plan.duration:g} s"),
-        ("asked for", ", ".join(f"{key} {_plain(value)}" for key, value in given.items())),
+        ("asked for", ", ".join(f"{key} {_plain(value)}" for key, value in options.items())),
         *((f"wrench of the world on {wrench.frame}", _wrench(wrench)) for wrench in wrenches),
         ("law", f"{plan.law.kind}: {plan.reason}"),
         ("gravity", f"{point(description.gravity)} m/s²"),

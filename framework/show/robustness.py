@@ -1,4 +1,4 @@
-"""Figure of a robustness study: how far the runs leave the plan, and what the motors had to give."""
+"""Figure of a robustness study: tracking errors of the runs, and peak torques of their motors."""
 
 from __future__ import annotations
 
@@ -63,11 +63,11 @@ def _draw_bounds(axes: Sequence[Axes], loop: ControlLoop) -> None:
     )
     limits = np.unique(np.asarray(loop.limit or ()))
     within = torques.get_xaxis_transform()
-    near = limits[limits < DRAWN_LIMIT_RATIO * torques.get_xlim()[1]]
-    for limit in near:
+    drawn = limits[limits < DRAWN_LIMIT_RATIO * torques.get_xlim()[1]]
+    for limit in drawn:
         draw_dashed(torques, limit, ALARM, 0.8)
-    if len(near):
-        torques.text(near[0], 0.5, "torque limit", color=ALARM, transform=within, **note)
+    if len(drawn):
+        torques.text(drawn[0], 0.5, "torque limit", color=ALARM, transform=within, **note)
     elif len(limits):  # far off: no place for it in the picture
         label = f"torque limit: {limits[0]:.3g} N m, off to the right"
         torques.text(0.98, 0.04, label, color=ALARM, fontsize=7, ha="right", transform=torques.transAxes)

@@ -38,8 +38,7 @@ from framework.show.captions import (
 from framework.show.film import Film
 from framework.show.force_polygon import peak_torque, shown_limit
 from framework.show.forces import drawn_sides, figure_vectors, why_no_figure
-from framework.show.motors import motor_shapes
-from framework.show.shapes import placement_along
+from framework.show.shapes import motor_shapes, placement_along
 from framework.show.sight import Sight, film_sight, tilt_aside
 from framework.show.standalone import pack
 
@@ -210,8 +209,8 @@ def _springs(film: Film, size: float) -> Document | None:
         )
     for kind, columns, unit_length in (("slide", slides, COIL_LENGTH * size), ("turn", ~slides, 1.0)):
         largest = np.abs(film.deflection[:, columns]).max(initial=0.0)
-        shown = MAX_DRAWN_DEFLECTION * unit_length
-        factors[kind] = _round_down(shown / largest) if largest > 0 else 1.0
+        largest_drawn = MAX_DRAWN_DEFLECTION * unit_length
+        factors[kind] = _round_down(largest_drawn / largest) if largest > 0 else 1.0
     return {
         "coils": coils,
         "factors": factors,

@@ -1,7 +1,7 @@
 """The direction from which a robot is looked at: of many, the one that shows most of the robot.
 
 A planar robot is seen along its normal, from one side or the other; any other from all around, from eye
-level to halfway up. Bodies are measured as the picture has them: which is nearest to the eye in each cell.
+level to halfway up. A body is measured by the cells of the picture in which it is nearest to the eye.
 """
 
 from __future__ import annotations
@@ -17,8 +17,7 @@ from framework.kinematics.placements import carried_points, joint_poses, planar_
 from framework.locus.drawn_locus import locus_patch
 from framework.model.visuals import Shape
 from framework.show.film import Film
-from framework.show.motors import motor_shapes
-from framework.show.shapes import body_shapes, surface_points
+from framework.show.shapes import body_shapes, motor_shapes, surface_points
 
 USUAL_DIRECTION = np.array([0.75, -1.35, 0.65])  # from the robot to the eye: of directions alike the nearest
 USUAL_NORMAL = np.array([0.2, -1.0, 2.0])  # on whose side the eye is, of a planar robot

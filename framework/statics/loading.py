@@ -24,7 +24,7 @@ from framework.dynamics.tangent_stiffness import (
     Balance,
     Load,
     balance,
-    given_wrench,
+    check_wrench,
     moving_columns,
     tangent_stiffness,
 )
@@ -122,7 +122,7 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
         InvalidInput: a robot without springs; a wrench without a potential.
     """
     require_springs(robot)
-    load = Load(given_wrench(robot, wrench), np.zeros(len(q)), spring_torques(robot, q, robot.all_stiffness))
+    load = Load(check_wrench(robot, wrench), np.zeros(len(q)), spring_torques(robot, q, robot.all_stiffness))
     unloaded = balance(robot, q, load)
     current = _Points(q.copy(), load.share, _tangents(unloaded.H, unloaded.drive, unloaded.null)[0])
     step, reason = np.full(len(q), MAX_STEP), np.full(len(q), LoadReason.NOT_CONVERGED, dtype=np.uint8)
@@ -130,7 +130,7 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
     for _ in range(MAX_STEPS):
         if not len(live):
             break
-        start, whole = select(current, live), load.at(live)
+        start, whole = select(current, live), load.select(live)
         ahead = _step(robot, start, whole, step[live])
         step[live] = np.where(ahead.good, np.minimum(2.0 * ahead.size, MAX_STEP), 0.5 * ahead.size)
         for values, new in zip(current, ahead.points, strict=True):
@@ -138,7 +138,7 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
         reason[live] = _reasons(robot, ahead)
         turned = np.flatnonzero(ahead.turned)
         if len(turned):
-            folds = _folds(robot, select(start, turned), whole.at(turned))
+            folds = _folds(robot, select(start, turned), whole.select(turned))
             turned = live[turned[folds.found]]
             current.q[turned], current.share[turned] = folds.q[folds.found], folds.share[folds.found]
             reason[turned] = LoadReason.GIVES_WAY
@@ -223,7 +223,7 @@ def _correct(
     was_met, done, stable = np.zeros((3, len(along)), dtype=bool)
     live = np.arange(len(along))
     for _ in range(MAX_ITERATIONS):
-        state = balance(robot, reached.q[live], load.at(live)._replace(share=reached.share[live]))
+        state = balance(robot, reached.q[live], load.select(live)._replace(share=reached.share[live]))
         move, gain = _newton_step(state, ahead.tangent[live], ahead.lands[live])
         size = np.abs(move).max(axis=1)
         correction[live] += size

@@ -31,8 +31,8 @@ from framework.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArra
 from framework.dynamics.tangent_stiffness import (
     Load,
     balance,
-    factored,
-    given_wrench,
+    check_wrench,
+    factor_transposed,
     moving_columns,
     tangent_stiffness,
 )
@@ -83,7 +83,7 @@ def compliant_motions(robot: ParallelRobot, linearised: LinearisedLoops, q: Arra
     """
     require_springs(robot)
     columns = moving_columns(robot)
-    null = factored(scaled_loops(robot, linearised)[:, :, columns])[2]
+    null = factor_transposed(scaled_loops(robot, linearised)[:, :, columns])[2]
     Z = null * robot.column_scale[columns][:, None]
     stiffness = robot.all_stiffness[columns]
     mass = mass_matrices(robot, q)[:, columns[:, None], columns]
@@ -220,7 +220,7 @@ def _find_equilibrium(robot: ParallelRobot, q: Array, wrench: ArrayLike | None) 
     """
     columns = moving_columns(robot)
     lengths = robot.column_scale[columns]
-    load = Load(given_wrench(robot, wrench), np.ones(1), np.zeros((1, robot.model.nv)))
+    load = Load(check_wrench(robot, wrench), np.ones(1), np.zeros((1, robot.model.nv)))
     size = np.inf
     for _ in range(MAX_NEWTON_STEPS):
         state = balance(robot, q[None], load)

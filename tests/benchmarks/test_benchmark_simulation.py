@@ -16,10 +16,10 @@ import numpy as np
 import pytest
 
 import robots
-from framework.show.locus_figures import plot_work_precision
 from framework.show.plots import save
 from framework.simulation import Stepper
 from tests.benchmarks.integration_methods import Method, methods
+from tests.benchmarks.work_precision import plot_work_precision
 
 pytestmark = pytest.mark.benchmark
 REPEATS = 3

@@ -67,13 +67,13 @@ def test_a_motor_that_reverses_rests_and_starts():
     def speed(t):
         return np.stack([np.cos(t), np.maximum(0, t - 2) - np.maximum(0, 1 - t)], axis=1)
 
-    friction = PlannedFriction.along(np.array([2.0, 3.0]), speed, 5.0)
+    friction = PlannedFriction.from_speed(np.array([2.0, 3.0]), speed, 5.0)
     np.testing.assert_allclose(friction.instants[0], [0.0, np.pi / 2, 3 * np.pi / 2, 5.0], rtol=1e-14)
     np.testing.assert_array_equal(
         friction([0.0, 0.5, 1.5, 2.5, 4.8, 5.0]), [[0, 0], [2, -3], [2, 0], [-2, 3], [2, 3], [0, 0]]
     )
     np.testing.assert_array_equal(friction(0.5), [2, -3])
-    assert PlannedFriction.along(np.zeros(2), speed, 5.0) is None
+    assert PlannedFriction.from_speed(np.zeros(2), speed, 5.0) is None
 
 
 def test_without_friction_the_plan_is_that_of_a_robot_that_has_none(polynomial, tmp_path):

@@ -34,8 +34,8 @@ def test_the_torques_of_a_plan_give_the_wrench_that_its_motion_asks_for(name, sc
     plan, t, motion = planned(name, scene, flexibility)
     wrench = platform_wrench(plan.robot, motion)
     given = np.einsum("tan,ta->tn", wrench.motor_speed, plan.torque(t))
-    scale = np.abs(wrench.asked).max(axis=0)
-    assert np.abs(given - wrench.asked).max() <= 1e-8 * scale.max()
+    scale = np.abs(wrench.required).max(axis=0)
+    assert np.abs(given - wrench.required).max() <= 1e-8 * scale.max()
 
 
 def test_on_massless_legs_it_is_the_payload_and_the_rotors():
@@ -43,7 +43,7 @@ def test_on_massless_legs_it_is_the_payload_and_the_rotors():
     plan, t, motion = planned("five_bar", "C")
     wrench = platform_wrench(plan.robot, motion)
     rotors = 6.4e-6 * plan.motor_angle(t, 2)
-    payload = wrench.asked - np.einsum("tan,ta->tn", wrench.motor_speed, rotors)
+    payload = wrench.required - np.einsum("tan,ta->tn", wrench.motor_speed, rotors)
     assert payload == pytest.approx(10.0 * plan.platform(t, 2), abs=1e-9)
 
 

@@ -10,7 +10,7 @@ import pytest
 import robots
 from framework import InvalidInput, ParallelRobot, RobotFileError, velocity_matrices
 from framework.atlas.design_study import designs_of
-from framework.model.parameters import declared_parameters, filled, with_parameters
+from framework.model.parameters import declared_parameters, fill_placeholders, with_parameters
 from tests.urdf_edits import parametric_five_bar
 
 VALUES = {"a": 0.25, "b": 2.0}
@@ -28,7 +28,7 @@ VALUES = {"a": 0.25, "b": 2.0}
     ],
 )
 def test_a_placeholder_is_arithmetic(expression, value):
-    assert float(filled("${" + expression + "}", VALUES)) == pytest.approx(value, rel=1e-15)
+    assert float(fill_placeholders("${" + expression + "}", VALUES)) == pytest.approx(value, rel=1e-15)
 
 
 REFUSED = (
@@ -40,7 +40,7 @@ REFUSED = (
 @pytest.mark.parametrize("expression", REFUSED)
 def test_whatever_else_stands_in_a_placeholder_is_refused(expression):
     with pytest.raises(RobotFileError, match=r"\$\{"):
-        filled("<joint x='${" + expression + "}'/>", VALUES)
+        fill_placeholders("<joint x='${" + expression + "}'/>", VALUES)
 
 
 @pytest.mark.parametrize(

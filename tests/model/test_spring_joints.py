@@ -8,7 +8,7 @@ import pytest
 
 import robots
 from framework.model.description import Spring
-from framework.model.spring_joints import count_turns, insert_springs
+from framework.model.spring_joints import insert_springs, make_continuous_joints_revolute
 from tests.urdf_edits import edited
 
 # A motor, an elbow turned about x and a tip turned about z, so that frames and base differ.
@@ -140,16 +140,16 @@ def test_springs_bring_neither_mass_nor_limits():
 
 
 def test_joints_without_continuous_ones_keep_their_text():
-    assert edited(REVOLUTE, (count_turns,)) == edited(REVOLUTE)
+    assert edited(REVOLUTE, (make_continuous_joints_revolute,)) == edited(REVOLUTE)
 
 
 @pytest.mark.parametrize("limit", ["", LIMIT])
 def test_a_continuous_joint_counts_its_turns(limit):
     urdf = ARM.format(motor="continuous", limit=limit)
-    counting = pin.buildModelFromXML(edited(urdf, (count_turns,)))
+    counting = pin.buildModelFromXML(edited(urdf, (make_continuous_joints_revolute,)))
     assert pin.buildModelFromXML(urdf).nq == 3  # a point on a circle, and the rail
     assert counting.nq == counting.nv == 2
-    turned = placements(edited(urdf, (count_turns,)), motor=MOTOR + 4 * np.pi)
+    turned = placements(edited(urdf, (make_continuous_joints_revolute,)), motor=MOTOR + 4 * np.pi)
     np.testing.assert_allclose(
         turned["tip"].homogeneous, placements(REVOLUTE, motor=MOTOR)["tip"].homogeneous, atol=1e-14
     )  # cos and sin of 13 rad
@@ -157,7 +157,9 @@ def test_a_continuous_joint_counts_its_turns(limit):
 
 def test_a_continuous_motor_can_have_a_spring_of_its_own():
     urdf = edited(
-        ARM.format(motor="continuous", limit=""), (count_turns,), (insert_springs, [spring("motor")])
+        ARM.format(motor="continuous", limit=""),
+        (make_continuous_joints_revolute,),
+        (insert_springs, [spring("motor")]),
     )
     moved = placements(urdf, motor=MOTOR, soft=0.1)["tip"]
     assert_same_pose(moved, placements(REVOLUTE, motor=MOTOR + 0.1)["tip"])

@@ -9,7 +9,7 @@ import robots
 from framework import Arc, Line, Spline, inverse_dynamics, locate_singularities, plan_crossing
 from framework.errors import InvalidInput
 from framework.motion.law import Law
-from framework.motion.path_check import check_path
+from framework.motion.path import check_path
 
 START, SPAN = np.array([0.1, 0.345]), np.array([-0.15, -0.15])
 

@@ -9,8 +9,7 @@ import pytest
 import robots
 from framework.dynamics.action_lines import action_lines
 from framework.show.forces import drawn_sides, why_no_figure
-from framework.show.motors import motor_shapes
-from framework.show.shapes import body_shapes
+from framework.show.shapes import body_shapes, motor_shapes
 from tests.show.test_film import filmed
 
 # Where each leg begins and ends; legs without mass or their own load carry forces along themselves alone.

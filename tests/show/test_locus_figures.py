@@ -7,8 +7,9 @@ import pytest
 
 import robots
 from framework import InvalidInput, plan_scene
-from framework.show.locus_figures import plot_locus, plot_work_precision
+from framework.show.locus_figures import plot_locus
 from framework.show.style import LOCUS
+from tests.benchmarks.work_precision import plot_work_precision
 
 
 def rods_in_line(x, y):

@@ -12,8 +12,7 @@ import pytest
 import robots
 from framework import ParallelRobot, assemble, plan_scene
 from framework.errors import InvalidInput
-from framework.export.mjcf import MIN_INERTIA, MIN_MASS, mjcf_text, qpos_of, ranges_left_out
-from framework.export.mjcf_loops import equality_axes
+from framework.export.mjcf import MIN_INERTIA, MIN_MASS, equality_axes, mjcf_text, qpos_of, ranges_left_out
 from framework.simulation.accelerations import accelerations
 from framework.simulation.equations import EquationsOfMotion
 from tests.model.readers.leg import ankle

@@ -23,6 +23,7 @@ from framework.motion.bernstein import NODES, Bernstein, cell_nodes, fit
 from framework.motion.optimal_law import Smoothstep, Stretch
 
 END_ORDER = 4  # of the smoothstep by which cells are narrower towards both ends of the path
+LEAST_WIDTH = 1e-6  # of a cell in s: an edge or a knot nearer to a crossing is taken to be at it
 MAX_CUTS = 14  # of cells on which functions do not resolve, or a motor with dry friction reverses
 
 
@@ -50,9 +51,10 @@ def uniform_cells(task: Task, count: int) -> Array:
     edges = np.clip(phi(stretch.inverse(np.linspace(-1.0, 1.0, count + 1))), 0.0, 1.0)
     edges = np.unique(np.concatenate([edges, branch.path.knots, branch.wrenches.knots]))
     for s in crossings:
-        others = np.append(edges, crossings)
-        third = np.abs(others[others != s] - s).min() / 3.0
-        edges = np.append(edges[edges != s], [s - third, s + third])
+        edges = edges[np.abs(edges - s) > LEAST_WIDTH]
+        others = np.append(edges, crossings[crossings != s])
+        third = np.abs(others - s).min() / 3.0
+        edges = np.append(edges, [s - third, s + third])
     return np.sort(edges)
 
 

@@ -1,4 +1,4 @@
-"""Advice beside the reason of a refusal, and the limits that a plan was asked to keep."""
+"""Advice beside the reason of a refusal, and the check of limits that a plan must keep."""
 
 from __future__ import annotations
 

@@ -20,8 +20,8 @@ from framework.crossing.refusals.uncrossable_points import check_crossable, chec
 from framework.crossing.timing import choose_timing
 from framework.dynamics.elasticity import solve_deflections
 from framework.dynamics.inverse_dynamics import resolve
-from framework.dynamics.refusals import not_resolved, not_settled
-from framework.dynamics.residuals import check_idle_joints, measure_neglected
+from framework.dynamics.refusals import unresolved_error, unsettled_error
+from framework.dynamics.residuals import check_idle_joints, measure_residuals
 from framework.dynamics.restoration import restored
 from framework.dynamics.singularity_crossings import (
     check_bounded,
@@ -103,12 +103,14 @@ MOTION = (  # under either law, or one of the user's own
     _reason("the deflected robot has no singular point near the crossing", NoLaw, crossing_point),
     _reason('deflected, the path is orthogonal to t_s: s" has no effect', NotConverged, condition_at),
     _reason("loops do not close on the way, or rates do not exist", NotAssembled, close_loops, motion_at),
-    _reason("no deflections cause the forces that hold them", NotConverged, solve_deflections, not_settled),
+    _reason(
+        "no deflections cause the forces that hold them", NotConverged, solve_deflections, unsettled_error
+    ),
     _reason("no law near this one has deflections in balance", NotConverged, restored, in_balance),
     _reason("springs tear the loops open", NotConverged, resolve),
-    _reason("torques, deflections or a near miss are not resolved", NotConverged, not_resolved),
+    _reason("torques, deflections or a near miss are not resolved", NotConverged, unresolved_error),
     _reason("the deflected robot meets a singularity of its own", NoLaw, check_crossings),
-    _reason("a loop equation tears that was redundant at the reference", NotAssembled, measure_neglected),
+    _reason("a loop equation tears that was redundant at the reference", NotAssembled, measure_residuals),
     _reason("a joint is loaded that nothing holds", LoadedJoint, check_idle_joints),
 )
 PLAN = (

@@ -1,4 +1,4 @@
-"""What refusals rest on: proofs (`NoLaw.proof`), or what a search found instead (`NoLaw.evidence`)."""
+"""The grounds of refusals: proofs (`NoLaw.proof`), or numbers of a search (`NoLaw.evidence`)."""
 
 from __future__ import annotations
 
@@ -6,11 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numpy as np
-
 from framework.arrays import Array
 from framework.crossing.specification import Specification
-from framework.errors import format_distinct
+from framework.errors import format_distinct, round_up
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.tolerances import LIMIT_MARGIN
 
@@ -86,14 +84,6 @@ def _format_limits(robot: ParallelRobot, limits: Array, units: Sequence[str]) ->
         for joint, number in zip(robot.actuator_names, rounded, strict=True)
         if number != "inf"
     )
-
-
-def round_up(value: float, digits: int) -> float:
-    """Round a positive number up to so many digits; infinity stays."""
-    if not np.isfinite(value):
-        return value
-    unit = 10.0 ** (np.floor(np.log10(value)) - digits + 1)
-    return float(f"{np.ceil(value / unit) * unit:.{digits}g}")
 
 
 @dataclass(frozen=True)

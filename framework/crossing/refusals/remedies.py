@@ -12,9 +12,9 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.crossing.durations import OptimalDurations
-from framework.crossing.refusals.refusal_proofs import SearchEvidence, UnmetCondition, round_up
+from framework.crossing.refusals.refusal_proofs import SearchEvidence, UnmetCondition
 from framework.crossing.request import Request
-from framework.errors import NoAnswer
+from framework.errors import NoAnswer, round_up
 from framework.kinematics.parallel_robot import ParallelRobot
 
 OPTIMAL_LAW: dict[str, Any] = {"law": "optimal", "times": None, "speeds": None}

@@ -44,10 +44,6 @@ class Continuation(ReadOnlyArrays):
     core: tuple[float, float]
     series: Array  # (DEGREE + 1, nv) of the offset from the branch's origin
 
-    def covers(self, s: Array) -> NDArray[np.bool_]:
-        """Whether s (T,) lies between the ends."""
-        return (s >= self.start) & (s <= self.end)
-
     def offset(self, s: Array) -> Array:
         """Compute the offset (T, nv) from the branch's origin."""
         return _chebyshev_values(self.series, self.start, self.end, s)
@@ -115,7 +111,7 @@ class Branch(ReadOnlyArrays):
         """Return configurations (T, nq) near the branch at s (T,)."""
         u = self._cubic_offsets(s) if self.series is None else self._series_offsets(self.series, s)
         for continuation in self.continuations:
-            covered = continuation.covers(s)
+            covered = (s >= continuation.start) & (s <= continuation.end)
             u[covered] = continuation.offset(s[covered])
         return integrate(self.robot, self.origin, u)
 

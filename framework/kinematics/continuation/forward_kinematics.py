@@ -75,7 +75,7 @@ def forward_kinematics(
         NotAssembled: the way cannot be followed for another reason.
     """
     expect_robot(robot)
-    target = finite_numbers(f"q_a ({', '.join(robot.actuator_names)})", q_a, robot.n_a)
+    target = motor_joints_of(robot, q_a)
     check_motors_are_free(robot)
     start = start_pose(robot, near)
     way, x = _follow_motors(robot, start.place, target), start.x[None]
@@ -84,6 +84,11 @@ def forward_kinematics(
     if not way.complete:
         raise _end_error(robot, way, x[0], target)
     return _pose_at(robot, way.last, x[0], float(way.clearance.min()), steps=len(way.at) - 1)
+
+
+def motor_joints_of(robot: ParallelRobot, q_a: ArrayLike, *, stacks: bool = False) -> Array:
+    """Return motor joints q_a, (n_a,) or (T, n_a), as an array of finite numbers."""
+    return finite_numbers(f"q_a ({', '.join(robot.actuator_names)})", q_a, robot.n_a, stacks=stacks)
 
 
 def _pose_at(robot: ParallelRobot, place: Places, x: Array, least: float, *, steps: int) -> ForwardPose:

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays
-from framework.errors import NotAssembled, finite_numbers
+from framework.errors import NotAssembled
 from framework.kinematics.assembly import Configuration
 from framework.kinematics.closures import loop_wrenches
 from framework.kinematics.continuation.forward_kinematics import (
@@ -25,6 +25,7 @@ from framework.kinematics.continuation.forward_kinematics import (
     close_at_motors,
     forward_kinematics,
     motor_driven_rates,
+    motor_joints_of,
     motors_turning_points,
     start_pose,
     type2_singularity,
@@ -64,9 +65,7 @@ def forward_kinematics_stack(
         InvalidInput: as `forward_kinematics`; its other errors are `refused` of the result, by row.
     """
     expect_robot(robot)
-    targets = np.atleast_2d(
-        finite_numbers(f"q_a ({', '.join(robot.actuator_names)})", q_a, robot.n_a, stacks=True)
-    )
+    targets = np.atleast_2d(motor_joints_of(robot, q_a, stacks=True))
     check_motors_are_free(robot)
     start = start_pose(robot, near)
     turn = np.zeros((len(targets), robot.model.nv))
@@ -196,7 +195,7 @@ def follow_motors(
     turning = ~robot.sliding[robot.actuated]
     pose = start_pose(robot, near)
     for sample in samples:
-        q_a = finite_numbers(f"q_a ({', '.join(robot.actuator_names)})", sample, robot.n_a)
+        q_a = motor_joints_of(robot, sample)
         if single_turn:
             turns = np.round((robot.actuated_coordinates(pose.q[None])[0] - q_a) / (2 * np.pi))
             q_a = np.where(turning, q_a + 2 * np.pi * turns, q_a)

@@ -123,8 +123,8 @@ def follow(
             close; None if it is the first of all.
         belong: which of K places (second argument) are on the branch of their predecessors, the first after
             a place (first argument); the third tells whose tangent has turned no more than on one branch.
-        end: the end of the branch not far ahead of a place, if it finds one: parameter and place. Called
-            after a refused step; if it returns None the step is halved.
+        end: the end of the branch not far ahead of a place, if it finds one: parameter and place. It is
+            called after a refused step; if it returns None the step is halved.
         step: the first one, as a share of the way.
         at_once: places computed together along one tangent, each accepted as a step from its predecessor.
     """

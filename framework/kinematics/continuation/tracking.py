@@ -29,8 +29,7 @@ from framework.kinematics.mistaken_units import remark_on_reach
 from framework.kinematics.modes import keeps_working_mode
 from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.motion.path import Line, Path
-from framework.motion.path_check import check_path
+from framework.motion.path import Line, Path, check_path
 from framework.tolerances import BRANCHES_CROSS, FILE_ROUNDING, NEWTON_STEP
 
 TYPE_1_END_RATIO = 1e-4  # least singular value of the loop equations, below which Type 1 has ended a way
@@ -56,7 +55,7 @@ def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
     reference = robot.reference
     if x is None:
         return reference
-    target = _platform_point(robot, x)
+    target = finite_numbers(f"platform coordinates ({', '.join(robot.axis_names)})", x, robot.n)
     distance = float(np.abs(target - reference.x).max())
     if distance <= PLATFORM_ROUNDING * robot.length:
         return reference
@@ -89,10 +88,6 @@ def track_path(robot: ParallelRobot, path: Path) -> Branch:
     require_square(robot)
     start = assemble(robot, path(0.0))
     return _follow_branch(robot, path, start.q, "the path")
-
-
-def _platform_point(robot: ParallelRobot, x: ArrayLike) -> Array:
-    return finite_numbers(f"platform coordinates ({', '.join(robot.axis_names)})", x, robot.n)
 
 
 def follow_path(

@@ -417,7 +417,7 @@ def _serial(known: Known) -> list[str]:
 
 
 def _split_serial_joints(known: Known, options: Options) -> tuple[list[str], list[str]]:
-    """Return serial joints that no option names: those with no loop behind, and the others."""
+    """Return serial joints that no option names, without and with loops behind."""
     tree = known.tree
     used = {*(options.motors or ()), *(options.platform_joints or ())}
     if known.platform is not None or options.platform is not None:

@@ -12,7 +12,6 @@ What they share
     urdf_tree           a URDF with frames and closures to add
     transmissions       motors, and the joints that they drive
     missing_fields      what a file does not say and the caller has to
-    base_link           a part of a larger robot: all else is locked
     left_out            what was read and is not kept
     describe            the records, once tree and loops are known
 """

@@ -1,13 +1,17 @@
-"""The records of a foreign file, once its tree is read and its loops are known."""
+"""The records of a foreign file, once its tree is read and its loops are known.
+
+A part of a larger robot, such as a leg or a wrist, is selected by --base and --lock, without an edit to its
+file.
+"""
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from framework.errors import FrameworkError, RobotFileError
+from framework.errors import FrameworkError, RobotFileError, check_name, choose_from
 from framework.model.description import (
     Closure,
     Coupling,
@@ -15,8 +19,8 @@ from framework.model.description import (
     ParsedRobot,
     Platform,
     RobotDescription,
+    locked_by_couplings,
 )
-from framework.model.readers.base_link import couplings_of_the_rest, lock, lock_all_but, loops_of_the_rest
 from framework.model.readers.left_out import LeftOut, left_out_of, moves
 from framework.model.readers.missing_fields import Known, Options, checked_reference, completed_description
 from framework.model.readers.transmissions import Motor, Pull, actuators_of, add_pulls
@@ -45,9 +49,9 @@ def describe(
     left_out: Sequence[LeftOut] = (),
     remarks: Sequence[str] = (),
 ) -> ParsedRobot:
-    """Make the records of a tree and its loops, completed by the options; return them with the URDF.
+    """Make the records of a tree and its loops, completed by the options.
 
-    What --base does not carry and what --lock names is held, and nothing that acts there matters.
+    Joints not behind --base and joints of --lock are fixed, and forces on them are ignored.
 
     Raises:
         RobotFileError: there is no loop, or one that closes nothing; or platform, axes or motors are missing.
@@ -63,7 +67,7 @@ def describe(
         lock_all_but(tree, options.base, near)
     lock(tree, options.locked, near)
     couplings = couplings_of_the_rest(tree, couplings)
-    loops = loops_of_the_rest(tree, closures)
+    loops = [one for one in closures if any(tree.moving_chains(*map(tree.link_of, one.frames)))]
     if not loops and not couplings:
         raise _no_loop(options, closures[0] if closures else None)
     actuators, several = actuators_of(motors, tree, couplings)
@@ -92,12 +96,17 @@ def describe(
         urdf_text=ElementTree.tostring(tree.root, encoding="unicode"),
         left_out=(*several, *left_out_of(tree, left_out)),
     )
-    decisive = [item for item in left_out if item.is_decisive]
-    held = [item.what for item in decisive if not any(moves(tree, name) for name in item.acts_on)]
-    said = [*remarks, *(f"not used, since it does not move: {what}" for what in held)]
+    remarks = (*remarks, *_omissions(tree, left_out), *resolved.remarks)
+    return ParsedRobot(description, tree.root, remarks=remarks)
+
+
+def _omissions(tree: UrdfTree, left_out: Sequence[LeftOut]) -> Iterator[str]:
+    """Yield remarks on decisive elements without motion, and on elements of other programs."""
+    for item in left_out:
+        if item.is_decisive and not any(moves(tree, name) for name in item.acts_on):
+            yield f"not used, since it does not move: {item.what}"
     if tree.skipped:
-        said.append(f"not read, of other programs: {', '.join(f'<{tag}>' for tag in tree.skipped)}")
-    return ParsedRobot(description, tree.root, remarks=(*said, *resolved.remarks))
+        yield f"not read, of other programs: {', '.join(f'<{tag}>' for tag in tree.skipped)}"
 
 
 def _check_closures(closures: Sequence[Closure]) -> None:
@@ -136,3 +145,65 @@ def _acting(tree: UrdfTree, joints: Mapping[str, JointDynamics]) -> dict[str, Jo
     """Return springs, damping and friction of the coordinates that move: the dialect's, or <dynamics>."""
     declared = joint_dynamics(declared_dynamics(tree.root), {})
     return {name: value for name, value in {**declared, **joints}.items() if name in tree.coordinates}
+
+
+# ------------------------------------------------------------------ a part of a larger robot
+
+
+def lock_all_but(tree: UrdfTree, base: str, reference: Mapping[str, float]) -> None:
+    """Lock all joints that the link `base` does not carry, at the reference [rad, m], else at zero.
+
+    Raises:
+        RobotFileError: there is no such link, or it carries no joint that moves.
+    """
+    check_name("--base", "link", base, tree.links)
+    carried = {
+        joint.name
+        for joint in tree.joints.values()
+        if joint.parent == base or any(above.child == base for above in tree.path_to_base(joint.parent))
+    }
+    if not any(tree.joints[name].moves for name in carried):
+        raise RobotFileError(
+            f"--base: no joint moves that link {base!r} carries; give a link nearer to the root"
+        )
+    for joint in list(tree.joints.values()):
+        if joint.moves and joint.name not in carried:
+            tree.fix(joint, *(reference.get(name, 0.0) for name in joint.coordinates))
+
+
+def lock(tree: UrdfTree, locked: Mapping[str, float | None], reference: dict[str, float]) -> None:
+    """Lock joints at values [rad, m]; None means the reference, else zero.
+
+    Of a ball J one turn may be held, J_rx, J_ry or J_rz: it becomes a cross about the other two, whose angles
+    come into the reference.
+
+    Raises:
+        RobotFileError: there is no such joint that moves, or it has several coordinates and a value.
+    """
+    for name, value in locked.items():
+        ball = tree.joints.get(name[:-3])
+        if ball is not None and ball.kind == "spherical" and name in ball.coordinates:
+            turn = [reference.pop(key, 0.0) for key in ball.coordinates]
+            reference.update(tree.hold_turn(ball, name[-1], value, turn))
+            continue
+        movable = [joint.name for joint in tree.joints.values() if joint.moves]
+        if name not in movable:
+            if name in tree.held:
+                continue  # by --base, or with another joint
+            raise RobotFileError(f"--lock: {choose_from('joint that moves', name, movable)}")
+        joint = tree.joints[name]
+        if value is not None and len(joint.coordinates) > 1 and value:
+            raise RobotFileError(
+                f"--lock: {name!r} is {joint.kind}; give {name} alone, and its turn by --reference "
+                f"{joint.coordinates[-1]}=VALUE"
+            )
+        values = [reference.get(name, 0.0) for name in joint.coordinates]
+        tree.fix(joint, *(values if value is None else [value] * len(values)))
+
+
+def couplings_of_the_rest(tree: UrdfTree, couplings: Sequence[Coupling]) -> list[Coupling]:
+    """Return the couplings of moving joints; fix a joint coupled with a fixed one."""
+    while locked := locked_by_couplings(couplings, {name: values[0] for name, values in tree.held.items()}):
+        for name, value in locked.items():
+            tree.fix(tree.joints[name], value)
+    return [c for c in couplings if tree.joints[c.joint].moves and tree.joints[c.of].moves]

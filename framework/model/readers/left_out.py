@@ -1,4 +1,4 @@
-"""Content of a foreign file that the records do not hold, named with its size where it matters."""
+"""Content of a foreign file without a place in the records, named with its size."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from framework.model.readers.urdf_tree import UrdfTree
 
 
 class LeftOut(NamedTuple):
-    """An element that is not read, and the joints and links that it acts on.
+    """An element that is not read, with the joints and links under its action.
 
     Without the force of most elements a robot is still the same mechanism; where one decides how the
     mechanism moves (`is_decisive`), it cannot be left out of parts that move.
@@ -22,7 +22,7 @@ class LeftOut(NamedTuple):
 
 
 def left_out_of(tree: UrdfTree, items: Iterable[LeftOut]) -> tuple[str, ...]:
-    """Return what is left out of the parts that still move, each once.
+    """Return the elements left out of parts that move, each once.
 
     Raises:
         RobotFileError: it decides how they move.

@@ -1,4 +1,4 @@
-"""Platform, axes, motors and reference that a foreign file leaves out: a person must say or agree to them."""
+"""Platform, axes, motors and reference that a foreign file leaves out: the user states or confirms these."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Known(NamedTuple):
 
 
 class Resolved(NamedTuple):
-    """A description with platform and motors, and what has to be said about where they are from."""
+    """A description with platform and motors, and remarks on their source."""
 
     description: RobotDescription
     remarks: tuple[str, ...] = ()
@@ -32,11 +32,11 @@ class Resolved(NamedTuple):
 
 @dataclass(frozen=True)
 class Options:
-    """The options given beside the file; None leaves it to the file.
+    """The options beside the file; None means the file's value.
 
     `reference` [rad, m] goes by the names of joints, of a ball J by J_rx, J_ry, J_rz (a rotation vector); a
     foreign file's zero pose is the reference unless it says something else. `locked` [rad, m] holds joints,
-    at the reference where the value is None. `propose` says what nobody has said.
+    at the reference if the value is None. `propose` completes the rest.
     """
 
     platform: str | None = None
@@ -50,7 +50,7 @@ class Options:
 
     @property
     def is_silent(self) -> bool:
-        """Whether nothing is said of platform and motors."""
+        """Whether the options leave platform and motors open."""
         return not (self.platform or self.axes or self.platform_joints or self.motors)
 
 
@@ -58,7 +58,7 @@ Propose = Callable[[Options, Known], Resolved]
 
 
 def completed_description(options: Options, known: Known) -> Resolved:
-    """Complete a description: by the options, else by the file, else by what is proposed.
+    """Complete a description by the options, else the file, else proposals.
 
     Raises:
         RobotFileError: something is said nowhere (names the options and the candidates), or an
@@ -110,7 +110,7 @@ def _check_axes(option: str, kind: str, names: Sequence[str], valid: Sequence[st
 def _actuators(
     motors: Sequence[str], joints: Sequence[str], known: Sequence[Actuator]
 ) -> tuple[Actuator, ...]:
-    """Return the motors of the options with what the file knows of them."""
+    """Return the motors of the options with their properties in the file."""
     by_joint = {actuator.joint: actuator for actuator in known}
     for name in motors:
         check_name("--motors", "movable joint", name, joints)
@@ -123,7 +123,7 @@ def _actuators(
 def checked_reference(
     options: Options, coordinates: Sequence[str], near: Mapping[str, float]
 ) -> dict[str, float]:
-    """Return the file's reference, overridden by the options'; `coordinates` are those of all joints."""
+    """Return the file's reference, overridden by the options', of known `coordinates`."""
     for name in options.reference:
         check_name("--reference", "movable joint", name, coordinates)
     return {**near, **{name: float(value) for name, value in options.reference.items()}}

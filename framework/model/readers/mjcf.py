@@ -102,7 +102,7 @@ def _places(positions: Array, quaternions: Array) -> Iterator[Array]:
 
 
 class _Joint(NamedTuple):
-    """A joint by its name and kind, and MuJoCo's view of it."""
+    """A joint by name and kind, with MuJoCo's view."""
 
     name: str
     kind: str
@@ -110,7 +110,7 @@ class _Joint(NamedTuple):
 
     @property
     def has_one(self) -> bool:
-        """Whether it has one degree of freedom."""
+        """Whether the joint has one degree of freedom."""
         return self.kind in ("prismatic", "continuous")
 
 
@@ -165,11 +165,16 @@ class _Model:
                 turn = from_quaternion(*model.body_iquat[k])
                 inertia = turn @ np.diag(model.body_inertia[k]) @ turn.T
                 links[body].append(inertial_element(model.body_mass[k], model.body_ipos[k], inertia))
+        self._add_visuals(links)
+        return root
+
+    def _add_visuals(self, links: Mapping[str, ElementTree.Element]) -> None:
+        """Add the primitive shapes of bodies to their links."""
+        model = self.compiled
         for k, place in enumerate(_places(model.geom_pos, model.geom_quat)):
             if model.geom_type[k] in _SHAPES:
                 shape = _visual(_SHAPES[model.geom_type[k]], model.geom_size[k], place)
                 links[self.bodies[model.geom_bodyid[k]]].append(shape)
-        return root
 
     def reference(self) -> dict[str, float]:
         """Return joint angles of the first key, from the zero pose; empty without one."""
@@ -189,7 +194,7 @@ class _Model:
     # -------------------------------------------------------------- loops
 
     def loops(self, tree: UrdfTree, sites: list[str]) -> Iterator[Closure | Coupling | LeftOut]:
-        """Yield the loops of the equalities, and what decides how joints move and is not read.
+        """Yield the loops of the equalities, and unread equalities that decide how joints move.
 
         Joints that an equality holds become fixed in the tree.
         """
@@ -214,7 +219,7 @@ class _Model:
     def _body_equality(
         self, tree: UrdfTree, name: str, kind: str, ends: tuple[int, int], data: Array
     ) -> Closure:
-        """Return the closure of two bodies with the placements in them that coincide."""
+        """Return the closure of two bodies at coinciding placements."""
         places = [placement(None, data[:3]), placement(None, data[3:6])]
         if kind == "weld":
             places = [placement(from_quaternion(*data[6:10]), data[3:6]), placement(None, data[:3])]
@@ -230,12 +235,12 @@ class _Model:
         is between ways from the zero pose, as ours is.
         """
         first, second = (self._shares(kind, end) for end in ends)
-        offset, ratio, *higher = data[:5].tolist()
+        offset, ratio = data[:2].tolist()
         where = f"{kind} equality {name!r}"
         if first is None or second is None:
             return LeftOut(f"{where}: of a spatial tendon", tuple(tree.coordinates), is_decisive=True)
         joints = tuple(first | second)
-        if second and any(higher[:3]):
+        if second and data[2:5].any():
             text = (
                 f"{where}: polycoef {' '.join(map('{:g}'.format, data[:5]))} couples {' and '.join(joints)}"
             )
@@ -245,21 +250,16 @@ class _Model:
         if len(shares) > 2:
             text = f"{where}: couples {', '.join(shares)}: only couplings of two joints are read"
             return LeftOut(text, tuple(shares), is_decisive=True)
-        (driven, share), *others = shares.items() or [("", 0.0)]
-        if not driven or (not tree.joints[driven].moves and not others):
+        if len(shares) < 2:
+            for joint, share in shares.items():
+                if tree.joints[joint].moves:
+                    tree.fix(tree.joints[joint], offset / share)
             return None
-        if not others:
-            tree.fix(tree.joints[driven], offset / share)
-            return None
-        ((of, other),) = others
+        (driven, share), (of, other) = shares.items()
+        closure = None
         if (offset, share, other) == (0.0, 1.0, -1.0):
-            children = tree.joints[driven].child, tree.joints[of].child
-            chains = tree.moving_chains(*children)
-            if [[part.name for part in chain] for chain in chains] == [[driven], [of]]:
-                closure = tree.same_turning(name, *children)
-                if closure is not None:
-                    return closure
-        return Coupling(driven, of, -other / share, offset / share)
+            closure = _parallel_turns(tree, name, driven, of)
+        return closure or Coupling(driven, of, -other / share, offset / share)
 
     def _shares(self, kind: str, number: int) -> dict[str, float] | None:
         """Return the joints of a joint or a fixed tendon with their shares; None of a spatial tendon."""
@@ -277,7 +277,7 @@ class _Model:
     # -------------------------------------------------------------- what acts
 
     def acting(self) -> dict[str, JointDynamics]:
-        """Return what acts along the coordinates."""
+        """Return armature, damping, friction and springs by coordinate."""
         joints = dict[str, JointDynamics]()
         for joint in self.joints:
             view = joint.view
@@ -298,7 +298,7 @@ class _Model:
         return joints
 
     def pulls(self, motors: Iterable[Motor]) -> Iterator[Pull]:
-        """Yield what acts along motors and fixed tendons."""
+        """Yield armature, damping, friction and springs of motors and fixed tendons."""
         model = self.compiled
         for motor in motors:
             yield Pull(f"motor {motor.name!r}", motor.shares, motor.gear, motor.acting)
@@ -315,7 +315,7 @@ class _Model:
                 yield Pull(f"tendon {self.name('tendon', k)!r}", shares, 1.0, acting)
 
     def motors(self) -> Iterator[Motor | LeftOut]:
-        """Yield the motors on hinges, slides and fixed tendons of them, and others as left out."""
+        """Yield motors on hinges, slides and their fixed tendons, and other motors as left out."""
         model = self.compiled
         for k in range(model.nactuator):
             target, kind, gear = int(model.actuator_trnid[k, 0]), model.actuator_trntype[k], self._gear(k)
@@ -342,7 +342,7 @@ class _Model:
         return float(self.compiled.actuator_gear[k, 0])
 
     def _force_limit(self, k: int) -> float | None:
-        """Return the least limit of a motor [N m, N], of those that are alike both ways."""
+        """Return the least symmetric limit of a motor [N m, N]."""
         model = self.compiled
         joint = int(model.actuator_trnid[k, 0])
         ranges = [model.actuator_forcerange[k]] if model.actuator_forcelimited[k] else []
@@ -354,18 +354,10 @@ class _Model:
         return min((float(abs(high)) for low, high in ranges if high and low == -high), default=None)
 
     def left_out(self) -> Iterator[LeftOut]:
-        """Yield what acts by the model and is not read, with its size."""
+        """Yield unread effects of the model, with their sizes."""
         model = self.compiled
-        for name, kind, view in self.joints:
-            if kind in SEVERAL and view.stiffness[0]:
-                text = f"joint {name!r}: spring of a ball, {view.stiffness[0]:g} N m/rad"
-                yield LeftOut(text, (name,))
-            polynomials = {"damping": view.dampingpoly, "stiffness": view.stiffnesspoly}
-            for what, rows in polynomials.items():
-                values = np.atleast_2d(rows)[0]
-                if values.any():
-                    powers = " ".join(map("{:g}".format, values))
-                    yield LeftOut(f"joint {name!r} {what}: higher powers {powers}", (name,))
+        for joint in self.joints:
+            yield from _left_out_of_joint(joint)
         for k, body in enumerate(self.bodies):
             if model.body_mocapid[k] >= 0:
                 yield LeftOut(f"body {body!r}: mocap, so it stands still", (body,))
@@ -382,7 +374,7 @@ class _Model:
             yield LeftOut(f"<option> {around}: the drag of the fluid", everything)
 
     def _left_out_of_tendon(self, k: int) -> list[str]:
-        """Return what acts along a spatial tendon, of others a spring with a slack range, and the range."""
+        """Return the unread effects of a tendon: all of a spatial one, slack springs, ranges."""
         model, acting = self.compiled, list[str]()
         if self._shares("tendon", k) is None:
             for key in ("stiffness", "damping", "frictionloss", "armature"):
@@ -395,8 +387,29 @@ class _Model:
         return acting
 
 
+def _parallel_turns(tree: UrdfTree, name: str, *joints: str) -> Closure | None:
+    """Return the closure of two joints' equal turns about parallel axes of one body, or None."""
+    children = [tree.joints[joint].child for joint in joints]
+    chains = tree.moving_chains(*children)
+    if [[part.name for part in chain] for chain in chains] != [[joint] for joint in joints]:
+        return None
+    return tree.same_turning(name, *children)
+
+
+def _left_out_of_joint(joint: _Joint) -> Iterator[LeftOut]:
+    """Yield the unread effects of a joint: springs of balls, powers of damping and stiffness."""
+    name, kind, view = joint
+    if kind in SEVERAL and view.stiffness[0]:
+        yield LeftOut(f"joint {name!r}: spring of a ball, {view.stiffness[0]:g} N m/rad", (name,))
+    for effect, rows in (("damping", view.dampingpoly), ("stiffness", view.stiffnesspoly)):
+        values = np.atleast_2d(rows)[0]
+        if values.any():
+            powers = " ".join(map("{:g}".format, values))
+            yield LeftOut(f"joint {name!r} {effect}: higher powers {powers}", (name,))
+
+
 def _closure_kind(kind: str, data: Array) -> str:
-    """Return what a connect or a weld closes; one without a share of its turn holds a point."""
+    """Return the closure kind of a connect or a weld; a weld of no turn holds a point."""
     return "fixed" if kind == "weld" and data[10] else "spherical"
 
 

@@ -1,4 +1,4 @@
-"""MuJoCo's own model of an MJCF file, without what cannot be had and no motion needs.
+"""MuJoCo's own model of an MJCF file, without missing parts that no motion needs.
 
 MuJoCo compiles it: defaults, classes, includes, frames, units and inertia of geoms come with that. Left out
 beforehand are plugins, textures, sensors and meshes that weigh nothing. Bodies without mass pass, and have
@@ -22,9 +22,9 @@ from framework.input import read_text
 from framework.model.inertia import check_inertia, symmetric
 from framework.model.readers.left_out import LeftOut
 
-# [kg], [kg m^2] what MuJoCo is told that bodies without have: it refuses less than 1e-15
+# [kg], [kg m^2] of bodies without mass, for MuJoCo, which refuses less than 1e-15
 STAND_IN_MASS, STAND_IN_INERTIA = 1e-12, 1e-14
-# by flag of <option>: what it disables
+# disabled arrays, by flag of <option>
 _DISABLED = {
     "SPRING": ("jnt_stiffness", "jnt_stiffnesspoly", "tendon_stiffness"),
     "DAMPER": ("dof_damping", "dof_dampingpoly", "tendon_damping", "actuator_damping"),
@@ -37,14 +37,14 @@ _PLUGIN = re.compile(r"<extension\b.*?</extension\s*>|<plugin\b[^>]*/>|<plugin\b
 
 
 class MujocoModel(NamedTuple):
-    """A compiled model, and what of its file is not in it."""
+    """A compiled model, with the omitted elements of its file."""
 
     compiled: Any  # mujoco.MjModel
     left_out: list[LeftOut]
 
 
 def mujoco_model(file: Path) -> MujocoModel:
-    """Return the compiled model of an MJCF file; bodies without mass have none in it.
+    """Return the compiled model of an MJCF file; bodies without mass stay massless.
 
     Raises:
         MissingPackage: MuJoCo is not installed.
@@ -59,9 +59,9 @@ def mujoco_model(file: Path) -> MujocoModel:
             package="mujoco",
         ) from None
     try:
-        with _without_log(mujoco), warnings.catch_warnings():
+        with _silence_log(mujoco), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # it computes with bodies that have next to no mass
-            return _model_of(mujoco, _parsed(mujoco, file))
+            return _model_of(mujoco, _parse(mujoco, file))
     except (ValueError, RuntimeError) as error:  # of MuJoCo, for all that it refuses
         if isinstance(error, RobotFileError):
             raise
@@ -69,7 +69,7 @@ def mujoco_model(file: Path) -> MujocoModel:
 
 
 @contextmanager
-def _without_log(mujoco: Any) -> Iterator[None]:
+def _silence_log(mujoco: Any) -> Iterator[None]:
     """Keep MuJoCo from writing its warnings to a file where the program runs."""
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda _: None)
@@ -81,10 +81,10 @@ def _without_log(mujoco: Any) -> Iterator[None]:
 
 def _model_of(mujoco: Any, spec: Any) -> MujocoModel:
     """Return the compiled model of a specification."""
-    left_out = [*_without_unused(mujoco, spec), *_with_possible_inertias(mujoco, spec)]
-    left_out += _without_needless_meshes(mujoco, spec)
+    left_out = [*_delete_unused(mujoco, spec), *_repair_inertias(mujoco, spec)]
+    left_out += _delete_needless_meshes(mujoco, spec)
     given = len(spec.keys[0].qpos) if spec.keys else 0
-    compiled, more = _compiled(spec)
+    compiled, more = _compile(spec)
     if given not in (0, compiled.nq):
         raise RobotFileError(
             f"<key> {spec.keys[0].name!r} qpos: needs {compiled.nq} numbers, one a coordinate, got {given}"
@@ -94,7 +94,7 @@ def _model_of(mujoco: Any, spec: Any) -> MujocoModel:
 
 
 def _apply_flags(mujoco: Any, compiled: Any) -> None:
-    """Set to zero what the flags of the file disable; refuse a file without its loops."""
+    """Set effects disabled by flags of the file to zero; refuse disabled loops."""
     off = {
         name.removeprefix("mjDSBL_")
         for name, flag in mujoco.mjtDisableBit.__members__.items()
@@ -120,36 +120,36 @@ def _one_line(error: str) -> str:
     return f"line {place['line']}: {name}MuJoCo: {text[: place.start()]}"
 
 
-def _parsed(mujoco: Any, file: Path) -> Any:
-    """Return MuJoCo's specification of a file, of plugins that are not here without them."""
+def _parse(mujoco: Any, file: Path) -> Any:
+    """Return MuJoCo's specification of a file, without missing plugins."""
     try:
         return mujoco.MjSpec.from_file(str(file))
     except ValueError as error:
         if "plugin" not in str(error):
             raise
-    text = _without_plugins(read_text(file, "cannot read it", error=RobotFileError))
-    spec = mujoco.MjSpec.from_string(text, include=dict(_included(file.parent, text)))
+    text = _remove_plugins(read_text(file, "cannot read it", error=RobotFileError))
+    spec = mujoco.MjSpec.from_string(text, include=dict(_included_files(file.parent, text)))
     spec.modelfiledir = str(file.parent)
     return spec
 
 
-def _without_plugins(text: str) -> str:
-    """Return the text of an MJCF file without plugins, its lines where they were."""
+def _remove_plugins(text: str) -> str:
+    """Remove plugins from the text of an MJCF file, keeping its line numbers."""
     return _PLUGIN.sub(lambda plugin: "\n" * plugin[0].count("\n"), text)
 
 
-def _included(folder: Path, text: str) -> Iterator[tuple[str, bytes]]:
-    """Yield name and content of each file that an MJCF text includes, and those include."""
+def _included_files(folder: Path, text: str) -> Iterator[tuple[str, bytes]]:
+    """Yield name and content of each file that an MJCF text includes, recursively."""
     for name in re.findall(r"<include\s+file\s*=\s*[\"']([^\"']+)", text):
-        other = _without_plugins(
+        other = _remove_plugins(
             read_text(folder / name, f"<include> {name!r}: cannot read it", error=RobotFileError)
         )
         yield name, other.encode()
-        yield from _included(folder, other)
+        yield from _included_files(folder, other)
 
 
-def _without_unused(mujoco: Any, spec: Any) -> Iterator[LeftOut]:
-    """Delete what no motion needs, and actuators of plugins, which are named."""
+def _delete_unused(mujoco: Any, spec: Any) -> Iterator[LeftOut]:
+    """Delete elements that no motion needs; yield actuators of plugins."""
     for kind in _UNUSED:
         for element in list(getattr(spec, kind)):
             spec.delete(element)
@@ -171,8 +171,8 @@ def _without_unused(mujoco: Any, spec: Any) -> Iterator[LeftOut]:
     spec.compiler.LRopt.mode = mujoco.mjtLRMode.mjLRMODE_NONE  # simulates muscles, which are not read
 
 
-def _with_possible_inertias(mujoco: Any, spec: Any) -> Iterator[LeftOut]:
-    """Give impossible bodies an inertia that can be compiled; yield each, which decides how it moves."""
+def _repair_inertias(mujoco: Any, spec: Any) -> Iterator[LeftOut]:
+    """Give impossible bodies an inertia that MuJoCo compiles; yield each as decisive."""
     geoms_only = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
     for body in spec.bodies:
         if not body.explicitinertial or body.compiler.inertiafromgeom == geoms_only:
@@ -199,8 +199,8 @@ def _with_possible_inertias(mujoco: Any, spec: Any) -> Iterator[LeftOut]:
         body.inertia = inertia
 
 
-def _without_needless_meshes(mujoco: Any, spec: Any) -> Iterator[LeftOut]:
-    """Delete meshes whose mass does not count, and those whose file is missing: yield what that decides."""
+def _delete_needless_meshes(mujoco: Any, spec: Any) -> Iterator[LeftOut]:
+    """Delete meshes without mass and missing meshes; yield the latter as decisive."""
     needed = set()
     for geom in list(spec.geoms):
         if not geom.meshname:
@@ -234,8 +234,8 @@ def _weighs(mujoco: Any, geom: Any, body: Any) -> bool:
     return bool(lowest <= geom.group <= highest and geom.mass != 0.0 and geom.density != 0.0)
 
 
-def _compiled(spec: Any) -> tuple[Any, list[LeftOut]]:
-    """Compile; where a mesh cannot be, do so without meshes, and return what that decides."""
+def _compile(spec: Any) -> tuple[Any, list[LeftOut]]:
+    """Compile a specification, without meshes if one fails; return the model and decisive omissions."""
     masses, inertias = spec.compiler.boundmass, spec.compiler.boundinertia
     spec.compiler.boundmass = max(masses, STAND_IN_MASS)
     spec.compiler.boundinertia = max(inertias, STAND_IN_INERTIA)

@@ -53,24 +53,22 @@ def read_any(file: str | Path, **options: Any) -> RobotDescription:
 def parse_any(
     file: str | Path, *, parameters: Mapping[str, float] | None = None, **options: Any
 ) -> ParsedRobot:
-    """Read a file of any dialect, recognised by its content: its description, its URDF and the dialect.
+    """Read a file of any dialect, recognised by its content: description, URDF and dialect.
 
-    The fields of `Options` say what a foreign file does not, and overrule what it does: the `platform` frame
-    and its `axes` or `platform_joints`, the joints that are `motors` or `locked` [rad, m] (at the reference
-    where the value is None), and a `reference` [rad, m] where the file's zero pose is not near the wanted
-    one. Only what the link `base` of a foreign file carries moves, if one is given; all else is locked where
-    the reference of the file has it. `propose` says what is said nowhere. For a pair of Gepetto give the YAML
-    or the folder of the two.
-    `parameters` takes other values for those that a robot file of ours declares.
+    The fields of `Options` complete a foreign file and override it: the `platform` frame and its `axes` or
+    `platform_joints`, the joints that are `motors` or `locked` [rad, m] (None: at the reference), and a
+    `reference` [rad, m] if the zero pose is far from it. With a link `base` all joints not behind it are
+    locked at the reference of the file. `propose` completes the rest. A pair of Gepetto is read from its YAML
+    or its folder. `parameters` replace values that a robot file of ours declares.
 
     Raises:
-        RobotFileError: the file cannot be read, is of no known dialect, is malformed, says something
-            the records cannot hold, or leaves something out that no option says.
+        RobotFileError: the file cannot be read, is of no known dialect, is malformed, has content without a
+            place in the records, or leaves out something that no option completes.
     """
     path = Path(file)
-    said: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
-    lists: dict[str, Any] = {name: tuple(said[name]) for name in _LISTS if name in said}
-    asked = Options(**said | lists)
+    stated: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
+    lists: dict[str, Any] = {name: tuple(stated[name]) for name in _LISTS if name in stated}
+    chosen = Options(**stated | lists)
     if os.path.isdir(path):
         path = _pair_in(path)
     text = read_text(path, f"{path}: cannot read it", error=RobotFileError)
@@ -81,10 +79,10 @@ def parse_any(
         raise RobotFileError(f"{path}: not well-formed XML: it does not begin with <")
     with naming(path):
         if not is_xml:
-            return _from_yaml(path, text, asked, parameters)
+            return _from_yaml(path, text, chosen, parameters)
         if parameters:
             raise RobotFileError("parameters: only robot files of ours have some")
-        return _from_xml(path, text, asked)
+        return _from_xml(path, text, chosen)
 
 
 def _dialect_of_yaml(content: Any) -> str:

@@ -13,8 +13,9 @@ Source: sdformat.org, "Pose frame semantics".
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
@@ -64,7 +65,7 @@ _VERSION_OF_JOINT_AXES = 1.5  # before, axes were in the frame of the model
 
 @dataclass
 class Scope:
-    """The frames of all models, by scoped name: what each is relative to, its pose there, its body."""
+    """The frames of all models by scoped name, each with its base frame, relative pose and body."""
 
     version: float
     relative: dict[str, tuple[str, Array]] = field(default_factory=lambda: {MODEL: (WORLD, np.eye(4))})
@@ -93,7 +94,7 @@ class Scope:
 
 
 class _Joint(NamedTuple):
-    """A joint, with its links, placements in them and axes there, of the parent first."""
+    """A joint, with its placements and axes in both links, of the parent first."""
 
     name: str
     element: ElementTree.Element
@@ -115,40 +116,45 @@ def read_sdf(file: Path, root: ElementTree.Element, options: Options) -> ParsedR
         _add_models(scope, parent, file.parent, "", WORLD)
     ends = {name: _ends(scope, name) for name in scope.joints}
     part = _largest_part(scope, ends)
-    left_out = [
-        LeftOut(f"joint {name!r}: {joint.get('type')}: not read", (name, *ends[name]), is_decisive=True)
-        for name, joint in scope.joints.items()
-        if joint.get("type") in _NOT_READ
-    ]
     joints = [_joint(scope, name, pair) for name, pair in ends.items() if set(pair) <= part]
     chosen = _tree_joints(scope, joints)
     names = [joint.name for joint in chosen]
+    cut = [joint for joint in joints if joint.name not in names]
     tree = UrdfTree(_urdf(scope, joints, chosen, part, file.stem))
-    closures = [_closure(tree, joint) for joint in joints if joint.name not in names]
-    for joint in joints:
-        if joint.name not in names and (own := _own(joint.element, ("dynamics", "mimic"))):
-            text = f"joint {joint.name!r}: its {own}, where the loop is cut"
-            left_out.append(LeftOut(text, (joint.links[1],)))
-    apart = [name for name in scope.links if name not in part]
+    others = ", ".join(name for name in scope.links if name not in part)
     plugged = [element.text or "" for element in root.iter("joint_name")]
-    acting = {joint.name: _dynamics(joint) for joint in chosen}
     x, y, z = numbers("<gravity>", root.findtext("world/gravity", "0 0 -9.81"), 3)
     return describe(
         tree,
         file,
         options,
-        closures,
-        couplings=[coupling for joint in chosen for coupling in _couplings(joint, names)],
+        [_closure(tree, joint) for joint in cut],
+        couplings=list(chain.from_iterable(_couplings(joint, names) for joint in chosen)),
         likely_motors=[name for name in names if name.rsplit("::", 1)[-1] in plugged],
-        joints={name: joint for name, joint in acting.items() if joint != JointDynamics()},
+        joints={joint.name: acting for joint in chosen if (acting := _dynamics(joint)) != JointDynamics()},
         gravity=(x, y, z),
-        left_out=left_out,
-        remarks=[f"not read: {', '.join(apart)}, which no joint joins with the mechanism"] if apart else [],
+        left_out=[*_unread_joints(scope, ends), *_cut_properties(cut)],
+        remarks=[f"not read: {others}, which no joint joins with the mechanism"] if others else [],
     )._replace(dialect="sdf")
 
 
+def _unread_joints(scope: Scope, ends: Mapping[str, tuple[str, str]]) -> Iterator[LeftOut]:
+    """Yield joints of types that are not read."""
+    for name, joint in scope.joints.items():
+        if joint.get("type") in _NOT_READ:
+            text = f"joint {name!r}: {joint.get('type')}: not read"
+            yield LeftOut(text, (name, *ends[name]), is_decisive=True)
+
+
+def _cut_properties(joints: Iterable[_Joint]) -> Iterator[LeftOut]:
+    """Yield properties of cut joints that a closure cannot have."""
+    for joint in joints:
+        if own := _own(joint.element, ("dynamics", "mimic")):
+            yield LeftOut(f"joint {joint.name!r}: its {own}, where the loop is cut", (joint.links[1],))
+
+
 def _scope_name(prefix: str, name: str) -> str:
-    """Return the scoped name of what is named in a model."""
+    """Return the scoped name of a name in a model."""
     return name if name == WORLD else prefix + name
 
 
@@ -164,7 +170,7 @@ def _values(element: ElementTree.Element, where: str, defaults: Mapping[str, str
 
 
 def _add_models(scope: Scope, parent: ElementTree.Element, folder: Path, prefix: str, base: str) -> None:
-    """Add the models in an element, and those that it includes."""
+    """Add the models in an element and in its included files."""
     for model in parent.findall("model"):
         _add_model(scope, model, folder, prefix, base)
     for include in parent.findall("include"):
@@ -226,7 +232,7 @@ def _add_content(scope: Scope, model: ElementTree.Element, folder: Path, prefix:
         else:
             element.set("scope", prefix)
             scope.joints[name] = element
-            default = _named(element, "child")
+            default = _joint_name(element, "child")
             scope.attached.setdefault(name, default)
         pose = _pose(element, prefix, default, f"{tag} {name!r}")
         if tag == "joint":
@@ -239,7 +245,7 @@ def _add_content(scope: Scope, model: ElementTree.Element, folder: Path, prefix:
 
 
 def _add_constraint(scope: Scope, element: ElementTree.Element, name: str, prefix: str) -> None:
-    """Add Drake's constraint of two bodies as the joint that it is: a weld, or a ball between two points."""
+    """Add Drake's constraint of two bodies as a joint: a weld, or a ball between two points."""
     parts = {local_name(child.tag).removeprefix("ball_constraint_"): child.text for child in element}
     joint = ElementTree.Element("joint", name=name, scope=prefix, type=_CONSTRAINTS[local_name(element.tag)])
     for end, body, point in (("parent", "body_A", "p_AP"), ("child", "body_B", "p_BQ")):
@@ -253,7 +259,7 @@ def _add_constraint(scope: Scope, element: ElementTree.Element, name: str, prefi
     scope.relative[f"joint {prefix}{name}"] = (f"{prefix}{name}_at_child", np.eye(4))
 
 
-def _named(joint: ElementTree.Element, end: str) -> str:
+def _joint_name(joint: ElementTree.Element, end: str) -> str:
     """Return the scoped name of the parent or child of a joint."""
     name = (joint.findtext(end) or "").strip()
     if not name:
@@ -262,7 +268,7 @@ def _named(joint: ElementTree.Element, end: str) -> str:
 
 
 def _pose(element: ElementTree.Element, prefix: str, default: str, where: str) -> tuple[str, Array]:
-    """Return what the `<pose>` of an element is relative to, and the placement (4, 4)."""
+    """Return the base frame of an element's `<pose>` and the placement (4, 4)."""
     pose = element.find("pose")
     if pose is None:
         return default, np.eye(4)
@@ -286,18 +292,18 @@ def _ends(scope: Scope, name: str) -> tuple[str, str]:
     kind = attribute(joint, where, "type")
     check_name(where, "type", kind, (*_KINDS, *_NOT_READ))
     with naming(where):
-        first, second = (scope.link_of(_named(joint, end)) for end in ("parent", "child"))
+        first, second = (scope.link_of(_joint_name(joint, end)) for end in ("parent", "child"))
     if first == second:
         raise RobotFileError(f"{where}: joins {first!r} with itself")
     return first, second
 
 
 def _joint(scope: Scope, name: str, links: tuple[str, str]) -> _Joint:
-    """Return a joint with placements and axes; one whose parent is a frame stands there."""
+    """Return a joint with placements and axes; a parent frame places its parent's end."""
     element = scope.joints[name]
     kind = _KINDS.get(element.get("type", ""), "fixed")
     in_child = scope.place(f"joint {name}")
-    parent = _named(element, "parent")
+    parent = _joint_name(element, "parent")
     in_parent = scope.place(parent) if parent in scope.attached and parent not in scope.links else in_child
     first, second = (
         inverse(scope.place(link)) @ place for link, place in zip(links, (in_parent, in_child), strict=True)
@@ -322,7 +328,7 @@ def _axis(scope: Scope, name: str, tag: str) -> Array:
 
 
 def _own(joint: ElementTree.Element, tags: Sequence[str] = _OWN) -> str:
-    """Return names of what a joint has that a closure cannot have."""
+    """Return names of a joint's properties that a closure cannot have."""
     return ", ".join(tag for tag in tags for axis in joint.findall("axis") if axis.find(tag) is not None)
 
 
@@ -361,7 +367,7 @@ def _largest_part(scope: Scope, ends: Mapping[str, tuple[str, str]]) -> set[str]
 
 
 def _tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[_Joint]:
-    """Choose the joints of a tree: those with something of their own first, and balls last."""
+    """Choose the joints of a tree: joints with properties first, balls last."""
     mimicked = {mimic.get("joint") for joint in scope.joints.values() for mimic in joint.iter("mimic")}
 
     def rank(joint: _Joint) -> tuple[bool, ...]:
@@ -399,26 +405,30 @@ def _urdf(
 
 
 def _link(scope: Scope, name: str) -> ElementTree.Element:
-    """Return a link with its inertia, that of SDF's default where it says none, and its primitive shapes."""
+    """Return a link with its inertia, by default SDF's, and its primitive shapes."""
     link = ElementTree.Element("link", name=name)
     if name == WORLD:
         return link
-    where, given = f"link {name!r}", scope.links[name]
-    inertial = given.find("inertial")
-    if inertial is None:
-        inertial = ElementTree.Element("inertial")
-    entries = {f"inertia/{key}": default for key, default in zip(ENTRIES, "111000", strict=True)}
-    mass, *moments = _values(inertial, where, {"mass": "1", **entries})
-    place = _pose(inertial, "", "", where)[1]
-    turn = place[:3, :3]
-    link.append(inertial_element(mass, place[:3, 3], turn @ symmetric(*moments) @ turn.T))
-    for visual in given.findall("visual"):
+    where, element = f"link {name!r}", scope.links[name]
+    link.append(_inertial(element.find("inertial"), where))
+    for visual in element.findall("visual"):
         for shape, keys in _SHAPES.items():
             geometry = visual.find(f"geometry/{shape}")
             if geometry is not None:
                 words = {key: (geometry.findtext(key) or "1").strip() for key in keys}
                 link.append(visual_element(shape, words, _pose(visual, "", "", where)[1]))
     return link
+
+
+def _inertial(inertial: ElementTree.Element | None, where: str) -> ElementTree.Element:
+    """Return a link's inertia for a URDF, by default SDF's."""
+    if inertial is None:
+        inertial = ElementTree.Element("inertial")
+    entries = {f"inertia/{key}": default for key, default in zip(ENTRIES, "111000", strict=True)}
+    mass, *moments = _values(inertial, where, {"mass": "1", **entries})
+    place = _pose(inertial, "", "", where)[1]
+    turn = place[:3, :3]
+    return inertial_element(mass, place[:3, 3], turn @ symmetric(*moments) @ turn.T)
 
 
 def _joint_elements(joint: _Joint, step: int) -> Iterator[ElementTree.Element]:
@@ -458,14 +468,14 @@ def _limits(joint: _Joint, tag: str) -> tuple[float, float] | None:
 
 
 def read_cut_joint(scope: Scope, tree: UrdfTree, element: ElementTree.Element) -> Closure:
-    """Read the closure of a joint between links of a tree; `scope` places them at zero.
+    """Read the closure of a joint between links of a tree, placed at zero by `scope`.
 
     Raises:
         RobotFileError: names the joint.
     """
     name = attribute(element, "<joint>", "name")
     scope.joints[name] = element
-    scope.relative[f"joint {name}"] = _pose(element, "", _named(element, "child"), f"joint {name!r}")
+    scope.relative[f"joint {name}"] = _pose(element, "", _joint_name(element, "child"), f"joint {name!r}")
     ends = _ends(scope, name)
     if element.get("type") in _NOT_READ:
         raise RobotFileError(f"joint {name!r}: {element.get('type')}: not read")

@@ -12,7 +12,7 @@ from framework.model.readers.urdf_tree import UrdfTree
 
 
 class Motor(NamedTuple):
-    """A motor, and what it pulls at: joints, each with its share in the angle at the output of the gear."""
+    """A motor with its joints, each with a share in the angle at the output of the gear."""
 
     name: str
     shares: Mapping[str, float]
@@ -27,7 +27,7 @@ class Motor(NamedTuple):
 
 
 class Pull(NamedTuple):
-    """What acts along a length: joints, each with its share in it, times a gear."""
+    """Dynamics along a length of joints, each with a share in the length, times a gear."""
 
     name: str
     shares: Mapping[str, float]
@@ -41,7 +41,7 @@ def add_pulls(
     tree: UrdfTree,
     couplings: Sequence[Coupling],
 ) -> tuple[dict[str, JointDynamics], list[LeftOut]]:
-    """Add what acts along lengths to the joints that they follow; return these, and what follows several."""
+    """Add dynamics along lengths to the joints of each; return joints and the ambiguous rest."""
     sums, left_out = dict(joints), list[LeftOut]()
     for pull in pulls:
         if not any((pull.acting.armature, pull.acting.damping, pull.acting.friction, pull.acting.stiffness)):
@@ -62,7 +62,7 @@ def add_pulls(
 def actuators_of(
     motors: Sequence[Motor], tree: UrdfTree, couplings: Sequence[Coupling]
 ) -> tuple[list[Actuator], list[str]]:
-    """Return the motors that drive one joint that moves, and the names of those that drive several.
+    """Return the motors of single moving joints, and the names of motors of several.
 
     A tendon over joints that couplings make one is a transmission to that one. Of two motors on a joint,
     such as a servo's position and speed, the first is taken.
@@ -83,7 +83,7 @@ def actuators_of(
 def shares_of_leaders(
     shares: Mapping[str, float], tree: UrdfTree, couplings: Sequence[Coupling]
 ) -> tuple[dict[str, float], float]:
-    """Return shares of joints as shares of those that follow no other and move, and a constant."""
+    """Express shares of joints by moving joints that follow no other, and a constant."""
     followed = {coupling.joint: coupling for coupling in couplings}
     leaders: dict[str, float] = {}
     constant = 0.0

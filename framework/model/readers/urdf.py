@@ -71,8 +71,8 @@ _PARTS = ("parent", "parent_origin", "parent_axis", "child", "child_origin", "ch
 _CLOSING = re.compile(r"closing_(?P<name>.+)_(?P<end>[12])(?P<second>_z)?")
 
 
-def _named(element: ElementTree.Element) -> tuple[str, str]:
-    """Return the name of an element, and how complaints name it."""
+def _element_name(element: ElementTree.Element) -> tuple[str, str]:
+    """Return the name of an element, and its name in messages."""
     name = attribute(element, f"<{element.tag}>", "name")
     return name, f"{element.tag} {name!r}"
 
@@ -94,7 +94,7 @@ def _axes(
 
 
 def _read_loop(tree: UrdfTree, element: ElementTree.Element) -> Closure:
-    name, where = _named(element)
+    name, where = _element_name(element)
     only(element, where, (*_ENDS, "axis"), ("name", "type"))
     kind = _kind(element, where, _IN_URDF_PLUS)
     axes = _axes(element, where, kind)
@@ -103,7 +103,7 @@ def _read_loop(tree: UrdfTree, element: ElementTree.Element) -> Closure:
 
 def _read_coupling(tree: UrdfTree, element: ElementTree.Element) -> Closure | None:
     """Read the closure of a `<coupling>`; None of one that holds a joint, which is done."""
-    name, where = _named(element)
+    name, where = _element_name(element)
     only(element, where, (*_ENDS, "ratio"), ("name", "type"))
     first, second = (_end(tree, element, where, end)[0] for end in _ENDS)
     value = child_element(element, where, "ratio")
@@ -135,7 +135,7 @@ def _end(tree: UrdfTree, element: ElementTree.Element, where: str, end: str) -> 
 
 
 def _read_constraint(tree: UrdfTree, element: ElementTree.Element) -> Closure:
-    name, where = _named(element)
+    name, where = _element_name(element)
     only(element, where, _PARTS, ("name", "type"))
     kind, ends = _kind(element, where, _IN_ROS), []
     has_two = kind == "universal" or element.find("child_axis") is not None
@@ -158,14 +158,14 @@ def _read_constraint(tree: UrdfTree, element: ElementTree.Element) -> Closure:
 
 
 def _read_fixed_frame(tree: UrdfTree, element: ElementTree.Element) -> None:
-    name, where = _named(element)
+    name, where = _element_name(element)
     parent = attribute(child_element(element, where, "parent"), f"{where}: <parent>", "link")
     origin = origin_of(element.find("origin"), f"{where}: <origin>")
     tree.add_frame(name, tree.link(f"{where}: <parent>", parent), origin)
 
 
 def _read_loop_joint(tree: UrdfTree, element: ElementTree.Element) -> Closure:
-    name, where = _named(element)
+    name, where = _element_name(element)
     for child in element:
         check_name(where, "element", child.tag, ("link1", "link2", "axis"))
     kind = _kind(element, where, _ALIKE)
@@ -194,7 +194,7 @@ def _read_ball_constraint(tree: UrdfTree, element: ElementTree.Element) -> Closu
     return tree.close(f"ball_{tree.extra.index(element) + 1}", "spherical", ends)
 
 
-# by element: the dialect and what reads it; None of what adds no closure
+# by element: the dialect and its reader, which returns None if it adds no closure
 _LOOPS: dict[str, tuple[str, Callable[[UrdfTree, ElementTree.Element], Closure | None]]] = {
     "loop": ("urdf+", _read_loop),
     "coupling": ("urdf+", _read_coupling),
@@ -213,17 +213,17 @@ def read_urdf(
     Raises:
         RobotFileError: names the element.
     """
-    marked = [
-        joint for joint in root.findall("joint") if joint.get("independent", "").lower() in ("true", "1")
+    independent = [
+        joint.get("name", "")
+        for joint in root.findall("joint")
+        if joint.get("independent", "").lower() in ("true", "1")
     ]
-    independent = [joint.get("name", "") for joint in marked]
     tree = UrdfTree(root, tuple(_LOOPS))
     loops = [(*_LOOPS[local_name(element.tag)], element) for element in tree.extra]
-    closures = [closure for _, read, element in loops if (closure := read(tree, element)) is not None]
-    closures += _gazebo_joints(tree)
-    framed = _closing_frames(tree)
+    read_loops = [read(tree, element) for _, read, element in loops]
+    gazebo, framed = _gazebo_joints(tree), _closing_frames(tree)
     beside = _loop_closures_beside(file) if beside is None else beside
-    closures += [*framed, *_listed(tree, beside)]
+    closures = [*filter(None, read_loops), *gazebo, *framed, *_yaml_closures(tree, beside)]
     if not closures and not loops and root.find("joint/mimic") is None:
         raise RobotFileError(
             "a URDF without loops: declare them in it (<loop> of URDF+, <constraint> of ROS, <loop_joint> of "
@@ -231,10 +231,9 @@ def read_urdf(
             "beside it (ours, or Gepetto's with closed_loop), and give that file"
         )
     dialect = loops[0][0] if loops else "onshape" if framed else "urdf"
-    for name in tree.motors:
-        if dialect == "ros":
-            check_name("transmission", "movable joint", name, tree.movable)
-    motors = [Motor.on(name) for name in tree.motors if name in tree.movable]
+    for motor in tree.motors if dialect == "ros" else ():
+        check_name("transmission", "movable joint", motor, tree.movable)
+    motors = [Motor.on(motor) for motor in tree.motors if motor in tree.movable]
     likely = [*independent, *beside.get("independent", [])]
     parsed = describe(tree, file, options, closures, motors=motors, likely_motors=likely)
     return parsed._replace(dialect=dialect)
@@ -260,13 +259,13 @@ def _gazebo_joints(tree: UrdfTree) -> list[Closure]:
     scope = Scope(version=np.inf)
     for link in tree.links:
         scope.links[link] = ElementTree.Element("link")
-        scope.relative[link] = ("world", tree.at_zero(link))
+        scope.relative[link] = ("world", tree.zero_pose(link))
     joints = [joint for joint in tree.root.findall("gazebo/joint") if joint.find("child") is not None]
     return [read_cut_joint(scope, tree, joint) for joint in joints]
 
 
 def _loop_closures_beside(file: Path) -> Mapping[str, Any]:
-    """Return the content of a loop_closures.yaml beside a URDF or in the package around it; empty without."""
+    """Return the content of a loop_closures.yaml beside a URDF or in its package, or nothing."""
     folder = file.parent
     for path in (folder / LOOP_CLOSURES, *(folder.parent / name / LOOP_CLOSURES for name in ("", "config"))):
         if path.is_file():
@@ -276,7 +275,7 @@ def _loop_closures_beside(file: Path) -> Mapping[str, Any]:
     return {}
 
 
-def _listed(tree: UrdfTree, content: Mapping[str, Any]) -> list[Closure]:
+def _yaml_closures(tree: UrdfTree, content: Mapping[str, Any]) -> list[Closure]:
     """Return the hinges of a loop_closures.yaml: point and axis in the frame of the root link at zero."""
     closures = []
     for i, entry in enumerate(list_of(lambda _, given: dict(given))("closures", content.get("closures", []))):
@@ -288,13 +287,13 @@ def _listed(tree: UrdfTree, content: Mapping[str, Any]) -> list[Closure]:
         ends = []
         for end in "ab":
             link = tree.link(f"{where}.link_{end}", text(where, entry.get(f"link_{end}")))
-            ends.append((end, link, inverse(tree.at_zero(link)) @ point))
+            ends.append((end, link, inverse(tree.zero_pose(link)) @ point))
         closures.append(tree.close(f"loop_{i + 1}", "revolute", ends, [axis]))
     return closures
 
 
 def urdf_of_closures(path: Path) -> Path:
-    """Return the URDF that a loop_closures.yaml is of: the only one beside it or in the package."""
+    """Return the URDF of a loop_closures.yaml: the only one in its folder or package."""
     for folder in (path.parent, path.parent / "urdf", path.parent.parent / "urdf"):
         urdfs = list(folder.glob("*.urdf"))
         if len(urdfs) == 1:

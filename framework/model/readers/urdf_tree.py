@@ -31,8 +31,8 @@ MAX_FREEDOMS = 1000  # freedoms of the joints in a file
 _PLAIN = ("link", "joint", "material", "gazebo", "transmission", "ros2_control", "sensor")
 
 
-def _without_other_programs(root: ElementTree.Element, valid: Sequence[str]) -> list[str]:
-    """Take out of a URDF what other programs put in, xacro's leftovers too; return the tags of the former.
+def _remove_other_programs(root: ElementTree.Element, valid: Sequence[str]) -> list[str]:
+    """Remove elements of other programs and of xacro from a URDF; return the former's tags.
 
     Raises:
         RobotFileError: an element is mistyped, or macros are not expanded.
@@ -61,7 +61,7 @@ def _without_other_programs(root: ElementTree.Element, valid: Sequence[str]) -> 
 
 
 def merge_sharing(groups: Iterable[Iterable[str]]) -> list[list[str]]:
-    """Merge groups that share members; merged ones stand where the last of them would."""
+    """Merge groups that share members, at the place of the last."""
     unions: list[list[str]] = []
     union_of: dict[str, list[str]] = {}
     for members in map(list, groups):
@@ -87,7 +87,7 @@ class UrdfTree(Tree):
         names = {link.get("name") for link in root.findall("link")}
         if "world" not in names and any(end.get("link") == "world" for end in root.findall("joint/parent")):
             ElementTree.SubElement(root, "link", name="world")  # Drake's, which need not be declared
-        self.skipped = _without_other_programs(root, (*_PLAIN, *extra))
+        self.skipped = _remove_other_programs(root, (*_PLAIN, *extra))
         self.extra = [element for element in root if local_name(element.tag) in extra]
         self.motors = declared_motors(root)
         for element in self.extra:
@@ -112,7 +112,7 @@ class UrdfTree(Tree):
         return list(dict.fromkeys([*super().frames, *self._added]))
 
     def link(self, where: str, name: str | None) -> str:
-        """Return a link's name, if there is one.
+        """Return the name of an existing link.
 
         Raises:
             RobotFileError: there is none.
@@ -132,7 +132,7 @@ class UrdfTree(Tree):
             link = path[-1].parent
         return path
 
-    def at_zero(self, link: str) -> Array:
+    def zero_pose(self, link: str) -> Array:
         """Return the placement of a link in the base with all joints at zero."""
         matrix = np.eye(4)
         for joint in self.path_to_base(link):
@@ -151,7 +151,7 @@ class UrdfTree(Tree):
 
     def axis_at_zero(self, joint: Joint) -> Array:
         """Return the direction of a joint's axis in the base, all joints at zero."""
-        direction = (self.at_zero(joint.parent) @ joint.origin)[:3, :3] @ joint.axis
+        direction = (self.zero_pose(joint.parent) @ joint.origin)[:3, :3] @ joint.axis
         return np.asarray(direction / np.linalg.norm(direction))
 
     # -------------------------------------------------------------- small edits
@@ -163,7 +163,7 @@ class UrdfTree(Tree):
     def close(
         self, name: str, kind: str, ends: Iterable[tuple[str, str, Array]], axes: Sequence[Array] = ()
     ) -> Closure:
-        """Return a closure of two ends: suffix of the frame, link, placement; the `axes` (3,) are in these.
+        """Return a closure of two ends (suffix of the frame, link, placement), with `axes` (3,) in both.
 
         Of a universal joint the first axis is x of the first frame, the second is y of the second frame. Of
         other kinds they are z, one may stand for both, and a kind without an axis needs none.
@@ -271,6 +271,6 @@ class UrdfTree(Tree):
         common = placement(turning("z", axes[0]))
         frames = []
         for end, link in (("first", first), ("second", second)):
-            turn = inverse(self.at_zero(link))[:3, :3] @ common[:3, :3]
+            turn = inverse(self.zero_pose(link))[:3, :3] @ common[:3, :3]
             frames.append(self.frame_at(f"{name}_{end}", link, placement(turn)))
         return Closure(name, (frames[0], frames[1]), ("rz",))

@@ -1,14 +1,17 @@
-"""The motor torques on a Type 2 singularity itself: a limit, of a motion that is known to third order there.
+"""Pointwise dynamics on a Type 2 singularity: the limit of the torques, for a motion given to third order.
+
+It serves `pointwise_dynamics` alone. The torques of a plan are series whose nodes avoid the singular instant
+(`inverse_dynamics`).
 
 At the singular instant M tau = w (see `forces`) is 0 = 0 along t_s if condition (8), t_s . W_p = 0, holds,
-and has no solution if it does not. Either side of it tau(t) = M(t)^-1 w(t) is one function with a removable
-singularity; by l'Hopital its value there has the time derivatives of M and w in it, and so, through w, the
-jerk of the platform, but nothing of higher order. Hence the motion
+and has no solution if it does not. On both sides tau(t) = M(t)^-1 w(t) is one function with a removable
+singularity. By l'Hopital its value depends on the time derivatives of M and w, and so, through w, on the jerk
+of the platform, but on no higher derivative. Hence the motion
 
     x(t) = x + x' t + x" t^2 / 2 + x''' t^3 / 6
 
-is followed on one short Chebyshev panel about the instant, with no node on it, and tau is carried across by
-its series, as along a whole plan; how fast the coefficients fall is the certificate.
+is followed on one short Chebyshev panel about the instant, with no node at the instant. The series of tau
+gives the limit, as along a whole plan; how fast the coefficients fall is the certificate.
 """
 
 from __future__ import annotations
@@ -20,7 +23,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.dynamics.forces import Forces, balanced_forces, tree_forces
-from framework.dynamics.reactions import under_wrenches
+from framework.dynamics.reactions import apply_wrenches
 from framework.errors import NotAssembled, SingularPose
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_loops
@@ -33,10 +36,10 @@ from framework.singularity.bordered_system import root_of_g
 from framework.singularity.type2 import UNCROSSABLE, uncontrolled_motion
 from framework.tolerances import CONDITION_RESIDUAL, RANK_LOST, TORQUE_TAIL
 
-MAX_ROOT_OFFSET = 0.01  # of half a panel, from the singular pose to the root of g: one farther off is another
+MAX_ROOT_OFFSET = 0.01  # of half a panel, from the singular pose to the root of g: a farther one is another
 PANEL_NODES = 24  # an even number, so that none is at its middle
-MAX_JOINT_TRAVEL = 0.05  # [rad, robot lengths] from the middle of the first panel that is tried to its ends
-MAX_HALVINGS = 8  # of the panel, before the torques count as not resolved
+MAX_JOINT_TRAVEL = 0.05  # [rad, robot lengths] from the middle of the first panel to its ends
+MAX_HALVINGS = 8  # of the panel, after which the torques count as not resolved
 SIDE_OFFSET = 0.1  # of half a panel, where the motors must hold the robot again, in another assembly mode
 
 
@@ -55,51 +58,53 @@ def forces_through_singularity(
         wrenches: of the world, (6,) by frame, constant in base axes.
 
     Raises:
-        SingularPose: it is a singularity of another kind; condition (8) does not hold (`wrench` is then
-            t_s . W_p); the motion does not cross the locus there; the torques near by cannot be resolved.
+        SingularPose: a singularity of another kind; condition (8) does not hold (`wrench` is then t_s . W_p);
+            the motion does not cross the locus; the torques on both sides cannot be resolved.
     """
-    where = f"{robot.name}: at {robot.place(closed.x[0])}"
+    place = f"{robot.name}: at {robot.place(closed.x[0])}"
     uncontrolled = uncontrolled_motion(robot, closed.linearised)
     if uncontrolled.kind != "type_2" or uncontrolled.corank > 1:
         several = f"a Type 2 singularity with {uncontrolled.corank} uncontrolled motions"
         reason = UNCROSSABLE.get(uncontrolled.kind, several)
-        raise SingularPose(f"{where} the robot is in {reason}: its torque has no limit", platform=closed.x[0])
-
-    def motion_beside(t: Array) -> Motion:
-        """Return the motion at instants t (T,) beside the singular one."""
-        powers = np.stack([t, t**2 / 2, t**3 / 6], axis=1)
-        derivatives = np.array(rates)
-        x = closed.x + powers @ derivatives
-        dx = derivatives[0] + powers[:, :2] @ derivatives[1:]
-        ddx = derivatives[1] + powers[:, :1] @ derivatives[2:]
-        ahead = powers[:, :1] * singular.v + powers[:, 1:2] * singular.a
-        guess = integrate(robot, np.repeat(closed.q, len(t), axis=0), ahead)
-        return under_wrenches(robot, motion_at(robot, close_loops(robot, x, guess), dx, ddx), wrenches)
-
+        raise SingularPose(f"{place} the robot is in {reason}: its torque has no limit", platform=closed.x[0])
     singular = motion_at(robot, closed, rates[0][None], rates[1][None])
     half = _half_panel(robot, singular, rates[2])
     if not np.isfinite(half):
         raise SingularPose(
-            f"{where} the motion stands still on a Type 2 singularity: a stop there can never be crossed",
+            f"{place} the motion stands still on a Type 2 singularity: a stop there can never be crossed",
             platform=closed.x[0],
         )
-    instant = _crossing_instant(robot, motion_beside, half, where, closed.x[0])
+
+    def motion_beside(t: Array) -> Motion:
+        return apply_wrenches(robot, _taylor_motion(robot, singular, closed.x, np.array(rates), t), wrenches)
+
+    instant = _crossing_instant(robot, motion_beside, half, place, closed.x[0])
     crossing = motion_beside(np.array([instant]))
-    _check_condition(robot, crossing, tree_forces(robot, crossing)[0], where)
-    torques, tail_reached = _interpolated(robot, motion_beside, half)
+    _check_condition(robot, crossing, tree_forces(robot, crossing)[0], place)
+    torques, least_tail = _interpolate_torques(robot, motion_beside, half)
     if torques is None:
         raise SingularPose(
-            f"{where} the torques near the Type 2 singularity are not resolved (tail {tail_reached:.2g}): "
+            f"{place} the torques near the Type 2 singularity are not resolved (tail {least_tail:.2g}): "
             f"another singularity is very near",
             platform=closed.x[0],
         )
     return torques
 
 
-def _interpolated(
+def _taylor_motion(robot: ParallelRobot, singular: Motion, x: Array, rates: Array, t: Array) -> Motion:
+    """Compute the motion at t (T,) from a singular one at x (1, n) with `rates` (3, n)."""
+    powers = np.stack([t, t**2 / 2, t**3 / 6], axis=1)
+    dx = rates[0] + powers[:, :2] @ rates[1:]
+    ddx = rates[1] + powers[:, :1] @ rates[2:]
+    steps = powers[:, :1] * singular.v + powers[:, 1:2] * singular.a
+    guess = integrate(robot, np.repeat(singular.q, len(t), axis=0), steps)
+    return motion_at(robot, close_loops(robot, x + powers @ rates, guess), dx, ddx)
+
+
+def _interpolate_torques(
     robot: ParallelRobot, motion_beside: Callable[[Array], Motion], half: float
 ) -> tuple[Forces | None, float]:
-    """Interpolate joint torques through t = 0 on panels of +-`half` [s] and less; and the least tail met."""
+    """Interpolate joint torques to t = 0 on panels of +-`half` [s] and less; return the least tail, too."""
     least = np.inf
     for _ in range(MAX_HALVINGS):
         grid = TimeGrid(np.array([-half, half]), PANEL_NODES)
@@ -132,9 +137,9 @@ def _half_panel(robot: ParallelRobot, motion: Motion, jerk: Array) -> float:
 
 
 def _crossing_instant(
-    robot: ParallelRobot, motion_beside: Callable[[Array], Motion], half: float, where: str, x: Array
+    robot: ParallelRobot, motion_beside: Callable[[Array], Motion], half: float, place: str, x: Array
 ) -> float:
-    """Find the instant [s] at which g vanishes; rounding of the pose moves it from zero."""
+    """Find the instant [s] at which g vanishes, off zero by rounding of the pose."""
     if robot.n_a > robot.n:
         return 0.0  # g of redundant motors has a double root
 
@@ -142,23 +147,24 @@ def _crossing_instant(
         return type2_matrix(robot, motion_beside(t).linearised)
 
     root = root_of_g(matrices, 0.0, low=-half, high=half)
-    either_side = matrices(np.array([-SIDE_OFFSET, SIDE_OFFSET]) * half)
-    changes = np.prod(np.linalg.slogdet(either_side)[0]) < 0
-    held = np.linalg.svd(either_side, compute_uv=False).min() > RANK_LOST
-    if not (root.converged and abs(root.place) <= MAX_ROOT_OFFSET * half and changes and held):
+    both_sides = matrices(np.array([-SIDE_OFFSET, SIDE_OFFSET]) * half)
+    changes_sign = np.prod(np.linalg.slogdet(both_sides)[0]) < 0
+    is_regular = np.linalg.svd(both_sides, compute_uv=False).min() > RANK_LOST
+    is_at_root = root.converged and abs(root.place) <= MAX_ROOT_OFFSET * half
+    if not (is_at_root and changes_sign and is_regular):
         raise SingularPose(
-            f"{where} the motion does not cross the Type 2 singularity but runs along or touches it: torque "
+            f"{place} the motion does not cross the Type 2 singularity but runs along or touches it: torque "
             f"is then a limit that needs more than the jerk; plan the motion",
             platform=x,
         )
     return root.place
 
 
-def _check_condition(robot: ParallelRobot, motion: Motion, forces: Array, where: str) -> None:
+def _check_condition(robot: ParallelRobot, motion: Motion, forces: Array, place: str) -> None:
     """Refuse a motion (T = 1) that violates condition (8), with the forces (nv,) of its open tree."""
     uncontrolled = uncontrolled_motion(robot, motion.linearised)
     terms = forces * uncontrolled.motion
-    # a motion without forces has terms of rounding alone: what holds its masses on circles is a size, too
+    # the terms of a motion without forces are rounding: compare with centripetal forces, too
     rate, escape = (float(np.abs(v / robot.column_scale).max()) for v in (motion.v, uncontrolled.motion))
     turning = robot.mass * robot.length**2 * rate**2 * escape
     size = max(float(np.abs(terms).sum()), turning)
@@ -167,7 +173,7 @@ def _check_condition(robot: ParallelRobot, motion: Motion, forces: Array, where:
         unit = "N" if np.any(uncontrolled.twist[robot.translations]) else "N m"
         x = robot.platform.coordinates(motion.linearised.frames)[0]
         raise SingularPose(
-            f"{where} the robot is in a Type 2 singularity and t_s . W_p = {wrench:.6g} {unit}, where "
+            f"{place} the robot is in a Type 2 singularity and t_s . W_p = {wrench:.6g} {unit}, where "
             f"condition (8) asks for zero: no torque is large enough",
             platform=x,
             wrench=wrench,
