@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.arrays import Array, ArrayLike, ReadOnlyArrays, join, select
 from framework.atlas.sweep import STEP_PARTS, PoseReason, step_poses
 from framework.errors import InvalidInput
 from framework.kinematics.inverse_kinematics import require_square
@@ -27,7 +27,7 @@ from framework.kinematics.loop_matrices import type2_matrix
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.proofs.regular_ball import MAX_CELLS, regular_ball
 from framework.singularity.bordered_system import bordered_solution
-from framework.singularity.type2 import uncontrolled_motion
+from framework.singularity.type2 import has_signed_measure, uncontrolled_motion
 from framework.tolerances import NEWTON_STEP, RANK_LOST
 
 RAY_STEP = 0.02  # [robot lengths, rad] along a ray
@@ -86,7 +86,7 @@ def nearest_singular_pose(
     """
     expect_robot(robot)
     require_square(robot)
-    if robot.n_a != robot.n or not len(robot.following):
+    if not has_signed_measure(robot):
         raise InvalidInput(
             f"{robot.name}: a margin needs a measure g with a sign: passive joints, and a motor for each "
             f"axis of the platform"
@@ -112,7 +112,7 @@ def nearest_singular_pose(
     leg_end = size * min((end.distance for end in ends), default=np.inf)
     if nearest is None:
         return NearestSingularPose(np.inf, *search, None, None, None, leg_end)
-    twist = uncontrolled_motion(robot, linearised_at(robot, nearest.q[None], nearest.x[None])).twist
+    twist = uncontrolled_motion(robot, linearised_at(robot, nearest.q[None], None)).twist
     found = nearest.x, nearest.q, twist
     return NearestSingularPose(nearest.distance * size, *search, *found, leg_end)
 
@@ -148,9 +148,9 @@ def _directions(n: int) -> Array:
     return np.concatenate([np.eye(n), -np.eye(n), drawn])
 
 
-def _sign(robot: ParallelRobot, q: Array, x: Array) -> Array:
-    """Compute the sign of g (T,) at q (T, nq), x (T, n)."""
-    return np.linalg.slogdet(type2_matrix(robot, linearised_at(robot, q, x)))[0]
+def _sign(robot: ParallelRobot, q: Array) -> Array:
+    """Compute the sign of g (T,) at q (T, nq)."""
+    return np.linalg.slogdet(type2_matrix(robot, linearised_at(robot, q, None)))[0]
 
 
 def _follow_rays(
@@ -161,7 +161,7 @@ def _follow_rays(
     count = max(int(np.ceil(reach / RAY_STEP)), 1)
     live = np.arange(len(rays))
     all_q = np.repeat(q[None], len(rays), axis=0)
-    sign = _sign(robot, q[None], x[None])[0]
+    sign = _sign(robot, q[None])[0]
     crossed: list[Stretches] = []
     ended: list[Stretches] = []
     for k in range(count):
@@ -169,7 +169,7 @@ def _follow_rays(
         step = step_poses(robot, all_q[live], start, end, STEP_PARTS)
         reached = step.reason == PoseReason.REACHED
         across = reached.copy()
-        across[reached] = _sign(robot, step.q[reached], end[reached]) != sign
+        across[reached] = _sign(robot, step.q[reached]) != sign
         for stretches, mask in ((crossed, across), (ended, ~reached)):
             stretches.append(Stretches(all_q[live[mask]], start[mask], end[mask]))
         all_q[live] = step.q
@@ -181,10 +181,14 @@ def _follow_rays(
 
 def _join_nearest(stretches: list[Stretches], robot: ParallelRobot, x: Array) -> Stretches:
     """Return the stretches that begin hardly farther from x than the first one ends."""
-    joined = Stretches(*(np.concatenate(parts) for parts in zip(*stretches, strict=True)))
-    begin, end = (np.linalg.norm((y - x) / robot.platform_scale, axis=1) for y in joined[1:])
-    near = begin <= FAR_RATIO * end.min(initial=np.inf)
-    return Stretches(*(part[near] for part in joined))
+    joined = join(stretches)
+    begin, end = _distances(robot, joined.start, x), _distances(robot, joined.end, x)
+    return select(joined, begin <= FAR_RATIO * end.min(initial=np.inf))
+
+
+def _distances(robot: ParallelRobot, y: Array, x: Array) -> Array:
+    """Compute the distances (...) of y (..., n) from x (n,) [robot lengths, rad]."""
+    return np.linalg.norm((y - x) / robot.platform_scale, axis=-1)
 
 
 def _advance_to_ends(robot: ParallelRobot, stretches: Stretches, x: Array, *, by_sign: bool) -> list[Foot]:
@@ -193,13 +197,12 @@ def _advance_to_ends(robot: ParallelRobot, stretches: Stretches, x: Array, *, by
     All are found coarsely, and the nearest to rounding.
     """
     coarse = _advance(robot, stretches, by_sign=by_sign, halvings=COARSE_HALVINGS)
-    distance = np.linalg.norm((coarse.start - x) / robot.platform_scale, axis=1)
-    order = np.argsort(distance, kind="stable")
-    nearest = Stretches(*(part[order[:1]] for part in coarse))
+    order = np.argsort(_distances(robot, coarse.start, x), kind="stable")
+    nearest = select(coarse, order[:1])
     fine = _advance(robot, nearest, by_sign=by_sign, halvings=MAX_HALVINGS - COARSE_HALVINGS)
-    feet = [(y, q) for q, y, _ in zip(*fine, strict=True)]
-    feet += [(coarse.start[k], coarse.q[k]) for k in order[1:]]
-    return [Foot(float(np.linalg.norm((y - x) / robot.platform_scale)), y, q) for y, q in feet]
+    ends = join([fine, select(coarse, order[1:])])
+    distances = map(float, _distances(robot, ends.start, x))
+    return [Foot(*foot) for foot in zip(distances, ends.start, ends.q, strict=True)]
 
 
 def _advance(robot: ParallelRobot, stretches: Stretches, *, by_sign: bool, halvings: int) -> Stretches:
@@ -208,14 +211,14 @@ def _advance(robot: ParallelRobot, stretches: Stretches, *, by_sign: bool, halvi
     A long step near an end is not trusted, a shorter one is: its length stays until it is refused in turn.
     """
     q, start, end = (part.copy() for part in stretches)
-    sign, share, size = _sign(robot, q, start), np.zeros(len(q)), np.full(len(q), 0.5)
+    sign, share, size = _sign(robot, q), np.zeros(len(q)), np.full(len(q), 0.5)
     while (live := np.flatnonzero(size > 0.5 ** (halvings + 1))).size:
         ends = (share + size)[live]
         origin, target = (start[live] + (end - start)[live] * part[:, None] for part in (share[live], ends))
         step = step_poses(robot, q[live], origin, target)
         good = (step.reason == PoseReason.REACHED) & (ends < 1.0)
         if by_sign:
-            good[good] = _sign(robot, step.q[good], target[good]) == sign[live[good]]
+            good[good] = _sign(robot, step.q[good]) == sign[live[good]]
         q[live[good]], share[live[good]] = step.q[good], ends[good]
         size[live[~good]] *= 0.5
     return Stretches(q, start + (end - start) * share[:, None], end)
@@ -223,8 +226,12 @@ def _advance(robot: ParallelRobot, stretches: Stretches, *, by_sign: bool, halvi
 
 def _is_singular(robot: ParallelRobot, hit: Foot) -> bool:
     """Return whether g is zero to rounding at a pose."""
-    matrices = type2_matrix(robot, linearised_at(robot, hit.q[None], hit.x[None]))
-    return bool(abs(bordered_solution(matrices, 0).g[0]) < RANK_LOST)
+    return bool(abs(_measure(robot, hit.q[None])[0]) < RANK_LOST)
+
+
+def _measure(robot: ParallelRobot, q: Array) -> Array:
+    """Compute g (T,) at q (T, nq), with the border of the first."""
+    return bordered_solution(type2_matrix(robot, linearised_at(robot, q, None)), 0).g
 
 
 def _find_foot(robot: ParallelRobot, hit: Foot, x: Array) -> Foot | None:
@@ -236,16 +243,14 @@ def _find_foot(robot: ParallelRobot, hit: Foot, x: Array) -> Foot | None:
         step = step_poses(robot, np.tile(q, (2 * n + 1, 1)), np.tile(y, (2 * n + 1, 1)), y + offsets)
         if (step.reason != PoseReason.REACHED).any():
             return None
-        matrices = type2_matrix(robot, linearised_at(robot, step.q, y + offsets))
-        g = bordered_solution(matrices, 0).g
+        g = _measure(robot, step.q)
         slope = (g[1 : n + 1] - g[n + 1 :]) / (2 * DIFFERENCE_STEP)
         if not float(slope @ slope) > 0:
             return None
-        offset = (y - x) / scale
-        foot = x + scale * slope * (slope @ offset - g[0]) / float(slope @ slope)
-        move = float(np.linalg.norm((foot - y) / scale))
+        foot = x + scale * slope * (slope @ ((y - x) / scale) - g[0]) / float(slope @ slope)
+        move = float(_distances(robot, foot, y))
         if move < NEWTON_STEP:
-            return Foot(float(np.linalg.norm(offset)), y, q) if abs(g[0]) < RANK_LOST else None
+            return Foot(float(_distances(robot, y, x)), y, q) if abs(g[0]) < RANK_LOST else None
         foot = y + min(1.0, RAY_STEP / move) * (foot - y)
         step = step_poses(robot, q[None], y[None], foot[None], STEP_PARTS)
         if step.reason[0] != PoseReason.REACHED:

@@ -18,7 +18,7 @@ from framework.arrays import Array, BoolArray, IntArray
 from framework.kinematics.continuation.predictor_corrector import is_small, is_straight
 from framework.kinematics.frames import difference, integrate
 from framework.kinematics.inverse_kinematics import close_each
-from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
+from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.loop_matrices import lost_equations
 from framework.kinematics.modes import keeps_sign, keeps_working_mode
 from framework.kinematics.motion_rates import joint_rates
@@ -101,11 +101,8 @@ def _fill(
 
 def _shift(mask: BoolArray, down: int, right: int) -> BoolArray:
     """Whether the neighbour at -(down, right) is known."""
-    shifted = np.zeros_like(mask)
-    inner = tuple(slice(max(k, 0), min(k, 0) or None) for k in (down, right))
-    outer = tuple(slice(max(-k, 0), min(-k, 0) or None) for k in (down, right))
-    shifted[inner] = mask[outer]
-    return shifted
+    rows, columns = mask.shape
+    return np.pad(mask, 1)[1 - down :, 1 - right :][:rows, :columns]
 
 
 def step_poses(robot: ParallelRobot, q: Array, start: Array, end: Array, parts: int = 1) -> StepEnds:
@@ -133,7 +130,7 @@ def step_poses(robot: ParallelRobot, q: Array, start: Array, end: Array, parts: 
 def _step_once(robot: ParallelRobot, q: Array, start: Array, end: Array) -> StepEnds:
     """Assemble configurations at `end` (T, n), from q (T, nq) at `start` (T, n), in one step each."""
     linearised = linearised_at(robot, q, start)
-    twist, _ = robot.platform.twist(start, end - start)
+    twist = robot.platform.twist(start, end - start)[0]
     move = joint_rates(robot, linearised, twist, np.zeros((len(q), robot.n_e)))
     predicted = integrate(robot, q, move)
     corrected, end_linearised, closed = close_each(
@@ -142,10 +139,18 @@ def _step_once(robot: ParallelRobot, q: Array, start: Array, end: Array) -> Step
     with np.errstate(invalid="ignore"):
         correction = np.abs(difference(robot, predicted, corrected) / robot.column_scale).max(axis=1)
         advance = np.abs(move / robot.column_scale).max(axis=1)
-        small = np.flatnonzero(closed & is_small(correction, advance))
-        same = small[_keep_working_mode(robot, linearised, end_linearised, small)]
+        # no Type 1 singularity lies between
+        sure = keeps_sign(linearised.factors.slogdet, end_linearised.factors.slogdet)
+        same = np.array(
+            [
+                k
+                for k in np.flatnonzero(closed & is_small(correction, advance)).tolist()
+                if sure[k] or keeps_working_mode(robot, linearised.select(k), end_linearised.select(k))[0]
+            ],
+            dtype=np.intp,
+        )
         # where branches cross, the tangent turns by more than the correction of one branch tells
-        twist, _ = robot.platform.twist(end, twist)
+        twist = robot.platform.twist(end, twist)[0]
         turn = joint_rates(robot, end_linearised.select(same), twist[same], np.zeros((len(same), robot.n_e)))
         turn = np.abs((turn - move[same]) / robot.column_scale).max(axis=1)
         bent = ~is_straight(turn, correction[same], advance[same])
@@ -153,14 +158,3 @@ def _step_once(robot: ParallelRobot, q: Array, start: Array, end: Array) -> Step
     reason = np.where(closed, PoseReason.OTHER_MODE, PoseReason.OPEN).astype(np.uint8)
     reason[same[~bent]] = PoseReason.REACHED
     return StepEnds(corrected, reason)
-
-
-def _keep_working_mode(
-    robot: ParallelRobot, start: LinearisedLoops, end: LinearisedLoops, which: IntArray
-) -> BoolArray:
-    """Whether no Type 1 singularity lies between start and end, for `which` (t,) of T steps."""
-    sure = keeps_sign(start.factors.slogdet, end.factors.slogdet)
-    return np.array(
-        [sure[k] or keeps_working_mode(robot, start.select(k), end.select(k))[0] for k in which.tolist()],
-        dtype=np.bool_,
-    )

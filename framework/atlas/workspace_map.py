@@ -25,7 +25,7 @@ from framework.atlas.survey import MAX_NEIGHBOUR_DISTANCE, longest_cell_edge, se
 from framework.atlas.sweep import REASON_WORDS, PoseReason, fill_grid, step_poses
 from framework.atlas.window import Window
 from framework.kinematics.inverse_kinematics import require_square
-from framework.kinematics.linearised_loops import linearised_at
+from framework.kinematics.linearised_loops import linearised_at, linearised_at_reference
 from framework.kinematics.modes import mode_signs
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.locus.locus_on_map import MapLocus, MapPoses, locus_on_map
@@ -157,7 +157,6 @@ def workspace_map(
         progress=lambda names: progress(width * sum(bands[name].stop - bands[name].first for name in names)),
     )
     _join_bands(robot, window.points(), choice, grids)
-    reference = linearised_at(robot, robot.reference.q[None], robot.reference.x[None])
     return WorkspaceMap(
         robot=robot,
         window=window,
@@ -165,7 +164,7 @@ def workspace_map(
         values={quantity.key: grids[quantity.key] for quantity in choice},
         q=grids["q"],
         reason=grids["reason"],
-        working_mode=int(mode_signs(robot, reference)[0][0]),
+        working_mode=int(mode_signs(robot, linearised_at_reference(robot))[0][0]),
         assembly=grids["assembly"],
         load=grids.get("load"),
         seconds=time.perf_counter() - started,
@@ -179,7 +178,7 @@ def fill_band(robot: ParallelRobot, window: Window, quantities: tuple[Quantity, 
     strides = np.array([1, 2, 4])
     fill_grid(robot, x, q, reason, strides[strides < max(_stride(robot, window), 2)][::-1])
     rows = band.stop - band.first
-    return _evaluate(robot, x[:rows], quantities, q[:rows], reason[:rows])
+    return _evaluate(robot, quantities, q[:rows], reason[:rows])
 
 
 # ------------------------------------------------------------------ the parts
@@ -220,7 +219,7 @@ def _band_arrays(band: RowBand, quantities: tuple[Quantity, ...]) -> dict[str, A
 
 
 def _evaluate(
-    robot: ParallelRobot, x: Array, quantities: tuple[Quantity, ...], q: Array, reason: NDArray[np.uint8]
+    robot: ParallelRobot, quantities: tuple[Quantity, ...], q: Array, reason: NDArray[np.uint8]
 ) -> dict[str, NDArray]:
     """Compute the arrays of a chunk from its poses q (I, J, nq)."""
     reached = reason == PoseReason.REACHED
@@ -229,7 +228,7 @@ def _evaluate(
     if any(quantity.loaded for quantity in quantities):
         chunk["load"] = np.zeros(reason.shape, dtype=np.uint8)
     if reached.any():
-        linearised = linearised_at(robot, q[reached], x[reached])
+        linearised = linearised_at(robot, q[reached], None)
         for key, values in quantity_values(robot, quantities, q[reached], linearised).items():
             chunk[key][reached] = values
         chunk["assembly"][reached] = mode_signs(robot, linearised)[1]
@@ -251,6 +250,6 @@ def _join_bands(
         if not (reason[border] == PoseReason.REACHED).any():
             return
     i, j = np.nonzero((reason == PoseReason.REACHED) & ~filled)
-    chunk = _evaluate(robot, x[i, j][None], quantities, grids["q"][i, j][None], reason[i, j][None])
+    chunk = _evaluate(robot, quantities, grids["q"][i, j][None], reason[i, j][None])
     for key, values in chunk.items():
         grids[key][i, j] = values[0]

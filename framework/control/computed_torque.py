@@ -124,4 +124,4 @@ def _planned_multipliers(reference: Reference) -> Array:
     r[:, robot.actuated] -= n * (reference.torque - robot.rotor_inertia * n * motion.a[:, robot.actuated])
     J = scaled_loops(robot, motion.linearised)
     transposed = np.linalg.pinv(J.transpose(0, 2, 1))  # (K, m, nv)
-    return (transposed @ (r * robot.column_scale)[..., None])[..., 0]
+    return np.matvec(transposed, r * robot.column_scale)

@@ -38,6 +38,7 @@ from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.platform import FramePlatform, JointPlatform
 from framework.kinematics.single_pose import SinglePose
 from framework.linalg.ordered_sums import singular_values
+from framework.statics.stiffness import mass_matrices
 from framework.tolerances import BRANCHES_MEET, DETERMINANT_LOST
 
 MAX_ITERATIONS = 5  # of Newton's method in a cycle; a prediction that needs more is none
@@ -126,9 +127,7 @@ class ControlCycle:
     @property
     def mass(self) -> Array:
         """Motor torques (n_a, n_a) for unit accelerations of the motors: torque = mass ddq_a + bias."""
-        upper = np.triu(pin.crba(self.robot.model, self._data, self.q))
-        whole = upper + np.triu(upper, 1).T
-        whole[np.diag_indices(len(whole))] += self.robot.rotors
+        whole = mass_matrices(self.robot, self.q[None])[0] + np.diag(self.robot.rotors)
         return self.T.T @ whole @ self.T / self.robot.gear_ratio[:, None]
 
     @property
@@ -144,7 +143,7 @@ class ControlCycle:
         singular value of P divided by and times the square root of its size. The sign never changes, as the
         cycle never leaves the assembly mode. Infinite without passive joints.
         """
-        return self._type2 if len(self._following) else np.inf
+        return self._type2
 
     @property
     def type1(self) -> float:
@@ -168,7 +167,7 @@ class ControlCycle:
         self.T[:] = 0.0
         self.T[self._actuated, range(len(self._actuated))] = 1.0
         if not len(columns):
-            self._determinant, self._step = 1.0, np.empty(0)
+            self._determinant, self._type2, self._step = 1.0, np.inf, np.empty(0)
             return 0.0
         P = np.multiply(jacobian.take(columns, axis=1), self._scale, order="F")
         size = np.abs(P).sum(axis=0).max()

@@ -76,9 +76,9 @@ def linearise_error(reference: Reference) -> tuple[Array, Array]:
         wrenches=reference.planned_wrenches,
         turning=[entry.frame for entry in reference.wrenches.entries if entry.turns],
     )
-    A = np.zeros((len(reference.times), 2 * n, 2 * n))
-    A[:, :n, n:] = np.eye(n)
-    A[:, n:, :n], A[:, n:, n:] = slopes.acceleration_y, slopes.acceleration_dy
+    by_x, by_dx = slopes.acceleration_y, slopes.acceleration_dy
+    rates = np.broadcast_to(np.eye(n), by_x.shape)
+    A = np.block([[np.zeros_like(by_x), rates], [by_x, by_dx]])
     return A, np.concatenate([np.zeros_like(slopes.acceleration_torque), slopes.acceleration_torque], axis=1)
 
 
@@ -88,7 +88,7 @@ def riccati(A: Array, B: Array, Q: Array, R: Array, period: float) -> Array:
     from scipy.linalg import expm
 
     system = np.zeros((count, size + inputs, size + inputs))
-    system[:, :size, :size], system[:, :size, size:] = A * period, B * period
+    system[:, :size] = np.concatenate([A, B], axis=2) * period
     discrete = expm(system)
     F, G = discrete[:, :size, :size], discrete[:, :size, size:]
     gain = np.empty((count, inputs, size))

@@ -82,9 +82,6 @@ def reference_of(plan: CrossingPlan, *, period: float) -> Reference:
 
 def platform_rates(robot: ParallelRobot, motion: Motion, x: Array) -> Array:
     """Compute N = dq/dx (T, nv, n) along a motion, the springs held."""
-    columns = []
-    for axis in np.eye(robot.n):
-        rate = np.broadcast_to(axis, x.shape)
-        twist, _ = robot.platform.twist(x, rate)
-        columns.append(joint_rates(robot, motion.linearised, twist, np.zeros((len(x), robot.n_e))))
-    return np.stack(columns, axis=2)
+    twists = np.moveaxis(robot.platform.rate_matrix(x), 2, 0)  # (n, T, n)
+    rates = joint_rates(robot, motion.linearised, twists, np.zeros((len(x), robot.n_e)))
+    return np.moveaxis(rates, 0, 2)

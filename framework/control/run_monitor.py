@@ -41,16 +41,22 @@ class ControlLoop:
             raise InvalidInput(choose_from("sensors", self.sensors, SENSORS))
 
 
-@dataclass(frozen=True, eq=False)
-class Run(ReadOnlyArrays):
-    """The outcome of R runs; see `Study`."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Outcomes(ReadOnlyArrays):
+    """The outcomes of R runs. `passed`: the platform came to rest near the end, see `ControlLoop`."""
 
     passed: NDArray[np.bool_]  # (R,)
-    why: tuple[str, ...]
-    tracking_error: Array  # (R,)
-    end_error: Array  # (R,)
-    peak_torque: Array  # (R, n_a) [N m]
-    payload: Array  # (R,)
+    why: tuple[str, ...]  # (R,) empty for those that passed
+    tracking_error: Array  # (R,) [robot lengths, rad] largest distance from the plan on the way
+    end_error: Array  # (R,) the same at the end
+    peak_torque: Array  # (R, n_a) [N m], motor side
+    payload: Array  # (R,) factor
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Run(Outcomes):
+    """R runs that were driven together."""
+
     x: Array  # (checks, R, n) where the platforms went, every PERIODS_PER_CHECK sampling periods
     torque: Array | None = None  # (K, R, n_a) if it was recorded
 

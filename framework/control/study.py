@@ -16,12 +16,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from framework.arrays import Array, ReadOnlyArrays
 from framework.control.closed_loop import run_closed_loop
 from framework.control.estimation import Controller
-from framework.control.run_monitor import ControlLoop, Run
+from framework.control.run_monitor import ControlLoop, Outcomes, Run
 from framework.control.variation import Spread, draw
 from framework.errors import InvalidInput
 from framework.parallel.kept import ArrayField, Arrays, KeptChunks, fits
@@ -30,19 +28,13 @@ from framework.parallel.tasks import iterate_results
 RUNS_PER_CHUNK = 250  # runs that are stacked; more do not make a run cheaper
 
 
-@dataclass(frozen=True, eq=False)
-class Study(ReadOnlyArrays):
-    """The outcome of R runs. `passed`: the platform came to rest near the end, see `ControlLoop`."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Study(Outcomes):
+    """The outcomes of many runs, drawn one after the other."""
 
     controller: str
     spread: Spread
     seed: int
-    passed: NDArray[np.bool_]  # (R,)
-    why: tuple[str, ...]  # (R,) empty for those that passed
-    tracking_error: Array  # (R,) [robot lengths, rad] largest distance from the plan on the way
-    end_error: Array  # (R,) the same at the end
-    peak_torque: Array  # (R, n_a) [N m], motor side
-    payload: Array  # (R,) factor
     seconds: float
 
     @property

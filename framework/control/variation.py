@@ -87,7 +87,10 @@ def vary(robot: ParallelRobot, variation: Variation) -> ParallelRobot:
     joint = frame.parentJoint
     inertia = frame.inertia
     payload = frame.placement.act(inertia) if inertia.mass > 0 else model.inertias[joint]
-    model.inertias[joint] = _scale_part(model.inertias[joint], payload, variation.payload)
+    parameters = model.inertias[joint].toDynamicParameters()
+    parameters += (variation.payload - 1) * payload.toDynamicParameters()
+    if parameters[0] > 0:  # the mass
+        model.inertias[joint] = pin.Inertia.FromDynamicParameters(parameters)
     for k, shift in enumerate(variation.shifts):
         placement = model.jointPlacements[k + 1]
         model.jointPlacements[k + 1] = pin.SE3(placement.rotation, placement.translation + shift)
@@ -98,14 +101,3 @@ def vary(robot: ParallelRobot, variation: Variation) -> ParallelRobot:
         rows=robot.loops,
         structure=replace(robot.structure, independent=np.arange(len(robot.loops.names))),
     )
-
-
-def _scale_part(whole: pin.Inertia, part: pin.Inertia, factor: float) -> pin.Inertia:
-    """Return the inertia `whole` with one part scaled by a factor."""
-    matrix = whole.matrix() + (factor - 1) * part.matrix()
-    mass = matrix[0, 0]
-    if mass <= 0:
-        return whole
-    lever = np.array([matrix[5, 1], matrix[3, 2], matrix[4, 0]]) / mass  # of the skew block m [c]x
-    c = pin.skew(lever)
-    return pin.Inertia(mass, lever, matrix[3:, 3:] + mass * c @ c)

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array, BoolArray, IntArray, join, select
+from framework.linalg.ordered_sums import solve
 from framework.locus.locus_equations import Evaluated, LocusEquations
 from framework.singularity.bordered_system import Border
 from framework.tolerances import NEWTON_STEP, RANK_ROUNDING
@@ -64,7 +65,7 @@ def solutions_near(equations: LocusEquations, q: Array) -> Array:
     for _ in range(MAX_SEARCH_STEPS):
         evaluated = equations.evaluate(q)
         inverse = np.linalg.pinv(evaluated.slopes, rcond=RANK_ROUNDING)
-        change = -(inverse @ evaluated.values[:, :, None])[:, :, 0]
+        change = -np.matvec(inverse, evaluated.values)
         size = np.abs(change).max(axis=1)
         sound = np.isfinite(size)
         q, change, size = q[sound], change[sound], size[sound]
@@ -98,11 +99,11 @@ def whole_curves(
     for first in range(len(starts.q)):
         if first in done:
             continue
-        along, end = _chain(pieces, first, 0, done)
+        along, end = _chain(pieces, first, done)
         if end == "closed":
             curves.append(Curve(join(along), (end, end)))
             continue
-        against, begin = _chain(pieces, first, 1, done)
+        against, begin = _chain(pieces, first + len(starts.q), done)
         head = select(join(against), slice(None, 0, -1)).reverse()
         curves.append(Curve(join([head, *along]), (begin, end)))
     return curves
@@ -113,8 +114,7 @@ class _Piece(NamedTuple):
 
     points: Points  # the start itself is the first
     end: str  # met (another start, which is the last point), or see `Curve`
-    start: int  # that was met
-    side: int  # of the start that leads on: 0 along its tangent, 1 against
+    following: int  # number of the piece that leads on from the start that was met
 
 
 class _Fronts(NamedTuple):
@@ -141,72 +141,73 @@ class _Fronts(NamedTuple):
 
 def _pieces(
     equations: LocusEquations, starts: Points, inside: Callable[[Array], BoolArray], longest: float
-) -> dict[tuple[int, int], _Piece]:
-    """Trace a piece from each of S starts along its tangent (side 0) and against (side 1)."""
-    count = len(starts.q)
-    points = join([starts, starts.reverse()])  # all along their tangents, then all against
-    step = np.full(2 * count, min(FIRST_STEP, longest))
-    fronts = _Fronts(points, np.zeros_like(points.tangent), step, np.arange(2 * count))
-    traced = [[fronts.points.single(k)] for k in range(2 * count)]
-    pieces: dict[tuple[int, int], _Piece] = {}
+) -> dict[int, _Piece]:
+    """Trace 2 S pieces from S starts: first along the tangents, then against."""
+    begins = join([starts, starts.reverse()])
+    step = np.full(len(begins.q), min(FIRST_STEP, longest))
+    fronts = _Fronts(begins, np.zeros_like(begins.tangent), step, np.arange(len(step)))
+    traced = [[begins.single(k)] for k in range(len(step))]
+    pieces: dict[int, _Piece] = {}
     while len(fronts.piece):
         ahead, good = advance(equations, fronts.points, fronts.step, fronts.bend)
         step = np.where(good, fronts.step, 0.5 * fronts.step)
         stalled = ~good & (step < MIN_STEP)
-        start, side = _find_met_starts(equations, fronts.points, ahead, step, starts)
-        ends = np.select([stalled, ~good, start >= 0, ~inside(ahead.q)], ["stalled", "", "met", "left"], "")
+        following = _find_following(equations, fronts.points, ahead, step, starts)
+        met, left = following >= 0, ~inside(ahead.q)
+        ends = np.select([stalled, ~good, met, left], ["stalled", "", "met", "left"], "")
         for k in np.flatnonzero(good | stalled).tolist():
             piece = int(fronts.piece[k])
             if ends[k] == "met":
-                reached = starts.single(int(start[k]))
-                traced[piece].append(reached if side[k] == 0 else reached.reverse())
+                traced[piece].append(begins.single(int(following[k])))
             elif good[k]:
                 traced[piece].append(ahead.single(k))
                 if not ends[k] and len(traced[piece]) == MAX_POINTS:
                     ends[k] = "long"
             if ends[k]:
-                points = join(traced[piece])
-                pieces[piece % count, piece // count] = _Piece(
-                    points, str(ends[k]), int(start[k]), int(side[k])
-                )
+                pieces[piece] = _Piece(join(traced[piece]), str(ends[k]), int(following[k]))
         fronts = select(fronts.advance(ahead, good, step, longest), ends == "")
     return pieces
 
 
-def _find_met_starts(
+def _find_following(
     equations: LocusEquations, points: Points, ahead: Points, step: Array, starts: Points
-) -> tuple[IntArray, IntArray]:
-    """Find the start (F,) that each front passes in a step, or -1, and its side (F,) that leads on."""
+) -> IntArray:
+    """Find the piece (F,) that leads on from the start which each front passes in a step, or -1."""
     to_start = equations.offsets(points.q[:, None], starts.q[None])  # (F, S, k)
     from_end = equations.offsets(ahead.q[:, None], starts.q[None])
     chord = to_start - from_end
-    square = np.maximum(np.sum(chord**2, axis=2), np.finfo(float).tiny)
-    length = np.sqrt(square)
+    length = np.linalg.norm(chord, axis=2)
     distance = np.einsum("fsk,fk->fs", to_start, points.tangent)
     remaining = np.einsum("fsk,fk->fs", from_end, ahead.tangent)
-    share = np.clip(np.sum(to_start * chord, axis=2) / square, 0.0, 1.0)
-    aside = np.linalg.norm(to_start - share[:, :, None] * chord, axis=2)
+    aside = np.linalg.norm(chord_offsets(to_start, chord), axis=2)
     cosine = ahead.tangent @ starts.tangent.T  # (F, S)
     passes = (distance > MIN_START_DISTANCE) & (remaining <= 0) & (length < 2 * step[:, None])
     passes &= (aside < MAX_CURVE_OFFSET * length + MIN_START_DISTANCE) & (np.abs(cosine) > MIN_CURVE_COSINE)
     first = np.argmin(np.where(passes, distance, np.inf), axis=1)
-    each = np.arange(len(first))
-    return np.where(passes.any(axis=1), first, -1), np.where(cosine[each, first] > 0, 0, 1)
+    against = np.take_along_axis(cosine, first[:, None], axis=1)[:, 0] <= 0
+    return np.where(passes.any(axis=1), first + len(starts.q) * against, -1)
 
 
-def _chain(
-    pieces: dict[tuple[int, int], _Piece], first: int, side: int, done: set[int]
-) -> tuple[list[Points], str]:
-    """Collect the pieces that follow one start, one way, and the end; `closed` at the start itself."""
-    done.add(first)
-    parts, start = list[Points](), first
+def chord_offsets(offset: Array, chord: Array) -> Array:
+    """Compute offsets (..., k) of points from the nearest points of their chords.
+
+    Points and ends of chords are offsets from the chords' starts.
+    """
+    square = np.maximum(np.sum(chord**2, axis=-1), np.finfo(float).tiny)
+    share = np.clip(np.sum(offset * chord, axis=-1) / square, 0.0, 1.0)
+    return offset - share[..., None] * chord
+
+
+def _chain(pieces: dict[int, _Piece], first: int, done: set[int]) -> tuple[list[Points], str]:
+    """Collect a piece and its followers; return the end, `closed` at the first start."""
+    count, parts, piece = len(pieces) // 2, list[Points](), pieces[first]
+    done.add(first % count)
     while True:
-        piece = pieces[start, side]
         parts.append(piece.points if not parts else select(piece.points, slice(1, None)))
         if piece.end != "met":
             return parts, piece.end
-        start, side = piece.start, piece.side
-        if start == first:
+        start, piece = piece.following % count, pieces[piece.following]
+        if start == first % count:
             return parts, "closed"
         if start in done:  # starts so near to one another that their pieces disagree
             return parts, "long"
@@ -247,9 +248,9 @@ def _corrector(evaluated: Evaluated, tangent: Array) -> tuple[Array, BoolArray]:
     """Compute Newton's step (S, k) normal to tangents (S, k), and whether the system is regular (S,)."""
     square = np.concatenate([evaluated.slopes, tangent[:, None]], axis=1)
     values = np.concatenate([evaluated.values, np.zeros((len(tangent), 1))], axis=1)
-    regular = np.linalg.slogdet(square)[0] != 0
-    square[~regular] = np.eye(square.shape[1])
-    return -np.linalg.solve(square, values[:, :, None])[:, :, 0], regular
+    change = -solve(square, values)
+    regular = np.asarray(np.isfinite(change).all(axis=1))
+    return np.where(regular[:, None], change, 0.0), regular
 
 
 def _points(equations: LocusEquations, q: Array, evaluated: Evaluated, previous: Points | None) -> Points:

@@ -17,6 +17,7 @@ from framework.kinematics.inverse_kinematics import close_each
 from framework.kinematics.loop_matrices import type2_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.locus.traced_locus import REGION_REACH, trace_locus
+from framework.singularity.type2 import has_signed_measure
 from framework.tolerances import SAME_PLACE
 
 NEWTON_STEPS = 10  # Newton steps to a neighbouring point
@@ -51,7 +52,7 @@ def locus_curves(robot: ParallelRobot, q: Array, x: Array) -> LocusCurves | None
     g has no sign).
     """
     straight = robot.platform.sliding.tolist()
-    if len(straight) != 2 or not _has_signed_measure(robot):
+    if len(straight) != 2 or not has_signed_measure(robot):
         return None
     traced = trace_locus(robot, q, one_mode=True)
     return LocusCurves(
@@ -68,7 +69,7 @@ def locus_patch(robot: ParallelRobot, q: Array, x: Array) -> Array | None:
     None for a robot without exactly three translations, or where the surface cannot be followed.
     """
     straight = robot.platform.sliding.tolist()
-    if len(straight) != 3 or not _has_signed_measure(robot):
+    if len(straight) != 3 or not has_signed_measure(robot):
         return None
 
     def measure(shift: Array) -> Array:
@@ -97,11 +98,6 @@ def locus_patch(robot: ParallelRobot, q: Array, x: Array) -> Array | None:
     if np.isnan(points).any():
         return None
     return (points + x[straight]).reshape(PATCH_POINTS, PATCH_POINTS, 3)
-
-
-def _has_signed_measure(robot: ParallelRobot) -> bool:
-    """Whether the robot has passive joints and no redundant motors, so that g has a sign."""
-    return len(robot.following) > 0 and robot.n_a == robot.n
 
 
 def _pull_onto(

@@ -25,6 +25,7 @@ from framework.kinematics.loop_matrices import passive_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.rotations import wrap_angles
 from framework.singularity.bordered_system import Border, solve_bordered
+from framework.singularity.type2 import has_signed_measure
 
 # [rad, lengths] of central differences: errors of 1e-10 in slopes, none in what is solved
 DIFFERENCE_STEP = 1e-5
@@ -64,7 +65,7 @@ class LocusEquations:
                 passive joints, which leave no signed measure g.
         """
         require_square(robot)
-        if not len(robot.following) or robot.n_a != robot.n:
+        if not has_signed_measure(robot):
             raise InvalidInput(f"{robot.name}: a locus needs passive joints and one motor for each freedom")
         names = robot.axis_names + robot.actuator_names
         if free is None:
@@ -113,7 +114,7 @@ class LocusEquations:
         robot, k = self.robot, self.size
         step = np.concatenate([np.zeros((1, k)), DIFFERENCE_STEP * np.eye(k), -DIFFERENCE_STEP * np.eye(k)])
         poses = self.move(np.repeat(q, len(step), axis=0), np.tile(step, (len(q), 1)))
-        linearised = linearised_at(robot, poses, np.broadcast_to(self.x, (len(poses), robot.n)))
+        linearised = linearised_at(robot, poses, None)
         sizes = robot.structure.row_sizes
         loops = (
             scale_jacobian(robot, linearised.closures[:: len(step)], robot.loops.rotation) / sizes[:, None]
@@ -139,14 +140,12 @@ class LocusEquations:
         """Compute the offsets (T, n - 2) of the fixed freedoms at poses (T, nq), without dimension."""
         robot, fixed = self.robot, self.fixed
         if self.in_motors:
-            columns = robot.actuated[fixed]
-            sliding = robot.sliding[columns]
-            offset = robot.actuated_coordinates(poses)[:, fixed] - self.motors[fixed]
-            offset = offset / robot.column_scale[columns]
+            sliding, scale = robot.sliding[robot.actuated], robot.column_scale[robot.actuated]
+            offset = robot.actuated_coordinates(poses) - self.motors
         else:
-            sliding = robot.translations[fixed]
-            offset = (robot.platform.coordinates(frames) - self.x)[:, fixed]
-            offset = offset / np.where(sliding, robot.length, 1.0)
+            sliding, scale = robot.translations, robot.platform_scale
+            offset = robot.platform.coordinates(frames) - self.x
+        offset, sliding = (offset / scale)[:, fixed], sliding[fixed]
         offset[:, ~sliding] = wrap_angles(offset[:, ~sliding])
         return offset
 

@@ -22,6 +22,7 @@ from framework.kinematics.frames import frames_at
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.modes import leg_signs
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.locus.curve_tracing import chord_offsets
 from framework.locus.locus_equations import LocusEquations
 from framework.locus.traced_locus import LocusCurve, trace_locus
 from framework.tolerances import DISTINCT_SOLUTIONS
@@ -117,30 +118,21 @@ def _trace_modes(
             starts += [poses.q[tuple(ij)] for ij in changes[_choose_evenly(todo), :2]]
             if not starts:
                 break
-            _add_curves(equations, poses, starts, curves)
+            for curve in _trace_near(equations.robot, poses, starts):
+                for part in _parts(equations, poses, curve):
+                    if _is_apart(poses, part.x, curves, SAME_CURVE_CELLS).any():  # repeats no other
+                        curves.append(part)
             unexplained = _is_apart(poses, _middles(poses, changes), curves, EXPLAINED_CELLS)
-            remaining = np.count_nonzero(unexplained & of_mode)
-            if remaining in (0, len(todo)) or len(todo) <= STARTS_PER_ROUND:
+            if np.count_nonzero(unexplained & of_mode) in (0, len(todo)) or len(todo) <= STARTS_PER_ROUND:
                 break
             starts = []
     return curves, unexplained
 
 
-def _add_curves(
-    equations: LocusEquations, poses: MapPoses, starts: list[Array], curves: list[MapCurve]
-) -> None:
-    """Trace curves from starts, and add their parts on the map that repeat no other."""
-    for curve in _trace_near(equations.robot, poses, starts):
-        for part in _parts(equations, poses, curve):
-            if _is_apart(poses, part.x, curves, SAME_CURVE_CELLS).any():
-                curves.append(part)
-
-
 def _choose_evenly(indices: IntArray) -> IntArray:
-    """Return `STARTS_PER_ROUND` of the indices, evenly chosen."""
-    if len(indices) <= STARTS_PER_ROUND:
-        return indices
-    return indices[np.linspace(0, len(indices) - 1, STARTS_PER_ROUND).round().astype(np.intp)]
+    """Return up to `STARTS_PER_ROUND` of the indices, evenly chosen."""
+    count = min(len(indices), STARTS_PER_ROUND)
+    return indices[np.linspace(0, len(indices) - 1, count).round().astype(np.intp)]
 
 
 def _free(robot: ParallelRobot, poses: MapPoses) -> tuple[str, str]:
@@ -151,7 +143,7 @@ def _free(robot: ParallelRobot, poses: MapPoses) -> tuple[str, str]:
 def _modes(robot: ParallelRobot, poses: MapPoses, places: IntArray) -> Array:
     """Return the sign of each leg (e, legs) at some poses of the map."""
     i, j = places.T
-    return leg_signs(robot, linearised_at(robot, poses.q[i, j], poses.x[i, j]))
+    return leg_signs(robot, linearised_at(robot, poses.q[i, j], None))
 
 
 def _trace_near(robot: ParallelRobot, poses: MapPoses, starts: list[Array]) -> list[LocusCurve]:
@@ -188,13 +180,14 @@ def _sign_changes(g: Array) -> IntArray:
 
 def _least(g: Array) -> IntArray:
     """Find the indices (t, 2) at which |g| is less than at all of eight neighbours."""
-    size = np.pad(np.where(np.isfinite(g), np.abs(g), np.inf), 1, constant_values=np.inf)
-    rows, columns = g.shape
-    shifts = [(i, j) for i in range(3) for j in range(3) if (i, j) != (1, 1)]
-    neighbours = np.min([size[i : i + rows, j : j + columns] for i, j in shifts], axis=0)
-    inner = size[1:-1, 1:-1]
-    minima = np.argwhere(inner < neighbours)
-    return minima[np.argsort(inner[tuple(minima.T)], kind="stable")[:MAX_TOUCHES]]
+    from scipy.ndimage import minimum_filter
+
+    size = np.where(np.isfinite(g), np.abs(g), np.inf)
+    around = np.ones((3, 3), dtype=bool)
+    around[1, 1] = False
+    neighbours = minimum_filter(size, footprint=around, mode="constant", cval=np.inf)
+    minima = np.argwhere(size < neighbours)
+    return minima[np.argsort(size[tuple(minima.T)], kind="stable")[:MAX_TOUCHES]]
 
 
 def _middles(poses: MapPoses, changes: IntArray) -> Array:
@@ -208,11 +201,8 @@ def _is_apart(poses: MapPoses, x: Array, curves: list[MapCurve], cells: float) -
     for curve in curves:
         points = curve.x / poses.cell
         start, chord = points[:-1], np.diff(points, axis=0)
-        size = np.maximum(np.sum(chord**2, axis=1), np.finfo(float).tiny)
         for k in np.flatnonzero(is_apart).tolist():
-            offset = scaled[k] - start
-            share = np.clip(np.sum(offset * chord, axis=1) / size, 0.0, 1.0)
-            is_apart[k] = np.abs(offset - share[:, None] * chord).max(axis=1).min() > cells
+            is_apart[k] = np.abs(chord_offsets(scaled[k] - start, chord)).max(axis=1).min() > cells
     return is_apart
 
 

@@ -50,7 +50,7 @@ class Region(NamedTuple):
     def clearance(self, q: Array) -> Array:
         """Compute the least determinant of a leg (T,) at q (T, nq), negative beyond the working mode."""
         robot = self.equations.robot
-        linearised = linearised_at(robot, q, np.broadcast_to(self.x, (len(q), robot.n)))
+        linearised = linearised_at(robot, q, None)
         mode = np.ones(1) if self.mode is None else self.mode
         return (leg_determinants(robot, linearised) * mode).min(axis=1)
 

@@ -74,9 +74,8 @@ def assembly_mode_change(locus: TracedLocus, cusp: LocusPoint) -> AssemblyModeCh
 def _curve_of(locus: TracedLocus, cusp: LocusPoint) -> LocusCurve:
     """Return the curve that has this cusp."""
     for curve in locus.curves:
-        for point in curve.cusps:
-            if point is cusp:
-                return curve
+        if any(point is cusp for point in curve.cusps):
+            return curve
     raise InvalidInput("cusp: needs to be one of `locus.cusps`")
 
 
@@ -106,6 +105,6 @@ def _follow_circle(robot: ParallelRobot, cusp: LocusPoint, motors: Array) -> Ass
             continue
         if np.linalg.norm((x[-1] - x[0]) / scale) > DISTINCT_SOLUTIONS:
             poses = np.array(q)
-            g = singularity_measure(robot, linearised_at(robot, poses, np.array(x))).g
+            g = singularity_measure(robot, linearised_at(robot, poses, None)).g
             return AssemblyModeChange(cusp, motors, poses, np.array(x), g)
     return None

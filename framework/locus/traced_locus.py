@@ -27,6 +27,7 @@ from framework.locus.curve_tracing import (
     MAX_STEP,
     Curve,
     Points,
+    chord_offsets,
     points_at,
     solutions_near,
     whole_curves,
@@ -175,19 +176,16 @@ def _least_slope(equations: LocusEquations, points: Points) -> Array:
 def _passes(equations: LocusEquations, curve: Curve, point: Points) -> bool:
     """Whether a curve passes a point (S = 1)."""
     offsets = equations.offsets(point.q, curve.points.q)  # (m, k)
-    start, chord = offsets[:-1], np.diff(offsets, axis=0)
-    length = np.linalg.norm(chord, axis=1)
-    near = (length < 2 * MAX_STEP) & (length > 0)  # others jump where a hinge has turned once round
-    start, chord, length = start[near], chord[near], length[near]
-    share = np.clip(-np.sum(start * chord, axis=1) / length**2, 0.0, 1.0)
-    gap = np.linalg.norm(start + share[:, None] * chord, axis=1)
-    return bool((gap < MAX_CURVE_OFFSET * length).any())
+    chord = np.diff(offsets, axis=0)
+    length, gap = (np.linalg.norm(part, axis=1) for part in (chord, chord_offsets(-offsets[:-1], chord)))
+    # longer ones jump where a hinge has turned once round
+    return bool(((gap < MAX_CURVE_OFFSET * length) & (length < 2 * MAX_STEP)).any())
 
 
 def _describe(equations: LocusEquations, curve: Curve, crossings: list[Points]) -> LocusCurve:
     """Describe a curve in the robot's own coordinates."""
     robot, points = equations.robot, curve.points
-    linearised = linearised_at(robot, points.q, np.broadcast_to(equations.x, (len(points.q), robot.n)))
+    linearised = linearised_at(robot, points.q, None)
     x, motors = robot.platform.coordinates(linearised.frames), robot.actuated_coordinates(points.q)
     steps = equations.offsets(points.q[:-1], points.q[1:])
     kind = "type_2"

@@ -22,6 +22,7 @@ no others; else their number is a lower bound.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -36,7 +37,7 @@ from framework.proofs.leg_paving import leg_solutions_complete
 from framework.proofs.passive_joints import (
     close_all_loops,
     distance_from_reference,
-    distinct_joints,
+    distinct_rows,
     is_proved,
     joints_at,
     nearest_turn,
@@ -141,8 +142,7 @@ def _assemble(
 def _search(robot: ParallelRobot, q: Array) -> AssemblyModes:
     """Search closed poses from many starts, one for each platform pose; motors as in q (1, nq)."""
     poses, closed = close_all_loops(robot, random_starts(robot, q, RANDOM_STARTS), None)
-    candidates = [nearest_turn(robot, pose) for pose in poses[closed]]
-    candidates.sort(key=lambda pose: distance_from_reference(robot, pose))
+    candidates = sorted(nearest_turn(robot, poses[closed]), key=partial(distance_from_reference, robot))
     modes: list[AssemblyMode] = []
     scale = robot.platform_scale
     for pose in candidates:
@@ -165,5 +165,5 @@ def _are_all(robot: ParallelRobot, q: Array, poses: list[Array]) -> bool:
     fixed, joints = np.ones(robot.model.nv, dtype=bool), robot.following
     fixed[joints] = False
     offsets = np.array([difference(robot, q, pose)[joints] for pose in poses]).reshape(-1, len(joints))
-    distinct = np.array(distinct_joints(offsets / robot.column_scale[joints])).reshape(-1, len(joints))
-    return leg_solutions_complete(robot, joints, fixed, q, distinct, None)
+    offsets /= robot.column_scale[joints]
+    return leg_solutions_complete(robot, joints, fixed, q, offsets[distinct_rows(offsets)], None)

@@ -36,10 +36,8 @@ class KnownSolutions(NamedTuple):
     def contain(self, boxes: Boxes) -> BoolArray:
         """Whether each of B boxes lies within the region of one solution, (B,)."""
         offset = np.abs(boxes.middle[:, None] - self.points)
-        periodic = np.isfinite(self.period)
-        period = np.where(periodic, self.period, 1.0)
-        wrapped = np.abs(offset - period * np.round(offset / period))
-        offset = np.where(periodic, wrapped, offset)
+        offset = np.mod(offset, self.period)
+        offset = np.minimum(offset, self.period - offset)
         inside = np.all(offset + boxes.radii[:, None] < self.radii[:, None], axis=2)
         return np.any(inside, axis=1)
 

@@ -46,8 +46,8 @@ class DerivativeBounds:
     """The equations of a robot in its `moving` joints: a table made once."""
 
     robot: ParallelRobot
-    chains: tuple[Chain, ...]
-    terms: tuple[Term, ...]
+    chains: list[Chain]
+    terms: list[Term]
     row_scale: Array  # (R,)
     column_scale: Array  # (k,)
     rounding: float  # of values and derivatives at one configuration, without dimension
@@ -79,8 +79,8 @@ class DerivativeBounds:
         table = EquationTerms.of(robot)
         return DerivativeBounds(
             robot,
-            tuple(table.chains),
-            tuple(table.terms),
+            table.chains,
+            table.terms,
             np.where(turning, 1.0, 1.0 / robot.length) / sizes,
             robot.column_scale[robot.moving],
             FRAME_ROUNDING * size / min(float(sizes.min()), 1.0),
@@ -184,18 +184,14 @@ def _term(
     term: Term, chain: Chain, derivative: _ChainDerivatives, frames: FrameStack
 ) -> tuple[Array, Array, Array]:
     """Compute the value (S,), slopes (S, L) and their derivatives (S, L, L)."""
-    S = len(derivative.offset)
-    if chain.first == BASE:
+    S, f = len(derivative.offset), term.factor
+    vector, moved, bent = derivative.offset, derivative.point, derivative.bent
+    if term.kind == "distance":
+        axis = vector
+    elif chain.first == BASE:
         axis = np.broadcast_to(np.eye(3)[term.axis], (S, 3))
     else:
         axis = frames.rotation[:, chain.first, :, term.axis]
-    f = term.factor
-    if term.kind == "distance":
-        first = np.einsum("sc,sjc->sj", derivative.offset, derivative.point)
-        second = np.einsum("sic,sjc->sij", derivative.point, derivative.point)
-        second = second + np.einsum("sc,sijc->sij", derivative.offset, derivative.bent)
-        return 0.5 * f * np.einsum("sc,sc->s", derivative.offset, derivative.offset), f * first, f * second
-    vector, moved, bent = derivative.offset, derivative.point, derivative.bent
     if term.kind == "turn":  # axis . the part of R(q) R(middle)' that is not symmetric: 0 at the middle
         vector, moved = np.zeros((S, 3)), derivative.turning
         bent = 0.5 * cross(moved[:, chain.inner], moved[:, chain.outer])
@@ -203,11 +199,11 @@ def _term(
         vector = frames.rotation[:, chain.second, :, term.selected]
         moved = cross(derivative.turning, vector[:, None])
         bent = cross(derivative.turning[:, chain.inner], moved[:, chain.outer])
-    return (
-        f * np.einsum("sc,sc->s", axis, vector),
-        f * np.einsum("sc,sjc->sj", axis, moved),
-        f * np.einsum("sc,sijc->sij", axis, bent),
-    )
+    value, first = np.einsum("sc,sc->s", axis, vector), np.einsum("sc,sjc->sj", axis, moved)
+    second = np.einsum("sc,sijc->sij", axis, bent)
+    if term.kind == "distance":  # half the square
+        value, second = 0.5 * value, second + np.einsum("sic,sjc->sij", moved, moved)
+    return f * value, f * first, f * second
 
 
 def _widen_levers(chain: Chain, derivative: _ChainDerivatives, r: Array) -> Array:

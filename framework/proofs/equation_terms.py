@@ -123,18 +123,24 @@ class EquationTerms:
         for index, known in enumerate(self.chains):
             if (known.first, known.second) == (first, second):
                 return index
-        model, bodies, moving = self.robot.model, scratch_of(self.robot).bodies, self.robot.moving.tolist()
-        first_joints = [] if first == BASE else list(model.supports[int(bodies[first])])
-        second_joints = list(model.supports[int(bodies[second])])
-        signed = [(j, -1.0) for j in reversed(first_joints) if j not in second_joints]
-        signed += [(j, 1.0) for j in second_joints if j not in first_joints]
-        signed = [(int(model.joints[j].idx_v), sign) for j, sign in signed if j]
+        robot, moving = self.robot, self.robot.moving.tolist()
+        joints = joints_between(robot, first, second)
+        signed = [(int(robot.model.joints[joint].idx_v), sign) for joint, sign in joints]
         signed = [(column, sign) for column, sign in signed if column in moving]
         columns = np.array([column for column, _ in signed], dtype=np.intp)
         places = np.array([moving.index(column) for column, _ in signed], dtype=np.intp)
         signs = np.array([sign for _, sign in signed], dtype=float)
-        self.chains.append(Chain(first, second, places, columns, signs, ~self.robot.sliding[columns]))
+        self.chains.append(Chain(first, second, places, columns, signs, ~robot.sliding[columns]))
         return len(self.chains) - 1
+
+
+def joints_between(robot: ParallelRobot, first: int, second: int) -> list[tuple[int, float]]:
+    """Return the joints from one frame, or BASE, to another one, with -1 if the joint carries the first."""
+    supports, bodies = robot.model.supports, scratch_of(robot).bodies
+    to_first = [] if first == BASE else list(supports[int(bodies[first])])
+    to_second = list(supports[int(bodies[second])])
+    carrying_first = [(joint, -1.0) for joint in reversed(to_first) if joint not in to_second]
+    return carrying_first + [(joint, 1.0) for joint in to_second if joint and joint not in to_first]
 
 
 def planar_axis(robot: ParallelRobot) -> int | None:
@@ -153,7 +159,7 @@ def _rows_on_base(robot: ParallelRobot) -> dict[int, int]:
     carried = scratch_of(robot).carried[:, robot.moving]
     base_axes: dict[int, int] = {}
     points = ~(loops.rotation | loops.distance)
-    for first, second in sorted({(int(a), int(b)) for a, b in zip(loops.first, loops.second, strict=True)}):
+    for first, second in np.unique(np.stack([loops.first, loops.second], axis=1), axis=0).tolist():
         if (carried[first] * carried[second]).any():
             continue
         rows = np.flatnonzero(points & (loops.first == first) & (loops.second == second))

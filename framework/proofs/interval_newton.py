@@ -123,8 +123,7 @@ def bordered_bounds(P: Array, errors: Array, rounding: float) -> tuple[LastColum
     """
     S, s = P.shape[:2]
     left, _, right = np.linalg.svd(P)
-    M = np.zeros((S, s + 1, s + 1))
-    M[:, :s, :s], M[:, :s, s], M[:, s, :s] = P, left[:, :, -1], right[:, -1]
+    M = np.block([[P, left[:, :, -1:]], [right[:, -1:], np.zeros((S, 1, 1))]])
     X, E = inverses(M), np.zeros_like(M)
     E[:, :s, :s] = errors + rounding
     Mt, Xt, Et = (stack.swapaxes(1, 2) for stack in (M, X, E))

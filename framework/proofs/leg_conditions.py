@@ -35,7 +35,6 @@ class LegConditions(ReadOnlyArrays):
 
     group: Displacements
     coefficients: Array  # (K, M) of unit size, lengths in lengths of the robot
-    others: Array  # (k, M) that have to be met as well
     rounding: float  # of the coefficients, relative to the largest of their condition
 
 
@@ -67,13 +66,12 @@ def leg_conditions(robot: ParallelRobot, q: Array) -> LegConditions | None:
     rows, K = np.array(conditions).reshape(-1, len(group.chosen)), group.family.equations
     if not len(rows):
         return None
-    values, right = np.linalg.svd(rows)[1:]
-    if int(np.sum(values > RANK_ROUNDING * values[0])) < K:
+    if np.linalg.matrix_rank(rows, rtol=RANK_ROUNDING) < K:
         return None
-    if len(rows) > K:  # more conditions than freedoms: as many as needed, mixed, and all to be met in the end
+    if len(rows) > K:  # more conditions than freedoms: as many as needed, mixed
         mixed = np.random.default_rng(RANDOM_SEED).standard_normal((K, len(rows))) @ rows
-        return LegConditions(group, mixed / np.linalg.norm(mixed, axis=1, keepdims=True), rows, rounding)
-    return LegConditions(group, rows, rows[:0], rounding)
+        rows = mixed / np.linalg.norm(mixed, axis=1, keepdims=True)
+    return LegConditions(group, rows, rounding)
 
 
 def _group(robot: ParallelRobot) -> Displacements | None:
@@ -121,8 +119,7 @@ class _Sampler(NamedTuple):
     """Random poses of chains."""
 
     robot: ParallelRobot
-    q: list[Array]  # configurations of the tree, motors and springs locked
-    links: list[list[pin.SE3]]  # of every joint against its parent, at each of them
+    links: list[list[pin.SE3]]  # of every joint against its parent, motors and springs locked, at random
     reference: pin.SE3  # of the platform's frame
     normal: Array | None  # (3,) of a planar robot, base axes
     data: pin.Data  # at the reference
@@ -132,16 +129,15 @@ class _Sampler(NamedTuple):
     def of(robot: ParallelRobot, q: Array, *, of_point: bool) -> _Sampler:
         model, data = robot.model, robot.model.createData()
         rng, step = np.random.default_rng(RANDOM_SEED), np.zeros(robot.model.nv)
-        poses, links = [], []
+        links = []
         for _ in range(SAMPLE_POSES):
             passive = np.where(robot.sliding[robot.passive], robot.length, np.pi)
             step[robot.passive] = rng.uniform(-passive, passive)
-            poses.append(pin.integrate(model, q, step))
-            pin.forwardKinematics(model, data, poses[-1])
+            pin.forwardKinematics(model, data, pin.integrate(model, q, step))
             links.append([pin.SE3(placement) for placement in data.liMi])
         pin.framesForwardKinematics(model, data, robot.reference.q)
         return _Sampler(
-            robot, poses, links, pin.SE3(data.oMf[robot.frames[0]]), planar_normal(robot), data, of_point
+            robot, links, pin.SE3(data.oMf[robot.frames[0]]), planar_normal(robot), data, of_point
         )
 
     def displacements(self, chain: list[_Edge]) -> tuple[Array, Array] | None:

@@ -26,6 +26,7 @@ from framework.kinematics.tree_model import single_columns
 from framework.linalg.ordered_sums import cross
 from framework.proofs.branch_and_bound import Boxes
 from framework.proofs.completeness import KnownSolutions, has_no_others, unique_radius
+from framework.proofs.equation_terms import BASE, joints_between
 from framework.proofs.interval_newton import LinearEnclosure
 from framework.proofs.rounding import REACH_MARGIN
 from framework.tolerances import FRAME_ROUNDING, LOOP_GAP
@@ -54,12 +55,11 @@ def leg_solutions_complete(
     if robot.rows.has_couplings or too_many or not single_columns(robot.model).issuperset(own.tolist()):
         return False
     equations = LegEquations.of(robot, own, fixed, q, x)
-    if not equations.count:
-        return False
-    region = _region(equations)
+    values = equations(near, 0.0 * near).values
+    region = _region(equations) if values.shape[1] else None
     if region is None:
         return False
-    points = near[np.abs(equations(near, 0.0 * near).values).max(axis=1) < LOOP_GAP]
+    points = near[np.abs(values).max(axis=1) < LOOP_GAP]
     period = np.where(slides, np.inf, 2 * np.pi)
     radii = np.array([unique_radius(equations, point) for point in points])
     return has_no_others(equations, region, KnownSolutions(points, radii, period))
@@ -76,7 +76,7 @@ def _region(equations: LegEquations) -> Boxes | None:
         farthest = equations.farthest_slide()
         if farthest is None:
             return None
-        axes.insert(int(np.argmax(slides)), -equations.extended_slides()[own[slides]] / robot.length)
+        axes.insert(int(np.argmax(slides)), -equations.slides(equations.q)[own[slides]] / robot.length)
         radii[slides] = farthest
     middles = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(own))
     return Boxes(middles, np.repeat(radii[None], len(middles), axis=0))
@@ -103,34 +103,26 @@ class LegEquations:
         free_joints = ~fixed
         free_joints[own] = False
         loops = np.flatnonzero(feels[:, own].any(axis=1) & ~feels[:, free_joints].any(axis=1))
-        pairs = sorted({(int(rows.first[k]), int(rows.second[k])) for k in loops})
-        chain_of = [pairs.index((int(rows.first[k]), int(rows.second[k]))) for k in loops]
-        chains = [LeverChain.of(robot, own, *pair) for pair in pairs]
+        ends = np.stack([rows.first[loops], rows.second[loops]], axis=1)
+        pairs, chain_of = np.unique(ends, axis=0, return_inverse=True)
+        chains = [LeverChain.of(robot, own, *pair) for pair in pairs.tolist()]
         platform = robot.platform
         if isinstance(platform, JointPlatform):
             x = x if x is not None and np.isin(platform.columns, own).any() else None
         elif x is None or not carried[0, own].any() or carried[0, free_joints].any():
             x = None
         else:
-            chains.append(LeverChain.of(robot, own, None, 0))
+            chains.append(LeverChain.of(robot, own, BASE, 0))
         attitude, turns = None, 1 if planar_normal(robot) is not None else 3
         if x is not None and isinstance(platform, FramePlatform) and len(platform.turning) == turns:
             attitude = frames_at(robot, q[None]).rotation[0, 0]
-        return LegEquations(
-            robot, own, q, x, loops, tuple(chains), np.array(chain_of, dtype=np.intp), attitude
-        )
-
-    @property
-    def count(self) -> int:
-        """The number of equations."""
-        nothing = np.zeros((1, len(self.own)))
-        return int(self(nothing, nothing).values.size)
+        return LegEquations(robot, own, q, x, loops, tuple(chains), chain_of, attitude)
 
     def __call__(self, middle: Array, radii: Array) -> LinearEnclosure:
         """Enclose the equations in boxes (B, n)."""
         robot, own = self.robot, self.own
         frames = frames_at(robot, integrate_columns(robot, self.q, own, middle * robot.column_scale[own]))
-        slid = np.abs(self._slides(frames.q))
+        slid = np.abs(self.slides(frames.q))
         slid[:, own] += np.where(robot.sliding[own], radii * robot.column_scale[own], 0.0)
         bounds = [chain.hessian_bounds(radii, slid) for chain in self.chains]
         enclosure = self._loops(frames, bounds)
@@ -142,23 +134,21 @@ class LegEquations:
         if self.attitude is not None:
             enclosure = enclosure.join(self._attitude(frames, self.attitude, bounds[-1]))
         values, slopes, errors = enclosure
+        units = np.where(robot.sliding[own], robot.length, 1.0)
         chain_lengths = np.max([bound.length for bound in bounds], axis=0, initial=0.0)  # (B,)
         rounding = FRAME_ROUNDING * (1.0 + chain_lengths)
-        return LinearEnclosure(values, slopes, errors + np.reshape(rounding, (-1, 1)))
+        return LinearEnclosure(values, slopes * units, errors + np.reshape(rounding, (-1, 1)))
 
     def _loops(self, frames: FrameStack, bounds: list[ChainBounds]) -> LinearEnclosure:
         rows, loops, length = self.robot.rows, self.loops, self.robot.length
         turning, distance = rows.rotation[loops], rows.distance[loops]
         equations = loop_equations(rows, frames)
         weight = np.where(turning, 1.0, 1.0 / length)
-        errors = np.zeros((len(frames.q), len(loops)))
-        for k, chain in enumerate(self.chain_of):
-            if distance[k]:
-                errors[:, k] = bounds[chain].distance / rows.length[loops[k]]
-            else:
-                errors[:, k] = bounds[chain].attitude if turning[k] else bounds[chain].position
+        kind = np.where(distance, 2, turning)  # place in `ChainBounds`
+        chain_bounds = np.reshape(bounds, (len(bounds), 4, len(frames.q)))
+        errors = chain_bounds[self.chain_of, kind].T / np.where(distance, rows.length[loops], 1.0)
         slopes = equations.jacobian[:, loops][:, :, self.own] * weight[:, None]
-        return LinearEnclosure(equations.residual[:, loops] * weight, self._scale_slides(slopes), errors)
+        return LinearEnclosure(equations.residual[:, loops] * weight, slopes, errors)
 
     def _position(self, frames: FrameStack, bound: ChainBounds) -> LinearEnclosure:
         """Enclose the position of the platform's frame against x."""
@@ -167,7 +157,7 @@ class LegEquations:
         values = (frames.position[:, 0, platform.along] - self.x[platform.sliding]) / length
         slopes = frames.jacobian[:, 0][:, platform.along][:, :, self.own] / length
         errors = np.repeat(bound.position[:, None], len(platform.sliding), axis=1)
-        return LinearEnclosure(values, self._scale_slides(slopes), errors)
+        return LinearEnclosure(values, slopes, errors)
 
     def _attitude(self, frames: FrameStack, attitude: Array, bound: ChainBounds) -> LinearEnclosure:
         """Enclose the axes of the platform's frame against the attitude (3, 3)."""
@@ -177,7 +167,7 @@ class LegEquations:
         turned = cross(turns[:, None], axes[:, :, None])  # (B, axis, n, 3)
         slopes = turned.swapaxes(2, 3).reshape(count, 9, n)
         errors = np.repeat(bound.attitude[:, None], 9, axis=1)
-        return LinearEnclosure((axes - attitude.T).reshape(count, 9), self._scale_slides(slopes), errors)
+        return LinearEnclosure((axes - attitude.T).reshape(count, 9), slopes, errors)
 
     def _joints(self, frames: FrameStack, radii: Array) -> LinearEnclosure:
         """Enclose the platform's own joints against x: sine and cosine of hinges' offsets."""
@@ -194,21 +184,13 @@ class LegEquations:
         is_own = np.tile(np.isin(platform.columns, self.own), 2)
         return LinearEnclosure(
             np.concatenate([sine, cosine - 1.0], axis=1)[:, is_own],
-            self._scale_slides((rates[:, :, None] * np.tile(along, (2, 1)))[:, is_own]),
+            (rates[:, :, None] * np.tile(along, (2, 1)))[:, is_own],
             np.tile(curvature, 2)[:, is_own],
         )
 
-    def _scale_slides(self, slopes: Array) -> Array:
-        """Return slopes (B, m, n) along slides in robot lengths instead of metres."""
-        return slopes * np.where(self.robot.sliding[self.own], self.robot.length, 1.0)
-
-    def _slides(self, q: Array) -> Array:
+    def slides(self, q: Array) -> Array:
         """Compute how far the slides are out in q (..., nq), (..., nv) [m]; 0 for hinges."""
         return np.where(self.robot.sliding, difference(self.robot, self.robot.neutral, q), 0.0)
-
-    def extended_slides(self) -> Array:
-        """Compute how far the slides are out in the configuration about which the leg is paved, (nv,) [m]."""
-        return self._slides(self.q)
 
     def farthest_slide(self) -> float | None:
         """Bound the leg's slide [robot lengths] at which a chain can close; None without a bound.
@@ -220,7 +202,7 @@ class LegEquations:
         slopes = self(random, 0.0 * random).slopes
         slide = np.flatnonzero(robot.sliding[self.own])[0]
         position = ~robot.rows.rotation[self.loops]
-        others = np.abs(self.extended_slides())
+        others = np.abs(self.slides(self.q))
         others[self.own[slide]] = 0.0
         ends = (robot.rows.length * robot.rows.distance)[self.loops].sum()
         ends += 0.0 if self.x is None else np.abs(self.x).sum()
@@ -259,30 +241,27 @@ class LeverChain(NamedTuple):
     slides: Array  # (nv,) of the chain
 
     @staticmethod
-    def of(robot: ParallelRobot, columns: IntArray, first: int | None, second: int) -> LeverChain:
-        """Walk from the origin of the second frame to the first, None for the base."""
+    def of(robot: ParallelRobot, columns: IntArray, first: int, second: int) -> LeverChain:
+        """Walk from the origin of the second frame to the first, or to BASE."""
         model = robot.model
-        start = model.frames[robot.frames[second]]
-        end = None if first is None else model.frames[robot.frames[first]]
-        down = [] if end is None else [int(j) for j in model.supports[end.parentJoint] if j]
-        up = [int(j) for j in model.supports[start.parentJoint] if j]
         levers, between = np.zeros(len(columns)), np.zeros((len(columns), model.nv))
         inside, slides = np.zeros(len(columns), dtype=bool), np.zeros(model.nv)
-        length = float(np.linalg.norm(start.placement.translation))
-
-        def pass_joint(joint: int) -> None:
-            is_own = columns == model.joints[joint].idx_v
-            inside[is_own], levers[is_own], between[is_own] = True, length, slides
-
-        for joint in [j for j in reversed(up) if j not in down]:
-            pass_joint(joint)
-            length += float(np.linalg.norm(model.jointPlacements[joint].translation))
-            slides[_slides_of(robot, joint)] = 1.0
-        for joint in [j for j in down if j not in up]:
-            length += float(np.linalg.norm(model.jointPlacements[joint].translation))
-            slides[_slides_of(robot, joint)] = 1.0
-            pass_joint(joint)
-        length += 0.0 if end is None else float(np.linalg.norm(end.placement.translation))
+        length, *rest = (
+            float(np.linalg.norm(model.frames[robot.frames[k]].placement.translation))
+            for k in (second, first)
+            if k != BASE
+        )
+        for number, sign in reversed(joints_between(robot, first, second)):
+            joint = model.joints[number]
+            own, span = columns == joint.idx_v, slice(joint.idx_v, joint.idx_v + joint.nv)
+            inside |= own
+            if sign > 0.0:  # the joint stands before its link
+                levers[own], between[own] = length, slides
+            length += float(np.linalg.norm(model.jointPlacements[number].translation))
+            slides[span] = robot.sliding[span]
+            if sign < 0.0:
+                levers[own], between[own] = length, slides
+        length += sum(rest)
         slide = robot.sliding[columns]
         return LeverChain(robot.length, inside & ~slide, inside & slide, levers, between, length, slides)
 
@@ -298,10 +277,3 @@ class LeverChain(NamedTuple):
         travel = (turns * levers).sum(axis=1) + slides
         distance = (length * position + 0.5 * travel**2) * self.robot_length
         return ChainBounds(position, 0.5 * total**2, distance, length)
-
-
-def _slides_of(robot: ParallelRobot, joint: int) -> IntArray:
-    """Return the sliding columns of a joint."""
-    first, count = robot.model.joints[joint].idx_v, robot.model.joints[joint].nv
-    columns = np.arange(first, first + count)
-    return columns[robot.sliding[columns]]

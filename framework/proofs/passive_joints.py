@@ -53,7 +53,7 @@ def joints_at(robot: ParallelRobot, q: Array, place: Array, turn: Array | None) 
     nearest_poses: list[Array | None] = []
     for k in range(count):
         starts_of = slice(k * RANDOM_STARTS, (k + 1) * RANDOM_STARTS)
-        candidates = [nearest_turn(robot, pose) for pose in poses[starts_of][closed[starts_of]]]
+        candidates = nearest_turn(robot, poses[starts_of][closed[starts_of]])
         nearest_poses.append(min(candidates, key=partial(distance_from_reference, robot), default=None))
     return nearest_poses
 
@@ -79,15 +79,13 @@ def close_all_loops(
         values, slopes = loops.residual * weights, scale_jacobian(robot, loops.jacobian, robot.rows.rotation)
         if more is not None:
             added = more(frames)
-            values, slopes = (
-                np.concatenate(pair, axis=1) for pair in zip((values, slopes), added, strict=True)
-            )
+            values, slopes = np.hstack([values, added[0]]), np.hstack([slopes, added[1]])
         size = np.abs(values).max(axis=1)
         if last or not len(q):
             break
         last = bool((size < LOOP_GAP).all())  # and one step more, to rounding
         inverse = np.linalg.pinv(slopes[:, :, columns], rcond=RANK_ROUNDING)
-        change = -(inverse @ values[:, :, None])[:, :, 0]
+        change = -np.matvec(inverse, values)
         change /= np.maximum(np.abs(change).max(axis=1, keepdims=True) / MAX_SEARCH_STEP, 1.0)
         q = integrate_columns(robot, q, columns, change * robot.column_scale[columns])
     return q, size < LOOP_GAP
@@ -101,12 +99,17 @@ def random_starts(robot: ParallelRobot, q: Array, count: int, columns: IntArray 
     return integrate_columns(robot, q, columns, np.concatenate([np.zeros((1, len(spread))), others]))
 
 
-def nearest_turn(robot: ParallelRobot, q: Array) -> Array:
-    """Return the same configuration (nq,), passive hinges less than half a turn from the reference."""
+def shortest_offset(robot: ParallelRobot, q: Array, columns: IntArray) -> Array:
+    """Compute offsets (..., nv) of q (..., nq) from the reference, hinges in `columns` below half a turn."""
     offset = difference(robot, robot.reference.q, q)
-    hinges = robot.passive[~robot.sliding[robot.passive]]
-    offset[hinges] = wrap_angles(offset[hinges])
-    return integrate(robot, robot.reference.q, offset)
+    hinges = columns[~robot.sliding[columns]]
+    offset[..., hinges] = wrap_angles(offset[..., hinges])
+    return offset
+
+
+def nearest_turn(robot: ParallelRobot, q: Array) -> Array:
+    """Return the same configurations (..., nq), passive hinges less than half a turn from the reference."""
+    return integrate(robot, robot.reference.q, shortest_offset(robot, q, robot.passive))
 
 
 def distance_from_reference(robot: ParallelRobot, q: Array) -> float:
@@ -122,8 +125,7 @@ def is_proved(robot: ParallelRobot, q: Array, *, locked: str = "motors") -> bool
     change: no joint turns a frame that is farther away than all links are long, and an equation is a product
     of two vectors that turn. All in radians and lengths of the robot, norms of largest entries.
     """
-    frames = frames_at(robot, q[None])
-    linearised = linearised_at(robot, q[None], robot.platform.coordinates(frames))
+    linearised = linearised_at(robot, q[None], None)
     matrix = (passive_matrix if locked == "motors" else type1_matrix)(robot, linearised)[0]
     if matrix.shape[0] != matrix.shape[1]:
         return False
@@ -137,11 +139,6 @@ def is_proved(robot: ParallelRobot, q: Array, *, locked: str = "motors") -> bool
     bend = 8.0 * size**2 * robot.length / shortest / min(float(robot.structure.row_sizes.min()), 1.0)
     beta = INVERSE_FACTOR * float(np.abs(inverse).sum(axis=1).max())
     return bool(beta**2 * len(matrix) ** 2 * bend * (values + FRAME_ROUNDING * size) <= 0.5)
-
-
-def distinct_joints(joints: Array) -> list[Array]:
-    """Return the rows of (T, k) that repeat no earlier row, hinges up to whole turns."""
-    return [joints[k] for k in distinct_rows(joints)]
 
 
 def distinct_rows(joints: Array) -> list[int]:

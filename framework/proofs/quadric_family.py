@@ -47,6 +47,11 @@ class QuadricFamily:
         matrices = np.tensordot(coefficients, self.members, axes=1)
         return np.concatenate([matrices, self.fixed]).astype(complex)
 
+    def quadrics_slack(self, slack: Array) -> Array:
+        """Bound the change (K + F, N, N) of `quadrics` for coefficients known up to slack (K, M)."""
+        uncertain = np.tensordot(slack, np.abs(self.members), axes=1)
+        return np.concatenate([uncertain, np.zeros_like(self.fixed)])
+
     def values(self, z: ComplexArray) -> ComplexArray:
         """Evaluate the members at points z (S, N), (S, M)."""
         return np.einsum("mij,ti,tj->tm", self.members, z, z)

@@ -118,9 +118,7 @@ def _prove_path_ends(group: Displacements, coefficients: Array, slack: Array, at
     z = refine(quadrics, z, chart.astype(complex))
     real = np.abs(z.imag).max(axis=1) < DISTINCT_SOLUTIONS * np.linalg.norm(z, axis=1)
     z[real] = z[real].real
-    radii = np.tensordot(slack, np.abs(family.members), axes=1)
-    radii = np.concatenate([radii, np.zeros_like(family.fixed)])
-    proof = enclosures(quadrics, radii, chart, z)
+    proof = enclosures(quadrics, family.quadrics_slack(slack), chart, z)
     first = is_first(z / np.linalg.norm(z, axis=1, keepdims=True))
     count = _count_paths(family, ends, z, real, first, proof)
     decided = proof.proved & (real | (np.abs(z.imag) > proof.radii).any(axis=1))
@@ -201,11 +199,9 @@ class Chart:
     def __init__(self, group: Displacements, coefficients: Array, slack: Array, unit_coordinate: int) -> None:
         self.unit_coordinate, self.free = unit_coordinate, np.delete(np.arange(8), unit_coordinate)
         self.Q = group.family.quadrics(coefficients).real
-        off = np.tensordot(slack, np.abs(group.family.members), axes=1)
-        off = np.concatenate([off, np.zeros_like(group.family.fixed)])
         size, rows = np.abs(self.Q), len(self.Q)
         self.curvature = size[:, self.free][:, :, self.free].reshape(rows, -1)
-        self.uncertainty = (off + gamma(16) * size).reshape(rows, -1)
+        self.uncertainty = (group.family.quadrics_slack(slack) + gamma(16) * size).reshape(rows, -1)
 
     def __call__(self, middle: Array, radii: Array) -> LinearEnclosure:
         """Enclose the conditions in boxes (B, 7)."""
@@ -215,7 +211,7 @@ class Chart:
         slopes = (self.Q.reshape(-1, 8) @ z.T).T.reshape(count, -1, 8)
         square = (radii[:, :, None] * radii[:, None]).reshape(count, -1)
         products = (size[:, :, None] * size[:, None]).reshape(count, -1)
-        values = (slopes @ z[:, :, None])[:, :, 0]
+        values = np.matvec(slopes, z)
         errors = square @ self.curvature.T + products @ self.uncertainty.T
         return LinearEnclosure(values, 2 * slopes[:, :, self.free], errors)
 

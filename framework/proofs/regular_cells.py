@@ -34,7 +34,6 @@ class Cells(NamedTuple):
     q: Array  # (S, nq)
     proved: BoolArray  # (S,)
     slope: Array  # (S, k, n) of the joints along the platform's coordinates
-    error: Array  # (S, k) beside q + slope dz
     radii: Array  # (S, k) of the box with one pose for each x
     signs: Array  # (S, 2) of det dF/dq and det P at the middle
 
@@ -59,7 +58,7 @@ class CellTest(NamedTuple):
         signs = np.stack(
             [np.linalg.slogdet(P)[0] for P in (derivatives.slopes, derivatives.slopes[:, n:, n_a:])], axis=1
         )
-        return Cells(z, q, box.proved & regular, along, box.error, box.radii, signs)
+        return Cells(z, q, box.proved & regular, along, box.radii, signs)
 
 
 class _JointBoxes(NamedTuple):

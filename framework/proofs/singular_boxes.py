@@ -113,16 +113,6 @@ class _SingularEquations(NamedTuple):
     x_errors: Array  # (S, n) of these in the wider box
 
 
-class _Decision(NamedTuple):
-    """Conclusions from {loops = 0, g = 0} over S boxes."""
-
-    lower: Array  # (S, k) off the middle: all singular poses are within
-    upper: Array
-    axis: IntArray  # (S,) to cut across where an arc is proved that is not small enough yet, else NO_AXIS
-    small: BoolArray  # (S,) the arc is small enough to be kept
-    arcs: Arcs  # those
-
-
 @dataclass(frozen=True, eq=False)
 class SingularBoxTest:
     """The test for one set of singular poses."""
@@ -134,27 +124,28 @@ class SingularBoxTest:
 
     def __call__(self, boxes: Boxes) -> Examined[Boxes, Arcs]:
         """Drop, keep, narrow or cut boxes."""
-        boxes, (lower, upper), derivatives, errors = self._close(boxes)
+        boxes, (lower, upper), derivatives, loops = self._close(boxes)
         axis, is_arc = np.full(boxes.size, NO_AXIS), np.zeros(boxes.size, dtype=bool)
 
         wider = TESTED_BOX_RATIO * boxes.radii
         wider += WIDENING_CURVATURE * boxes.radii.max(axis=1, keepdims=True, initial=0.0) ** 2
         remainders = derivatives.remainders(wider)
         g = measure_bounds(self.which, derivatives, remainders)
-        equations = select(self._equations(derivatives, remainders, errors, g, boxes.radii), g.valid)
-        decision = self._decide(select(boxes, g.valid), wider[g.valid], equations)  # elsewhere g says nothing
-        lower[g.valid], upper[g.valid] = decision.lower, decision.upper
-        axis[g.valid], is_arc[g.valid] = decision.axis, decision.small
+        equations = select(self._equations(derivatives, remainders, loops, g, boxes.radii), g.valid)
+        # elsewhere g says nothing
+        (lower[g.valid], upper[g.valid]), axis[g.valid], is_arc[g.valid], arcs = self._decide(
+            select(boxes, g.valid), wider[g.valid], equations
+        )
 
         is_open = (lower <= upper).all(axis=1) & ~is_arc
         narrow, boxes = select(boxes.clip(lower, upper), is_open), select(boxes, is_open)
         is_small = self.bounds.robot.length * narrow.radii.sum(axis=1) < MIN_SIZE_RATIO * self.resolution
-        return Examined(decision.arcs, *narrow_or_halve(boxes, narrow, axis[is_open], is_small))
+        return Examined(arcs, *narrow_or_halve(boxes, narrow, axis[is_open], is_small))
 
-    def _close(self, boxes: Boxes) -> tuple[Boxes, Contracted, Derivatives, Array]:
+    def _close(self, boxes: Boxes) -> tuple[Boxes, Contracted, Derivatives, LinearEnclosure]:
         """Return the boxes in which the loops may close within the window.
 
-        With the parts left by the loops, the derivatives, and the errors (S, m) of the loops.
+        With the parts left by the loops, the derivatives, and the loops in the boxes.
         """
         n = self.bounds.robot.n
         derivatives = self.bounds.evaluate(self.bounds.configurations(boxes.middle))
@@ -163,7 +154,7 @@ class SingularBoxTest:
         remaining = contract(loops, boxes.radii, pivoting_mixers(loops.slopes, boxes.radii))
         possible = ~remaining.empty & self._meets_window(derivatives, boxes.radii, errors)
         boxes, parts = select(boxes, possible), select(remaining, possible)
-        return boxes, parts, derivatives.take(possible), errors[possible, n:]
+        return boxes, parts, derivatives.take(possible), select(loops, possible)
 
     def _meets_window(self, derivatives: Derivatives, radii: Array, errors: Array) -> BoolArray:
         """Whether boxes may have poses in the window, whose angles are the same after a whole turn."""
@@ -180,26 +171,32 @@ class SingularBoxTest:
         self,
         derivatives: Derivatives,
         remainders: Remainders,
-        loop_errors: Array,
+        loops: LinearEnclosure,
         g: MeasureBounds,
         radii: Array,
     ) -> _SingularEquations:
         """Return the equations in boxes of radii (S, k)."""
         n, rounding = self.bounds.robot.n, self.bounds.rounding
         g_errors = ROUND_UP * (g.g_error + np.sum(g.slope_changes * radii, axis=1))
-        loops = LinearEnclosure(derivatives.values[:, n:], derivatives.slopes[:, n:], loop_errors)
         measure = LinearEnclosure(g.g[:, None], g.slope[:, None], g_errors[:, None])
         return _SingularEquations(
             loops.join(measure),
-            exact=np.concatenate([np.full_like(loop_errors, rounding), g.g_error[:, None]], axis=1),
+            exact=np.concatenate([np.full_like(loops.errors, rounding), g.g_error[:, None]], axis=1),
             changes=np.concatenate([remainders.slopes[:, n:], g.slope_changes[:, None]], axis=1),
             x=self.bounds.robot.platform.coordinates(derivatives.frames),
             x_slopes=derivatives.slopes[:, :n],
             x_errors=remainders.values[:, :n],
         )
 
-    def _decide(self, boxes: Boxes, wider: Array, equations: _SingularEquations) -> _Decision:
-        """Narrow boxes by the equations, and look for an arc in boxes of the radii `wider` (S, k)."""
+    def _decide(
+        self, boxes: Boxes, wider: Array, equations: _SingularEquations
+    ) -> tuple[Contracted, IntArray, BoolArray, Arcs]:
+        """Narrow boxes by the equations, and look for an arc in boxes of the radii `wider` (S, k).
+
+        Returns:
+            The parts that hold all singular poses; the axis (S,) to cut across where an arc is proved that is
+            not small enough yet, else NO_AXIS; which arcs are small enough to be kept (S,); those arcs.
+        """
         robot, each = self.bounds.robot, np.arange(boxes.size)
         values, slopes, _ = equations.enclosure
         lower, upper = contract(equations.enclosure, boxes.radii, pivoting_mixers(slopes, boxes.radii))
@@ -219,10 +216,9 @@ class SingularBoxTest:
         small &= (2 * robot.length * x_radii <= self.resolution).all(axis=1)
         x_radii = robot.platform_scale * x_radii
         boxes = select(boxes.clip(proof.lower, proof.upper), small)
-        return _Decision(
-            lower,
-            upper,
-            axis=np.where(proof.proved, along, NO_AXIS),
-            small=small,
-            arcs=Arcs(equations.x[small], x_radii[small], boxes, along[small]),
+        return (
+            Contracted(lower, upper),
+            np.where(proof.proved, along, NO_AXIS),
+            small,
+            Arcs(equations.x[small], x_radii[small], boxes, along[small]),
         )

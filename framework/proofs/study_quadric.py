@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+import pinocchio as pin
 
 from framework.arrays import Array, IntArray
 from framework.proofs.quadric_family import QuadricFamily
@@ -24,15 +25,9 @@ def _products() -> tuple[Array, Array]:
 
     (a b)_k = sum of table[k, i, j] a_i b_j.
     """
-    table = np.zeros((4, 4, 4))
-    units = ((0, 0, 0, 1), (0, 1, 1, -1), (0, 2, 2, -1), (0, 3, 3, -1))
-    for k, i, j, sign in units:
-        table[k, i, j] = sign
-    for k in range(1, 4):
-        table[k, 0, k] = table[k, k, 0] = 1
-        a, b = k % 3 + 1, (k + 1) % 3 + 1
-        table[k, a, b], table[k, b, a] = 1, -1
-    return table, np.diag([1.0, -1.0, -1.0, -1.0])
+    units = [pin.Quaternion(*unit) for unit in np.eye(4)]  # 1, i, j, k; pinocchio puts the real part last
+    products = np.array([[np.roll((a * b).coeffs(), 1) for b in units] for a in units])
+    return np.moveaxis(products, 2, 0), np.diag([1.0, -1.0, -1.0, -1.0])
 
 
 @cache

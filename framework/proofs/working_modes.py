@@ -16,20 +16,19 @@ import numpy as np
 
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.errors import finite_numbers
-from framework.kinematics.frames import FrameStack, difference, integrate_columns
+from framework.kinematics.frames import FrameStack, integrate_columns
 from framework.kinematics.inverse_kinematics import remove_idle_spin, require_square
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.modes import Leg, leg_signs, legs
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tree_model import positions_beyond_limits
-from framework.linalg.rotations import wrap_angles
 from framework.proofs.leg_paving import leg_solutions_complete
 from framework.proofs.passive_joints import (
     close_all_loops,
-    distinct_joints,
     distinct_rows,
     is_proved,
     random_starts,
+    shortest_offset,
 )
 from framework.proofs.real_displacements import Status
 from framework.tolerances import LOOP_GAP
@@ -91,21 +90,21 @@ def working_modes(robot: ParallelRobot, x: ArrayLike) -> WorkingModes:
     x = finite_numbers(f"x ({', '.join(robot.axis_names)})", x, robot.n)
     solutions = _leg_solutions(robot, x)
     modes = _closed_modes(robot, _combinations(robot, solutions), x)
-    modes.sort(key=lambda mode: (not mode.within_limits, float(np.abs(_from_reference(robot, mode.q)).sum())))
+    modes.sort(key=lambda mode: (not mode.within_limits, float(np.abs(_offset(robot, mode.q)).sum())))
     q = np.array([mode.q for mode in modes]).reshape(-1, robot.model.nq)
     return WorkingModes(
         modes=tuple(modes),
         solutions=tuple(len(joints) for joints in solutions),
         legs=tuple(leg.motors for leg in legs(robot)),
         proved_legs=tuple(
-            _has_no_others(robot, leg, np.array(joints), q, x)
+            _has_no_others(robot, leg, joints, q, x)
             for leg, joints in zip(legs(robot), solutions, strict=True)
         ),
         truncated=prod(len(joints) for joints in solutions) > MAX_COMBINATIONS,
     )
 
 
-def _leg_solutions(robot: ParallelRobot, x: Array) -> list[list[Array]]:
+def _leg_solutions(robot: ParallelRobot, x: Array) -> list[Array]:
     """Search the joints of each leg with the platform at x (n,), off the reference [rad, robot lengths]."""
     scale, columns = robot.platform_scale, robot.moving
 
@@ -118,12 +117,16 @@ def _leg_solutions(robot: ParallelRobot, x: Array) -> list[list[Array]]:
     poses = remove_idle_spin(
         robot, robot.reference.q, q[closed], np.repeat(x[None], int(closed.sum()), axis=0)
     )
-    offsets = np.array([_from_reference(robot, pose) for pose in poses]).reshape(-1, robot.model.nv)
-    offsets = offsets / robot.column_scale
-    return [distinct_joints(offsets[:, columns[leg.columns]]) for leg in legs(robot)]
+    offsets = (_offset(robot, poses) / robot.column_scale)[:, columns]
+    return [offsets[:, leg.columns][distinct_rows(offsets[:, leg.columns])] for leg in legs(robot)]
 
 
-def _combinations(robot: ParallelRobot, solutions: list[list[Array]]) -> Array:
+def _offset(robot: ParallelRobot, q: Array) -> Array:
+    """Compute offsets (..., nv) of q (..., nq) from the reference, hinges below half a turn."""
+    return shortest_offset(robot, q, np.arange(robot.model.nv))
+
+
+def _combinations(robot: ParallelRobot, solutions: list[Array]) -> Array:
     """Put the legs' solutions together in every way, configurations (T, nq)."""
     q = []
     for joints_of_legs in islice(product(*solutions), MAX_COMBINATIONS):
@@ -144,9 +147,10 @@ def _has_no_others(robot: ParallelRobot, leg: Leg, solutions: Array, q: Array, x
     fixed[previous] = True
     if not len(q):
         stands_alone = not len(previous) and robot.platform.is_point
-        none = solutions.reshape(0, len(columns))
-        return stands_alone and leg_solutions_complete(robot, columns, fixed, robot.reference.q, none, x)
-    offsets = np.array([_from_reference(robot, pose) for pose in q]) / robot.column_scale
+        return stands_alone and leg_solutions_complete(
+            robot, columns, fixed, robot.reference.q, solutions[:0], x
+        )
+    offsets = _offset(robot, q) / robot.column_scale
     return all(
         leg_solutions_complete(robot, columns, fixed, q[k], solutions - offsets[k, columns], x)
         for k in distinct_rows(offsets[:, previous])
@@ -171,11 +175,3 @@ def _closed_modes(robot: ParallelRobot, q: Array, x: Array) -> list[WorkingMode]
         )
         for k in np.flatnonzero(closed)
     ]
-
-
-def _from_reference(robot: ParallelRobot, q: Array) -> Array:
-    """Compute the way from the reference to q (nq,), all hinges the short way round (nv,)."""
-    offset = difference(robot, robot.reference.q, q)
-    hinges = ~robot.sliding
-    offset[hinges] = wrap_angles(offset[hinges])
-    return offset

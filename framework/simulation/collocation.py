@@ -100,14 +100,6 @@ class CollocationStep(ReadOnlyArrays):
         return self.time + self.length * self.table.nodes
 
 
-@dataclass(frozen=True, eq=False)
-class StepFailure:
-    """The reason why a step was not found."""
-
-    reason: str
-    residual: float
-
-
 def solve_step(
     equations: EquationsOfMotion,
     drive: Drive,
@@ -119,8 +111,11 @@ def solve_step(
     v0: Array,
     guess: tuple[Array, Array],
     accuracy: float,
-) -> CollocationStep | StepFailure:
-    """Solve a step by Newton's method from guesses of accelerations (s, nv) and multipliers (s, m)."""
+) -> CollocationStep | str:
+    """Solve a step by Newton's method from guesses of accelerations (s, nv) and multipliers (s, m).
+
+    The reason where no step is found.
+    """
     step = _StepEquations(equations, drive, table, time, length, q0, v0)
     a, multipliers = guess
     accuracy = accuracy + COORDINATE_ROUNDING * float(np.abs(q0).max())
@@ -129,25 +124,25 @@ def solve_step(
         balance = step.balance(a, multipliers, slope)
         slope, residual = balance.slope, balance.tangent.residual
         if not (np.all(np.isfinite(balance.force)) and np.all(np.isfinite(residual))):
-            return StepFailure("not finite", np.inf)
+            return "not finite"
         if matrix is None:
             matrix = step.newton_matrix(balance.tangent, multipliers)
             if matrix is None:
-                return StepFailure("singular equations", np.inf)
+                return "singular equations"
         change, a_change, multiplier_change = matrix.solve(balance.force, residual)
         size = float(np.abs(change / equations.robot.column_scale).max())
         if not size < MAX_NEWTON_STEP:
-            return StepFailure("Newton steps too far", size)
+            return "Newton steps too far"
         a, multipliers = a + a_change, multipliers + multiplier_change
         rate = size / last if last > 0 else 0.0
         if size <= accuracy or (iteration > 1 and rate < 0.5 and size * rate / (1 - rate) <= accuracy):
             return step.solution(a, multipliers, balance, iteration)
         if iteration > 2 and rate > DIVERGENCE_RATE and size > DIVERGENCE_STEP:
-            return StepFailure("Newton diverges", size)
+            return "Newton diverges"
         if rate > REFACTORING_RATE:
             matrix = None
         last = size
-    return StepFailure("Newton does not converge", size)
+    return "Newton does not converge"
 
 
 class _Balance(NamedTuple):
@@ -222,8 +217,8 @@ class _StepEquations:
         by_v = tangent.by_v.copy()
         gains = self.drive.gains(self.time, self.q0, self.v0)
         if gains is not None:
-            by_q[:, robot.actuated] -= robot.gear_ratio[:, None] * gains.by_q
-            by_v[:, robot.actuated] -= robot.gear_ratio[:, None] * gains.by_v
+            by_q[:, robot.actuated] -= robot.gear_ratio[:, None] * gains[0]
+            by_v[:, robot.actuated] -= robot.gear_ratio[:, None] * gains[1]
         by_motion = np.concatenate([tangent.mass, by_v, by_q], axis=2)
         return NewtonMatrix.of(self.length, self.table.rates, by_motion, tangent.jacobian)
 

@@ -154,7 +154,6 @@ def allowed_velocity(equations: EquationsOfMotion, tangent: Tangent, v: Array) -
     J = scale_jacobian(equations.robot, tangent.jacobian, equations.rows.rotation)[0]
     mass = tangent.mass[0] * scale[:, None] * scale
     size = max(float(np.diag(mass).max()), LEAST_DIVISOR)
-    matrix, right = np.zeros((nv + rows, nv + rows)), np.zeros(nv + rows)
-    matrix[:nv, :nv], matrix[:nv, nv:], matrix[nv:, :nv] = mass / size, J.T, J
-    right[nv:] = -J @ (v / scale)
+    matrix = np.block([[mass / size, J.T], [J, np.zeros((rows, rows))]])
+    right = np.append(np.zeros(nv), -J @ (v / scale))
     return np.asarray(v + scale * np.linalg.lstsq(matrix, right, rcond=MOMENTUM_CUTOFF)[0][:nv], dtype=float)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from inspect import Parameter, signature
-from typing import Any, NamedTuple, Protocol, cast
+from typing import Any, Protocol, cast
 
 import numpy as np
 
@@ -51,13 +51,6 @@ def planned_motion(source: Any) -> PlannedMotion | None:
     return None
 
 
-class Gains(NamedTuple):
-    """Derivatives of the torque (n_a,) by the tangent of q and by v, each (n_a, nv)."""
-
-    by_q: Array
-    by_v: Array
-
-
 @dataclass(frozen=True, eq=False)
 class Drive:
     """Motor torques (T, n_a) [N m] at times (T,), states q (T, nq) and v (T, nv)."""
@@ -87,8 +80,11 @@ class Drive:
             t = np.where(near, instant - 8 * np.spacing(instant), t)
         return t
 
-    def gains(self, t: float, q: Array, v: Array) -> Gains | None:
-        """Compute the feedback's derivatives at one state by differences; None without feedback."""
+    def gains(self, t: float, q: Array, v: Array) -> Array | None:
+        """Compute the feedback's derivatives (2, n_a, nv) at one state by differences; None without feedback.
+
+        By the tangent of q, and by v.
+        """
         if not self.feedback:
             return None
         nv = self.robot.model.nv
@@ -96,8 +92,8 @@ class Drive:
         qs = np.vstack([integrate(self.robot, q, steps), np.repeat(q[None], 2 * nv, axis=0)])
         vs = np.vstack([np.repeat(v[None], 2 * nv, axis=0), v + steps])
         answers = self(np.full(4 * nv, t), qs, vs).reshape(4, nv, -1)
-        by_q, by_v = (answers[::2] - answers[1::2]) / (2 * FEEDBACK_DIFFERENCE)
-        return Gains(by_q.T, by_v.T)
+        slopes = (answers[::2] - answers[1::2]) / (2 * FEEDBACK_DIFFERENCE)
+        return np.asarray(slopes.swapaxes(1, 2))
 
     @staticmethod
     def of(
@@ -116,7 +112,9 @@ class Drive:
                 wrenches that are none.
         """
         motion = planned_motion(source)
-        world = _world_of(robot, motion, wrenches)
+        planned = getattr(motion, "wrenches", NO_WRENCHES)
+        entries = planned if wrenches is None else ExternalWrenches.of(wrenches)
+        world = WorldForces.of(robot, entries, getattr(motion, "law", None))
         if motion is not None:
             motors = np.shape(motion.torque(0.0))[-1]
             if motors != robot.n_a:
@@ -151,15 +149,6 @@ class Drive:
             return np.array([single(float(t[k]), q[k], v[k]) for k in range(len(t))])
 
         return Drive(robot, stack, argument_count == 3, tuple(sorted(map(float, breaks))), world)
-
-
-def _world_of(
-    robot: ParallelRobot, motion: PlannedMotion | None, wrenches: Mapping[str, Any] | None
-) -> WorldForces:
-    """Return the wrenches, by default of the motion, as forces in time."""
-    planned = getattr(motion, "wrenches", NO_WRENCHES)
-    entries = planned if wrenches is None else ExternalWrenches.of(wrenches)
-    return WorldForces.of(robot, entries, getattr(motion, "law", None))
 
 
 def _arguments(function: Callable[..., Any]) -> int:

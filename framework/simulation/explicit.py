@@ -10,7 +10,6 @@ Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, S
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -21,26 +20,7 @@ from framework.simulation.drive import Drive
 from framework.simulation.equations import EquationsOfMotion
 from framework.simulation.schemes import State
 
-STAGES = 12
 CLOSING_STEPS = 50.0  # steps in which open loops close: quicker, and it shows in the error estimate
-
-
-class Table(NamedTuple):
-    """A Runge-Kutta method."""
-
-    nodes: Array  # (STAGES,)
-    weights: Array  # (STAGES,)
-    rows: tuple[Array, ...]  # row k (k,)
-    error: Array  # (STAGES,) weights of the estimate
-
-
-@cache
-def _table() -> Table:
-    """Return the table of DOP853."""
-    from scipy.integrate import DOP853  # 0.2 s, not for those who only plan
-
-    rows = tuple(DOP853.A[k, :k] for k in range(STAGES))
-    return Table(DOP853.C[:STAGES], DOP853.B, rows, DOP853.E5[:STAGES])
 
 
 class FixedStep(NamedTuple):
@@ -58,53 +38,47 @@ def explicit_steps(
     equations: EquationsOfMotion, dynamics: ContactDynamics, drive: Drive, start: State, edges: Array
 ) -> Iterator[FixedStep]:
     """Yield steps between the instants `edges` (K + 1,), also non-finite ones after divergence."""
-    table, forces = _table(), _forces(equations, drive, edges)
-    state, nv = np.concatenate(start), len(start.v)
-    K = np.empty((STAGES, 2 * nv))
+    from scipy.integrate import DOP853  # 0.2 s, not for those who only plan
+
+    forces = _forces(equations, drive, edges, DOP853.C)
+    state, nv, stages = np.concatenate(start), len(start.v), DOP853.n_stages
+    K = np.empty((stages, 2 * nv))
     for k, h in enumerate(np.diff(edges)):
         power = 0.0
-        for i in range(STAGES):
-            stage = state + h * (table.rows[i] @ K[:i]) if i else state
+        for i in range(stages):
+            stage = state + h * (DOP853.A[i, :i] @ K[:i]) if i else state
             q, v = stage[:nv], stage[nv:]
-            force, supplied = forces(k, i, q, v)
+            force = forces(k, i, q, v)
             K[i, :nv], K[i, nv:] = v, dynamics.acceleration(q, v, force)
-            power += table.weights[i] * supplied
-        state = state + h * (table.weights @ K)
+            power += DOP853.B[i] * float(force @ v - equations.damping @ v**2)
+        state = state + h * (DOP853.B @ K)
         yield FixedStep(
             time=float(edges[k]),
             end_time=float(edges[k]) + float(h),
             length=float(h),
             end=State(state[:nv], state[nv:]),
             power=power,
-            error=float(np.abs(h * (table.error @ K[:, :nv])).max()),
+            error=float(np.abs(h * (DOP853.E5[:stages] @ K[:, :nv])).max()),
         )
 
 
-Forces = Callable[[int, int, Array, Array], tuple[Array, float]]
+def _forces(
+    equations: EquationsOfMotion, drive: Drive, edges: Array, nodes: Array
+) -> Callable[[int, int, Array, Array], Array]:
+    """Return a function (step, stage, q, v) of the generalised forces (nv,) of motors and world.
 
-
-def _forces(equations: EquationsOfMotion, drive: Drive, edges: Array) -> Forces:
-    """Return a function (step, stage, q, v) of the generalised forces (nv,) and their power [W].
-
-    Forces of motors and world; the power less that of damping, and 0 at stages without weight.
+    Stages are at `nodes` (stages,) of the steps between `edges` (K + 1,).
     """
-    robot, weights = equations.robot, _table().weights
-    times = edges[:-1, None] + np.diff(edges)[:, None] * _table().nodes
+    times = edges[:-1, None] + np.diff(edges)[:, None] * nodes
     torques = drive.of_time(np.minimum(drive.shift_breaks(times).ravel(), edges[-1]))
     motors = None if torques is None else equations.motor_forces(torques)
 
-    def forces(k: int, i: int, q: Array, v: Array) -> tuple[Array, float]:
-        if torques is None or motors is None:
-            torque = drive(times[k, i : i + 1], q[None], v[None])[0]
-            force = equations.motor_forces(torque[None])[0]
+    def forces(k: int, i: int, q: Array, v: Array) -> Array:
+        time = times[k, i : i + 1]
+        if motors is None:
+            force = equations.motor_forces(drive(time, q[None], v[None]))[0]
         else:
-            force, torque = motors[k * STAGES + i], torques[k * STAGES + i]
-        power = 0.0
-        if weights[i]:
-            power = float((robot.gear_ratio * torque) @ v[robot.actuated] - equations.damping @ v**2)
-        if drive.world.acts:
-            world = drive.world(robot, times[k, i : i + 1], q[None])[0]
-            force, power = force + world, power + (float(world @ v) if weights[i] else 0.0)
-        return force, power
+            force = motors[k * len(nodes) + i]
+        return force + drive.world(equations.robot, time, q[None])[0] if drive.world.acts else force
 
     return forces

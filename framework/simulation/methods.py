@@ -73,16 +73,18 @@ class _Record:
     occurred: list[Occurrence] = field(default_factory=list)
     last_values: dict[Event, float] = field(default_factory=dict)
 
-    def add(self, work: float, exchange: float) -> None:
-        """Add the work of a step [J], and the same counted positive."""
+    def ends(self, step: Trajectory, work: float, exchange: float) -> bool:
+        """Add the work of a step [J], and the same counted positive; return whether an event ends the run."""
+        task, (start, end) = self.task, map(float, step.edges)
         self.supplied.append(self.supplied[-1] + work)
         self.exchanged += exchange
-
-    def finds_end(self, piece: Trajectory, start: float, end: float) -> bool:
-        """Look for events during a step; return whether a terminal one occurred."""
-        events = self.task.events
-        self.occurred += occurrences(events, piece, (start, end), self.looks, self.last_values)
-        return bool(self.occurred and self.occurred[-1].terminal)
+        if task.events:
+            self.occurred += occurrences(task.events, step, (start, end), self.looks, self.last_values)
+            if self.occurred and self.occurred[-1].terminal:
+                return True
+        if task.advanced is not None:
+            task.advanced(min(end / task.duration, 1.0))
+        return False
 
     def integration(self, trajectory: Trajectory, unresolved: float, iterations: int) -> Integration:
         """Return the result of the run."""
@@ -92,8 +94,8 @@ class _Record:
 
 def integrate_by_collocation(task: IntegrationTask, settings: MethodSettings) -> Integration:
     """Integrate by Radau IIA steps of variable length; see `collocate`."""
-    robot, damping = task.equations.robot, task.equations.damping
-    steps, record = list[CollocationStep](), _Record(task, settings.looks)
+    robot, record = task.equations.robot, _Record(task, settings.looks)
+    steps = list[CollocationStep]()
     for step in collocate(
         task.equations,
         task.drive,
@@ -102,14 +104,12 @@ def integrate_by_collocation(task: IntegrationTask, settings: MethodSettings) ->
         stages=settings.stages,
         tolerance=settings.tolerance,
         longest=settings.step or task.duration,
-        advanced=task.advanced,
     ):
         steps.append(step)
-        power = step.power - step.v**2 @ damping
+        power = step.power - step.v**2 @ task.equations.damping
         share = step.length * step.table.once[-1]
-        record.add(float(share @ power), float(share @ np.abs(power)))
-        piece = Polynomials(robot, (step,))
-        if task.events and record.finds_end(piece, step.time, float(step.times[-1])):
+        work, exchange = float(share @ power), float(share @ np.abs(power))
+        if record.ends(Polynomials(robot, (step,)), work, exchange):
             break
     unresolved = max(step.unresolved for step in steps)
     iterations = sum(step.iterations for step in steps)
@@ -129,7 +129,13 @@ def integrate_by_fixed_steps(task: IntegrationTask, settings: MethodSettings) ->
     trajectory, _ = _collect(record, _fixed_steps(task, edges), edges)
     h = task.duration / count
     error = _fixed_step_error(robot, trajectory.v, h)
-    _check_resolved(robot, error, h)
+    if error > FIXED_STEP_ERROR:
+        enough = h * (0.1 * FIXED_STEP_ERROR / error) ** 0.5
+        raise NotConverged(
+            f"{robot.name}: steps of {h:.3g} s leave about {error:.2g} rad or robot lengths of this motion "
+            f"out; take steps of {enough:.1g} s, or method stiff",
+            residual=error,
+        )
     return record.integration(trajectory, error, len(trajectory.q) - 1)
 
 
@@ -168,38 +174,26 @@ def _collect(record: _Record, steps: Iterator[FixedStep], edges: Array) -> tuple
     Raises:
         NotConverged: the motion diverges.
     """
-    task, robot = record.task, record.task.equations.robot
-    states, error = [task.start], 0.0
+    robot, states, error = record.task.equations.robot, [record.task.start], 0.0
     with np.errstate(over="ignore", invalid="ignore"):  # a runaway is told below
         for step in steps:
             if not (np.all(np.isfinite(step.end.q)) and np.all(np.isfinite(step.end.v))):
-                raise _runaway(robot, step.time, step.length)
+                raise NotConverged(
+                    f"{robot.name}: the simulation runs away at t = {step.time:.9g} s, or its equations are "
+                    f"singular there; take a shorter step than {step.length:.3g} s, or method stiff",
+                    residual=step.time,
+                )
             states.append(step.end)
-            record.add(step.length * step.power, step.length * abs(step.power))
             error = max(error, step.error)
-            if task.events:
-                piece = _cubics(robot, np.array([step.time, step.end_time]), states[-2:])
-                if record.finds_end(piece, step.time, step.end_time):
-                    break
-            if task.advanced is not None:
-                task.advanced(step.end_time / task.duration)
+            piece = _cubics(robot, np.array([step.time, step.end_time]), states[-2:])
+            if record.ends(piece, step.length * step.power, step.length * abs(step.power)):
+                break
     return _cubics(robot, edges[: len(states)], states), error
 
 
 def _cubics(robot: ParallelRobot, edges: Array, states: list[State]) -> Cubics:
     """Return the cubic polynomials through states at `edges` (K + 1,)."""
-    return Cubics(robot, edges, *(np.array(part) for part in zip(*states, strict=True)))
-
-
-def _check_resolved(robot: ParallelRobot, missed: float, h: float) -> None:
-    """Raise NotConverged if fixed steps of h [s] miss too much."""
-    if missed > FIXED_STEP_ERROR:
-        enough = h * (0.1 * FIXED_STEP_ERROR / missed) ** 0.5
-        raise NotConverged(
-            f"{robot.name}: steps of {h:.3g} s leave about {missed:.2g} rad or robot lengths of this motion "
-            f"out; take steps of {enough:.1g} s, or method stiff",
-            residual=missed,
-        )
+    return Cubics(robot, edges, *map(np.array, zip(*states, strict=True)))
 
 
 def _fixed_step_error(robot: ParallelRobot, v: Array, h: float) -> float:
@@ -229,15 +223,6 @@ def _count(length: float, step: float) -> int:
     if not count <= MAX_STEPS:
         raise InvalidInput(f"step: {step!r} s makes more than {MAX_STEPS} steps of {length:g} s")
     return max(1, int(np.ceil(count - COUNT_ROUNDING)))
-
-
-def _runaway(robot: ParallelRobot, time: float, step: float) -> NotConverged:
-    """Return the error of a motion that diverges at a time [s]."""
-    return NotConverged(
-        f"{robot.name}: the simulation runs away at t = {time:.9g} s, or its equations are singular there; "
-        f"take a shorter step than {step:.3g} s, or method stiff",
-        residual=time,
-    )
 
 
 class Method(NamedTuple):

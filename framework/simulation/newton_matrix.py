@@ -64,20 +64,16 @@ class NewtonMatrix:
         """
         from scipy.linalg.lapack import dgetrs
 
-        dq = -_matvec(self.onto, residual)
-        unbalanced = _matvec(self.free.transpose(0, 2, 1), force + _matvec(self.by_motion, self._motion(dq)))
+        dq = -np.matvec(self.onto, residual)
+        missing = force + np.matvec(self.by_motion, self._motion(dq))
+        unbalanced = np.matvec(self.free.transpose(0, 2, 1), missing)
         along = dgetrs(*self.factors, -(self.length**2) * unbalanced.ravel())[0]
-        dq += _matvec(self.free, along.reshape(unbalanced.shape))
+        dq += np.matvec(self.free, along.reshape(unbalanced.shape))
         motion = self._motion(dq)
-        multipliers = _matvec(self.onto.transpose(0, 2, 1), force + _matvec(self.by_motion, motion))
+        multipliers = np.matvec(self.onto.transpose(0, 2, 1), force + np.matvec(self.by_motion, motion))
         return dq, motion[:, : dq.shape[1]], multipliers
 
     def _motion(self, dq: Array) -> Array:
         """Return the changes of a, v and q (s, 3 nv) for one of q (s, nv)."""
         rate = self.rates @ dq / self.length
         return np.concatenate([self.rates @ rate / self.length, rate, dq], axis=1)
-
-
-def _matvec(matrices: Array, vectors: Array) -> Array:
-    """Compute the products (s, a) of matrices (s, a, b) and vectors (s, b)."""
-    return (matrices @ vectors[..., None])[..., 0]

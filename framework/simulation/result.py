@@ -59,20 +59,24 @@ class Simulation(ReadOnlyArrays):
 
     def configuration(self, t: ArrayLike) -> Array:
         """Return all coordinates (T, nq) at t (T,)."""
-        return self.trajectory(np.atleast_1d(np.asarray(t, dtype=float)))[0]
+        return self._states(t)[0]
 
     def velocity(self, t: ArrayLike) -> Array:
         """Return all rates (T, nv)."""
-        return self.trajectory(np.atleast_1d(np.asarray(t, dtype=float)))[1]
+        return self._states(t)[1]
+
+    def _states(self, t: ArrayLike) -> tuple[Array, Array]:
+        """Return coordinates (T, nq) and rates (T, nv) at t (T,)."""
+        return self.trajectory(np.atleast_1d(np.asarray(t, dtype=float)))
 
     def platform(self, t: ArrayLike, order: int = 0) -> Array:
         """Compute platform coordinates (T, n) [m, rad]; order 1 gives its twist on its axes."""
         if order not in (0, 1):
             raise InvalidInput(f"order: 0 or 1, got {order!r}")
-        q, v = self.trajectory(np.atleast_1d(np.asarray(t, dtype=float)))
+        q, v = self._states(t)
         frames = frames_at(self.robot, q)
         if order == 1:
-            return (self.robot.platform.jacobian(frames) @ v[..., None])[..., 0]
+            return np.matvec(self.robot.platform.jacobian(frames), v)
         return self.robot.platform.coordinates(frames)
 
     def to_dict(self) -> dict[str, Any]:

@@ -98,7 +98,7 @@ def simulate(
     integrator = METHODS[method]
     settings = _settings(integrator, method, tolerance, step, stages)
     samples = whole_number("samples", samples, *SAMPLE_RANGE)
-    equations = EquationsOfMotion.of(robot, None if damping is None else damping)
+    equations = EquationsOfMotion.of(robot, damping)
     source = Drive.of(robot, drive, breaks, wrenches)
     planned = planned_motion(drive)
     span = _duration(duration, planned)

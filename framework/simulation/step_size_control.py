@@ -7,7 +7,7 @@ steps get much shorter than they usually are, a few longer ones are tried before
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -15,7 +15,7 @@ import numpy as np
 
 from framework.arrays import LEAST_DIVISOR, Array
 from framework.errors import NotConverged
-from framework.simulation.collocation import Collocation, CollocationStep, StepFailure, radau, solve_step
+from framework.simulation.collocation import Collocation, CollocationStep, radau, solve_step
 from framework.simulation.consistent import allowed_velocity
 from framework.simulation.drive import Drive
 from framework.simulation.equations import EquationsOfMotion
@@ -81,7 +81,6 @@ def collocate(
     stages: int,
     tolerance: float,
     longest: float,
-    advanced: Callable[[float], None] | None = None,
 ) -> Iterator[CollocationStep]:
     """Yield steps from 0 to `duration`, each resolved to `tolerance`.
 
@@ -108,8 +107,8 @@ def collocate(
                 guess=_guess(equations, table, previous, length),
                 accuracy=NEWTON_SHARE * tolerance,
             )
-            if isinstance(step, StepFailure):
-                previous, reason = None, step.reason
+            if isinstance(step, str):
+                previous, reason = None, step
                 control.reject(length, FAILED_STEP_RATIO, end - time)
             else:
                 moves = length * np.abs(step.slope / equations.robot.column_scale)
@@ -122,8 +121,6 @@ def collocate(
                     time = end if length == end - time else time + length
                     previous, count = step, count + 1
                     control.accept(length, factor)
-                    if advanced is not None:
-                        advanced(time / duration)
                     if count >= PROJECTED_AFTER and count * duration > MAX_STEPS * time:
                         raise _refusal(equations, time, length, "they are too many")
                     continue

@@ -51,7 +51,7 @@ class Stepper:
         Raises:
             InvalidInput: unknown scheme, one that does not suit the robot, robots of different structure.
         """
-        stack = RobotStack.of(robots, None if damping is None else np.asarray(damping, dtype=float), like)
+        stack = RobotStack.of(robots, damping, like)
         massless = _has_massless_motions(stack.first)
         if scheme is None:
             scheme = "extrapolated" if massless else "midpoint"
@@ -88,7 +88,7 @@ class Stepper:
         if q.ndim == 1:
             return State(*consistent_state(self.stack.equations(0), q, v, tau, world))
         states = [consistent_state(self.stack.equations(k), q[k], v[k], tau[k], world) for k in range(len(q))]
-        return State(np.array([state[0] for state in states]), np.array([state[1] for state in states]))
+        return State(*map(np.array, zip(*states, strict=True)))
 
     def step(self, q: Array, v: Array, torque: Array, h: float, *, world: Array | None = None) -> State:
         """Return the state h [s] later under constant torques (n_a,) or (R, n_a) [N m], motor side.
@@ -102,7 +102,7 @@ class Stepper:
             new = self.step(q[None], v[None], torque[None], h, world=world)
             return State(new.q[0], new.v[0])
         driven = np.zeros((len(torque), self.stack.rotors.shape[1]))
-        driven[:, self.stack.actuated] = self.stack.gear_ratio * torque
+        driven[:, self.stack.robots[0].actuated] = self.stack.gear_ratio * torque
         if world is not None:
             driven += world
         with np.errstate(over="ignore", invalid="ignore"):

@@ -14,14 +14,13 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from framework.arrays import Array, IntArray
+from framework.arrays import Array, ArrayLike, IntArray
 from framework.errors import InvalidInput
 from framework.kinematics.closures import closure_drift, loop_equations
 from framework.kinematics.frames import FrameMotions, FrameStack, stacked_frames
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import scratch_of
 from framework.linalg.ordered_sums import matmul
-from framework.model.loop_rows import LoopRows
 from framework.simulation.contacts import ContactDynamics
 from framework.simulation.equations import EquationsOfMotion
 
@@ -43,8 +42,6 @@ class RobotStack:
 
     robots: tuple[ParallelRobot, ...]
     first: EquationsOfMotion  # of the robot on which the structure is found
-    rows: LoopRows
-    actuated: IntArray
     gear_ratio: Array  # (R, n_a)
     rotors: Array  # (R, nv)
     stiffness: Array  # (R, nv)
@@ -55,7 +52,7 @@ class RobotStack:
     @staticmethod
     def of(
         robots: ParallelRobot | Sequence[ParallelRobot],
-        damping: Array | None = None,
+        damping: ArrayLike | None = None,
         like: ParallelRobot | None = None,
     ) -> RobotStack:
         """Stack one robot or several; `like` decides which loop equations count and which joints idle.
@@ -80,8 +77,6 @@ class RobotStack:
         return RobotStack(
             robots=robots,
             first=first,
-            rows=first.rows,
-            actuated=robots[0].actuated,
             gear_ratio=np.array([robot.gear_ratio for robot in robots]),
             rotors=np.array([robot.rotors for robot in robots]) + idle,
             stiffness=np.array([robot.all_stiffness for robot in robots]),
@@ -124,7 +119,7 @@ class RobotStack:
         mass[:, rows, columns] = mass[:, columns, rows]  # pinocchio fills the upper half
         mass[:, range(nv), range(nv)] += self.rotors
         frames = stacked_frames(scratch, placements, screws, q)
-        loops = loop_equations(self.rows, frames)
+        loops = loop_equations(self.first.rows, frames)
         return Terms(mass, bias, frames, loops.residual, loops.jacobian, dJ)
 
     def with_velocities(self, terms: Terms, q: Array, v: Array) -> Terms:
@@ -143,7 +138,7 @@ class RobotStack:
         rates = frames.carried * v[:, None]  # (R, F, nv)
         both = np.stack([frames.screws, terms.tree_rate.swapaxes(1, 2)])
         motions = FrameMotions.from_spatial(matmul(rates, both), frames.position)
-        return closure_drift(self.rows, frames, motions)
+        return closure_drift(self.first.rows, frames, motions)
 
 
 @lru_cache(maxsize=128)

@@ -12,9 +12,8 @@ source of the rule. Nothing of the inverse dynamics is used here.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -30,14 +29,6 @@ from framework.linalg.ordered_sums import cross
 
 AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 PathCoordinate = Callable[[Array], Array]  # (T,) instants [s] to (T,)
-
-
-class _FrameWrench(NamedTuple):
-    """One wrench at T states."""
-
-    columns: Array  # (T, nv, 6) of J
-    wrench: Array  # (T, 6) on base axes
-    turns: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,11 +81,10 @@ class WorldForces:
             linear, angular = columns[..., :3], columns[..., 3:]
             force, moment = wrench[:, None, :3], wrench[:, None, 3:]
             # entry [i, j]: column i moved by joint j
-            swung = np.einsum("tix,tjx->tij", cross(force, angular), linear).swapaxes(1, 2)
             turned = np.einsum("tix,tjx->tij", cross(moment, angular), angular).swapaxes(1, 2)
             carried = np.einsum("tix,tjx->tij", cross(force, angular), linear)
             # `before[j, i]`: joint j carries joint i or is the same one
-            slope += np.where(before.T, swung + turned, carried)
+            slope += np.where(before.T, carried.swapaxes(1, 2) + turned, carried)
             if turns:
                 slope += np.einsum("tix,tjx->tij", linear, cross(angular, force))
                 slope += np.einsum("tix,tjx->tij", angular, cross(angular, moment))
@@ -102,12 +92,14 @@ class WorldForces:
 
     def _frame_wrenches(
         self, robot: ParallelRobot, t: Array, q: Array, models: Sequence[pin.Model] | None = None
-    ) -> list[_FrameWrench]:
-        """Compute each wrench at t (T,) and q (T, nq), on base axes."""
+    ) -> Iterator[tuple[Array, Array, bool]]:
+        """Yield the Jacobian (T, nv, 6) and wrench (T, 6) of each entry, on base axes.
+
+        At t (T,) and q (T, nq); and whether the wrench turns with its frame.
+        """
         model, data = robot.model, scratch_of(robot).data
         models = [model] * len(q) if models is None else models
         s = np.zeros(len(q)) if self.path_coordinate is None else self.path_coordinate(t)
-        wrenches = []
         for entry in self.wrenches.entries:
             frame, turns = frame_of(model, entry.frame), entry.turns
             wrench = np.array(entry(s))
@@ -117,8 +109,7 @@ class WorldForces:
                 if turns:
                     rotation = data.oMf[frame].rotation
                     wrench[k] = (wrench[k].reshape(2, 3) @ rotation.T).ravel()
-            wrenches.append(_FrameWrench(columns, wrench, turns))
-        return wrenches
+            yield columns, wrench, turns
 
 
 NO_FORCES = WorldForces(ExternalWrenches(), None)

@@ -18,8 +18,13 @@ from framework.errors import InvalidInput, NotAssembled, Type2Singularity
 from framework.kinematics.continuation.forward_kinematics import forward_kinematics
 from framework.kinematics.continuation.tracking import follow_path, weakest_leg
 from framework.kinematics.inverse_kinematics import close_each, require_square
-from framework.kinematics.linearised_loops import ClosedStack, assembled_at, linearised_at_reference
-from framework.kinematics.loop_matrices import passive_matrix, type1_matrix
+from framework.kinematics.linearised_loops import (
+    ClosedStack,
+    LinearisedLoops,
+    assembled_at,
+    linearised_at_reference,
+)
+from framework.kinematics.loop_matrices import clearance, type1_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import positions_beyond_limits
 from framework.linalg.ordered_sums import singular_values
@@ -79,8 +84,9 @@ def pose_at(robot: ParallelRobot, q: Array, stopped: str = "") -> JoggedPose:
     closed = assembled_at(robot, q)
     x, linearised = closed.x[0], closed.linearised
     motors = robot.actuated_coordinates(q[None])[0]
-    usual, usual_legs = _usual_sizes(robot)
-    legs = _smallest(type1_matrix(robot, linearised)[0])
+    legs, smallest = _smallest(robot, linearised)
+    # at the reference, to judge others by
+    usual_legs, usual = np.maximum(_smallest(robot, linearised_at_reference(robot)), USUAL_SIZE_FLOOR)
     level, kind = _level(legs / usual_legs), ""
     verdict = "regular: the motors hold the platform in every direction"
     if level != "regular":
@@ -88,7 +94,6 @@ def pose_at(robot: ParallelRobot, q: Array, stopped: str = "") -> JoggedPose:
         verdict = _TYPE_1[level].format(joint=weakest_leg(robot, linearised))
     if not len(robot.following):
         return JoggedPose(q, x, motors, None, None, level, kind, verdict, np.zeros(robot.n), stopped)
-    smallest = _smallest(passive_matrix(robot, linearised)[0])
     measure = singularity_measure(robot, linearised)
     twist = linearised.platform[0] @ measure.motion[0]
     twist = twist / (twist_norm(robot, twist) or 1.0)
@@ -126,8 +131,7 @@ def loose_motion(robot: ParallelRobot, pose: JoggedPose, *, shift: float = LOOSE
     angular = float(np.linalg.norm(pose.twist[~robot.translations]))
     size = max(linear / (shift * robot.length), angular / (LOOSE_TURN * shift / LOOSE_SHIFT))
     # rates of the coordinates with v = t_s: coordinates of an attitude turn it on other axes than their own
-    unit = np.eye(robot.n)
-    of_rates = robot.platform.twist(np.repeat(pose.x[None], robot.n, axis=0), unit)[0].T
+    of_rates = robot.platform.rate_matrix(pose.x[None])[0]
     if size == 0 or np.linalg.matrix_rank(of_rates) < robot.n:
         return None
     x = pose.x + LOOSE_SHARES[:, None] * np.linalg.solve(of_rates, pose.twist / size)
@@ -264,12 +268,7 @@ def _check(index: int, count: int, value: float) -> None:
         raise InvalidInput(f"value: needs a finite number, got {value!r}")
 
 
-def _smallest(matrix: Array) -> float:
-    return float(singular_values(matrix).min(initial=np.inf))
-
-
-def _usual_sizes(robot: ParallelRobot) -> tuple[float, float]:
-    """Return the smallest singular values of P and of the legs at the reference, to judge others by."""
-    linearised = linearised_at_reference(robot)
-    legs, passive = type1_matrix(robot, linearised)[0], passive_matrix(robot, linearised)[0]
-    return max(_smallest(passive), USUAL_SIZE_FLOOR), max(_smallest(legs), USUAL_SIZE_FLOOR)
+def _smallest(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[float, float]:
+    """Compute the least singular values of the legs (Type 1) and of P (T = 1)."""
+    legs = singular_values(type1_matrix(robot, linearised)).min()
+    return float(legs), float(clearance(robot, linearised)[0])

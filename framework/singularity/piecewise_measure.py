@@ -23,7 +23,7 @@ from numpy.polynomial import chebyshev
 from framework.arrays import Array, BoolArray
 from framework.errors import NotAssembled, NotConverged, SingularPath
 from framework.kinematics.continuation.branch import Branch
-from framework.kinematics.linearised_loops import LinearisedLoops
+from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.linalg.ordered_sums import singular_values
 from framework.motion.chebyshev import coefficients, extrema, nodes, real_roots, tail
 from framework.singularity.bordered_system import bordered_solution, determinant
@@ -50,6 +50,11 @@ class Measured(NamedTuple):
     def evaluate(self, s: Array) -> Array:
         """Evaluate the matrices (T, n, n) at s (T,)."""
         return self.matrix(self.branch.close(s).linearised)
+
+    def guess(self, s: Array) -> LinearisedLoops:
+        """Compute the equations at s (T,) where the loops may not close, at the branch's first guess."""
+        branch = self.branch
+        return linearised_at(branch.robot, branch.guess(s), branch.path(s))
 
     @property
     def knots(self) -> Array:
@@ -153,9 +158,8 @@ def _resolve(samples: Samples, measured: Measured, start: float, end: float) -> 
         matrices = measured.matrix(samples.loops(start, end))
     except NotAssembled:
         return None
-    middle = matrices[PANEL_NODES // 2]
-    size, largest_size = 1, 1
-    while size <= largest_size:
+    widest = count_below(matrices[PANEL_NODES // 2], WIDER_BORDER_RATIO)
+    for size in range(1, max(widest, 1) + 1):
         eta, G = solution = bordered_solution(matrices, PANEL_NODES // 2, size)
         largest = float(np.abs(solution.g).max())
         if largest < RANK_LOST and np.linalg.norm(G, ord=-2, axis=(1, 2)).max() < RANK_LOST:
@@ -167,7 +171,6 @@ def _resolve(samples: Samples, measured: Measured, start: float, end: float) -> 
         turned = np.linalg.norm(eta, axis=1).max() > MAX_ETA_NORM
         if not turned and tail(series) <= max(MEASURE_TAIL, TAIL_ROUNDING / largest):
             return Panel(start, end, series[:, 0], matrices)
-        size, largest_size = size + 1, count_below(middle, WIDER_BORDER_RATIO)
     return None
 
 

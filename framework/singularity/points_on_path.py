@@ -14,7 +14,7 @@ from framework.kinematics.closures import loop_equations, scale_jacobian
 from framework.kinematics.continuation.branch import Branch, with_continuation
 from framework.kinematics.continuation.tracking import escape_error, track_path, weakest_leg
 from framework.kinematics.external_wrenches import ExternalWrenches
-from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
+from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.loop_matrices import type1_matrix, type2_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.ordered_sums import singular_values
@@ -172,7 +172,7 @@ def _refuse_type_1(mobile: Measured, resolved: list[Panel] | Unresolved) -> None
         return
     s, branch, robot = lost[0], mobile.branch, mobile.branch.robot
     x = branch.path(s)
-    joint = weakest_leg(robot, linearised_at(robot, branch.guess(np.array([s])), x[None]))
+    joint = weakest_leg(robot, mobile.guess(np.array([s])))
     raise Type1Singularity(
         f"{robot.name}: the path meets a Type 1 singularity at s = {s:.6g}, "
         f"{', '.join(robot.axis_names)} = {point(x)}: the leg of {joint} is stretched or folded there",
@@ -191,15 +191,13 @@ def _weakest_place(mobile: Measured, s: float) -> float:
     k = int(np.searchsorted(branch.s, s))
     near = branch.s[np.abs(branch.s - s) < 10 * MIN_PANEL_WIDTH]
     places = np.concatenate([near, branch.s[max(k - 1, 0) : k + 1], [round(s, 3)]])
-    linearised = linearised_at(branch.robot, branch.guess(places), branch.path(places))
-    return float(places[np.argmin(singular_values(mobile.matrix(linearised))[:, -1])])
+    return float(places[np.argmin(singular_values(mobile.matrix(mobile.guess(places)))[:, -1])])
 
 
 def _refusal_at(passive: Measured, unresolved: Unresolved) -> Exception:
     """Return the error for an unresolved g: several motions that escape together, if two vanish."""
     branch, s = passive.branch, unresolved.s
-    linearised = linearised_at(branch.robot, branch.guess(np.array([s])), branch.path(np.array([s])))
-    values = singular_values(passive.matrix(linearised)[0])
+    values = singular_values(passive.matrix(passive.guess(np.array([s])))[0])
     count = int(np.sum(values < VANISHING_TOGETHER**passive.power))
     if count < 2:
         return unresolved

@@ -159,8 +159,7 @@ def _type_1(robot: ParallelRobot, rates: Array, gained: int) -> tuple[bool, tupl
     Args:
         rates: (k, n_a) of the motors in the motions of a locked platform.
     """
-    values = singular_values(rates) if len(rates) else np.zeros(0)
-    if int(np.sum(values > RANK_LOST)) <= gained:
+    if np.linalg.matrix_rank(rates, tol=RANK_LOST) <= gained:
         return False, ()
     share = np.linalg.norm(rates, axis=0)
     moving = zip(robot.actuator_names, share, strict=True)
@@ -182,7 +181,7 @@ def _is_singular_everywhere(robot: ParallelRobot, q: Array) -> bool:
 
 def _least_singular_value(robot: ParallelRobot, q: Array) -> float:
     """Compute the smallest singular value of P at q (nq,)."""
-    return float(clearance(robot, linearised_at(robot, q[None], robot.reference.x[None]))[0])
+    return float(clearance(robot, linearised_at(robot, q[None], None))[0])
 
 
 def _unit_twists(robot: ParallelRobot, twists: Array) -> Array:
@@ -203,7 +202,7 @@ def _contact(robot: ParallelRobot, closed: ClosedStack, along: ArrayLike, corank
         raise InvalidInput(f"along ({', '.join(robot.axis_names)}): must not be zero")
     steps = DIFFERENCE_STEP / size * np.array([-1.0, 0.0, 1.0])[:, None] * rates
     poses = integrate(robot, np.repeat(closed.q, 3, axis=0), steps)
-    matrices = type2_matrix(robot, linearised_at(robot, poses, np.repeat(closed.x, 3, axis=0)))
+    matrices = type2_matrix(robot, linearised_at(robot, poses, None))
     G = bordered_solution(matrices, 1, corank).G
     slope = (G[2] - G[0]) / (2 * DIFFERENCE_STEP)
     return "transversal" if singular_values(slope)[-1] > TANGENTIAL_SLOPE else "tangential"

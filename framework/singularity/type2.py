@@ -165,6 +165,11 @@ def sign_along(twist: Array, direction: Array) -> float:
     return -1.0 if forward < 0 else 1.0
 
 
+def has_signed_measure(robot: ParallelRobot) -> bool:
+    """Whether the robot has passive joints and no redundant motors, so that g has a sign."""
+    return len(robot.following) > 0 and robot.n_a == robot.n
+
+
 class SingularityMeasure(NamedTuple):
     """The measure g, t_s and t_s . W_p of a motion, at T instants."""
 

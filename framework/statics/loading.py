@@ -34,7 +34,7 @@ from framework.kinematics.continuation.turning_point import (
     TurningPoints,
     turning_points,
 )
-from framework.kinematics.frames import frames_at, integrate_columns
+from framework.kinematics.frames import integrate_columns
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.modes import mode_signs
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -161,10 +161,7 @@ def _loaded_stack(
     robot: ParallelRobot, q: Array, reached: _Points, reason: NDArray[np.uint8], load: Load
 ) -> LoadedStack:
     """Return the stack reached from q (T, nq), with its stiffness and changes of assembly mode."""
-    start, end = (
-        linearised_at(robot, poses, robot.platform.coordinates(frames_at(robot, poses)))
-        for poses in (q, reached.q)
-    )
+    start, end = (linearised_at(robot, poses, None) for poses in (q, reached.q))
     changes_mode = mode_signs(robot, end)[1] != mode_signs(robot, start)[1]
     reason[changes_mode & (reason == LoadReason.CARRIED)] = LoadReason.OTHER_MODE
     free = compliant_motions(robot, end, reached.q)
@@ -249,14 +246,12 @@ def _correct(
 
 def _newton_step(state: Balance, tangent: Array, lands: BoolArray) -> tuple[Array, Array]:
     """Compute Newton's step (T, f) to the curve, and the change (T,) of the share."""
-    d = state.H.shape[1]
-    bordered, right = np.zeros((len(state.H), d + 1, d + 1)), np.zeros((len(state.H), d + 1))
-    bordered[:, :d, :d], bordered[:, :d, d], right[:, :d] = state.H, state.drive, -state.slope
-    bordered[:, d, :d] = np.where(lands[:, None], 0.0, matvec(state.null.swapaxes(1, 2), tangent))
-    bordered[:, d, d] = lands
+    along = np.where(lands[:, None], 0.0, matvec(state.null.swapaxes(1, 2), tangent))
+    bordered = np.block([[state.H, state.drive[:, :, None]], [along[:, None], lands[:, None, None]]])
+    right = np.append(-state.slope, np.zeros((len(along), 1)), axis=1)
     with np.errstate(all="ignore"):  # what is singular, or no number, ends there
         step = solve(bordered, right)
-        return state.closing + matvec(state.null, step[:, :d]), step[:, d]
+        return state.closing + matvec(state.null, step[:, :-1]), step[:, -1]
 
 
 def _folds(robot: ParallelRobot, start: _Points, load: Load) -> TurningPoints:

@@ -32,13 +32,14 @@ from framework.dynamics.tangent_stiffness import (
     Load,
     balance,
     check_wrench,
+    factor_transposed,
     moving_columns,
     tangent_stiffness,
 )
 from framework.errors import InvalidInput, NotConverged
-from framework.kinematics.closures import scale_jacobian
 from framework.kinematics.frames import difference, integrate_columns
 from framework.kinematics.linearised_loops import LinearisedLoops, assembled_at
+from framework.kinematics.loop_matrices import scaled_loops
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.pinocchio_memory import scratch_of
 from framework.linalg.ordered_sums import matmul
@@ -82,9 +83,7 @@ def compliant_motions(robot: ParallelRobot, linearised: LinearisedLoops, q: Arra
     """
     require_springs(robot)
     columns = moving_columns(robot)
-    loops = scale_jacobian(robot, linearised.closures, robot.loops.rotation)[:, :, columns]
-    count = loops.shape[1]
-    null = np.linalg.qr(loops.swapaxes(1, 2), mode="complete")[0][:, :, count:]
+    null = factor_transposed(scaled_loops(robot, linearised)[:, :, columns])[2]
     Z = null * robot.column_scale[columns][:, None]
     stiffness = robot.all_stiffness[columns]
     mass = mass_matrices(robot, q)[:, columns[:, None], columns]
@@ -170,7 +169,7 @@ def platform_stiffness(
 
     Args:
         loaded: under weight and `wrench`: the springs first give way, from q with locked motors, until they
-            carry both (`equilibrium`); else at q, as if nothing pulled.
+            carry both; else at q, as if nothing pulled.
         wrench: of the world ON the platform, on its axes (n,) [N, N m]; a moment only about a single axis
             (others have no potential).
 
@@ -184,7 +183,7 @@ def platform_stiffness(
         raise InvalidInput("wrench: counts under load alone; give loaded=True")
     closed, load = assembled_at(robot, q), None
     if loaded:
-        q, load = _equilibrium(robot, closed.q[0], wrench)
+        q, load = _find_equilibrium(robot, closed.q[0], wrench)
         closed = assembled_at(robot, q)
     free = compliant_motions(robot, closed.linearised, closed.q)
     H = free.K[0]
@@ -208,25 +207,13 @@ def platform_stiffness(
     )
 
 
-def equilibrium(robot: ParallelRobot, q: ArrayLike, *, wrench: ArrayLike | None = None) -> Array:
-    """Find the configuration (nq,) near q (nq,), motors locked, in which the springs carry the load.
-
-    Where it snaps through, that is beyond; `PlatformStiffness.is_stable` tells whether it is stable.
-
-    Args:
-        wrench: as for `platform_stiffness`.
-
-    Raises:
-        InvalidInput, NotConverged: as `platform_stiffness`.
-    """
-    return _equilibrium(robot, assembled_at(robot, q).q[0], wrench)[0]
-
-
 # ------------------------------------------------------------------ under load
 
 
-def _equilibrium(robot: ParallelRobot, q: Array, wrench: ArrayLike | None) -> tuple[Array, Load]:
+def _find_equilibrium(robot: ParallelRobot, q: Array, wrench: ArrayLike | None) -> tuple[Array, Load]:
     """Minimise V - w . x with c = 0 near q (nq,); return the equilibrium and its load.
+
+    Where the robot snaps through, that is beyond.
 
     Newton's method with the size of each eigenvalue in place of the eigenvalue itself, so that steps lead
     downhill where the robot buckles.

@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 
 from framework.arrays import Array
-from framework.kinematics.closures import loop_equations, scale_jacobian
-from framework.kinematics.frames import frames_at
+from framework.kinematics.linearised_loops import linearised_at
+from framework.kinematics.loop_matrices import scaled_loops
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.statics.stiffness import mass_matrices
 
@@ -32,9 +32,7 @@ def free_motor_frequency(robot: ParallelRobot, q: Array) -> Array:
     rotors, stiffness = np.zeros((2, robot.model.nv))
     rotors[robot.actuated] = robot.gear_ratio**2 * robot.rotor_inertia
     stiffness[robot.elastic] = robot.stiffness
-    loops = scale_jacobian(
-        robot, loop_equations(robot.loops, frames_at(robot, q)).jacobian, robot.loops.rotation
-    )
+    loops = scaled_loops(robot, linearised_at(robot, q, None))
     frequency = np.empty(len(q))
     for k, tree_mass in enumerate(mass_matrices(robot, q)):
         allowed = scale[:, None] * np.linalg.svd(loops[k])[2][len(loops[k]) :].T
