@@ -144,7 +144,7 @@ def own_units(goal: str, found: Speed, units: Units) -> Units:
     time = found.value if np.isfinite(found.value) else found.duration
     if not np.isfinite(time):
         return units
-    if goal == "limits":  # the least multiple is one of torques and of squared speeds
+    if goal in ("limits", "peak_speed"):  # least multiples of squared speeds have no unit of torque
         return Units(time, 1.0)
     return Units(time, float(np.sqrt(found.energy / time)) if goal == "energy" else found.peak)
 
