@@ -11,7 +11,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -33,6 +32,7 @@ from framework.kinematics.continuation.pose_stack import forward_kinematics_stac
 from framework.kinematics.frames import frames_at, integrate_columns
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.model.robot_file_writer import write_robot_file
+from framework.output import Document, plain
 from framework.tolerances import LOOP_GAP, MAX_NOISE_RATIO, MAX_PRIOR_DEVIATIONS, RANK_ROUNDING
 
 LENGTH_ERROR = 1e-3  # [m] of the file, as a machine shop makes it
@@ -93,30 +93,33 @@ class Calibration(ReadOnlyArrays):
         description = self.geometry.description(self.values)
         return write_robot_file(description, folder, comments=["Its geometry was calibrated."])
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Document:
         """Return all numbers, for JSON."""
-        parameters = zip(self.geometry.names, self.values.tolist(), self.deviations.tolist(), strict=True)
-        errors = zip(self.measured.names, self.error_before.tolist(), self.error_after.tolist(), strict=True)
-        return {
-            "robot": self.robot.name,
-            "rank": self.combinations.rank,
-            "gap": self.combinations.gap if np.isfinite(self.combinations.gap) else None,
-            "parameters": {
-                name: {"value": value, "standard_deviation": deviation}
-                for name, value, deviation in parameters
-            },
-            "unseen": list(self.unseen),
-            "errors_held_out": {
-                name: {"before": before, "after": after}
-                for name, before, after in islice(errors, self.measured.driven, None)
-            },
-            "noise": self.noise,
-            "degrees_of_freedom": self.degrees_of_freedom,
-            "outliers": list(self.outliers),
-            "instants": self.instants,
-            "steps": self.steps,
-            "seconds": self.seconds,
-        }
+        parameters = zip(self.geometry.names, self.values, self.deviations, strict=True)
+        errors = zip(self.measured.names, self.error_before, self.error_after, strict=True)
+        document: Document = plain(
+            {
+                "robot": self.robot.name,
+                "rank": self.combinations.rank,
+                "gap": self.combinations.gap,
+                "parameters": {
+                    name: {"value": value, "standard_deviation": deviation}
+                    for name, value, deviation in parameters
+                },
+                "unseen": self.unseen,
+                "errors_held_out": {
+                    name: {"before": before, "after": after}
+                    for name, before, after in islice(errors, self.measured.driven, None)
+                },
+                "noise": self.noise,
+                "degrees_of_freedom": self.degrees_of_freedom,
+                "outliers": self.outliers,
+                "instants": self.instants,
+                "steps": self.steps,
+                "seconds": self.seconds,
+            }
+        )
+        return document
 
 
 def calibrate(

@@ -73,7 +73,7 @@ def _document(robot: ParallelRobot, crossing: PlanarCrossing, sight: Sight) -> D
         "series": [_truncate(column) for each in series.values() for column in each.T],
         "slices": {key: [begin, end] for key, begin, end in zip(series, ends, ends[1:], strict=False)},
         "shapes": _outlines(crossing, sight),
-        "locus": [_plane(robot, curve, onto).round(6).tolist() for curve in (locus.curves if locus else [])],
+        "locus": [_plane(robot, curve, onto).round(6) for curve in (locus.curves if locus else [])],
         "best": {
             key: {
                 "peak": max(plan.peak_torque.values()),
@@ -142,9 +142,7 @@ def _outlines(crossing: PlanarCrossing, sight: Sight) -> list[Document]:
     for node, points, colour in outlines(robot, q[0], sight):
         x, y, cosine, sine = poses[node]
         local = (points - (x, y)) @ np.array([[cosine, -sine], [sine, cosine]])
-        shapes.append(
-            {"node": node, "points": local.round(6).tolist(), "colour": [round(float(c), 3) for c in colour]}
-        )
+        shapes.append({"node": node, "points": local.round(6), "colour": np.round(colour, 3)})
     return shapes
 
 
