@@ -60,9 +60,9 @@ def mobility_of(robot: ParallelRobot) -> Mobility:
     """Count the freedoms at the assembled reference."""
     q = robot.reference.q
     hidden = _hidden_motions(robot, q)
-    centres = centres_of_mass(robot, q) @ hidden
-    idle = _pivots(hidden @ null_space(centres, NEARLY_AT_REST))
-    loose = _pivots(hidden @ row_space(centres, NEARLY_AT_REST), excluded=idle)
+    moving, resting = split_space(centres_of_mass(robot, q) @ hidden, NEARLY_AT_REST)
+    idle = _pivots(hidden @ resting)
+    loose = _pivots(hidden @ moving, excluded=idle)
     return Mobility(
         _motions(robot, q).shape[1],
         tuple(map(robot.coordinates.name_of, idle)),
@@ -170,16 +170,16 @@ def _name_stuck_axes(stuck: Array, names: tuple[str, ...]) -> str:
     return ", ".join([*alone, f"{together} independently of each other"])
 
 
-def null_space(matrix: Array, level: float = FILE_ROUNDING) -> Array:
-    """Compute orthonormal columns (c, k) of the null space of a matrix (r, c), singular values to a level."""
+def null_space(matrix: Array) -> Array:
+    """Compute orthonormal columns (c, k) of the null space of a matrix (r, c)."""
+    return split_space(matrix, FILE_ROUNDING)[1]
+
+
+def split_space(matrix: Array, level: float) -> tuple[Array, Array]:
+    """Compute orthonormal columns of the row space and of the null space, singular values to a level."""
     _, values, right = np.linalg.svd(matrix)
-    return right[int(np.sum(values > level)) :].T
-
-
-def row_space(matrix: Array, level: float = FILE_ROUNDING) -> Array:
-    """Compute orthonormal columns (c, c - k), the complement of the null space."""
-    _, values, right = np.linalg.svd(matrix, full_matrices=False)
-    return right[: int(np.sum(values > level))].T
+    rank = int(np.sum(values > level))
+    return right[:rank].T, right[rank:].T
 
 
 def _pivots(motions: Array, excluded: tuple[int, ...] = ()) -> tuple[int, ...]:
