@@ -124,7 +124,7 @@ def _pose_report(robot: ParallelRobot, q: Array, options: Namespace) -> Report:
         *arguments.excesses(pose.exceeded),
     ]
     document = facts | {
-        "singularity": _classification_document(classification),
+        "singularity": {"regular": classification.regular, **vars(classification)},
         "limits": _limits_document(limits),
     }
     if instant is not None:
@@ -144,11 +144,6 @@ def _close(robot: ParallelRobot, options: Namespace, *, advise_all: bool) -> Arr
         failure.args = (f"{failure}{degrees}",)
         raise failure.advising({"all": True} if advise_all and not impossible else None) from None
     return closed.q
-
-
-def _classification_document(classification: Classification) -> Document:
-    """Return a classification for JSON."""
-    return {"regular": classification.regular, **vars(classification)}
 
 
 def _limits(robot: ParallelRobot, q: Array, options: Namespace) -> PlatformLimits | None:
@@ -235,7 +230,8 @@ def _assembly(robot: ParallelRobot, options: Namespace) -> Report:
     for mode in assembly.modes:
         pose, kind = describe_pose(robot, mode.q), classify(robot, mode.q)
         lines.append(f"  platform          {_format_values(pose.platform)}; g {kind.g:.3g}, {kind.sentence}")
-        modes.append(asdict(pose) | {"proved": mode.proved, "singularity": _classification_document(kind)})
+        singularity = {"regular": kind.regular, **vars(kind)}
+        modes.append(asdict(pose) | {"proved": mode.proved, "singularity": singularity})
     about = {
         "complete": assembly.complete,
         "status": assembly.status,
