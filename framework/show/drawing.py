@@ -65,7 +65,7 @@ def outlines(robot: ParallelRobot, q: Array, sight: Sight) -> list[tuple[int, Ar
 
 def _axis_name(direction: Array) -> str:
     """Return the axis of the base that is nearest to a direction."""
-    axis = int(np.argmax(np.abs(direction)))
+    axis = np.argmax(np.abs(direction))
     return ("" if direction[axis] > 0 else "−") + "xyz"[axis]
 
 

@@ -117,14 +117,12 @@ def _hold(robot: ParallelRobot, pose: JoggedPose) -> Document:
 
     A platform that both shifts and turns has no push of one unit: it gets none.
     """
-    translations = robot.platform.translations
     try:
         hold = hold_at(robot, pose.q, HELD_WRENCH * pose.twist)
     except NotAssembled:  # a Type 1 singularity: the platform does not determine the motors
         return {"torques": None, "sides": None, "lines": None}
-    pushed = (
-        pose.g is not None and pose.level != "singular" and (translations.all() or not translations.any())
-    )
+    one_unit = len(set(robot.platform.translations)) == 1
+    pushed = pose.g is not None and pose.level != "singular" and one_unit
     speeds = hold.motor_speed[None]
     sides = drawn_sides(robot, speeds, np.ones(robot.n_a)) if pose.g is not None else None
     lines = action_lines(robot, speeds) if pose.kind == "type_2" else None

@@ -115,7 +115,7 @@ def _columns(crossing: PlanarCrossing, s: Array, onto: Projection) -> dict[str, 
     return columns
 
 
-def _squared_speed(plan: CrossingPlan) -> list[float]:
+def _squared_speed(plan: CrossingPlan) -> Array:
     """Return the Chebyshev series of z on sigma from 0 to 1 of the best law."""
     law = plan.law
     assert isinstance(law, OptimalLaw)
@@ -153,7 +153,7 @@ def _plane(robot: ParallelRobot, x: Array, onto: Projection) -> Array:
     return onto(space)
 
 
-def _truncate(series: Array) -> list[float]:
+def _truncate(series: Array) -> Array:
     """Cut the last coefficients of a series that are rounding."""
     large = np.flatnonzero(np.abs(series) > COEFFICIENT_ROUNDING * np.abs(series).max(initial=0.0))
-    return [float(value) for value in series[: large[-1] + 1 if large.size else 1]]
+    return series[: large[-1] + 1 if large.size else 1]

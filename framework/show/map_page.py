@@ -91,7 +91,7 @@ def _document(workspace: WorkspaceMap, path: Path | None) -> Document:
 
 
 def _quantity(workspace: WorkspaceMap, quantity: Quantity) -> Document:
-    palette, norm = colours(workspace, quantity.key)
+    palette, norm = colours(workspace, quantity)
     shades = np.round(255 * palette(np.linspace(0.0, 1.0, COLOR_LEVELS))[:, :3]).astype(int)
     return {
         "key": quantity.key,

@@ -242,9 +242,9 @@ def _wrenches(film: Film) -> list[Document]:
 
 def _arrows(six: Array) -> Document:
     """Return linear and angular parts (F, 3) of twists or wrenches (F, 6), with their largest sizes."""
-    parts = (six[:, :3], six[:, 3:])
-    largest = [np.linalg.norm(part, axis=1).max() for part in parts]
-    return dict(zip(("linear", "angular"), map(floats, parts), strict=True)) | {"largest": largest}
+    linear, angular = six[:, :3], six[:, 3:]
+    largest = [np.linalg.norm(part, axis=1).max() for part in (linear, angular)]
+    return {"linear": floats(linear), "angular": floats(angular), "largest": largest}
 
 
 def _polytope(film: Film, limit: Array) -> Document | None:
