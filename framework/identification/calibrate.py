@@ -156,8 +156,10 @@ def calibrate(
     test = np.arange(len(data)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
     if not test.any():
         raise InvalidInput(f"{data.source}: {len(data)} rows; at least {HELD_OUT_EVERY} are needed")
-    start = _start(geometry.model, measured)
-    used = measured.rows(~test)
+    stack = forward_kinematics_stack(geometry.model, measured.values[:, : measured.driven])
+    for refusal in stack.refused.values():
+        raise refusal
+    start, used = stack.q, measured.rows(~test)
     prior = np.where(geometry.turning, angle_error, length_error)
     solver = GaussNewton(geometry.model, used, start[~test], prior)
     solver.run(robot.name, progress)
@@ -196,14 +198,6 @@ def _check_errors(noise: Mapping[str, float], **file_errors: float) -> None:
             raise InvalidInput(f"{name}: needs a positive number, got {value!r}")
 
 
-def _start(model: ParallelRobot, measured: Measurements) -> Array:
-    """Return the configurations (T, nq) of the robot file at the measured motor angles."""
-    stack = forward_kinematics_stack(model, measured.values[:, : measured.driven])
-    for refusal in stack.refused.values():
-        raise refusal
-    return stack.q
-
-
 def _determine(
     geometry: Geometry, measured: Measurements, q: Array, prior: Array
 ) -> tuple[Combinations, ParameterEquations]:
@@ -222,7 +216,7 @@ def _check_plausible(robot: ParallelRobot, geometry: Geometry, share: Array, noi
             f"length_error or angle_error, give the noise, or look at the data",
             residual=noise,
         )
-    worst = int(np.abs(share).argmax())
+    worst = np.abs(share).argmax()
     if abs(share[worst]) > MAX_PRIOR_DEVIATIONS:
         raise NotConverged(
             f"{robot.name}: {geometry.names[worst]} would be off by {abs(share[worst]):.3g} standard "
@@ -249,7 +243,7 @@ def _prediction_error(model: ParallelRobot, measured: Measurements, q: Array, va
         if np.abs(right).max() < RANK_ROUNDING:
             break
     else:
-        worst = int(np.abs(right).max(axis=1).argmax())
+        worst = np.abs(right).max(axis=1).argmax()
         raise NotConverged(
             f"{model.name}: at pose {worst + 1} of those held out the loops do not close at the measured "
             f"motor angles; these data are of another robot, or the file is too far off",
@@ -321,8 +315,7 @@ class GaussNewton:
     def run(self, name: str, progress: Callable[[int], None]) -> None:
         """Take steps until the parameters rest."""
         damping, equations = FIRST_DAMPING, eliminate_poses(self.model, self.measured, self.q)
-        self._weigh(equations)
-        cost = self._cost(equations, self.values)
+        cost = self._weigh(equations)
         for self.count in range(1, MAX_STEPS + 1):
             progress(self.count)
             change = self._change(equations, damping)
@@ -339,15 +332,14 @@ class GaussNewton:
                 continue
             self.q, self.values, equations = q, self.values + change, stepped
             damping = max(0.1 * damping, 1e-12)
-            self._weigh(equations)
-            cost = self._cost(equations, self.values)
+            cost = self._weigh(equations)
             if np.abs(change / self.prior).max() < CONVERGED:
                 self._finish(equations)
                 return
         raise NotConverged(
             f"{name}: calibration does not settle after {self.count} steps; the file is too far off for "
             f"these data, or they are of another robot",
-            residual=float(cost),
+            residual=cost,
         )
 
     def _system(self, equations: ParameterEquations) -> tuple[Array, Array]:
@@ -371,12 +363,13 @@ class GaussNewton:
         right = self._system(equations)[1]
         return float(right @ right + np.sum((values / self.prior) ** 2))
 
-    def _weigh(self, equations: ParameterEquations) -> None:
-        """Set the noise of the usual instant, and Huber's weights of outlying instants."""
+    def _weigh(self, equations: ParameterEquations) -> float:
+        """Set the noise of the usual instant and Huber's weights; return the cost with these."""
         ranks = equations.right.shape[1] - self.measured.driven
         size = np.sqrt(np.sum(equations.right**2, axis=1) / max(ranks, 1))
-        self._set_noise(equations, float(np.median(size)))
+        self._set_noise(equations, np.median(size))
         self.weights = np.sqrt(np.minimum(1.0, HUBER * self.noise / np.maximum(size, RANK_ROUNDING)))
+        return self._cost(equations, self.values)
 
     def _finish(self, equations: ParameterEquations) -> None:
         """Set the noise of all instants, and the deviations."""
@@ -384,7 +377,7 @@ class GaussNewton:
 
         right = self.weights[:, None] * equations.right
         count = equations.right.size - self.measured.driven * len(self.q)
-        self._set_noise(equations, float(np.sqrt(np.sum(right**2) / max(count, 1))))
+        self._set_noise(equations, np.sqrt(np.sum(right**2) / max(count, 1)))
         matrix, _ = self._system(equations)
         upper = np.linalg.qr(np.concatenate([matrix, np.eye(len(self.prior))]), mode="r")
         self.deviations = self.prior * np.linalg.norm(np.linalg.inv(upper), axis=1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
@@ -91,5 +92,5 @@ def sensors_of(words: dict[str, float]) -> Sensors:
     for name in words:
         if name not in known:
             raise InvalidInput(choose_from("property of --sensors", name, known))
-    seed = int(words.get("seed", 0))
-    return Sensors(seed=seed, **{name: value for name, value in words.items() if name != "seed"})
+    values: dict[str, Any] = {**words, "seed": int(words.get("seed", 0))}
+    return Sensors(**values)
