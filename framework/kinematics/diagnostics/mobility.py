@@ -77,7 +77,10 @@ def platform_axes_of(robot: ParallelRobot, freedoms: int) -> PlatformAxes:
     if not stuck_here.shape[1] and robot.n == freedoms:
         return PlatformAxes("", "", freedoms, ())
     poses = [q, *nearby_configurations(robot, q)]
-    twists = [_frame_twists(robot, pose) for pose in poses]
+    twists = [
+        scaled_twists(robot, frames_at(robot, pose[None]).jacobian[0, 0]) @ _motions(robot, pose)
+        for pose in poses
+    ]  # (6, f) of the platform's frame, for the motions that the loops allow
     stuck = min((_stuck(robot, pose) for pose in poses), key=lambda combinations: combinations.shape[1])
     velocities = max(np.linalg.matrix_rank(matrix, tol=FILE_ROUNDING) for matrix in twists)
     names = robot.axis_names
@@ -93,18 +96,17 @@ def _proposals(twists: list[Array], freedoms: int, stated: Sequence[str]) -> tup
     Two turns are coordinates in series, and their order matters: if the `stated` axes are two insufficient
     turns, the other order is proposed.
     """
-    proposals: list[tuple[int, tuple[str, ...]]] = []
-    for axes in combinations(range(6), freedoms) if freedoms else ():
-        turns = sum(axis >= 3 for axis in axes)
+    proposals: list[tuple[str, ...]] = []
+    by_turns = sorted(combinations(range(6), freedoms), key=lambda axes: sum(axis >= 3 for axis in axes))
+    for axes in by_turns if freedoms else ():
         least = max(np.linalg.svd(matrix[list(axes)], compute_uv=False)[-1] for matrix in twists)
         if least > PROPOSED_AXES_CLEARANCE:
             names = tuple(AXES[axis] for axis in axes)
             if set(names) != set(stated):
-                proposals.append((turns, names))
-            elif turns == freedoms == 2:
-                proposals.append((turns, tuple(reversed(stated))))
-    proposals.sort(key=lambda proposal: proposal[0])
-    return tuple(names for _, names in proposals[:MAX_PROPOSALS])
+                proposals.append(names)
+            elif freedoms == 2 and min(axes) >= 3:
+                proposals.append(tuple(reversed(stated)))
+    return tuple(proposals[:MAX_PROPOSALS])
 
 
 def find_free_motions(robot: Mechanism, q: Array, rank: int) -> Array:
@@ -134,11 +136,6 @@ def _stuck(robot: ParallelRobot, q: Array) -> Array:
 def _platform_rates(robot: ParallelRobot, q: Array) -> Array:
     """Compute rates (n, nv) of the platform's coordinates, in radians and lengths of the robot."""
     return scale_jacobian(robot, robot.platform.jacobian(frames_at(robot, q[None])), ~robot.translations)[0]
-
-
-def _frame_twists(robot: ParallelRobot, q: Array) -> Array:
-    """Compute twists (6, f) of the platform's frame for the motions that the loops allow at q (nq,)."""
-    return scaled_twists(robot, frames_at(robot, q[None]).jacobian[0, 0]) @ _motions(robot, q)
 
 
 def scaled_twists(robot: Mechanism, twists: Array) -> Array:

@@ -354,7 +354,7 @@ def _frame_platforms(
         yield 3.0, Platform(frame, (), names)
     turns_about_a_point = _turns_about_a_point(twists)
     for axes in combinations(range(6), count):
-        least = float(np.linalg.svd(twists[list(axes)], compute_uv=False)[-1])
+        least = np.linalg.svd(twists[list(axes)], compute_uv=False)[-1]
         turning = sum(axis >= 3 for axis in axes)
         if least > FILE_ROUNDING and not (turns_about_a_point and turning < count):
             sides = tuple(AXES[axis] for axis in axes)
