@@ -91,11 +91,7 @@ def add(commands: Any) -> None:
         help="run number K of the study in the folder ROBOT once more, alone",
     )
     parser.set_defaults(parser=parser)
-    _add_spread(parser.topic("how the robots differ"))
-    _add_loop(parser.topic("the control loop"))
-
-
-def _add_spread(spread: argparse._ArgumentGroup) -> None:
+    spread = parser.topic("how the robots differ")
     for name, default, meaning in DIFFERENCES:
         add_number(
             spread,
@@ -105,6 +101,7 @@ def _add_spread(spread: argparse._ArgumentGroup) -> None:
             dest=f"spread_{name}",
             default=default,
         )
+    _add_loop(parser.topic("the control loop"))
 
 
 def _add_loop(loop: argparse._ArgumentGroup) -> None:
@@ -144,9 +141,12 @@ def run(options: Namespace) -> Report:
         return _report(options, setup, _studies(options, setup, {}), None)
     out = Path(options.out)
     stores = {name: KeptRuns.of(out, setup.to_dict(), name) for name in _names(options)}
-    with written_stepwise(
-        options, FILE, lambda: _count_runs(stores), f"of {options.runs * len(stores)} runs"
-    ) as folder:
+
+    def count_runs() -> int:
+        return sum(len(chunk) for runs in stores.values() for chunk, _ in runs.read())
+
+    unit = f"of {options.runs * len(stores)} runs"
+    with written_stepwise(options, FILE, count_runs, unit) as folder:
         studies = _studies(options, setup, stores)
         document, text = _report(options, setup, studies, out)
         options.progress.start("drawing the figure")
@@ -186,17 +186,11 @@ def _report(options: Namespace, setup: StudySetup, studies: list[Study], folder:
     return document, text
 
 
-def _count_runs(stores: dict[str, KeptRuns]) -> int:
-    """Return the number of runs that are kept."""
-    return sum(len(chunk) for runs in stores.values() for chunk, _ in runs.read())
-
-
 def _studies(options: Namespace, setup: StudySetup, stores: dict[str, KeptRuns]) -> list[Study]:
-    names = _names(options)
-    controllers = {name: setup.controller(name) for name in names}
+    controllers = {name: setup.controller(name) for name in _names(options)}
     studies: list[Study] = []
     chunk = None if options.dask else -(-options.runs // options.workers)
-    progress = options.progress.start("simulating", options.runs * len(names), "runs")
+    progress = options.progress.start("simulating", options.runs * len(controllers), "runs")
     with executor_of(workers=options.workers, dask=options.dask) as executor:
         for name, controller in controllers.items():
             studies.append(

@@ -51,12 +51,13 @@ def run(options: Namespace) -> Report:
     if file is not None:
         filmed = films or [_telling_film(options)]
         if options.picture is None:
-            return _report_file(file, film_page(filmed), filmed, chosen=not films)
-        from framework.show.moving import film_picture
+            page: str | bytes = film_page(filmed)
+        else:
+            from framework.show.moving import film_picture
 
-        options.progress.start("drawing the picture")
-        picture = film_picture(filmed, FilePath(file).suffix[1:])
-        return _report_file(file, picture, filmed, chosen=not films)
+            options.progress.start("drawing the picture")
+            page = film_picture(filmed, FilePath(file).suffix[1:])
+        return _report_file(file, page, filmed, chosen=not films)
     if films:
         return _serve(options, film_page(films), None)
     robot = arguments.load(options)
