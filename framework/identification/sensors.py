@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from framework.arrays import Array
-from framework.errors import InvalidInput, choose_from
+from framework.errors import InvalidInput, check_choice
 from framework.identification.recording import Recording, known_columns
 from framework.simulation.result import Simulation
 
@@ -90,7 +90,6 @@ def sensors_of(words: dict[str, float]) -> Sensors:
     """
     known = {field.name for field in fields(Sensors)}
     for name in words:
-        if name not in known:
-            raise InvalidInput(choose_from("property of --sensors", name, known))
+        check_choice("property of --sensors", name, known)
     values: dict[str, Any] = {**words, "seed": int(words.get("seed", 0))}
     return Sensors(**values)

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from framework.arrays import Array
-from framework.errors import InvalidInput, choose_from
+from framework.errors import check_choice
 from framework.show.captions import subtitle
 from framework.show.film import Film
 from framework.show.force_polygon import MISSES, THREADS, eye_twist, plot_eyes
@@ -50,15 +50,14 @@ def film_picture(films: Sequence[Film], kind: str) -> bytes:
     Raises:
         InvalidInput: no such kind, or the films do not share a robot and a path.
     """
-    if kind not in PICTURE_KINDS:
-        raise InvalidInput(choose_from("kind of picture", kind, PICTURE_KINDS))
+    check_choice("kind of picture", kind, PICTURE_KINDS)
     return _moving(films, kind) if kind in MOVING_KINDS else _still(films, kind)
 
 
 def _still(films: Sequence[Film], kind: str) -> bytes:
     with use_style():
-        drawing, left, _ = _axes(films)
-        plot_still(_drawn_film(films), left, limit=stated_limit(_drawn_film(films), films))
+        film, (drawing, left, _) = _drawn_film(films), _axes(films)
+        plot_still(film, left, limit=stated_limit(film, films))
         return figure_file(drawing, kind, dpi=FRAME_DPI)
 
 
