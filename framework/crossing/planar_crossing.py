@@ -146,10 +146,15 @@ def planar_crossing(robot: ParallelRobot, path: Path, duration: float, upwards: 
             f"{robot.name}: a lesson needs a path that crosses the singular locus once (transversal); this "
             f"one meets it {', '.join(met) or 'nowhere'}"
         )
-    robots = {}
-    for key, size in (("off", 0.0), ("on", UPRIGHT_GRAVITY)):
-        x, y, z = map(float, -size * upwards)
-        robots[key] = ParallelRobot.from_description(replace(robot.description, gravity=(x, y, z)))
+    robots = {
+        key: _with_gravity(robot, -size * upwards) for key, size in (("off", 0.0), ("on", UPRIGHT_GRAVITY))
+    }
     options: dict[str, Any] = {"law": "optimal", "optimize": "peak_torque", "smoothness": PATH_SMOOTHNESS}
     plans = {key: plan_crossing(each, path, duration=duration, **options) for key, each in robots.items()}
     return PlanarCrossing(searched, robots, plans)
+
+
+def _with_gravity(robot: ParallelRobot, gravity: Array) -> ParallelRobot:
+    """Return the robot under another gravity (3,) [m/s^2]."""
+    x, y, z = map(float, gravity)
+    return ParallelRobot.from_description(replace(robot.description, gravity=(x, y, z)))

@@ -117,7 +117,7 @@ class FidelityStudy(ReadOnlyArrays):
         return float(self.highest.law(self.times[np.argmax(finite)]))
 
     @property
-    def scene_entry(self) -> dict[str, Any] | None:
+    def scene_entry(self) -> Document | None:
         """The entry `fidelity` of a scene in the robot file; None if no level is enough."""
         enough = self.enough
         return None if enough is None else {"level": enough.level.name, "tolerance": self.tolerance}

@@ -74,14 +74,7 @@ def _document(robot: ParallelRobot, crossing: PlanarCrossing, sight: Sight) -> D
         "slices": {key: [begin, end] for key, begin, end in zip(series, ends, ends[1:], strict=False)},
         "shapes": _outlines(crossing, sight),
         "locus": [_plane(robot, curve, onto).round(6) for curve in (locus.curves if locus else [])],
-        "best": {
-            key: {
-                "peak": max(plan.peak_torque.values()),
-                "limit": LIMIT_RATIO * max(plan.peak_torque.values()),
-                "squared_speed": _squared_speed(plan),
-            }
-            for key, plan in crossing.plans.items()
-        },
+        "best": {key: _best_law(plan) for key, plan in crossing.plans.items()},
     }
 
 
@@ -115,15 +108,15 @@ def _columns(crossing: PlanarCrossing, s: Array, onto: Projection) -> dict[str, 
     return columns
 
 
-def _squared_speed(plan: CrossingPlan) -> Array:
-    """Return the Chebyshev series of z on sigma from 0 to 1 of the best law."""
-    law = plan.law
+def _best_law(plan: CrossingPlan) -> Document:
+    """Return the best law's peak, limit, and Chebyshev series of z on sigma."""
+    law, peak = plan.law, max(plan.peak_torque.values())
     assert isinstance(law, OptimalLaw)
     for count in LAW_NODE_COUNTS:
         series = coefficients(law.squared_speed(0.5 * (1.0 + nodes(count)))[:, None])
         if tail(series) < SERIES_TAIL:
             break
-    return _truncate(series[:, 0])
+    return {"peak": peak, "limit": LIMIT_RATIO * peak, "squared_speed": _truncate(series[:, 0])}
 
 
 def _poses(robot: ParallelRobot, q: Array, onto: Projection) -> Array:

@@ -97,8 +97,10 @@ def _number(value: float) -> str:
 
 def _crossings(plan: CrossingPlan, film: Film) -> str:
     robot = plan.robot
-    units = zip(plan.peak_torque.items(), robot.torque_units, strict=True)
-    peaks = ", ".join(f"{display_name(joint)} {value:.4g} {unit}" for (joint, value), unit in units)
+    peaks = ", ".join(
+        f"{display_name(joint)} {value:.4g} {unit}"
+        for (joint, value), unit in zip(plan.peak_torque.items(), robot.torque_units, strict=True)
+    )
     motion = (
         f"<p>The motion takes {plan.duration:g} s. Largest motor torques, with {escape(parts(film))}: "
         f"{escape(peaks)}.</p>"
