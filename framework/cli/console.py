@@ -30,7 +30,7 @@ def one_line(message: str, most: int = MAX_MESSAGE_LENGTH) -> str:
 
 
 def printable(text: str, allowed: str = "\n") -> str:
-    """Return a text with its control characters (but those allowed) and lone surrogates as escapes."""
+    """Return a text with control characters, except `allowed`, and lone surrogates as escapes."""
 
     def write(letter: str) -> str:
         if letter.isprintable() or letter in allowed:

@@ -23,6 +23,7 @@ from framework.crossing.feasibility import Feasibility, feasibility_at
 from framework.crossing.request import Request
 from framework.errors import point
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.output import Document
 from framework.singularity.points_on_path import SearchedPath, SingularPoint, search_path
 from framework.singularity.spring_shift import spring_shift
 from framework.singularity.type2 import moves_point
@@ -64,11 +65,7 @@ def run(options: Namespace) -> Report:
     document = {
         "robot": robot.name,
         "flexibility": robot.flexibility,
-        "singularities": [
-            {key: getattr(singular, key) for key in POINT_KEYS}
-            | {"shift": shift, "condition": condition and condition.to_dict()}
-            for singular, shift, condition in facts
-        ],
+        "singularities": [_singularity(*fact) for fact in facts],
         "durations": {
             "polynomial": polynomial and polynomial.to_list(),
             "optimal": optimal and optimal.to_list(),
@@ -85,6 +82,13 @@ def run(options: Namespace) -> Report:
         lines.append(f"{robot.name}: no singularity on the path")
     lines += [MISS.format(miss, robot.place(path(miss.s)), abs(miss.g)) for miss in searched.near_misses]
     return document, "\n".join(lines)
+
+
+def _singularity(
+    singular: SingularPoint, shift: dict[str, float] | None, condition: Feasibility | None
+) -> Document:
+    entry = {key: getattr(singular, key) for key in POINT_KEYS}
+    return entry | {"shift": shift, "condition": condition and condition.to_dict()}
 
 
 def _lines(

@@ -309,7 +309,6 @@ def replay_run(options: Namespace) -> Report:
         raise InvalidInput(f"--replay: the study has the runs 0 to {runs - 1}, got {number}")
     run, seed = setup.run(name, number), [setup.seed, number]
     written = [failure for failure in failures if failure.get("seed") == seed]
-    failed = [] if run.passed[0] else [_failure(run, 0, seed)]
     document = {
         "robot": setup.plan.robot.name,
         "controller": name,
@@ -317,7 +316,7 @@ def replay_run(options: Namespace) -> Report:
         **{key: getattr(run, key)[0] for key in ("passed", "why", "tracking_error", "end_error")},
         "peak_torque": run.peak_torque.max(),
         "payload": run.payload[0],
-        "as_written": written == failed,
+        "as_written": written == ([] if run.passed[0] else [_failure(run, 0, seed)]),
         "versions": {"then": stated["versions"], "now": versions()},
     }
     return document, _describe_replay(document)

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from framework.arrays import Array, ReadOnlyArrays
-from framework.errors import InvalidInput, NotConverged, choose_from
+from framework.errors import InvalidInput, NotConverged, check_choice
 from framework.identification.calibration_equations import (
     Measurements,
     ParameterEquations,
@@ -156,10 +156,8 @@ def calibrate(
     test = np.arange(len(data)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
     if not test.any():
         raise InvalidInput(f"{data.source}: {len(data)} rows; at least {HELD_OUT_EVERY} are needed")
-    stack = forward_kinematics_stack(geometry.model, measured.values[:, : measured.driven])
-    for refusal in stack.refused.values():
-        raise refusal
-    start, used = stack.q, measured.rows(~test)
+    start = _start(geometry.model, measured)
+    used = measured.rows(~test)
     prior = np.where(geometry.turning, angle_error, length_error)
     solver = GaussNewton(geometry.model, used, start[~test], prior)
     solver.run(robot.name, progress)
@@ -191,11 +189,18 @@ def calibrate(
 def _check_errors(noise: Mapping[str, float], **file_errors: float) -> None:
     """Raise InvalidInput for unknown kinds of noise and errors that are not positive."""
     for name in noise:
-        if name not in NOISE:
-            raise InvalidInput(choose_from("kind of noise", name, NOISE))
+        check_choice("kind of noise", name, NOISE)
     for name, value in {**noise, **file_errors}.items():
         if not (np.isfinite(value) and value > 0):
             raise InvalidInput(f"{name}: needs a positive number, got {value!r}")
+
+
+def _start(model: ParallelRobot, measured: Measurements) -> Array:
+    """Return the configurations (T, nq) of the robot file at the measured motor angles."""
+    stack = forward_kinematics_stack(model, measured.values[:, : measured.driven])
+    for refusal in stack.refused.values():
+        raise refusal
+    return stack.q
 
 
 def _determine(
@@ -364,7 +369,7 @@ class GaussNewton:
         return float(right @ right + np.sum((values / self.prior) ** 2))
 
     def _weigh(self, equations: ParameterEquations) -> float:
-        """Set the noise of the usual instant and Huber's weights; return the cost with these."""
+        """Set noise and Huber's weights by the usual instant; return the cost."""
         ranks = equations.right.shape[1] - self.measured.driven
         size = np.sqrt(np.sum(equations.right**2, axis=1) / max(ranks, 1))
         self._set_noise(equations, np.median(size))

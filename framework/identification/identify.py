@@ -174,15 +174,16 @@ def identify(
     measured = measured_motion(robot, data, cutoff=cutoff, poses=poses, progress=progress)
     regressor = parameter_regressor(robot, measured.motion, base.described, signs=measured.signs)
     test = _held_out(measured.times)
-    A, b = used = _whiten(robot, regressor, measured).select(~test)
-    if len(b) <= base.rank:
+    rows = _whiten(robot, regressor, measured).select(~test)
+    if len(rows.right) <= base.rank:
         raise InvalidInput(
-            f"{data.source}: {len(b)} equations at {int((~test).sum())} instants for {base.rank} "
+            f"{data.source}: {len(rows.right)} equations at {int((~test).sum())} instants for {base.rank} "
             f"base parameters; record longer, or give a cutoff above {measured.cutoff:.3g} Hz"
         )
-    values, deviations, noise = _least_squares(base, used)
+    values, deviations, noise = _least_squares(base, rows)
     file, links = base.described.values, link_parameters_of(robot, base.described)
-    information, residual = A.T @ A / noise**2, A.T @ (b - A @ file) / noise**2
+    information = rows.matrix.T @ rows.matrix / noise**2
+    residual = rows.matrix.T @ (rows.right - rows.matrix @ file) / noise**2
     link_values = possible_parameters(robot, links, information, residual, prior)
     parameters = file + links.to_parameters @ (link_values - links.values)
     return Identification(
