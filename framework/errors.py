@@ -121,6 +121,12 @@ def choose_from(what: str, given: object, valid: Iterable[str]) -> str:
     return f"unknown {what} {_CUT.repr(given)}{did_you_mean(given, names)} (valid: {listed}{rest})"
 
 
+def check_choice(what: str, given: object, valid: Collection[str]) -> None:
+    """Raise InvalidInput for a name that is not in a list, with the sentence of `choose_from`."""
+    if given not in valid:
+        raise InvalidInput(choose_from(what, given, valid))
+
+
 def did_you_mean(given: object, valid: Iterable[str]) -> str:
     """Return the end of a sentence with the valid names that resemble a given one; empty without any."""
     similar = " or ".join(map(repr, nearest(str(given), valid)))

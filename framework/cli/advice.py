@@ -21,8 +21,8 @@ def advise(error: BaseException, arguments: Sequence[str]) -> str | None:
     remedy: Mapping[str, Any] | None = getattr(error, "remedy", None)
     if not remedy or not arguments or arguments[0] not in COMMANDS:
         return None
-    words = [word for word in arguments if word != "--json"]
-    options = parser_of(words).option_actions
+    words = typed = [word for word in arguments if word != "--json"]
+    options = parser_of(typed).option_actions
     for name, value in remedy.items():
         flag = f"--{name.replace('_', '-')}"
         if flag not in options:
@@ -31,7 +31,7 @@ def advise(error: BaseException, arguments: Sequence[str]) -> str | None:
         if value is not None and value is not False:
             words += [flag, *_typed_words(value)]
     instead = one_line(shlex.join(["crossing", *words]))
-    tried = sorted(words) == sorted(word for word in arguments if word != "--json")
+    tried = sorted(words) == sorted(typed)
     return None if tried or len(instead) > MAX_ADVICE_LENGTH else instead
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from framework.cli import arguments
 from framework.cli.parser import Report, add_path_and_motion, add_robot, command
 from framework.crossing.capacity import Capacity, capacity_request, largest_load_of
+from framework.output import Document
 
 NUMBERS = ("multiple", "refused", "proved", "impossible", "undecided")  # of a capacity, with --json
 
@@ -37,7 +38,7 @@ def run(options: argparse.Namespace) -> Report:
     return _document(capacity), capacity_text(capacity)
 
 
-def _document(capacity: Capacity) -> dict[str, Any]:
+def _document(capacity: Capacity) -> Document:
     """Return the capacity for JSON, in which infinite numbers are null."""
     plan = capacity.plan
     return {

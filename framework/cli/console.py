@@ -29,26 +29,21 @@ def one_line(message: str, most: int = MAX_MESSAGE_LENGTH) -> str:
     return beginning + left_out + line[len(line) - most + len(beginning) + len(left_out) :]
 
 
-def printable(text: str) -> str:
-    """Return a text with its control characters (but line feeds) and lone surrogates written as escapes."""
-    return _printable(text, "\n")
+def printable(text: str, allowed: str = "\n") -> str:
+    """Return a text with control characters, except `allowed`, and lone surrogates as escapes."""
 
+    def write(letter: str) -> str:
+        if letter.isprintable() or letter in allowed:
+            return letter
+        return " " if letter.isspace() else letter.encode("unicode_escape").decode("ascii")
 
-def _printable(text: str, allowed: str) -> str:
-    return "".join(
-        letter if letter.isprintable() or letter in allowed else " " if letter.isspace() else _escape(letter)
-        for letter in text
-    )
-
-
-def _escape(letter: str) -> str:
-    return letter.encode("unicode_escape").decode("ascii")
+    return "".join(map(write, text))
 
 
 def report(text: str) -> None:
     """Print a report on stdout, in the width and the colours of its terminal; raises as `tell`."""
     if sys.stdout is not None:
-        visible = _printable(text, "\n\t")
+        visible = printable(text, "\n\t")
         _tell(lay_out(visible, width_of(sys.stdout), colour=shows_colours(sys.stdout)), sys.stdout)
 
 

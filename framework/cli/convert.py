@@ -36,8 +36,8 @@ def run(options: argparse.Namespace) -> Report:
         "dialect": parsed.dialect,
         "file": str(written),
         "urdf": str(written.with_suffix(".urdf")),
-        "remarks": list(parsed.remarks),
-        "left_out": list(description.left_out),
+        "remarks": parsed.remarks,
+        "left_out": description.left_out,
     }
     loops = [closure.name for closure in description.closures]
     loops += [coupling.name for coupling in description.couplings]

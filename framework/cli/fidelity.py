@@ -12,6 +12,7 @@ from framework.cli import arguments
 from framework.cli.parser import Report, add_motion, add_out, add_path, add_robot, command
 from framework.cli.writing import written_out
 from framework.crossing.options import LIMITS
+from framework.fidelity.fidelity_indicators import percent
 from framework.fidelity.fidelity_study import ERROR_ROUNDING, FidelityStudy, fidelity_study
 from framework.fidelity.model_comparison import Comparison
 from framework.model.fidelity_levels import LEVELS
@@ -104,23 +105,16 @@ def fidelity_text(study: FidelityStudy) -> str:
         torque, platform = (
             _largest_error(study, errors) for errors in (enough.torque_error, enough.platform_error)
         )
-        lines += [
-            f"  enough            {enough.level.name}: torques off by {torque}, platform by {platform}",
-            *_luck(study),
-            f"  predicted         {study.indicated.level.name}, by the indicators alone",
-        ]
+        name = enough.level.name
+        lines.append(f"  enough            {name}: torques off by {torque}, platform by {platform}")
+        if study.by_luck:
+            names, are = ", ".join(study.by_luck), "are" if len(study.by_luck) > 1 else "is"
+            lines.append(
+                f"  by luck           {name} leaves out errors that cancel: {names}, which model more, {are} "
+                f"not enough"
+            )
+        lines.append(f"  predicted         {study.indicated.level.name}, by the indicators alone")
     return "\n".join(lines)
-
-
-def _luck(study: FidelityStudy) -> list[str]:
-    """Return a line where the level that is enough is so by luck."""
-    if study.enough is None or not study.by_luck:
-        return []
-    names, are = ", ".join(study.by_luck), "are" if len(study.by_luck) > 1 else "is"
-    return [
-        f"  by luck           {study.enough.level.name} leaves out errors that cancel: {names}, which model "
-        f"more, {are} not enough"
-    ]
 
 
 def _row(study: FidelityStudy, comparison: Comparison) -> str:
@@ -150,10 +144,10 @@ def _percent(share: float) -> str:
         return "-"
     if share >= 10.0:
         return "> 1000 %"
-    return f"{100.0 * share:.0f} %" if share >= 0.1 or share < ERROR_ROUNDING else f"{100.0 * share:.2g} %"
+    return percent(share if share >= ERROR_ROUNDING else 0.0)
 
 
 def _largest_error(study: FidelityStudy, errors: Array) -> str:
     """Return the largest error and its s, in words."""
     place = study.place(errors)
-    return _percent(float(np.nanmax(errors))) + ("" if place is None else f" (at s = {place:.4g})")
+    return _percent(np.nanmax(errors)) + ("" if place is None else f" (at s = {place:.4g})")

@@ -183,7 +183,7 @@ def _describe_bound(plan: CrossingPlan) -> list[str]:
         cost, least = plan.duration, f"takes less than {bound.value:.4g} s"
     else:
         cost = max_torque_ratio(plan, best.reference)
-        motor = int(best.reference.argmax())
+        motor = best.reference.argmax()
         peak = f"{bound.value * best.reference[motor]:.4g} {plan.robot.torque_units[motor]}"
         least = f"has a peak below {peak}"
     over = cost / bound.value - 1.0

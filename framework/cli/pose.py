@@ -124,7 +124,7 @@ def _pose_report(robot: ParallelRobot, q: Array, options: Namespace) -> Report:
         *arguments.excesses(pose.exceeded),
     ]
     document = facts | {
-        "singularity": _classification_document(classification),
+        "singularity": {"regular": classification.regular, **vars(classification)},
         "limits": _limits_document(limits),
     }
     if instant is not None:
@@ -139,16 +139,10 @@ def _close(robot: ParallelRobot, options: Namespace, *, advise_all: bool) -> Arr
     try:
         closed = assemble(robot, point) if motor_joints is None else forward_kinematics(robot, motor_joints)
     except NotAssembled as failure:  # from the reference; another mode may have such a pose
-        degrees = "" if motor_joints is None else _degrees(robot, motor_joints)
-        impossible = degrees or (point is not None and _describe_distance(robot, point))
-        failure.args = (f"{failure}{degrees}",)
+        impossible = _explain_failure(robot, options)
+        failure.args = (f"{failure}{impossible if point is None else ''}",)
         raise failure.advising({"all": True} if advise_all and not impossible else None) from None
     return closed.q
-
-
-def _classification_document(classification: Classification) -> Document:
-    """Return a classification for JSON."""
-    return {"regular": classification.regular, **vars(classification)}
 
 
 def _limits(robot: ParallelRobot, q: Array, options: Namespace) -> PlatformLimits | None:
@@ -215,27 +209,25 @@ def _wrench_in_words(wrench: Array) -> str:
     return f"force ({', '.join(numbers[:3])}) N, moment ({', '.join(numbers[3:])}) N m"
 
 
-def _degrees(robot: ParallelRobot, motor_joints: list[float]) -> str:
-    """Describe motors asked to turn more than once, as the end of a sentence; empty for none."""
-    return remark_on_turns(robot, dict(zip(robot.actuator_names, motor_joints, strict=True)))
-
-
-def _describe_distance(robot: ParallelRobot, point: list[float]) -> str:
-    """Describe a platform that no link can reach, as the end of a sentence; empty where one may."""
-    return remark_on_reach(robot, np.array(point)[robot.platform.sliding])
+def _explain_failure(robot: ParallelRobot, options: Namespace) -> str:
+    """Describe motors that turn more than once, or a platform out of reach, as the end of a sentence."""
+    if options.point is not None:
+        return remark_on_reach(robot, np.array(options.point)[robot.platform.sliding])
+    return remark_on_turns(robot, dict(zip(robot.actuator_names, options.motor_joints, strict=True)))
 
 
 def _assembly(robot: ParallelRobot, options: Namespace) -> Report:
     """Report all poses for the motor angles asked for."""
     assembly = assembly_modes(robot, options.motor_joints)
-    degrees = "" if assembly.modes else _degrees(robot, options.motor_joints)
+    degrees = "" if assembly.modes else _explain_failure(robot, options)
     if degrees:
         options.warnings.append(degrees.removeprefix("; "))
     lines, modes = [f"  assembly modes    {assembly.sentence}"], []
     for mode in assembly.modes:
         pose, kind = describe_pose(robot, mode.q), classify(robot, mode.q)
         lines.append(f"  platform          {_format_values(pose.platform)}; g {kind.g:.3g}, {kind.sentence}")
-        modes.append(asdict(pose) | {"proved": mode.proved, "singularity": _classification_document(kind)})
+        singularity = {"regular": kind.regular, **vars(kind)}
+        modes.append(asdict(pose) | {"proved": mode.proved, "singularity": singularity})
     about = {
         "complete": assembly.complete,
         "status": assembly.status,
@@ -251,7 +243,7 @@ def _working(robot: ParallelRobot, options: Namespace) -> Report:
     """Report all working modes of a platform point; refuse without any."""
     working = working_modes(robot, options.point)
     if not working.modes:
-        reason = _describe_distance(robot, options.point)
+        reason = _explain_failure(robot, options)
         options.refusal = NoAnswer(
             f"{robot.name}: out of reach: no pose was found with this platform{reason}"
         )

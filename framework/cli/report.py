@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from framework.cli.parser import Report, add_moved_robot, command, not_empty
+from framework.cli.writing import write_page
 from framework.crossing.saved import load_plan, stated_certificate
-from framework.output import write_file
 
 
 def add(commands: Any) -> None:
@@ -30,7 +30,4 @@ def run(options: Namespace) -> Report:
     plan = load_plan(options.folder, robot_file=options.robot_file)
     planned = stated_certificate(options.folder)
     page = report_page(plan, planned=planned, name=plan_name(plan, Path(options.folder).resolve().name))
-    path = Path(options.html or Path(options.folder) / "report.html")
-    write_file(path, page)
-    size = path.stat().st_size
-    return {"file": str(path), "bytes": size}, f"written to {path} ({size / 1e6:.2f} MB)"
+    return write_page(Path(options.html or Path(options.folder) / "report.html"), page)

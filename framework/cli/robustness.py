@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import csv
 from argparse import Namespace
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -49,7 +49,7 @@ DIFFERENCES = (  # of the robots from their model: option, default, meaning
     ("friction", 0.0, "Coulomb friction of each motor, share of the peak torque, uniform from 0"),
     ("delay", 0.0, "[s] from measurement to torque, uniform from 0"),
     ("noise", 0.0, "[rad, robot lengths] standard deviation of the encoders, joint side"),
-    ("speed-noise", 0.0, "[rad/s, robot lengths/s] the same of measured speeds"),
+    ("speed_noise", 0.0, "[rad/s, robot lengths/s] the same of measured speeds"),
 )
 FEEDBACK_TRIED = (
     "\n  with feedback     {passed} of the first {runs} runs that failed pass with --controller {controller}"
@@ -91,20 +91,17 @@ def add(commands: Any) -> None:
         help="run number K of the study in the folder ROBOT once more, alone",
     )
     parser.set_defaults(parser=parser)
-    _add_spread(parser.topic("how the robots differ"))
-    _add_loop(parser.topic("the control loop"))
-
-
-def _add_spread(spread: argparse._ArgumentGroup) -> None:
+    spread = parser.topic("how the robots differ")
     for name, default, meaning in DIFFERENCES:
         add_number(
             spread,
-            f"--{name}",
+            f"--{name.replace('_', '-')}",
             "X",
             f"{meaning} (default: {default:g})",
-            dest=f"spread_{name.replace('-', '_')}",
+            dest=f"spread_{name}",
             default=default,
         )
+    _add_loop(parser.topic("the control loop"))
 
 
 def _add_loop(loop: argparse._ArgumentGroup) -> None:
@@ -132,8 +129,7 @@ def run(options: Namespace) -> Report:
     """Do one study for each controller on the same robots, or repeat one run of a study."""
     if options.replay is not None:
         return replay_run(options)
-    names = [name.replace("-", "_") for name, *_ in DIFFERENCES]
-    spread = Spread(**{name: getattr(options, f"spread_{name}") for name in names})
+    spread = Spread(**{name: getattr(options, f"spread_{name}") for name, *_ in DIFFERENCES})
     limit = None if options.limit is None else tuple(options.limit)
     loop = ControlLoop(
         tolerance=options.tolerance, end=options.tolerance, limit=limit, sensors=options.sensors
@@ -145,9 +141,12 @@ def run(options: Namespace) -> Report:
         return _report(options, setup, _studies(options, setup, {}), None)
     out = Path(options.out)
     stores = {name: KeptRuns.of(out, setup.to_dict(), name) for name in _names(options)}
-    with written_stepwise(
-        options, FILE, lambda: _count_runs(stores), f"of {options.runs * len(stores)} runs"
-    ) as folder:
+
+    def count_runs() -> int:
+        return sum(len(chunk) for runs in stores.values() for chunk, _ in runs.read())
+
+    unit = f"of {options.runs * len(stores)} runs"
+    with written_stepwise(options, FILE, count_runs, unit) as folder:
         studies = _studies(options, setup, stores)
         document, text = _report(options, setup, studies, out)
         options.progress.start("drawing the figure")
@@ -187,17 +186,11 @@ def _report(options: Namespace, setup: StudySetup, studies: list[Study], folder:
     return document, text
 
 
-def _count_runs(stores: dict[str, KeptRuns]) -> int:
-    """Return the number of runs that are kept."""
-    return sum(len(chunk) for runs in stores.values() for chunk, _ in runs.read())
-
-
 def _studies(options: Namespace, setup: StudySetup, stores: dict[str, KeptRuns]) -> list[Study]:
-    names = _names(options)
-    controllers = {name: setup.controller(name) for name in names}
+    controllers = {name: setup.controller(name) for name in _names(options)}
     studies: list[Study] = []
     chunk = None if options.dask else -(-options.runs // options.workers)
-    progress = options.progress.start("simulating", options.runs * len(names), "runs")
+    progress = options.progress.start("simulating", options.runs * len(controllers), "runs")
     with executor_of(workers=options.workers, dask=options.dask) as executor:
         for name, controller in controllers.items():
             studies.append(
@@ -230,10 +223,7 @@ def _document(study: Study) -> Document:
         "tracking_error": _quantiles(study.tracking_error),
         "end_error": _quantiles(study.end_error),
         "peak_torque": study.peak_torque.max(),
-        "failures": [
-            {"seed": seed, "why": study.why[seed[1]], "tracking_error": study.tracking_error[seed[1]]}
-            for seed in study.failures
-        ],
+        "failures": [_failure(study, seed[1], seed) for seed in study.failures],
         "seconds": study.seconds,
     }
 
@@ -326,7 +316,7 @@ def replay_run(options: Namespace) -> Report:
         **{key: getattr(run, key)[0] for key in ("passed", "why", "tracking_error", "end_error")},
         "peak_torque": run.peak_torque.max(),
         "payload": run.payload[0],
-        "as_written": written == _failures(run, seed),
+        "as_written": written == ([] if run.passed[0] else [_failure(run, 0, seed)]),
         "versions": {"then": stated["versions"], "now": versions()},
     }
     return document, _describe_replay(document)
@@ -334,7 +324,7 @@ def replay_run(options: Namespace) -> Report:
 
 def _chosen_study(names: list[str] | None, studies: list[Document]) -> tuple[str, list[Document]]:
     """Return the controller chosen, by default the only one, and its failures."""
-    failures = {study["controller"]: list(study["failures"]) for study in studies}
+    failures = {study["controller"]: study["failures"] for study in studies}
     chosen = names or list(failures)
     if len(chosen) != 1 or chosen[0] not in failures:
         raise InvalidInput(
@@ -344,11 +334,9 @@ def _chosen_study(names: list[str] | None, studies: list[Document]) -> tuple[str
     return chosen[0], failures[chosen[0]]
 
 
-def _failures(run: Run, seed: list[int]) -> list[Document]:
-    """Return the entries (0 or 1) of a run among the failures in robustness.json."""
-    if run.passed[0]:
-        return []
-    return [{"seed": seed, "why": run.why[0], "tracking_error": run.tracking_error[0]}]
+def _failure(runs: Study | Run, number: int, seed: Sequence[int]) -> Document:
+    """Return the entry of a run among the failures in robustness.json."""
+    return {"seed": seed, "why": runs.why[number], "tracking_error": runs.tracking_error[number]}
 
 
 def _describe_replay(document: Document) -> str:

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 from framework.cli import arguments
 from framework.cli.console import tell
 from framework.cli.parser import Report, add_path_and_motion, add_robot_or_plan, command, not_empty
+from framework.cli.writing import write_page
 from framework.crossing.options import TYPED
 from framework.errors import InvalidInput, NoAnswer
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.output import write_file
 
 if TYPE_CHECKING:
     from framework.show.film import Film
@@ -51,12 +51,13 @@ def run(options: Namespace) -> Report:
     if file is not None:
         filmed = films or [_telling_film(options)]
         if options.picture is None:
-            return _report_file(file, film_page(filmed), filmed, chosen=not films)
-        from framework.show.moving import film_picture
+            page: str | bytes = film_page(filmed)
+        else:
+            from framework.show.moving import film_picture
 
-        options.progress.start("drawing the picture")
-        picture = film_picture(filmed, FilePath(file).suffix[1:])
-        return _report_file(file, picture, filmed, chosen=not films)
+            options.progress.start("drawing the picture")
+            page = film_picture(filmed, FilePath(file).suffix[1:])
+        return _report_file(file, page, filmed, chosen=not films)
     if films:
         return _serve(options, film_page(films), None)
     robot = arguments.load(options)
@@ -67,17 +68,15 @@ def _report_file(file: str, page: str | bytes, films: list[Film], *, chosen: boo
     """Write a page to a file and report its scenes; `chosen`: a scene was chosen for want of a name."""
     from framework.show.captions import display_name, parts
 
-    path = FilePath(file)
-    write_file(path, page)
-    size = path.stat().st_size
+    document, written = write_page(FilePath(file), page)
     scenes = ", ".join(f"{film.name or 'the motion asked for'} ({parts(film)})" for film in films)
-    text = f"{display_name(films[0].robot.name)}, {scenes}: written to {path} ({size / 1e6:.2f} MB)"
+    text = f"{display_name(films[0].robot.name)}, {scenes}: {written}"
     if chosen:
         text = f"no scene given: filmed {films[0].name}\n{text}"
     entries = [
         {"name": film.name, "flexibility": film.robot.flexibility, "proved": film.proved} for film in films
     ]
-    return {"file": str(path), "bytes": size, "films": entries}, text
+    return document | {"films": entries}, text
 
 
 def _films(options: Namespace) -> list[Film]:

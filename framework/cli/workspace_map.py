@@ -137,7 +137,10 @@ def run(options: Namespace) -> Report:
     window = _window(options, robot, path)
     if options.keep_limits:
         check_window(robot, window)
-    margin = _margin(options, robot)
+    margin = None
+    if options.nearest is not None:
+        pose = assemble(robot, options.nearest)
+        margin = nearest_singular_pose(robot, pose.q, within=options.within)
     if options.out is None:
         return _report(_compute_map(options, robot, window, quantities, None), margin)
     store = KeptChunks.of(FilePath(options.out), setup_document(robot, window, quantities))
@@ -196,12 +199,6 @@ def _write(workspace: WorkspaceMap, path: Path | None, folder: FilePath) -> None
     write_map(workspace, folder)
     save_map_figures(workspace, folder, path=path)
     (folder / "map.html").write_text(map_page(workspace, path=path), encoding="utf-8")
-
-
-def _margin(options: Namespace, robot: ParallelRobot) -> NearestSingularPose | None:
-    if options.nearest is None:
-        return None
-    return nearest_singular_pose(robot, assemble(robot, options.nearest).q, within=options.within)
 
 
 def _report(workspace: WorkspaceMap, margin: NearestSingularPose | None) -> Report:

@@ -7,8 +7,16 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from framework.output import written_together
+from framework.cli.parser import Report
+from framework.output import write_file, written_together
 from framework.parallel.kept import forget
+
+
+def write_page(file: Path, page: str | bytes) -> Report:
+    """Write one file and return the report on its name and size."""
+    write_file(file, page)
+    size = file.stat().st_size
+    return {"file": str(file), "bytes": size}, f"written to {file} ({size / 1e6:.2f} MB)"
 
 
 @contextmanager

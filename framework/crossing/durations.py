@@ -201,7 +201,7 @@ def _advancing_interval(
     laws = []
     for weight in (0.0, unit**2):
         values = [
-            (feasibility.s, v, _acceleration(feasibility, float(v), weight))
+            (feasibility.s, v, _acceleration(feasibility, v, weight))
             for feasibility, v in zip(conditions, speeds, strict=True)
         ]
         inner = conditions_at_instants(times, values)

@@ -18,6 +18,7 @@ from framework.crossing.motion_scales import coordinate_sizes
 from framework.dynamics.singularity_crossings import check_kind
 from framework.errors import NoLaw
 from framework.kinematics.continuation.tracking import Branch
+from framework.output import Document
 from framework.singularity.points_on_path import SearchedPath, SingularPoint
 
 VECTOR_ROUNDING = 1e-12  # of a motion of unit size along a path, in robot lengths and radians
@@ -99,7 +100,7 @@ class Feasibility:
             return None
         return float(np.sqrt(2.0 / abs(self.constant)))
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Document:
         """Return the entry of `locate --json`, null for quantities that do not exist."""
         return {
             **self.condition._asdict(),

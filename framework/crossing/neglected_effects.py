@@ -91,7 +91,7 @@ def _measure_effect(
     if not np.all(np.isfinite(largest)):
         return NeglectedEffect(f"{effect}: no number, the torques have a pole")
     shares = largest / _peaks(dynamics)
-    k = int(np.argmax(shares))
+    k = np.argmax(shares)
     return NeglectedEffect(effect, float(largest[k]), dynamics.robot.actuator_names[k], float(shares[k]))
 
 

@@ -203,9 +203,7 @@ def _modification_at_crossing(robot: ParallelRobot, request: Request) -> _Modifi
     x = np.repeat(path(c)[None], robot.n, axis=0)
     along_twist = np.linalg.solve(robot.platform.twist(x, np.eye(robot.n))[0].T, singular.twist)
     size, length = coordinate_sizes(robot), path_length(robot, path)
-    largest = np.abs(_bump(np.linspace(0.0, 1.0, BEND_SAMPLES), c)).max() * float(
-        np.linalg.norm(along_twist * size)
-    )
+    largest = np.abs(_bump(np.linspace(0.0, 1.0, BEND_SAMPLES), c)).max() * np.linalg.norm(along_twist * size)
     s = np.linspace(0.0, 1.0, _intervals(path, c) + 1)
     unit = _bump(s, c)[:, None] * along_twist * (length / largest)
     return _Modification(robot, request, s, unit, size, length)

@@ -71,7 +71,7 @@ class PlanarCrossing(NamedTuple):
         robot, branch = self.robots["off"], self.searched.branch
         closed = branch.close(s)
         measure, twist = _measure_with_twist(robot, closed)
-        nearest = int(np.argmin(np.abs(measure.g)))
+        nearest = np.argmin(np.abs(measure.g))
         _, crossing_twist = _measure_with_twist(robot, branch.close(np.array([self.point.s])))
         size = twist_norm(robot, crossing_twist[0]) * sign_along(twist[nearest], branch.path(s, 1)[nearest])
         speeds = motor_speeds(robot, closed.linearised)[0]

@@ -57,7 +57,7 @@ from framework.model.robot_keys import PATHS, one_path
 from framework.motion.law import Law, PlannedLaw, check_duration
 from framework.motion.optimal_law import HIGHEST_SMOOTHNESS, OptimalLaw
 from framework.motion.path import PointPath
-from framework.output import json_text, write_file
+from framework.output import Document, json_text, write_file
 from framework.singularity.points_on_path import search_path
 from framework.tolerances import FILE_ROUNDING
 
@@ -77,7 +77,7 @@ def _read_series(where: str, given: Any) -> tuple[float, ...]:
     return coefficients
 
 
-def _read_law(where: str, given: Any) -> dict[str, Any]:
+def _read_law(where: str, given: Any) -> Document:
     kind = read_table(where, given, _KIND, others=None)["kind"]
     return read_table(where, given, _LAWS[kind])
 
@@ -156,7 +156,7 @@ def save_plan(plan: CrossingPlan, folder: str | FilePath) -> FilePath:
     return file
 
 
-def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> dict[str, Any]:
+def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> Document:
     """Return the content of plan.json, SI units.
 
     Args:
@@ -205,7 +205,7 @@ def robot_place(robot: ParallelRobot, folder: FilePath | None = None) -> str:
     return relative if os.path.dirname(relative) else os.path.join(os.curdir, relative)
 
 
-def _request_document(request: Request) -> dict[str, Any]:
+def _request_document(request: Request) -> Document:
     path = request.path
     if not isinstance(path, PointPath):
         raise InvalidInput(
@@ -215,7 +215,7 @@ def _request_document(request: Request) -> dict[str, Any]:
     return {"path": {path.kind: path.points.tolist()}, **{name: getattr(request, name) for name in OPTIONS}}
 
 
-def _law_document(law: object) -> dict[str, Any]:
+def _law_document(law: object) -> Document:
     document = law.to_dict() if isinstance(law, PlannedLaw) else {"kind": type(law).__name__}
     kind = document.get("kind", Law.kind)
     if kind not in LAW_KINDS:
@@ -226,7 +226,7 @@ def _law_document(law: object) -> dict[str, Any]:
     return document
 
 
-def _crossing_document(crossing: Crossing) -> dict[str, Any]:
+def _crossing_document(crossing: Crossing) -> Document:
     condition = crossing.condition
     return vars(crossing) | {
         "twist": crossing.twist.tolist(),
@@ -262,7 +262,7 @@ def load_plan(folder: str | FilePath, *, robot_file: str | FilePath | None = Non
 
 
 def plan_from_document(
-    saved: dict[str, Any], file: FilePath, *, robot_file: str | FilePath | None = None
+    saved: Document, file: FilePath, *, robot_file: str | FilePath | None = None
 ) -> CrossingPlan:
     """Return the plan of which `plan_document` gave `saved`.
 
@@ -322,7 +322,7 @@ def stated_certificate(folder: str | FilePath) -> Certificate:
     return certificate
 
 
-def _read_plan(saved: dict[str, Any], file: FilePath) -> dict[str, Any]:
+def _read_plan(saved: Document, file: FilePath) -> Document:
     """Return the values of plan.json by its keys."""
     if saved.get("version") != VERSION:
         raise InvalidInput(
@@ -333,7 +333,7 @@ def _read_plan(saved: dict[str, Any], file: FilePath) -> dict[str, Any]:
         return read_table("", saved, _PLAN, others=_BESIDE_PLAN)
 
 
-def read_document(file: FilePath, command: str) -> dict[str, Any]:
+def read_document(file: FilePath, command: str) -> Document:
     """Return the JSON object that a command wrote into the folder of --out.
 
     Raises:
@@ -350,7 +350,7 @@ def read_document(file: FilePath, command: str) -> dict[str, Any]:
     return saved
 
 
-def _find_robot(stated: dict[str, Any], file: FilePath, robot_file: str | FilePath | None) -> ParallelRobot:
+def _find_robot(stated: Document, file: FilePath, robot_file: str | FilePath | None) -> ParallelRobot:
     """Load the robot of `robot_file` if given, else of the file that the plan states."""
     if robot_file is not None:
         place = robot_file_of(str(robot_file))
@@ -365,14 +365,14 @@ def _find_robot(stated: dict[str, Any], file: FilePath, robot_file: str | FilePa
     return ParallelRobot.from_file(place, flexibility=stated["flexibility"])
 
 
-def _request(robot: ParallelRobot, stated: dict[str, Any]) -> Request:
+def _request(robot: ParallelRobot, stated: Document) -> Request:
     """Return the request of the file, checked for the robot."""
     kind, points = stated.pop("path")
     with naming("request", InvalidInput):
         return Request.of(robot, path_of(kind, points), **stated)
 
 
-def _check_request(stated: dict[str, Any], request: Request) -> None:
+def _check_request(stated: Document, request: Request) -> None:
     """Raise InvalidInput where the file contradicts its request."""
     check_duration(stated["duration"])
     kind, optimality = stated["law"]["kind"], stated["optimality"]
@@ -388,7 +388,7 @@ def _check_request(stated: dict[str, Any], request: Request) -> None:
             raise InvalidInput(f"{key}: got {value!r}, but the request says {requested!r}")
 
 
-def _law(stated: dict[str, Any], request: Request) -> PlannedLaw:
+def _law(stated: Document, request: Request) -> PlannedLaw:
     """Return the law by its kind; raise InvalidInput where its keys contradict the law."""
     duration, saved = stated["duration"], stated["law"]
     law: PlannedLaw
@@ -410,7 +410,7 @@ def _law(stated: dict[str, Any], request: Request) -> PlannedLaw:
     return law
 
 
-def _check_same(stated: dict[str, Any], plan: CrossingPlan) -> None:
+def _check_same(stated: Document, plan: CrossingPlan) -> None:
     """Raise InvalidInput where a file contradicts the plan that was computed anew."""
     peaks = dict.fromkeys(plan.peak_torque, max(plan.peak_torque.values()))
     _compare("peak_torque", stated["peak_torque"], plan.peak_torque, peaks)
@@ -422,7 +422,7 @@ def _check_same(stated: dict[str, Any], plan: CrossingPlan) -> None:
     _compare("certificate.monotone", stated["certificate"].monotone, plan.certificate.monotone, None)
 
 
-def _crossing_sizes(condition: dict[str, float] | None, plan: CrossingPlan) -> dict[str, Any]:
+def _crossing_sizes(condition: dict[str, float] | None, plan: CrossingPlan) -> Document:
     """Return the size of each number of a crossing; differences up to FILE_ROUNDING of the size pass.
 
     Coefficients have the size of the largest term of condition (8) at s' = 1 / duration and s" = s'^2.

@@ -85,7 +85,7 @@ def _accumulate_errors(errors: Mapping[str, LevelError], growth: float) -> Indic
     counted = {name: np.where(np.isfinite(one), one, np.inf) for name, one in errors.items()}
     largest = [0.0, *(counted.get(name, np.array(np.inf)).max() for name in reversed(names[:-1]))]
     words = {
-        name: f"torques {_percent(torque)}, platform {_percent(platform)}"
+        name: f"torques {percent(torque)}, platform {percent(platform)}"
         for name, (torque, platform) in counted.items()
     }
     return Indicators(
@@ -180,5 +180,6 @@ class _Motion:
         return ErrorDynamics(*values.transpose(1, 0, 2, 3))
 
 
-def _percent(share: float) -> str:
+def percent(share: float) -> str:
+    """Return a share in per cent, in words."""
     return f"{100.0 * share:.0f} %" if share >= 0.1 else f"{100.0 * share:.2g} %"

@@ -32,6 +32,7 @@ from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.model.fidelity_levels import LEVELS
 from framework.motion.law import is_number
 from framework.motion.path import Path
+from framework.output import Document, plain
 
 MIN_TOLERANCE = 1e-8  # torques are planned to 1e-10, and the same when they agree to 1e-9
 ERROR_ROUNDING = 1e-12  # of the path or the peak: what is less is no error
@@ -116,7 +117,7 @@ class FidelityStudy(ReadOnlyArrays):
         return float(self.highest.law(self.times[np.argmax(finite)]))
 
     @property
-    def scene_entry(self) -> dict[str, Any] | None:
+    def scene_entry(self) -> Document | None:
         """The entry `fidelity` of a scene in the robot file; None if no level is enough."""
         enough = self.enough
         return None if enough is None else {"level": enough.level.name, "tolerance": self.tolerance}
@@ -140,30 +141,35 @@ class FidelityStudy(ReadOnlyArrays):
             f"feedback, errors of rounding and integration grow along this motion"
         )
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Document:
         """Return the numbers, for JSON."""
-        return {
-            "robot": self.robot.name,
-            "tolerance": self.tolerance,
-            "duration": self.highest.duration,
-            "path_length": self.length,
-            "peak_torque": self.highest.peak_torque,
-            "crossings": [{"s": crossing.s, "time": crossing.time} for crossing in self.highest.crossings],
-            "enough": None if self.enough is None else self.enough.level.name,
-            "by_luck": list(self.by_luck),
-            "predicted": self.indicated.level.name,
-            "growth": _finite(self.indicators.growth),
-            "neglected": {
-                "dry_friction": self.highest.neglected_friction,
-                "share_of_work": self.neglected_work,
-                "left_out": list(self.robot.description.left_out),
-            },
-            "levels": [self._entry(comparison) for comparison in self.levels],
-            "simulating": self.simulating,
-            "seconds": self.seconds,
-        }
+        document: Document = plain(
+            {
+                "robot": self.robot.name,
+                "tolerance": self.tolerance,
+                "duration": self.highest.duration,
+                "path_length": self.length,
+                "peak_torque": self.highest.peak_torque,
+                "crossings": [
+                    {"s": crossing.s, "time": crossing.time} for crossing in self.highest.crossings
+                ],
+                "enough": None if self.enough is None else self.enough.level.name,
+                "by_luck": self.by_luck,
+                "predicted": self.indicated.level.name,
+                "growth": self.indicators.growth,
+                "neglected": {
+                    "dry_friction": self.highest.neglected_friction,
+                    "share_of_work": self.neglected_work,
+                    "left_out": self.robot.description.left_out,
+                },
+                "levels": [self._entry(comparison) for comparison in self.levels],
+                "simulating": self.simulating,
+                "seconds": self.seconds,
+            }
+        )
+        return document
 
-    def _entry(self, comparison: Comparison) -> dict[str, Any]:
+    def _entry(self, comparison: Comparison) -> Document:
         name, spring = comparison.level.name, comparison.deflection
         return {
             "level": name,
@@ -172,13 +178,13 @@ class FidelityStudy(ReadOnlyArrays):
             "same_as": comparison.same_as or None,
             "reason": comparison.reason or None,
             "seconds": None if comparison.plan is None else comparison.plan.seconds,
-            "torque": _finite(comparison.torque),
+            "torque": comparison.torque,
             "torque_at": self.place(comparison.torque_error),
-            "platform": _finite(comparison.platform),
+            "platform": comparison.platform,
             "platform_at": self.place(comparison.platform_error),
             "deflection": None if spring is None else {"spring": spring[0], "largest": spring[1]},
-            "law": _finite(self.law_difference(comparison)),
-            "predicted": _finite(self.indicators.error[name]),
+            "law": self.law_difference(comparison),
+            "predicted": self.indicators.error[name],
             "indicator": self.indicators.words[name],
         }
 
@@ -229,7 +235,3 @@ def fidelity_study(
         simulating=highest.seconds,
         seconds=time.perf_counter() - started,
     )
-
-
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None

@@ -71,7 +71,7 @@ class Comparison(ReadOnlyArrays):
         robot = self.plan.robot
         times = np.linspace(0.0, self.plan.duration, MOTION_SAMPLES)
         largest = np.abs(self.plan.deflection(times)).max(axis=0)
-        k = int(np.argmax(largest / robot.column_scale[robot.elastic]))
+        k = np.argmax(largest / robot.column_scale[robot.elastic])
         return robot.elastic_names[k], float(largest[k])
 
 

@@ -11,12 +11,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from framework.arrays import Array, ReadOnlyArrays
-from framework.errors import InvalidInput, NotConverged, choose_from
+from framework.errors import InvalidInput, NotConverged, check_choice
 from framework.identification.calibration_equations import (
     Measurements,
     ParameterEquations,
@@ -33,6 +32,7 @@ from framework.kinematics.continuation.pose_stack import forward_kinematics_stac
 from framework.kinematics.frames import frames_at, integrate_columns
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.model.robot_file_writer import write_robot_file
+from framework.output import Document, plain
 from framework.tolerances import LOOP_GAP, MAX_NOISE_RATIO, MAX_PRIOR_DEVIATIONS, RANK_ROUNDING
 
 LENGTH_ERROR = 1e-3  # [m] of the file, as a machine shop makes it
@@ -93,30 +93,33 @@ class Calibration(ReadOnlyArrays):
         description = self.geometry.description(self.values)
         return write_robot_file(description, folder, comments=["Its geometry was calibrated."])
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Document:
         """Return all numbers, for JSON."""
-        parameters = zip(self.geometry.names, self.values.tolist(), self.deviations.tolist(), strict=True)
-        errors = zip(self.measured.names, self.error_before.tolist(), self.error_after.tolist(), strict=True)
-        return {
-            "robot": self.robot.name,
-            "rank": self.combinations.rank,
-            "gap": self.combinations.gap if np.isfinite(self.combinations.gap) else None,
-            "parameters": {
-                name: {"value": value, "standard_deviation": deviation}
-                for name, value, deviation in parameters
-            },
-            "unseen": list(self.unseen),
-            "errors_held_out": {
-                name: {"before": before, "after": after}
-                for name, before, after in islice(errors, self.measured.driven, None)
-            },
-            "noise": self.noise,
-            "degrees_of_freedom": self.degrees_of_freedom,
-            "outliers": list(self.outliers),
-            "instants": self.instants,
-            "steps": self.steps,
-            "seconds": self.seconds,
-        }
+        parameters = zip(self.geometry.names, self.values, self.deviations, strict=True)
+        errors = zip(self.measured.names, self.error_before, self.error_after, strict=True)
+        document: Document = plain(
+            {
+                "robot": self.robot.name,
+                "rank": self.combinations.rank,
+                "gap": self.combinations.gap,
+                "parameters": {
+                    name: {"value": value, "standard_deviation": deviation}
+                    for name, value, deviation in parameters
+                },
+                "unseen": self.unseen,
+                "errors_held_out": {
+                    name: {"before": before, "after": after}
+                    for name, before, after in islice(errors, self.measured.driven, None)
+                },
+                "noise": self.noise,
+                "degrees_of_freedom": self.degrees_of_freedom,
+                "outliers": self.outliers,
+                "instants": self.instants,
+                "steps": self.steps,
+                "seconds": self.seconds,
+            }
+        )
+        return document
 
 
 def calibrate(
@@ -186,8 +189,7 @@ def calibrate(
 def _check_errors(noise: Mapping[str, float], **file_errors: float) -> None:
     """Raise InvalidInput for unknown kinds of noise and errors that are not positive."""
     for name in noise:
-        if name not in NOISE:
-            raise InvalidInput(choose_from("kind of noise", name, NOISE))
+        check_choice("kind of noise", name, NOISE)
     for name, value in {**noise, **file_errors}.items():
         if not (np.isfinite(value) and value > 0):
             raise InvalidInput(f"{name}: needs a positive number, got {value!r}")
@@ -219,7 +221,7 @@ def _check_plausible(robot: ParallelRobot, geometry: Geometry, share: Array, noi
             f"length_error or angle_error, give the noise, or look at the data",
             residual=noise,
         )
-    worst = int(np.abs(share).argmax())
+    worst = np.abs(share).argmax()
     if abs(share[worst]) > MAX_PRIOR_DEVIATIONS:
         raise NotConverged(
             f"{robot.name}: {geometry.names[worst]} would be off by {abs(share[worst]):.3g} standard "
@@ -246,7 +248,7 @@ def _prediction_error(model: ParallelRobot, measured: Measurements, q: Array, va
         if np.abs(right).max() < RANK_ROUNDING:
             break
     else:
-        worst = int(np.abs(right).max(axis=1).argmax())
+        worst = np.abs(right).max(axis=1).argmax()
         raise NotConverged(
             f"{model.name}: at pose {worst + 1} of those held out the loops do not close at the measured "
             f"motor angles; these data are of another robot, or the file is too far off",
@@ -318,8 +320,7 @@ class GaussNewton:
     def run(self, name: str, progress: Callable[[int], None]) -> None:
         """Take steps until the parameters rest."""
         damping, equations = FIRST_DAMPING, eliminate_poses(self.model, self.measured, self.q)
-        self._weigh(equations)
-        cost = self._cost(equations, self.values)
+        cost = self._weigh(equations)
         for self.count in range(1, MAX_STEPS + 1):
             progress(self.count)
             change = self._change(equations, damping)
@@ -336,15 +337,14 @@ class GaussNewton:
                 continue
             self.q, self.values, equations = q, self.values + change, stepped
             damping = max(0.1 * damping, 1e-12)
-            self._weigh(equations)
-            cost = self._cost(equations, self.values)
+            cost = self._weigh(equations)
             if np.abs(change / self.prior).max() < CONVERGED:
                 self._finish(equations)
                 return
         raise NotConverged(
             f"{name}: calibration does not settle after {self.count} steps; the file is too far off for "
             f"these data, or they are of another robot",
-            residual=float(cost),
+            residual=cost,
         )
 
     def _system(self, equations: ParameterEquations) -> tuple[Array, Array]:
@@ -368,12 +368,13 @@ class GaussNewton:
         right = self._system(equations)[1]
         return float(right @ right + np.sum((values / self.prior) ** 2))
 
-    def _weigh(self, equations: ParameterEquations) -> None:
-        """Set the noise of the usual instant, and Huber's weights of outlying instants."""
+    def _weigh(self, equations: ParameterEquations) -> float:
+        """Set noise and Huber's weights by the usual instant; return the cost."""
         ranks = equations.right.shape[1] - self.measured.driven
         size = np.sqrt(np.sum(equations.right**2, axis=1) / max(ranks, 1))
-        self._set_noise(equations, float(np.median(size)))
+        self._set_noise(equations, np.median(size))
         self.weights = np.sqrt(np.minimum(1.0, HUBER * self.noise / np.maximum(size, RANK_ROUNDING)))
+        return self._cost(equations, self.values)
 
     def _finish(self, equations: ParameterEquations) -> None:
         """Set the noise of all instants, and the deviations."""
@@ -381,7 +382,7 @@ class GaussNewton:
 
         right = self.weights[:, None] * equations.right
         count = equations.right.size - self.measured.driven * len(self.q)
-        self._set_noise(equations, float(np.sqrt(np.sum(right**2) / max(count, 1))))
+        self._set_noise(equations, np.sqrt(np.sum(right**2) / max(count, 1)))
         matrix, _ = self._system(equations)
         upper = np.linalg.qr(np.concatenate([matrix, np.eye(len(self.prior))]), mode="r")
         self.deviations = self.prior * np.linalg.norm(np.linalg.inv(upper), axis=1)

@@ -102,7 +102,7 @@ def _leading(matrix: Array, rank: int) -> IntArray:
     for k, column in enumerate(matrix.T):
         rest = column - basis @ (basis.T @ column)
         rest -= basis @ (basis.T @ rest)
-        length = float(np.linalg.norm(rest))
+        length = np.linalg.norm(rest)
         if length > RANK_ROUNDING:
             basis = np.column_stack([basis, rest / length])
             leading.append(k)
@@ -116,7 +116,7 @@ def combination_text(names: Sequence[str], coefficients: Array) -> str:
     used = np.flatnonzero(coefficients)
     terms = []
     for k in used[:MAX_TERMS]:
-        value = float(coefficients[k])
+        value = coefficients[k]
         size = "" if abs(abs(value) - 1.0) < COEFFICIENT_ROUNDING else f"{abs(value):.4g} "
         terms.append(("- " if value < 0 else "+ ") + size + names[k])
     rest = f" and {len(used) - MAX_TERMS} more terms" if len(used) > MAX_TERMS else ""

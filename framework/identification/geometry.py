@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from framework.arrays import Array, ReadOnlyArrays
-from framework.errors import InvalidInput, choose_from
+from framework.errors import check_choice
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import AXES, RobotDescription, Spring
 from framework.model.placement import about, placement
@@ -64,8 +64,7 @@ def geometry_of(robot: ParallelRobot, joints: Sequence[str] | None = None) -> Ge
     elements = {joint.get("name", ""): joint for joint in urdf.findall("joint")}
     leading = _leading(description, elements)
     for name in joints or ():
-        if name not in leading:
-            raise InvalidInput(choose_from("joint", name, leading))
+        check_choice("joint", name, leading)
     chosen = tuple(name for name in leading if joints is None or name in joints)
     springs = []
     for name in chosen:

@@ -11,7 +11,7 @@ import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,7 +29,9 @@ from framework.identification.recording import Recording, recording_of
 from framework.identification.torque_parameters import ParameterRegressor, parameter_regressor
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.linalg.ordered_sums import singular_values
+from framework.model.description import RobotDescription
 from framework.model.robot_file_writer import write_robot_file
+from framework.output import Document, plain
 from framework.tolerances import MIN_NOISE_RATIO, RANK_ROUNDING, SIGNIFICANT_DEVIATIONS
 
 HELD_OUT_BLOCKS, HELD_OUT_EVERY = 20, 4  # blocks of time in a recording, every fourth held out
@@ -41,6 +43,10 @@ class Rows(NamedTuple):
 
     matrix: Array  # (T, n, p)
     right: Array  # (T, n)
+
+    def select(self, instants: BoolArray) -> Rows:
+        """Return the rows of some instants, matrix (rows, p) and right side (rows,)."""
+        return Rows(self.matrix[instants].reshape(-1, self.matrix.shape[2]), self.right[instants].ravel())
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,10 +94,13 @@ class Identification(ReadOnlyArrays):
     def _base_names(self, which: BoolArray) -> tuple[str, ...]:
         return tuple(self.base.names[k] for k in np.flatnonzero(which))
 
+    @property
+    def _description(self) -> RobotDescription:
+        return with_masses_and_motors(self.robot, self.links, self.link_values)
+
     def identified_robot(self) -> ParallelRobot:
         """Return the robot with the identified parameters."""
-        description = with_masses_and_motors(self.robot, self.links, self.link_values)
-        return ParallelRobot.from_description(description)
+        return ParallelRobot.from_description(self._description)
 
     def write(self, folder: str | Path) -> Path:
         """Write the robot file and the URDF with the identified parameters; return the robot file.
@@ -99,38 +108,36 @@ class Identification(ReadOnlyArrays):
         Raises:
             OutputError: the folder cannot be written, or they would overwrite the files that were read.
         """
-        description = with_masses_and_motors(self.robot, self.links, self.link_values)
-        return write_robot_file(description, folder, comments=["Its parameters were identified."])
+        return write_robot_file(self._description, folder, comments=["Its parameters were identified."])
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Document:
         """Return all numbers, for JSON."""
+        motors = self.robot.actuator_names
         base = zip(self.base.names, self.values, self.deviations, self.base.values, strict=True)
-        return {
-            "robot": self.robot.name,
-            "rank": self.base.rank,
-            "gap": self.base.gap if np.isfinite(self.base.gap) else None,
-            "certain": self.base.certain,
-            "base_parameters": [
-                {
-                    "name": name,
-                    "value": value,
-                    "standard_deviation": deviation if np.isfinite(deviation) else None,
-                    "file": own,
-                }
-                for name, value, deviation, own in base
-            ],
-            "changed": list(self.changed),
-            "undetermined": list(self.undetermined),
-            "parameters": dict(zip(self.base.parameters, self.parameters.tolist(), strict=True)),
-            "torque_error_before": _name_by_motor(self.robot, self.error_before),
-            "torque_error_after": _name_by_motor(self.robot, self.error_after),
-            "noise": self.noise,
-            "cutoff": self.cutoff,
-            "poses": self.poses,
-            "motor_misfit": self.motor_misfit,
-            "instants": self.instants,
-            "seconds": self.seconds,
-        }
+        document: Document = plain(
+            {
+                "robot": self.robot.name,
+                "rank": self.base.rank,
+                "gap": self.base.gap,
+                "certain": self.base.certain,
+                "base_parameters": [
+                    {"name": name, "value": value, "standard_deviation": deviation, "file": own}
+                    for name, value, deviation, own in base
+                ],
+                "changed": self.changed,
+                "undetermined": self.undetermined,
+                "parameters": dict(zip(self.base.parameters, self.parameters, strict=True)),
+                "torque_error_before": dict(zip(motors, self.error_before, strict=True)),
+                "torque_error_after": dict(zip(motors, self.error_after, strict=True)),
+                "noise": self.noise,
+                "cutoff": self.cutoff,
+                "poses": self.poses,
+                "motor_misfit": self.motor_misfit,
+                "instants": self.instants,
+                "seconds": self.seconds,
+            }
+        )
+        return document
 
 
 def identify(
@@ -167,15 +174,16 @@ def identify(
     measured = measured_motion(robot, data, cutoff=cutoff, poses=poses, progress=progress)
     regressor = parameter_regressor(robot, measured.motion, base.described, signs=measured.signs)
     test = _held_out(measured.times)
-    A, b = _select_rows(_whiten(robot, regressor, measured), ~test)
-    if len(b) <= base.rank:
+    rows = _whiten(robot, regressor, measured).select(~test)
+    if len(rows.right) <= base.rank:
         raise InvalidInput(
-            f"{data.source}: {len(b)} equations at {int((~test).sum())} instants for {base.rank} "
+            f"{data.source}: {len(rows.right)} equations at {int((~test).sum())} instants for {base.rank} "
             f"base parameters; record longer, or give a cutoff above {measured.cutoff:.3g} Hz"
         )
-    values, deviations, noise = _least_squares(base, Rows(A, b))
+    values, deviations, noise = _least_squares(base, rows)
     file, links = base.described.values, link_parameters_of(robot, base.described)
-    information, residual = A.T @ A / noise**2, A.T @ (b - A @ file) / noise**2
+    information = rows.matrix.T @ rows.matrix / noise**2
+    residual = rows.matrix.T @ (rows.right - rows.matrix @ file) / noise**2
     link_values = possible_parameters(robot, links, information, residual, prior)
     parameters = file + links.to_parameters @ (link_values - links.values)
     return Identification(
@@ -207,11 +215,6 @@ def _whiten(robot: ParallelRobot, regressor: ParameterRegressor, measured: Measu
     weights = axes.swapaxes(1, 2) / np.sqrt(np.maximum(variance, floor))[..., None] / arm
     wrench = np.einsum("tna,ta->tn", regressor.motors, measured.torque) - regressor.known
     return Rows(weights @ regressor.matrix, np.einsum("tmn,tn->tm", weights, wrench))
-
-
-def _select_rows(rows: Rows, instants: BoolArray) -> tuple[Array, Array]:
-    """Return the matrix (rows, p) and the right side (rows,) of some instants."""
-    return rows.matrix[instants].reshape(-1, rows.matrix.shape[2]), rows.right[instants].ravel()
 
 
 def _held_out(times: Array) -> BoolArray:
@@ -257,8 +260,3 @@ def torque_error(
     error = np.einsum("tan,tn->ta", np.linalg.pinv(to_motors), missing)
     size = np.sqrt(np.mean(torque**2, axis=0))
     return np.sqrt(np.mean(error**2, axis=0)) / np.maximum(size, np.finfo(float).tiny)
-
-
-def _name_by_motor(robot: ParallelRobot, values: Array) -> dict[str, float | None]:
-    pairs = zip(robot.actuator_names, values.tolist(), strict=True)
-    return {joint: value if np.isfinite(value) else None for joint, value in pairs}

@@ -149,7 +149,7 @@ def _signal_frequency(joints: Array, period: float) -> float:
     power = uniform_filter1d(power, SMOOTHING_BINS, axis=0, mode="nearest")
     floor = np.median(power[len(power) // 2 :], axis=0)
     above = power > SIGNAL_TO_NOISE * np.maximum(floor, np.finfo(float).tiny)
-    first = [int(np.argmin(column)) if not column.all() else len(column) for column in above.T]
+    first = [len(column) if column.all() else np.argmin(column) for column in above.T]
     return max(first) / (count * period)
 
 
@@ -272,7 +272,7 @@ def _motor_misfit(robot: ParallelRobot, source: str, motion: Motion, q_a: Array,
     offset = robot.actuated_coordinates(motion.q) - q_a
     offset = np.abs(np.where(robot.sliding[robot.actuated], offset, offset - whole_turns(offset)))
     offset /= robot.column_scale[robot.actuated]
-    k, motor = np.unravel_index(int(offset.argmax()), offset.shape)
+    k, motor = np.unravel_index(offset.argmax(), offset.shape)
     largest = float(offset[k, motor])
     if largest > MAX_MOTOR_MISFIT:
         raise InvalidInput(

@@ -72,7 +72,7 @@ def link_parameters_of(robot: ParallelRobot, parameters: TorqueParameters) -> Li
 
 def _body_sizes(body: Array) -> Array:
     """Return sizes (10,) of a body's parameters, by its mass and its extent; a point stays a point."""
-    moments = float(np.trace(pseudo_inertia(body)[:3, :3]))
+    moments = np.trace(pseudo_inertia(body)[:3, :3])
     arm = np.sqrt(max(moments, 0.0) / body[0])
     return body[0] * arm**LENGTH_POWERS
 
@@ -136,7 +136,7 @@ def _inertia_cone(file: Array, change: Array, best: Array) -> LinearMatrix:
 def _balance(parameters: Array) -> Array:
     """Return the diagonal matrix (4, 4) that makes mass and the largest second moment of mass 1."""
     diagonal = np.diag(pseudo_inertia(parameters))
-    largest = float(diagonal[:3].max()) or float(diagonal[3])
+    largest = diagonal[:3].max() or diagonal[3]
     return np.diag(1.0 / np.sqrt([largest, largest, largest, diagonal[3]]))
 
 

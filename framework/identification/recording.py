@@ -182,7 +182,7 @@ def uniform_period(recording: Recording) -> float:
     steps = np.diff(recording.column("time"))
     period = float(steps.mean())
     if np.abs(steps - period).max() > PERIOD_JITTER * period:
-        worst = int(np.abs(steps - period).argmax())
+        worst = np.abs(steps - period).argmax()
         raise InvalidInput(
             f"{recording.source}: time steps differ: {steps[worst]:.6g} s after sample {worst + 1}, "
             f"{period:.6g} s on average; differentiation needs equal steps"

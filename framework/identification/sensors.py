@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
 from framework.arrays import Array
-from framework.errors import InvalidInput, choose_from
+from framework.errors import InvalidInput, check_choice
 from framework.identification.recording import Recording, known_columns
 from framework.simulation.result import Simulation
 
@@ -89,7 +90,6 @@ def sensors_of(words: dict[str, float]) -> Sensors:
     """
     known = {field.name for field in fields(Sensors)}
     for name in words:
-        if name not in known:
-            raise InvalidInput(choose_from("property of --sensors", name, known))
-    seed = int(words.get("seed", 0))
-    return Sensors(seed=seed, **{name: value for name, value in words.items() if name != "seed"})
+        check_choice("property of --sensors", name, known)
+    values: dict[str, Any] = {**words, "seed": int(words.get("seed", 0))}
+    return Sensors(**values)

@@ -148,7 +148,7 @@ def parts(film: Film) -> str:
 
 def _peak(film: Film) -> str:
     peaks = np.abs(film.torque).max(axis=0)
-    strongest = int(np.argmax(peaks))
+    strongest = np.argmax(peaks)
     return f"Peak torque {peaks[strongest]:.3g} {film.robot.torque_units[strongest]} ({parts(film)})."
 
 

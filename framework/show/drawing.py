@@ -11,7 +11,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 from framework.arrays import LEAST_DIVISOR, Array
-from framework.errors import InvalidInput, choose_from
+from framework.errors import check_choice
 from framework.kinematics.assembly import configuration
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import carried_points, joint_poses, planar_normal
@@ -65,7 +65,7 @@ def outlines(robot: ParallelRobot, q: Array, sight: Sight) -> list[tuple[int, Ar
 
 def _axis_name(direction: Array) -> str:
     """Return the axis of the base that is nearest to a direction."""
-    axis = int(np.argmax(np.abs(direction)))
+    axis = np.argmax(np.abs(direction))
     return ("" if direction[axis] > 0 else "−") + "xyz"[axis]
 
 
@@ -130,8 +130,7 @@ def gallery_picture(robots: Sequence[ParallelRobot], kind: str) -> bytes:
     Raises:
         InvalidInput: `kind` is not one of GALLERY_KINDS.
     """
-    if kind not in GALLERY_KINDS:
-        raise InvalidInput(choose_from("kind of picture", kind, GALLERY_KINDS))
+    check_choice("kind of picture", kind, GALLERY_KINDS)
     rows = -(-len(robots) // COLUMNS)
     with use_style():
         drawing = Figure(figsize=(CELL * COLUMNS, CELL * rows), layout="constrained")

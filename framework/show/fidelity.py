@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from matplotlib.axes import Axes
 
@@ -12,12 +10,12 @@ from framework.show.captions import display_name
 from framework.show.style import ALARM, draw_dashed, figure, line_style
 
 
-def plot_fidelity(study: FidelityStudy, axes: Sequence[Axes] | None = None) -> Axes:
+def plot_fidelity(study: FidelityStudy) -> Axes:
     """Plot torque error over the peak and platform error over the path's length along s, one curve a level.
 
     Levels with the torques of a lower one, and those without a plan, have no curve.
     """
-    axes = figure(2, height=2.0)[1] if axes is None else list(axes)
+    axes = figure(2, height=2.0)[1]
     s = study.highest.law(study.times)
     own = [
         comparison for comparison in study.levels if comparison.plan is not None and not comparison.same_as

@@ -62,11 +62,11 @@ def plot_eye(
     wrench, time = platform_wrench(plan.robot, plan.dynamics.motion(times)), times - crossed.time
     demand, reach = wrench.force_along(crossed.twist), wrench.reach(crossed.twist, limit)
     ax = axes_or_new(ax)
-    top = 1.6 * max(float(np.abs(demand).max()), LEAST_DIVISOR)
-    _draw_band(ax, time, reach, describe_motors(plan.robot, limit, float(np.abs(torque).max())))
+    top = 1.6 * max(np.abs(demand).max(), LEAST_DIVISOR)
+    _draw_band(ax, time, reach, describe_motors(plan.robot, limit, np.abs(torque).max()))
     ax.plot(time, demand, color=COLORS[1], label="what the motion asks for")
     draw_dashed(ax, 0.0)
-    draw_dot(ax, 0.0, float(np.interp(0.0, time, demand)))
+    draw_dot(ax, 0.0, np.interp(0.0, time, demand))
     rotors = "\nrotors included" if np.any(plan.robot.rotor_inertia) else ""
     ordinate = _ordinate(plan.robot, crossed.twist) + rotors
     ax.set(xlim=time[[0, -1]], ylim=(-top, top))

@@ -34,7 +34,7 @@ def figure_vectors(robot: ParallelRobot, wrenches: Array) -> Array:
 
 def why_no_figure(robot: ParallelRobot) -> str | None:
     """Return the reason why the motors' forces are not drawn as one figure; None if drawn or one number."""
-    platform, kinds = robot.platform, len(set(robot.translations.tolist()))
+    platform, kinds = robot.platform, len(set(robot.translations))
     if robot.n == 1:
         return None
     if not isinstance(platform, FramePlatform) or not platform.constant:

@@ -14,7 +14,7 @@ from framework.kinematics.continuation.forward_kinematics import motors_are_free
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import joint_poses, platform_frame_twists, platform_positions
 from framework.locus.drawn_locus import locus_curves
-from framework.output import Document
+from framework.output import Document, plain
 from framework.show.captions import catalogue_entry, unit, wrench_kind
 from framework.show.forces import drawn_sides, why_no_figure
 from framework.show.scene import drawn_locus, drawn_robot, floats
@@ -38,20 +38,24 @@ def hand_document(robot: ParallelRobot) -> Document:
     reference = robot.reference
     poses = joint_poses(robot, reference.q[None])
     platform = platform_positions(robot, poses)
-    return drawn_robot(robot, poses, robot_sight(robot)) | {
-        "kind": "hand",
-        "about": catalogue_entry(robot),
-        "push": f"{HELD_WRENCH:g} {unit(robot)} {wrench_kind(robot).split()[1]} t_s",
-        "flat": robot.n == 2,
-        "lines": _has_lines(robot),
-        "no_figure": (why_no_figure(robot) or "") if len(robot.passive) else "",
-        "drag": bool(len(robot.platform.sliding)),
-        "poses": floats(poses),
-        "locus": drawn_locus(robot, locus_curves(robot, reference.q, reference.x), platform, beside=1.2),
-        "free_motors": motors_are_free(robot),
-        "sliders": _sliders(robot, pose_at(robot, reference.q)),
-        "start": _document(robot, pose_at(robot, reference.q)),
-    }
+    document: Document = plain(
+        drawn_robot(robot, poses, robot_sight(robot))
+        | {
+            "kind": "hand",
+            "about": catalogue_entry(robot),
+            "push": f"{HELD_WRENCH:g} {unit(robot)} {wrench_kind(robot).split()[1]} t_s",
+            "flat": robot.n == 2,
+            "lines": _has_lines(robot),
+            "no_figure": (why_no_figure(robot) or "") if len(robot.passive) else "",
+            "drag": len(robot.platform.sliding) > 0,
+            "poses": floats(poses),
+            "locus": drawn_locus(robot, locus_curves(robot, reference.q, reference.x), platform, beside=1.2),
+            "free_motors": motors_are_free(robot),
+            "sliders": _sliders(robot, pose_at(robot, reference.q)),
+            "start": _document(robot, pose_at(robot, reference.q)),
+        }
+    )
+    return document
 
 
 def move_by_hand(robot: ParallelRobot, movement: Document) -> Document:
@@ -113,21 +117,19 @@ def _hold(robot: ParallelRobot, pose: JoggedPose) -> Document:
 
     A platform that both shifts and turns has no push of one unit: it gets none.
     """
-    translations = robot.platform.translations
     try:
         hold = hold_at(robot, pose.q, HELD_WRENCH * pose.twist)
     except NotAssembled:  # a Type 1 singularity: the platform does not determine the motors
         return {"torques": None, "sides": None, "lines": None}
-    pushed = (
-        pose.g is not None and pose.level != "singular" and (translations.all() or not translations.any())
-    )
+    one_unit = len(set(robot.platform.translations)) == 1
+    pushed = pose.g is not None and pose.level != "singular" and one_unit
     speeds = hold.motor_speed[None]
     sides = drawn_sides(robot, speeds, np.ones(robot.n_a)) if pose.g is not None else None
     lines = action_lines(robot, speeds) if pose.kind == "type_2" else None
     return {
-        "torques": np.abs(hold.torque).tolist() if pushed and hold.torque is not None else None,
-        "sides": None if sides is None else sides[0].tolist(),
-        "lines": None if lines is None else np.stack([lines.place[0], lines.way[0]], axis=1).tolist(),
+        "torques": np.abs(hold.torque) if pushed and hold.torque is not None else None,
+        "sides": None if sides is None else sides[0],
+        "lines": None if lines is None else np.stack([lines.place[0], lines.way[0]], axis=1),
     }
 
 
@@ -166,17 +168,21 @@ def _loose_sentence(robot: ParallelRobot, loose: LooseMotion) -> str:
 def _document(robot: ParallelRobot, pose: JoggedPose) -> Document:
     poses = joint_poses(robot, pose.q[None])
     twist = platform_frame_twists(robot, pose.q[None], pose.twist[None])[0]
-    return _hold(robot, pose) | {
-        "q": pose.q.tolist(),
-        "poses": floats(poses),
-        "origin": platform_positions(robot, poses)[0].tolist(),
-        "platform": pose.x.tolist(),
-        "motor": pose.motors.tolist(),
-        **{key: getattr(pose, key) for key in ("g", "smallest", "level", "kind", "verdict", "stopped")},
-        "words": _words(pose),
-        "t_s": [twist[:3].tolist(), twist[3:].tolist()],
-        "wobble": _wobble(robot, pose),
-    }
+    document: Document = plain(
+        _hold(robot, pose)
+        | {
+            "q": pose.q,
+            "poses": floats(poses),
+            "origin": platform_positions(robot, poses)[0],
+            "platform": pose.x,
+            "motor": pose.motors,
+            **{key: getattr(pose, key) for key in ("g", "smallest", "level", "kind", "verdict", "stopped")},
+            "words": _words(pose),
+            "t_s": [twist[:3], twist[3:]],
+            "wobble": _wobble(robot, pose),
+        }
+    )
+    return document
 
 
 def _sliders(robot: ParallelRobot, start: JoggedPose) -> dict[str, list[Document]]:
@@ -184,7 +190,7 @@ def _sliders(robot: ParallelRobot, start: JoggedPose) -> dict[str, list[Document
 
     def sliders(names: Sequence[str], units: list[str], values: Array, turn: float) -> list[Document]:
         reach = np.where(np.array(units) == "m", 0.8 * robot.length, turn)
-        rows = zip(names, units, (values - reach).tolist(), (values + reach).tolist(), strict=True)
+        rows = zip(names, units, values - reach, values + reach, strict=True)
         return [dict(zip(("name", "unit", "low", "high"), row, strict=True)) for row in rows]
 
     turns_freely = np.sum(~robot.translations) > 1  # a rotation vector ends at half a turn

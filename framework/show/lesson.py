@@ -73,15 +73,8 @@ def _document(robot: ParallelRobot, crossing: PlanarCrossing, sight: Sight) -> D
         "series": [_truncate(column) for each in series.values() for column in each.T],
         "slices": {key: [begin, end] for key, begin, end in zip(series, ends, ends[1:], strict=False)},
         "shapes": _outlines(crossing, sight),
-        "locus": [_plane(robot, curve, onto).round(6).tolist() for curve in (locus.curves if locus else [])],
-        "best": {
-            key: {
-                "peak": max(plan.peak_torque.values()),
-                "limit": LIMIT_RATIO * max(plan.peak_torque.values()),
-                "squared_speed": _squared_speed(plan),
-            }
-            for key, plan in crossing.plans.items()
-        },
+        "locus": [_plane(robot, curve, onto).round(6) for curve in (locus.curves if locus else [])],
+        "best": {key: _best_law(plan) for key, plan in crossing.plans.items()},
     }
 
 
@@ -115,15 +108,15 @@ def _columns(crossing: PlanarCrossing, s: Array, onto: Projection) -> dict[str, 
     return columns
 
 
-def _squared_speed(plan: CrossingPlan) -> list[float]:
-    """Return the Chebyshev series of z on sigma from 0 to 1 of the best law."""
-    law = plan.law
+def _best_law(plan: CrossingPlan) -> Document:
+    """Return the best law's peak, limit, and Chebyshev series of z on sigma."""
+    law, peak = plan.law, max(plan.peak_torque.values())
     assert isinstance(law, OptimalLaw)
     for count in LAW_NODE_COUNTS:
         series = coefficients(law.squared_speed(0.5 * (1.0 + nodes(count)))[:, None])
         if tail(series) < SERIES_TAIL:
             break
-    return _truncate(series[:, 0])
+    return {"peak": peak, "limit": LIMIT_RATIO * peak, "squared_speed": _truncate(series[:, 0])}
 
 
 def _poses(robot: ParallelRobot, q: Array, onto: Projection) -> Array:
@@ -142,9 +135,7 @@ def _outlines(crossing: PlanarCrossing, sight: Sight) -> list[Document]:
     for node, points, colour in outlines(robot, q[0], sight):
         x, y, cosine, sine = poses[node]
         local = (points - (x, y)) @ np.array([[cosine, -sine], [sine, cosine]])
-        shapes.append(
-            {"node": node, "points": local.round(6).tolist(), "colour": [round(float(c), 3) for c in colour]}
-        )
+        shapes.append({"node": node, "points": local.round(6), "colour": np.round(colour, 3)})
     return shapes
 
 
@@ -155,7 +146,7 @@ def _plane(robot: ParallelRobot, x: Array, onto: Projection) -> Array:
     return onto(space)
 
 
-def _truncate(series: Array) -> list[float]:
+def _truncate(series: Array) -> Array:
     """Cut the last coefficients of a series that are rounding."""
     large = np.flatnonzero(np.abs(series) > COEFFICIENT_ROUNDING * np.abs(series).max(initial=0.0))
-    return [float(value) for value in series[: large[-1] + 1 if large.size else 1]]
+    return series[: large[-1] + 1 if large.size else 1]

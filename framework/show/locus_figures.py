@@ -87,7 +87,7 @@ def _label(ax: Axes, labels: list[str]) -> Axes:
 
 def _about(values: Array) -> tuple[float, float]:
     """Return the range of an axis around values (m,), with a margin."""
-    middle, half = 0.5 * (values.min() + values.max()), 2.0 * max(float(np.ptp(values)), 1e-6)
+    middle, half = 0.5 * (values.min() + values.max()), 2.0 * max(np.ptp(values), 1e-6)
     return float(middle - half), float(middle + half)
 
 

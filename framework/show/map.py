@@ -36,17 +36,12 @@ LEFT, RIGHT, BELOW, ABOVE, BAR = 0.55, 0.65, 0.45, 0.15, 0.25  # [in] about it
 LINE, CHARACTERS, ENTRIES = 0.15, 60, 2  # above: a line's height [in], characters of one, keys in one
 
 
-def quantity_of(workspace: WorkspaceMap, key: str) -> Quantity:
-    """Return the quantity of a map by its key."""
-    return next(quantity for quantity in workspace.quantities if quantity.key == key)
-
-
-def colours(workspace: WorkspaceMap, key: str) -> tuple[Colormap, Normalize]:
+def colours(workspace: WorkspaceMap, quantity: Quantity) -> tuple[Colormap, Normalize]:
     """Return the colours of a quantity: bright is good; g is white on the locus."""
-    quantity, values = quantity_of(workspace, key), workspace.values[key]
+    values = workspace.values[quantity.key]
     finite = values[np.isfinite(values)]
     if quantity.signed:
-        largest = float(np.percentile(np.abs(finite), COLOR_PERCENTILES[1])) if finite.size else 1.0
+        largest = np.percentile(np.abs(finite), COLOR_PERCENTILES[1]) if finite.size else 1.0
         return colormaps[DIVERGING], Normalize(-largest, largest)
     palette = colormaps[SEQUENTIAL if quantity.large_is_good else f"{SEQUENTIAL}_r"]
     if quantity.decades:
@@ -60,7 +55,7 @@ def plot_map(
     workspace: WorkspaceMap, key: str = "g", ax: Axes | None = None, *, path: Path | None = None
 ) -> Axes:
     """Plot one quantity of a map, with the singular locus and a path on top."""
-    quantity = quantity_of(workspace, key)
+    quantity = next(quantity for quantity in workspace.quantities if quantity.key == key)
     lacking = [
         (not_carried(workspace, quantity), NOT_CARRIED, "load not carried"),
         (workspace.beyond_ranges, BEYOND, "beyond a limit"),
@@ -88,7 +83,7 @@ def _draw_values(
     workspace: WorkspaceMap, quantity: Quantity, edges: Sequence[Array], ax: Axes, scale: Axes | None
 ) -> None:
     """Draw the values of a quantity as colours, and their scale on axes of its own or beside the map."""
-    palette, norm = colours(workspace, quantity.key)
+    palette, norm = colours(workspace, quantity)
     values = workspace.values[quantity.key]
     mesh = ax.pcolormesh(
         *edges, np.ma.masked_invalid(values).T, cmap=palette, norm=norm, rasterized=True, linewidth=0

@@ -71,8 +71,8 @@ def _document(workspace: WorkspaceMap, path: Path | None) -> Document:
     return {
         "shape": window.shape,
         "axes": [f"{robot.axis_names[k]} [{robot.axis_units[k]}]" for k in window.axes],
-        "spans": [span.tolist() for span in window.spans],
-        "edges": [cell_edges(span)[[0, -1]].tolist() for span in window.spans],
+        "spans": window.spans,
+        "edges": [cell_edges(span)[[0, -1]] for span in window.spans],
         "to_scale": is_to_scale(workspace),
         "quantities": [_quantity(workspace, quantity) for quantity in workspace.quantities],
         "reason": pack(workspace.reason.astype(np.uint8)),
@@ -84,14 +84,14 @@ def _document(workspace: WorkspaceMap, path: Path | None) -> Document:
         "unreached": _rgb(UNREACHED),
         "not_carried": _rgb(NOT_CARRIED),
         "curves": curves,
-        "marks": [np.round(mark, 9).tolist()],
-        "crosses": np.round(workspace.locus.unexplained, 9).tolist(),
+        "marks": [np.round(mark, 9)],
+        "crosses": np.round(workspace.locus.unexplained, 9),
         "legend": legend,
     }
 
 
 def _quantity(workspace: WorkspaceMap, quantity: Quantity) -> Document:
-    palette, norm = colours(workspace, quantity.key)
+    palette, norm = colours(workspace, quantity)
     shades = np.round(255 * palette(np.linspace(0.0, 1.0, COLOR_LEVELS))[:, :3]).astype(int)
     return {
         "key": quantity.key,
@@ -99,10 +99,10 @@ def _quantity(workspace: WorkspaceMap, quantity: Quantity) -> Document:
         "unit": unit_of(workspace.robot, quantity),
         "reading": _reading(quantity),
         "values": pack(workspace.values[quantity.key].astype("<f4")),
-        "range": [float(norm.vmin or 0.0), float(norm.vmax or 0.0)],
+        "range": [norm.vmin or 0.0, norm.vmax or 0.0],
         "decades": quantity.decades,
         "loaded": quantity.loaded,
-        "colours": shades.tolist(),
+        "colours": shades,
     }
 
 
@@ -113,7 +113,7 @@ def _reading(quantity: Quantity) -> str:
 
 
 def _curve(points: Array, colour: str, width: float, dash: list[int]) -> Document:
-    return {"points": np.round(points, 9).tolist(), "colour": colour, "width": width, "dash": dash}
+    return {"points": np.round(points, 9), "colour": colour, "width": width, "dash": dash}
 
 
 def _rgb(colour: str) -> list[int]:

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from framework.arrays import Array
-from framework.errors import InvalidInput, choose_from
+from framework.errors import check_choice
 from framework.show.captions import subtitle
 from framework.show.film import Film
 from framework.show.force_polygon import MISSES, THREADS, eye_twist, plot_eyes
@@ -50,22 +50,21 @@ def film_picture(films: Sequence[Film], kind: str) -> bytes:
     Raises:
         InvalidInput: no such kind, or the films do not share a robot and a path.
     """
-    if kind not in PICTURE_KINDS:
-        raise InvalidInput(choose_from("kind of picture", kind, PICTURE_KINDS))
+    check_choice("kind of picture", kind, PICTURE_KINDS)
     return _moving(films, kind) if kind in MOVING_KINDS else _still(films, kind)
 
 
 def _still(films: Sequence[Film], kind: str) -> bytes:
     with use_style():
-        drawing, left, _ = _axes(films)
-        plot_still(_drawn_film(films), left, limit=stated_limit(_drawn_film(films), films))
+        film, (drawing, left, _) = _drawn_film(films), _axes(films)
+        plot_still(film, left, limit=stated_limit(film, films))
         return figure_file(drawing, kind, dpi=FRAME_DPI)
 
 
 def _moving(films: Sequence[Film], kind: str) -> bytes:
     """Draw an animated picture, which stands still for two seconds at the singular instants."""
     instants = [instant.time for film in films for instant in film.instants]
-    end = max(float(film.time[-1]) for film in films)
+    end = max(film.time[-1] for film in films)
     times = np.unique([*np.linspace(0.0, end, GIF_FRAMES), *instants])
     with use_style():
         stage = _stage(films) if len(films) == 1 else _stages(films)
@@ -93,7 +92,7 @@ def _animate(pictures: Sequence[Image.Image], durations: list[int], kind: str) -
 def _fix_limits(stage: _Stage, times: Array) -> None:
     """Give all robots the same limits of axes, wide enough at all times (T,) [s]."""
     for t in times[:: -max(1, len(times) // 8)]:
-        stage.move(float(t))
+        stage.move(t)
     limits = np.array([[ax.get_xlim(), ax.get_ylim()] for ax in stage.robots])  # (N, 2, 2)
     xlim, ylim = np.stack([limits[..., 0].min(axis=0), limits[..., 1].max(axis=0)], axis=1)
     for ax in stage.robots:
@@ -111,7 +110,7 @@ def _render(stage: _Stage, times: Array) -> list[Image.Image]:
     background = canvas.copy_from_bbox(stage.drawing.bbox)  # type: ignore[no-untyped-call]
     pictures = []
     for t in times:
-        stage.move(float(t))
+        stage.move(t)
         canvas.restore_region(background)  # type: ignore[no-untyped-call]
         for mark in stage.marks:
             mark.artist.draw(canvas.get_renderer())  # type: ignore[no-untyped-call]
@@ -150,7 +149,7 @@ def _stages(films: Sequence[Film]) -> _Stage:
     """Return the robots of several films side by side, the torques of each below; an unproved one ends."""
     drawing = Figure(figsize=(FILM_WIDTH * len(films), 4.2), layout="constrained")
     robots, below = drawing.subplots(2, len(films), height_ratios=(2.4, 1.0))
-    largest = 1.1 * max(float(stated_limit(film, films).max()) for film in films)
+    largest = 1.1 * max(stated_limit(film, films).max() for film in films)
     marks: list[_Mark] = []
     for film, above, ax in zip(films, robots, below, strict=True):
         marks.append(_robot(film, above, None))

@@ -29,7 +29,7 @@ def plot_phase_plane(
     axes = figure(2, height=1.9)[1] if axes is None else list(axes)
     plans = [plan] if beside is None else [plan, beside]
     laws = [orders_of(each.law, np.linspace(0.0, each.duration, TIME_SAMPLES)) for each in plans]
-    tops = [AXIS_OVER_LARGEST_LAW * max(float(np.abs(law[order]).max()) for law in laws) for order in (1, 2)]
+    tops = [AXIS_OVER_LARGEST_LAW * max(np.abs(law[order]).max() for law in laws) for order in (1, 2)]
     _draw_limits(axes, limit_curves(plan), tops, plan.robot.torque_units[0])
     for k, (each, law) in enumerate(zip(plans, laws, strict=True)):
         for ax, values in zip(axes, law[1:], strict=True):
@@ -52,7 +52,7 @@ def _draw_limits(axes: Sequence[Axes], curves: LimitCurves, tops: Sequence[float
     axes[0].fill_between(curves.s, 0.0, highest, label=f"within {limits} {unit}", **BAND)
     accelerations = [curves.lowest_acceleration, curves.highest_acceleration]
     axes[1].fill_between(curves.s, *np.clip(accelerations, -2 * tops[1], 2 * tops[1]), **BAND)
-    least = float(np.nanmin(curves.highest_speed))
+    least = np.nanmin(curves.highest_speed)
     if np.isfinite(least) and least > tops[0]:
         text = rf"$\dot s$ may be {least:.3g} 1/s everywhere"
         box = {"facecolor": "white", "alpha": 0.7, "linewidth": 0, "pad": 1.5}

@@ -185,7 +185,7 @@ def plot_raw_torques(
     draw_torques(ax, robot, raw.time, raw.torque)
     finite = np.abs(raw.torque[np.isfinite(raw.torque).all(axis=1)]).max(axis=1)
     if len(poles) and finite.size:  # the height of a spike is that of the sampling: not drawn
-        top = UNPROVED_TORQUE_RATIO * float(np.quantile(finite, 0.8))
+        top = UNPROVED_TORQUE_RATIO * np.quantile(finite, 0.8)
         ax.set_ylim(-top, top)
         for pole in poles:
             draw_dashed(ax, pole, ALARM, 0.8)

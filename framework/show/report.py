@@ -202,13 +202,13 @@ def _certificate(plan: CrossingPlan, film: Film) -> str:
 
 
 _CERTIFIED = (
-    ("nodes", "nodes of the series"),
-    ("tail", "what the series leaves out"),
-    ("max_closure_error", "loops open by [m, rad]"),
-    ("max_residual_torque", "joints out of balance by [N m, N]"),
-    ("max_held_torque", "idle joints held by [N m, N]"),
-    ("change", "change of the deflections"),
-    ("end_speed", "speed at the ends"),
+    ("{0.nodes:g}", "nodes of the series"),
+    ("{0.tail:.1e}", "what the series leaves out"),
+    ("{0.max_closure_error:.1e}", "loops open by [m, rad]"),
+    ("{0.max_residual_torque:.1e}", "joints out of balance by [N m, N]"),
+    ("{0.max_held_torque:.1e}", "idle joints held by [N m, N]"),
+    ("{0.change:.1e}", "change of the deflections"),
+    ("{0.end_speed:.1e}", "speed at the ends"),
 )
 
 
@@ -216,10 +216,7 @@ def _both_certificates(plan: CrossingPlan, planned: Certificate | None) -> str:
     """Return the certificate's numbers in plan.json beside the recomputed ones."""
     if planned is None:
         return ""
-    rows = []
-    for key, text in _CERTIFIED:
-        form = "g" if key == "nodes" else ".1e"
-        rows.append((text, *(f"{getattr(each, key):{form}}" for each in (planned, plan.certificate))))
+    rows = [(text, *map(form.format, (planned, plan.certificate))) for form, text in _CERTIFIED]
     return _table(rows, ("", "plan.json", "computed anew"))
 
 
@@ -342,16 +339,6 @@ def figures_with_captions(plan: CrossingPlan, film: Film, marked: Callable[[str]
     return f'<div class="figures">{"".join(figures)}</div>'
 
 
-def _explain_eye(plan: CrossingPlan) -> str:
-    """Explain how the curves of the eye and of t_s . W_p differ; empty where equal."""
-    if not np.any(plan.robot.rotor_inertia):
-        return ""
-    return (
-        " It is drawn with the rotors of the motors, along the t_s of that instant; the figure of t_s · W_p "
-        "has the bodies alone, and the t_s of each instant."
-    )
-
-
 def _captions(plan: CrossingPlan, film: Film) -> dict[str, str]:
     """Return the captions of the figures, in their order."""
     where = "at the singular instant" if film.instants else "halfway"
@@ -361,8 +348,13 @@ def _captions(plan: CrossingPlan, film: Film) -> dict[str, str]:
     if plan.crossings:
         captions["eye"] = (
             "The eye of the needle: at the singular instant the motors give nothing along t_s. The motion "
-            f"asks for nothing there.{_explain_eye(plan)}"
+            "asks for nothing there."
         )
+        if np.any(plan.robot.rotor_inertia):
+            captions["eye"] += (
+                " It is drawn with the rotors of the motors, along the t_s of that instant; the figure of "
+                "t_s · W_p has the bodies alone, and the t_s of each instant."
+            )
     captions["torques"] = f"Motor torques, with {parts(film)}.{dashed}"
     captions["law"] = f"The law s(t) and its derivatives.{dashed}"
     if len(plan.robot.passive):

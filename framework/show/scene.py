@@ -23,7 +23,7 @@ from framework.kinematics.placements import (
 from framework.locus.drawn_locus import LocusCurves, locus_curves, locus_patch
 from framework.model.description import RobotDescription
 from framework.model.visuals import Shape
-from framework.output import Document
+from framework.output import Document, plain
 from framework.show.captions import (
     describe_motors,
     display_name,
@@ -99,40 +99,45 @@ def _film_document(
     power = np.sum(film.t_s * film.W_p, axis=1)  # (F,), whose t_s never turns round
     W_p, *world = _wrenches(film)
     unlimited = all(motor.torque_limit is None for motor in robot.description.actuators)
-    document = drawn_robot(robot, poses, sight)
-    document |= {
-        "kind": "film",
-        "title": film.name or display_name(robot.name),
-        "proved": film.proved,
-        "refusal": film.refusal,
-        "subtitle": subtitle(film),
-        "summary": film_summary(film),
-        "proof": proof(film),
-        "why": why(robot),
-        "asked": wrench_kind(robot),
-        "unit": unit(robot),
-        "duration": float(film.time[-1]),
-        "time": floats(film.time),
-        "poses": floats(poses),
-        "platform": floats(platform),
-        "path": floats(platform),
-        "torque": floats(film.torque),
-        "torque_limit": _torque_limit(film),
-        "law": floats(film.law(film.time)),
-        "g": floats(film.g) if film.has_measure else None,
-        "power": floats(power),
-        "stated": describe_motors(robot, limit, peak, reason=", no limit in its file" if unlimited else ""),
-        "band": floats(film.motors.band(film.t_s, limit)),
-        "polytope": _polytope(film, limit),
-        "no_figure": why_no_figure(robot) or "",
-        "lines": _action_lines(film),
-        "t_s": _arrows(film.twists),
-        "W_p": W_p,
-        "world": world,
-        "instants": _instants(film, platform, power),
-        "springs": _springs(film, document["length"]),
-        "locus": _locus(film, platform, curves_about),
-    }
+    drawn = drawn_robot(robot, poses, sight)
+    document: Document = plain(
+        drawn
+        | {
+            "kind": "film",
+            "title": film.name or display_name(robot.name),
+            "proved": film.proved,
+            "refusal": film.refusal,
+            "subtitle": subtitle(film),
+            "summary": film_summary(film),
+            "proof": proof(film),
+            "why": why(robot),
+            "asked": wrench_kind(robot),
+            "unit": unit(robot),
+            "duration": film.time[-1],
+            "time": floats(film.time),
+            "poses": floats(poses),
+            "platform": floats(platform),
+            "path": floats(platform),
+            "torque": floats(film.torque),
+            "torque_limit": _torque_limit(film),
+            "law": floats(film.law(film.time)),
+            "g": floats(film.g) if film.has_measure else None,
+            "power": floats(power),
+            "stated": describe_motors(
+                robot, limit, peak, reason=", no limit in its file" if unlimited else ""
+            ),
+            "band": floats(film.motors.band(film.t_s, limit)),
+            "polytope": _polytope(film, limit),
+            "no_figure": why_no_figure(robot) or "",
+            "lines": _action_lines(film),
+            "t_s": _arrows(film.twists),
+            "W_p": W_p,
+            "world": world,
+            "instants": _instants(film, platform, power),
+            "springs": _springs(film, drawn["length"]),
+            "locus": _locus(film, platform, curves_about),
+        }
+    )
     return document
 
 
@@ -141,9 +146,9 @@ def _instants(film: Film, platform: Array, power: Array) -> list[Document]:
     return [
         {
             "time": instant.time,
-            "wrench": float(np.copysign(instant.wrench, np.interp(instant.time, film.time, power))),
+            "wrench": np.copysign(instant.wrench, np.interp(instant.time, film.time, power)),
             "how": explain_crossing(film, instant),
-            "place": platform[film.frame_at(instant.time)].tolist(),
+            "place": platform[film.frame_at(instant.time)],
             "where": film.robot.place(instant.platform),
         }
         for instant in film.instants
@@ -158,7 +163,7 @@ def drawn_robot(robot: ParallelRobot, poses: Array, sight: Sight) -> Document:
         "robot": robot.name,
         "flexibility": robot.flexibility,
         "axes": robot.axis_names,
-        "turning": (~robot.platform.translations).tolist(),
+        "turning": ~robot.platform.translations,
         "joints": robot.model.njoints,
         "length": 1.2 * view["radius"],
         "shapes": [_solid(shape) for shape in shapes],
@@ -167,9 +172,9 @@ def drawn_robot(robot: ParallelRobot, poses: Array, sight: Sight) -> Document:
     }
 
 
-def _columns(placement: Array) -> list[float]:
-    """Return a placement (4, 4), column after column."""
-    return [float(value) for value in placement.T.ravel().round(9)]
+def _columns(placement: Array) -> Array:
+    """Return a placement (4, 4), column after column (16,)."""
+    return placement.T.ravel().round(9)
 
 
 def _solid(shape: Shape) -> Document:
@@ -203,7 +208,7 @@ def _springs(film: Film, size: float) -> Document | None:
                 "name": name,
                 "node": node,
                 "placement": _columns(placement_along(place, axis)),
-                "slides": bool(slides[k]),
+                "slides": slides[k],
                 "column": k,
             }
         )
@@ -221,15 +226,15 @@ def _springs(film: Film, size: float) -> Document | None:
 
 def _round_down(value: float) -> float:
     """Return the nearest of 1, 2, 5 times a power of ten below."""
-    power = 10.0 ** np.floor(np.log10(value))
-    return float(max(part for part in (1.0, 2.0, 5.0) if part * power <= value * (1 + 1e-9)) * power)
+    power = float(10.0 ** np.floor(np.log10(value)))
+    return max(part for part in (1.0, 2.0, 5.0) if part * power <= value * (1 + 1e-9)) * power
 
 
 def _wrenches(film: Film) -> list[Document]:
     """Return W_p and the wrenches of the world that are not zero, all with the same largest sizes."""
     applied = [wrench for wrench in film.wrenches if wrench.wrench.any()]
     arrows = [_arrows(six) for six in (film.demands, *(wrench.at_origin for wrench in applied))]
-    largest = np.max([document["largest"] for document in arrows], axis=0).tolist()
+    largest = np.max([document["largest"] for document in arrows], axis=0)
     for document, wrench in zip(arrows[1:], applied, strict=True):
         document |= {"frame": display_name(wrench.frame), "origin": floats(wrench.origin)}
     return [document | {"largest": largest} for document in arrows]
@@ -237,9 +242,9 @@ def _wrenches(film: Film) -> list[Document]:
 
 def _arrows(six: Array) -> Document:
     """Return linear and angular parts (F, 3) of twists or wrenches (F, 6), with their largest sizes."""
-    parts = (six[:, :3], six[:, 3:])
-    largest = [float(np.linalg.norm(part, axis=1).max()) for part in parts]
-    return dict(zip(("linear", "angular"), map(floats, parts), strict=True)) | {"largest": largest}
+    linear, angular = six[:, :3], six[:, 3:]
+    largest = [np.linalg.norm(part, axis=1).max() for part in (linear, angular)]
+    return {"linear": floats(linear), "angular": floats(angular), "largest": largest}
 
 
 def _polytope(film: Film, limit: Array) -> Document | None:
@@ -329,9 +334,9 @@ def _view(points: Array, sight: Sight) -> Document:
     low, high = points.min(axis=0), points.max(axis=0)
     center = 0.5 * (low + high)
     return {
-        "center": center.tolist(),
-        "radius": max(float(np.linalg.norm(points - center, axis=1).max()), 1e-6),
-        "from": (tilt_aside(sight.toward) if sight.planar else sight.toward).tolist(),
-        "lowest": float(low[2]),
+        "center": center,
+        "radius": max(np.linalg.norm(points - center, axis=1).max(), 1e-6),
+        "from": tilt_aside(sight.toward) if sight.planar else sight.toward,
+        "lowest": low[2],
         "flat": sight.planar,
     }

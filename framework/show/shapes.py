@@ -34,7 +34,7 @@ def body_shapes(robot: ParallelRobot) -> list[Shape]:
 def thin_mesh(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
     """Return a mesh in which the vertices of each cell of a grid are merged into their mean."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
-    cell = max(float(np.linalg.norm(high - low)) / MESH_CELLS, 1e-12)
+    cell = max(np.linalg.norm(high - low) / MESH_CELLS, 1e-12)
     cells = np.floor((vertices - low) / cell).astype(np.int64)
     _, inverse, count = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
     inverse = inverse.ravel()
@@ -91,7 +91,7 @@ def _sticks(robot: ParallelRobot, dressed: set[int]) -> list[Shape]:
 def placement_along(place: Array, axis: Array) -> Array:
     """Return a placement (4, 4) at `place` (3,) with z along `axis` (3,)."""
     third = axis / np.linalg.norm(axis)
-    aside = np.eye(3)[int(np.argmin(np.abs(third)))]
+    aside = np.eye(3)[np.argmin(np.abs(third))]
     first = np.cross(aside, third)
     first /= np.linalg.norm(first)
     placement = np.eye(4)
@@ -104,9 +104,8 @@ IDLE_MOTOR_COLOR = (0.83, 0.84, 0.86, 1.0)  # of a motor without torque, as on t
 DRUM_OFFSET = 1.2  # from the foot of a leg that stretches to the middle of its drum, in lengths of the drum
 
 
-def motor_shapes(robot: ParallelRobot, shapes: list[Shape] | None = None, size: float = 0.0) -> list[Shape]:
+def motor_shapes(robot: ParallelRobot, shapes: list[Shape], size: float = 0.0) -> list[Shape]:
     """Return a solid for each motor, on its node; `shapes` are the bodies, `size` the picture's radius."""
-    shapes = body_shapes(robot) if shapes is None else shapes
     size = size or 0.7 * robot.length
     axes = [joint_axis(robot, int(column)) for column in robot.actuated]
     motors = []

@@ -114,7 +114,7 @@ def _best_direction(points: Array, nodes: IntArray, normal: Array | None, wanted
         scores *= np.sqrt(_across(np.diff(wanted.path, axis=0), directions))
         if wanted.normal is not None:
             scores *= np.sqrt(np.abs(directions @ wanted.normal))
-    return directions[int(np.argmax(scores))]
+    return directions[np.argmax(scores)]
 
 
 def _candidates(normal: Array | None) -> tuple[Array, Array]:
@@ -133,7 +133,7 @@ def _surfaces(robot: ParallelRobot, q: Array, shapes: list[Shape]) -> tuple[Arra
     poses = joint_poses(robot, q[None])[0]
 
     boxes = [carried_points(poses[shape.node], shape.corners()) for shape in shapes]
-    spacing = float(np.ptp(np.concatenate(boxes), axis=0).max()) / PICTURE_CELLS
+    spacing = np.ptp(np.concatenate(boxes), axis=0).max() / PICTURE_CELLS
     points = [carried_points(poses[shape.node], surface_points(shape, spacing)) for shape in shapes]
     nodes = np.repeat([shape.node for shape in shapes], list(map(len, points)))
     return np.concatenate(points) / spacing, nodes

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from framework.output import plain
 from framework.show.style import page_colors
 
 
@@ -34,7 +35,7 @@ def standalone_page(
         style="\n".join([page_colors(), *map(_asset, ("shared.css", *styles))]),
         body=body,
         library=library,
-        document=json.dumps(data, allow_nan=False).replace("<", "\\u003c"),
+        document=json.dumps(plain(data), allow_nan=False).replace("<", "\\u003c"),
         script="\n".join(map(_asset, ("shared.js", *scripts))),
     )
 

@@ -66,7 +66,7 @@ def plot_still(
 
 def _draw_arrows(film: Film, ax: Axes, k: int, onto: Projection) -> None:
     """Draw t_s and W_p at frame k: axes of turn and torque of a platform that only turns."""
-    reach = min(film.robot.length, 0.8 * float(np.ptp(ax.get_xlim())))
+    reach = min(film.robot.length, 0.8 * np.ptp(ax.get_xlim()))
     twist = r"$\mathbf{t}_s$" if film.instants else "least controlled motion"
     for six, color, both, label in (
         (film.twists, TWIST, True, twist),

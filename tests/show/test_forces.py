@@ -73,7 +73,7 @@ def test_a_figure_of_the_forces_is_drawn_or_it_is_said_why_not(name):
 def test_a_motor_of_a_leg_that_stretches_is_a_drum_about_its_tube(name):
     robot = robots.load(name)
     bodies = body_shapes(robot)
-    for shape, column in zip(motor_shapes(robot), robot.actuated, strict=True):
+    for shape, column in zip(motor_shapes(robot, bodies), robot.actuated, strict=True):
         joint = next(j for j in range(robot.model.njoints) if robot.model.joints[j].idx_v == column)
         assert shape.node == robot.model.parents[joint]
         assert shape.kind == "cylinder"

@@ -12,7 +12,9 @@ from framework.errors import format_distinct, round_up
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.tolerances import LIMIT_MARGIN
 
-RAISED_RATIO = 1.0 + 10.0 * LIMIT_MARGIN  # of limits over the least peak: nearer ones leave little room for a smooth law
+RAISED_RATIO = (
+    1.0 + 10.0 * LIMIT_MARGIN
+)  # of limits over the least peak: nearer ones leave little room for a smooth law
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ def check_advance(law: MotionLaw, s: Sequence[float], name: str) -> None:
     values, rates = orders_of(law, times, 2)
     refused = f"{name}: the law does not always advance: it"
     for end, beyond in ((0.0, -values), (1.0, values - 1.0)):
-        worst = int(np.argmax(beyond))
+        worst = np.argmax(beyond)
         if beyond[worst] > OVERSHOOT:
             raise NoLaw(
                 f"{refused} leaves the path at s = {end:g}, up to s = {values[worst]:.4g} at "
@@ -39,7 +39,7 @@ def check_advance(law: MotionLaw, s: Sequence[float], name: str) -> None:
     inside = (values > 0) & (values < 1)
     backwards = inside & (rates < -AT_REST * np.abs(rates).max())
     if np.any(backwards):
-        k = int(np.argmax(backwards))
+        k = np.argmax(backwards)
         raise NoLaw(f"{refused} runs backwards at t = {times[k]:.4g} s, s = {values[k]:.4g}; {ADVICE}")
     for singular in s:
         crossed = np.flatnonzero(np.diff(values > singular))

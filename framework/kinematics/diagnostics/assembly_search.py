@@ -211,13 +211,13 @@ def _nearest_closing(group: _Group) -> Array:
                 break
     if not poses:
         raise _still_open_error(group, best)
-    return min(poses, key=lambda u: float(np.linalg.norm(u)))
+    return min(poses, key=np.linalg.norm)
 
 
 def _still_open_error(group: _Group, u: Array) -> NotAssembled:
     """Return the error for a group that no start has closed; `u` (k,) came nearest."""
     gap, mechanism = np.abs(group.equations(u)), group.mechanism
-    row, q = int(np.argmax(gap)), group.configuration(u)
+    row, q = np.argmax(gap), group.configuration(u)
     turning = bool(group.rows.rotation[row])
     left = float(gap[row]) * (1.0 if turning else mechanism.length)
     best = f"{group.rows.names[row]} stays {left:.3g} {'rad' if turning else 'm'} apart"

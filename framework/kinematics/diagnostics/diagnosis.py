@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.errors import NotAssembled, SingularReference, expect
 from framework.kinematics.assembly import all_loops_matrix, nearby_configurations
 from framework.kinematics.diagnostics.assembly_search import find_closed_pose
@@ -135,7 +134,9 @@ def _robot_to_examine(mechanism: Mechanism) -> tuple[ParallelRobot, float | None
             f"limits has found the one that is printed, {pose.joint} {pose.distance} away: paste it into the "
             f"file (or give it by --reference) if the robot is meant to be assembled that way"
         )
-        mechanism, closing = assembled_mechanism(_with_reference(mechanism, pose.q))
+        description = replace(mechanism.description, reference=mechanism.reference_values(pose.q))
+        posed = Mechanism.from_description(description, flexibility=mechanism.flexibility)
+        mechanism, closing = assembled_mechanism(posed)
     try:
         return ParallelRobot.of(mechanism), gap, remarks
     except SingularReference as singular:
@@ -166,14 +167,6 @@ def _modes(robot: ParallelRobot) -> _Modes:
     working, assembly = (int(sign[0]) for sign in mode_signs(robot, linearised))
     least = float(clearance(robot, linearised)[0])
     return _Modes(working, assembly, least if least < np.inf else None)
-
-
-def _with_reference(mechanism: Mechanism, q: Array) -> Mechanism:
-    """Return the mechanism with another reference, q (nq,)."""
-    return Mechanism.from_description(
-        replace(mechanism.description, reference=mechanism.reference_values(q)),
-        flexibility=mechanism.flexibility,
-    )
 
 
 def _advice_on_motions(robot: ParallelRobot, motions: Mobility, axes: PlatformAxes) -> list[str]:

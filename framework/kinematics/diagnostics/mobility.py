@@ -60,9 +60,9 @@ def mobility_of(robot: ParallelRobot) -> Mobility:
     """Count the freedoms at the assembled reference."""
     q = robot.reference.q
     hidden = _hidden_motions(robot, q)
-    centres = centres_of_mass(robot, q) @ hidden
-    idle = _pivots(hidden @ null_space(centres, NEARLY_AT_REST))
-    loose = _pivots(hidden @ row_space(centres, NEARLY_AT_REST), excluded=idle)
+    moving, resting = split_space(centres_of_mass(robot, q) @ hidden, NEARLY_AT_REST)
+    idle = _pivots(hidden @ resting)
+    loose = _pivots(hidden @ moving, excluded=idle)
     return Mobility(
         _motions(robot, q).shape[1],
         tuple(map(robot.coordinates.name_of, idle)),
@@ -77,7 +77,10 @@ def platform_axes_of(robot: ParallelRobot, freedoms: int) -> PlatformAxes:
     if not stuck_here.shape[1] and robot.n == freedoms:
         return PlatformAxes("", "", freedoms, ())
     poses = [q, *nearby_configurations(robot, q)]
-    twists = [_frame_twists(robot, pose) for pose in poses]
+    twists = [
+        scaled_twists(robot, frames_at(robot, pose[None]).jacobian[0, 0]) @ _motions(robot, pose)
+        for pose in poses
+    ]  # (6, f) of the platform's frame, for the motions that the loops allow
     stuck = min((_stuck(robot, pose) for pose in poses), key=lambda combinations: combinations.shape[1])
     velocities = max(np.linalg.matrix_rank(matrix, tol=FILE_ROUNDING) for matrix in twists)
     names = robot.axis_names
@@ -93,18 +96,17 @@ def _proposals(twists: list[Array], freedoms: int, stated: Sequence[str]) -> tup
     Two turns are coordinates in series, and their order matters: if the `stated` axes are two insufficient
     turns, the other order is proposed.
     """
-    proposals: list[tuple[int, tuple[str, ...]]] = []
-    for axes in combinations(range(6), freedoms) if freedoms else ():
-        turns = sum(axis >= 3 for axis in axes)
+    proposals: list[tuple[str, ...]] = []
+    by_turns = sorted(combinations(range(6), freedoms), key=lambda axes: sum(axis >= 3 for axis in axes))
+    for axes in by_turns if freedoms else ():
         least = max(np.linalg.svd(matrix[list(axes)], compute_uv=False)[-1] for matrix in twists)
         if least > PROPOSED_AXES_CLEARANCE:
             names = tuple(AXES[axis] for axis in axes)
             if set(names) != set(stated):
-                proposals.append((turns, names))
-            elif turns == freedoms == 2:
-                proposals.append((turns, tuple(reversed(stated))))
-    proposals.sort(key=lambda proposal: proposal[0])
-    return tuple(names for _, names in proposals[:MAX_PROPOSALS])
+                proposals.append(names)
+            elif freedoms == 2 and min(axes) >= 3:
+                proposals.append(tuple(reversed(stated)))
+    return tuple(proposals[:MAX_PROPOSALS])
 
 
 def find_free_motions(robot: Mechanism, q: Array, rank: int) -> Array:
@@ -136,11 +138,6 @@ def _platform_rates(robot: ParallelRobot, q: Array) -> Array:
     return scale_jacobian(robot, robot.platform.jacobian(frames_at(robot, q[None])), ~robot.translations)[0]
 
 
-def _frame_twists(robot: ParallelRobot, q: Array) -> Array:
-    """Compute twists (6, f) of the platform's frame for the motions that the loops allow at q (nq,)."""
-    return scaled_twists(robot, frames_at(robot, q[None]).jacobian[0, 0]) @ _motions(robot, q)
-
-
 def scaled_twists(robot: Mechanism, twists: Array) -> Array:
     """Return twists (6, nv) of a frame in radians and lengths of the robot."""
     return twists / np.repeat([robot.length, 1.0], 3)[:, None] * robot.column_scale
@@ -170,16 +167,16 @@ def _name_stuck_axes(stuck: Array, names: tuple[str, ...]) -> str:
     return ", ".join([*alone, f"{together} independently of each other"])
 
 
-def null_space(matrix: Array, level: float = FILE_ROUNDING) -> Array:
-    """Compute orthonormal columns (c, k) of the null space of a matrix (r, c), singular values to a level."""
+def null_space(matrix: Array) -> Array:
+    """Compute orthonormal columns (c, k) of the null space of a matrix (r, c)."""
+    return split_space(matrix, FILE_ROUNDING)[1]
+
+
+def split_space(matrix: Array, level: float) -> tuple[Array, Array]:
+    """Compute orthonormal columns of the row space and of the null space, singular values to a level."""
     _, values, right = np.linalg.svd(matrix)
-    return right[int(np.sum(values > level)) :].T
-
-
-def row_space(matrix: Array, level: float = FILE_ROUNDING) -> Array:
-    """Compute orthonormal columns (c, c - k), the complement of the null space."""
-    _, values, right = np.linalg.svd(matrix, full_matrices=False)
-    return right[: int(np.sum(values > level))].T
+    rank = int(np.sum(values > level))
+    return right[:rank].T, right[rank:].T
 
 
 def _pivots(motions: Array, excluded: tuple[int, ...] = ()) -> tuple[int, ...]:

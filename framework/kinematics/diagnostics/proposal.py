@@ -33,8 +33,8 @@ from framework.kinematics.diagnostics.mobility import (
     mobility_of,
     null_space,
     platform_axes_of,
-    row_space,
     scaled_twists,
+    split_space,
 )
 from framework.kinematics.frames import frames_at
 from framework.kinematics.loop_structure import independent_rows
@@ -290,12 +290,13 @@ def _close_near_reference(description: RobotDescription) -> _Motions:
         remarks.append("reference: a pose beside the file's, which is on a singularity of the loops")
     basis = find_free_motions(mechanism, q, _rank(mechanism, q))
     moves = centres_of_mass(mechanism, q) @ basis
-    idle = basis @ null_space(moves, NEARLY_AT_REST)
+    moving, resting = split_space(moves, NEARLY_AT_REST)
+    idle = basis @ resting
     turned = list(description.motor_joints)  # what a motor or a thread turns is no idle turn
     if moves.any():
         turned += [name for coupling in description.couplings for name in (coupling.joint, coupling.of)]
     driven = idle[columns_of(mechanism.model, turned)]
-    parts = basis @ row_space(moves, NEARLY_AT_REST), idle @ row_space(driven, NEARLY_AT_REST)
+    parts = basis @ moving, idle @ split_space(driven, NEARLY_AT_REST)[0]
     return _Motions(mechanism, q, basis, np.concatenate(parts, axis=1), tuple(remarks))
 
 
@@ -381,8 +382,8 @@ def _check_driven(motions: _Motions, description: RobotDescription, tree: UrdfTr
 # ------------------------------------------------------------------ the platform
 
 
-def _platforms(motions: _Motions, description: RobotDescription, tree: UrdfTree) -> Iterator[Platform]:
-    """Yield platforms to try, the likeliest first."""
+def _platforms(motions: _Motions, description: RobotDescription, tree: UrdfTree) -> list[Platform]:
+    """Return platforms to try, the likeliest first."""
     count, motors = motions.freedoms, description.motor_joints
     rates = np.linalg.pinv(motions.rates(motors))
     entries: list[tuple[float, Platform]] = []
@@ -391,12 +392,11 @@ def _platforms(motions: _Motions, description: RobotDescription, tree: UrdfTree)
         by_motor = np.linalg.norm(twists @ rates, axis=0)
         if not np.all(by_motor > FILE_ROUNDING):
             continue
-        liking = -0.001 * number + (1.0 if any(tool in frame.lower() for tool in NAMES_OF_TOOLS) else 0.0)
+        liking = -0.001 * number + any(tool in frame.lower() for tool in NAMES_OF_TOOLS)
         for well, platform in _frame_platforms(twists, frame, count, tree, motors):
             entries.append((well + liking, platform))
     entries.sort(key=lambda entry: -entry[0])
-    for _, platform in entries[:MAX_TRIED]:
-        yield platform
+    return [platform for _, platform in entries[:MAX_TRIED]]
 
 
 def _joint_platforms(motions: _Motions, description: RobotDescription, tree: UrdfTree) -> Iterator[Platform]:
@@ -420,7 +420,7 @@ def _frame_platforms(
         yield 3.0, Platform(frame, (), names)
     turns_about_a_point = _turns_about_a_point(twists)
     for axes in combinations(range(6), count):
-        least = float(np.linalg.svd(twists[list(axes)], compute_uv=False)[-1])
+        least = np.linalg.svd(twists[list(axes)], compute_uv=False)[-1]
         turning = sum(axis >= 3 for axis in axes)
         if least > FILE_ROUNDING and not (turns_about_a_point and turning < count):
             sides = tuple(AXES[axis] for axis in axes)
