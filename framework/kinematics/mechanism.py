@@ -248,7 +248,7 @@ def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
         directions=locked_directions(description.closures, names),
         limits=joint_limits(parsed.urdf, model),
         q_near=q_near,
-        length=_length(model, q_near, frames),
+        length=reference_length(model, q_near, frames),
     )
 
 
@@ -308,7 +308,7 @@ def _joint_vector(model: pin.Model, values: Mapping[str, float]) -> Array:
     return vector
 
 
-def _length(model: pin.Model, q: Array, frames: Iterable[int]) -> float:
+def reference_length(model: pin.Model, q: Array, frames: Iterable[int]) -> float:
     """Compute the size of the mechanism at q [m], to compare metres with radians; 1 if nothing has a size.
 
     It is the largest distance between joints, frames that move and frames of the loops, whatever the place of

@@ -18,7 +18,7 @@ from framework.kinematics.assembly import Closing, all_loops_matrix, close_refer
 from framework.kinematics.closures import loop_equations, row_weights
 from framework.kinematics.frames import frames_at
 from framework.kinematics.loop_structure import numerical_rank, row_pivots
-from framework.kinematics.mechanism import Mechanism
+from framework.kinematics.mechanism import Mechanism, reference_length
 from framework.tolerances import EXPORT_ROUNDING
 
 ROUNDED_ROW = 10 * EXPORT_ROUNDING  # singular value over the largest; the catalogue's weakest row has 8e-3
@@ -47,11 +47,14 @@ def assembled_mechanism(mechanism: Mechanism) -> AssembledMechanism:
         if reduced is None:
             raise
         return AssembledMechanism(reduced, close_reference(reduced))
-    matrix = all_loops_matrix(mechanism, closing.q)[:, mechanism.joints]
+    # by its own size, whatever counts as its length: rows of a small mechanism are small beside a long one
+    size = reference_length(mechanism.model, closing.q, mechanism.frames)
+    sized = replace(mechanism, length=size)
+    matrix = all_loops_matrix(sized, closing.q)[:, mechanism.joints]
     if numerical_rank(matrix) > numerical_rank(matrix, ROUNDED_ROW):
-        reduced = _set_rounded_rows_aside(mechanism, closing.q)
-        if reduced is not None and _is_rounded_nearby(mechanism, reduced, closing.q):
-            return AssembledMechanism(reduced, closing)
+        reduced = _set_rounded_rows_aside(sized, closing.q)
+        if reduced is not None and _is_rounded_nearby(sized, reduced, closing.q):
+            return AssembledMechanism(replace(reduced, length=mechanism.length), closing)
     return AssembledMechanism(mechanism, closing)
 
 
