@@ -114,10 +114,15 @@ def _elastic(task: Task, places: Sequence[CrossingPoint]) -> OptimalMotion:
     known: KnownDeflections | None = None
     kept: OptimalMotion | None = None
     unresolved: NoAnswer | None = None
+    best: Best | None = None
     for _ in range(MAX_PASSES):
         try:
             degree, share = ELASTIC_LAWS[rung]
-            best = find_law(sought, places, deflections=deflections, share=share, degree=degree)
+            problem = None if best is None else best.program.problem
+            if best is None or problem is None or problem.task is not sought or problem.degree != degree:
+                best = find_law(sought, places, deflections=deflections, share=share, degree=degree)
+            else:  # the same least cost, of which smoothness may take more
+                best = adapt_found_law(sought, places, best, share=share)
             if kept is not None and not best.cost < _worthwhile(task, kept):
                 return kept
             dynamics, law, known = _resolved(task, best.law, known)
@@ -128,8 +133,9 @@ def _elastic(task: Task, places: Sequence[CrossingPoint]) -> OptimalMotion:
             unresolved, rung = unresolved or failure, rung + 1
             if rung == len(ELASTIC_LAWS):
                 raise unresolved from None
-            smoother = replace(sought.specification, smoothness=HIGHEST_SMOOTHNESS)
-            sought = sought._replace(specification=smoother)
+            if sought.specification.smoothness < HIGHEST_SMOOTHNESS:
+                smoother = replace(sought.specification, smoothness=HIGHEST_SMOOTHNESS)
+                sought = sought._replace(specification=smoother)
             continue
         new, excess = OptimalMotion(dynamics, law, best), limit_excess(dynamics, task.specification)
         if excess <= 1.0:
@@ -139,7 +145,7 @@ def _elastic(task: Task, places: Sequence[CrossingPoint]) -> OptimalMotion:
         else:
             tightened = sought.specification.tighten_limits((1.0 - LIMIT_TIGHTENING) / excess)
             sought = sought._replace(specification=tightened)
-        deflections = DeflectionsOnPath(law, dynamics.deflections)
+        deflections, best = DeflectionsOnPath(law, dynamics.deflections), None
         places = crossing_places(task, deflections, places)
     if kept is not None:
         return kept
