@@ -135,6 +135,13 @@ catalogue's four_bar is refused.
 
 # ------------------------------------------------------------------ following a branch
 
+TYPE_1_END = 1e-5
+"""Least singular value of the inverse kinematics at the last pose of a ray: below, the ray ends at Type 1.
+
+A ray that ends there is followed to 1e-9 to 4e-7 (nine poses of six robots); one that ends for another reason
+had 7e-3. At 1e-3 such an end may be called Type 1; at 1e-8 most Type 1 ends are not named.
+"""
+
 RANK_LOST = 1e-7
 """A singular value without dimension (P, the loops, a twist), or g, that counts as zero at a singular pose.
 

@@ -23,12 +23,12 @@ from framework.atlas.sweep import STEP_PARTS, PoseReason, step_poses
 from framework.errors import InvalidInput
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import assembled_at, linearised_at
-from framework.kinematics.loop_matrices import type2_matrix
+from framework.kinematics.loop_matrices import type1_matrix, type2_matrix
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.proofs.regular_ball import MAX_CELLS, regular_ball
 from framework.singularity.bordered_system import bordered_solution
 from framework.singularity.type2 import has_signed_measure, uncontrolled_motion
-from framework.tolerances import NEWTON_STEP, RANK_LOST
+from framework.tolerances import NEWTON_STEP, RANK_LOST, TYPE_1_END
 
 RAY_STEP = 0.02  # [robot lengths, rad] along a ray
 RAYS = {1: 2, 2: 96, 3: 300}  # directions, by the number of platform coordinates
@@ -54,7 +54,7 @@ class NearestSingularPose(ReadOnlyArrays):
     x: Array | None  # (n,) of the platform
     q: Array | None  # (nq,)
     twist: Array | None  # (n,) t_s, see `twist_norm`
-    leg_end: float = np.inf  # in the same unit, where the first ray ends: at a Type 1 pose, or almost
+    leg_end: float = np.inf  # in the same unit, where the first ray ends at a Type 1 pose; inf: none found
 
     @property
     def status(self) -> str:
@@ -109,7 +109,7 @@ def nearest_singular_pose(
     radius = reach if nearest is None else nearest.distance
     proved = regular_ball(robot, centre.q[0], centre.x[0], radius, max_cells=max_cells).radius
     search = (proved * size, unit, reach * size, len(directions))
-    leg_end = size * min((end.distance for end in ends), default=np.inf)
+    leg_end = size * min((end.distance for end in ends if _is_type_1(robot, end)), default=np.inf)
     if nearest is None:
         return NearestSingularPose(np.inf, *search, None, None, None, leg_end)
     twist = uncontrolled_motion(robot, linearised_at(robot, nearest.q[None], None)).twist
@@ -156,7 +156,7 @@ def _sign(robot: ParallelRobot, q: Array) -> Array:
 def _follow_rays(
     robot: ParallelRobot, q: Array, x: Array, directions: Array, reach: float
 ) -> tuple[Stretches, Stretches]:
-    """Find the stretches on which rays first meet the locus, and those on which they end before."""
+    """Find the stretches of rays (K, n) with a first sign change of g, and those with an end before any."""
     rays = directions * robot.platform_scale
     count = max(int(np.ceil(reach / RAY_STEP)), 1)
     live = np.arange(len(rays))
@@ -206,9 +206,9 @@ def _advance_to_ends(robot: ParallelRobot, stretches: Stretches, x: Array, *, by
 
 
 def _advance(robot: ParallelRobot, stretches: Stretches, *, by_sign: bool, halvings: int) -> Stretches:
-    """Return what is left of stretches before they end, or g changes its sign, by steps halved where refused.
+    """Advance along stretches until their ends, or a sign change of g, halving each refused step.
 
-    A long step near an end is not trusted, a shorter one is: its length stays until it is refused in turn.
+    A long step near an end is not trusted and a shorter one is, so a length is kept until it is refused.
     """
     q, start, end = (part.copy() for part in stretches)
     sign, share, size = _sign(robot, q), np.zeros(len(q)), np.full(len(q), 0.5)
@@ -225,8 +225,14 @@ def _advance(robot: ParallelRobot, stretches: Stretches, *, by_sign: bool, halvi
 
 
 def _is_singular(robot: ParallelRobot, hit: Foot) -> bool:
-    """Return whether g is zero to rounding at a pose."""
+    """Return whether the measure g of a pose is zero to rounding."""
     return bool(abs(_measure(robot, hit.q[None])[0]) < RANK_LOST)
+
+
+def _is_type_1(robot: ParallelRobot, end: Foot) -> bool:
+    """Return whether the inverse kinematics is singular at a pose, up to what halving steps leaves."""
+    matrix = type1_matrix(robot, linearised_at(robot, end.q[None], None))
+    return bool(np.linalg.svd(matrix, compute_uv=False)[0, -1] < TYPE_1_END)
 
 
 def _measure(robot: ParallelRobot, q: Array) -> Array:

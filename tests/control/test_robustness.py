@@ -60,18 +60,18 @@ def test_the_plan_held_over_each_period_comes_back_to_second_order(flexibility):
 
 
 @pytest.mark.slow
-def test_an_optimal_law_is_held_over_each_period_to_second_order_at_least():
-    plan = plan_scene(robots.load("five_bar"), "C", optimize="energy", smoothness=4)
+def test_an_optimal_law_is_held_over_each_period_to_second_order_too():
+    limits = {"optimize": "time", "torque_limit": 0.165, "smoothness": 4}
+    plan = plan_scene(robots.load("five_bar"), "C", **limits)
     errors = []
-    for period in (2e-3, 1e-3, 5e-4):
+    for period in (2e-3, 1e-3):
         reference = reference_of(plan, period=period)
         nothing = np.zeros(reference.robot.n_a)
         run = run_closed_loop(
             FeedforwardPD(reference, nothing, nothing), ControlLoop(), Spread(), unvaried(tuned(reference))
         )
         errors.append(run.tracking_error[0])
-    assert min(errors[0] / errors[1], errors[1] / errors[2]) > 3.0
-    assert errors[2] < 1e-7  # [robot lengths]: what the simulation leaves is not far below
+    assert 3.0 < errors[0] / errors[1] < 5.5
 
 
 @pytest.mark.slow

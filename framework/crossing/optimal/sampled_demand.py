@@ -43,10 +43,13 @@ class SampledDemand(NamedTuple):
 
 
 def sample_demand(task: Task) -> SampledDemand | None:
-    """Resolve the demand of a path on its motors; return None where it takes too many cells.
+    """Compute Chebyshev series of the demand on the motors along a path.
 
     Args:
         task: of an undeformed robot.
+
+    Returns:
+        The series, or None where they do not resolve on MAX_CELLS cells.
     """
     points = task.to_cross.points
     # where the path touches the locus, or several motions escape at once, the pole is of second order
@@ -69,6 +72,6 @@ def sample_demand(task: Task) -> SampledDemand | None:
 
 
 def _find_unresolved(series: TimeFunction, motors: int) -> Array:
-    """Return a mask (P,) of the panels on which the last coefficients of any quantity are not small."""
+    """Return a mask (P,) of the panels with large last coefficients of any quantity, or values not finite."""
     size = np.abs(series.coefficients).reshape(*series.coefficients.shape[:2], -1, motors).max(axis=3)
-    return np.asarray((size[:, -2:].max(axis=1) > SERIES_TAIL * size.max(axis=1)).any(axis=1))
+    return np.asarray(~(size[:, -2:].max(axis=1) <= SERIES_TAIL * size.max(axis=1)).all(axis=1))

@@ -65,19 +65,20 @@ def find_law(
     Raises:
         As `find_undeformed_law`.
     """
-    problem = problem_of(task, places, deflections)._replace(degree=degree)
+    sampled = sample_demand(task) if deflections is None else None
+    problem = problem_of(task, places, deflections)._replace(degree=degree, sampled=sampled)
     best = _found_or_refused(problem, find_best_law(problem, cells, share=share))
     if not task.branch.robot.is_damped:
         return best
     for _ in range(MAX_TANGENTS):
-        problem = problem_of(task, places, deflections, best.law.squared_speed)
+        problem = _linearise_damping(problem, places, best.law.squared_speed)
         found = resume_law(best, problem)
         if isinstance(found, NoneFound):
             found = find_best_law(problem, best.program.cells, share=share)
         best = _found_or_refused(problem, found)
         error = _tangent_error(problem, best)
         if error <= DAMPING_TORQUE_ERROR:
-            return best._replace(law=_meeting_conditions(task, places, best.law))
+            return best._replace(law=_meet_conditions(problem, places, best.law))
     raise NotConverged(
         f"{task.branch.robot.name}: law and damping do not settle together in {MAX_TANGENTS} passes; "
         f"use {other_law(task)}another duration",
@@ -102,18 +103,22 @@ def adapt_found_law(
         )
     if not task.branch.robot.is_damped:
         return adapted
-    return adapted._replace(law=_meeting_conditions(task, places, adapted.law))
+    return adapted._replace(law=_meet_conditions(adapted.program.problem, places, adapted.law))
 
 
 def problem_of(
-    task: Task,
-    places: Sequence[CrossingPoint],
-    deflections: Deflections | None = None,
-    before: SquaredSpeed | None = None,
+    task: Task, places: Sequence[CrossingPoint], deflections: Deflections | None = None
 ) -> LawProblem:
-    """Return the problem of a task, damping linearised about the squared speed of a law before."""
-    sampled = sample_demand(task) if deflections is None else None
-    return LawProblem(task, *conditions_at(task, places, deflections, before), deflections, before, sampled)
+    """Return the problem of a task, without damping."""
+    return LawProblem(task, *conditions_at(task, places, deflections), deflections)
+
+
+def _linearise_damping(
+    problem: LawProblem, places: Sequence[CrossingPoint], before: SquaredSpeed
+) -> LawProblem:
+    """Return the problem with damping linearised about the squared speed of a law."""
+    crossings, conditions = conditions_at(problem.task, places, problem.deflections, before)
+    return problem._replace(crossings=crossings, conditions=conditions, before=before)
 
 
 def _found_or_refused(problem: LawProblem, found: Best | NoneFound) -> Best:
@@ -139,16 +144,17 @@ def _tangent_error(problem: LawProblem, best: Best) -> float:
     return float(np.abs(off / best.reference).max(initial=0.0)) / best.peak
 
 
-def _meeting_conditions(task: Task, places: Sequence[CrossingPoint], law: OptimalLaw) -> OptimalLaw:
-    """Return the law that meets condition (8) with damping, to rounding, with the least change of speed."""
+def _meet_conditions(problem: LawProblem, places: Sequence[CrossingPoint], law: OptimalLaw) -> OptimalLaw:
+    """Return the law nearest in speed that meets condition (8) with damping, to rounding."""
     for _ in range(MAX_CONDITION_STEPS):
-        problem = problem_of(task, places, None, law.squared_speed)
+        problem = _linearise_damping(problem, places, law.squared_speed)
         try:
             space, rows = SpeedSpace(law.basis, law.stretch), condition_rows(problem, law.basis)
             law = replace(law, coefficients=space.adjust(law.coefficients, rows, law.duration))
         except InvalidInput as reason:
             raise NotConverged(
-                f"{task.branch.robot.name}: no law near the best has condition (8) with damping ({reason})",
+                f"{problem.task.branch.robot.name}: no law near the best has condition (8) with damping "
+                f"({reason})",
                 residual=np.inf,
             ) from None
     return law
