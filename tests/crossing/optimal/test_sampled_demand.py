@@ -15,25 +15,7 @@ from framework.crossing.optimal.sampled_demand import sample_demand
 from framework.model.description import JointDynamics
 from framework.motion.optimal_law import Smoothstep
 from framework.singularity.points_on_path import search_path
-
-SCENES = {
-    "agile_eye": "sweep",
-    "biglide": "across",
-    "bricard": "fold",
-    "delta": "cross",
-    "five_bar": "C",
-    "five_bar_heavy": "C",
-    "four_bar": "dead_point",
-    "gough_stewart": "turn",
-    "humanoid_knee": "swing",
-    "orthoglide": "cross",
-    "par4": "cross",
-    "slider_crank": "dead_centre",
-    "spherical_rrr": "cross",
-    "three_rpr": "crossing",
-    "three_rrr": "crossing",
-    "three_upu": "across",
-}
+from tests.robots.every_robot import RIGID, crossing
 
 
 def task_of(plan) -> Task:
@@ -53,7 +35,7 @@ def compare_torques(plan, friction=None):
     sampled = sample_demand(task_of(plan))
     assert sampled is not None
     t = plan.duration * np.linspace(0.0, 1.0, 101)[1:-1]
-    away = np.abs(t[:, None] - [crossing.time for crossing in plan.crossings]).min(axis=1, initial=np.inf)
+    away = np.abs(t[:, None] - [point.time for point in plan.crossings]).min(axis=1, initial=np.inf)
     s = plan.law(t)  # some polynomials go beyond the end of their path
     t = t[(away > 1e-3 * plan.duration) & (s >= 0.0) & (s <= 1.0)]
     torque = plan.torque(t)
@@ -61,9 +43,9 @@ def compare_torques(plan, friction=None):
     assert np.abs(torque_by_series(plan, sampled, t, friction) - torque).max() < 1e-8 * np.abs(torque).max()
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", RIGID)
 def test_series_give_the_certified_torques_of_a_plan(name):
-    compare_torques(plan_scene(robots.load(name), SCENES[name], friction="none"))
+    compare_torques(crossing(RIGID[name], friction="none"))
 
 
 def test_damping_and_dry_friction_come_with_the_series():
