@@ -156,7 +156,7 @@ def _sign(robot: ParallelRobot, q: Array) -> Array:
 def _follow_rays(
     robot: ParallelRobot, q: Array, x: Array, directions: Array, reach: float
 ) -> tuple[Stretches, Stretches]:
-    """Find the stretches of rays (K, n) with a first sign change of g, and those with an end before any."""
+    """Find stretches of rays (K, n) with a sign change of g, and stretches with an end of the branch."""
     rays = directions * robot.platform_scale
     count = max(int(np.ceil(reach / RAY_STEP)), 1)
     live = np.arange(len(rays))
@@ -230,7 +230,7 @@ def _is_singular(robot: ParallelRobot, hit: Foot) -> bool:
 
 
 def _is_type_1(robot: ParallelRobot, end: Foot) -> bool:
-    """Return whether the inverse kinematics is singular at a pose, up to what halving steps leaves."""
+    """Return whether the inverse kinematics of a pose is singular, within TYPE_1_END."""
     matrix = type1_matrix(robot, linearised_at(robot, end.q[None], None))
     return bool(np.linalg.svd(matrix, compute_uv=False)[0, -1] < TYPE_1_END)
 

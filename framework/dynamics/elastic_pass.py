@@ -61,7 +61,7 @@ def moving_with(
     deflections: tuple[Array, Array, Array],
     before: Pass | None = None,
 ) -> Motion:
-    """All coordinates at instants (T,) with deflections (T, n_e) and two time derivatives of them."""
+    """Compute all coordinates at instants (T,) for deflections (T, n_e) and their two time derivatives."""
     robot, (q_e, *rates) = branch.robot, deflections
     s = orders_of(law, times)
     x, dx, ddx = time_derivatives(branch.path, s)

@@ -263,7 +263,7 @@ def _planned_friction(result: InverseDynamics, friction: str) -> PlannedFriction
 
 
 def is_stalled(changes: list[float]) -> bool:
-    """Whether the last two grids left as much of the change as the one before them: so will a finer one."""
+    """Return whether two finer grids reduced the change by less than the share STALLED."""
     return len(changes) > 2 and min(changes[-2:]) > STALLED * changes[-3]
 
 

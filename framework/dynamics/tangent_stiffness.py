@@ -125,7 +125,7 @@ def _curvature(robot: ParallelRobot, frames: FrameStack, steps: Array, multiplie
 
 
 def factor_transposed(J: Array) -> tuple[Array, Array, Array]:
-    """Factor J' = Q R of J (T, m, f); return Q (T, f, m), R (T, m, m) and J's null space."""
+    """Factor J' = Q R of J (T, m, f) into Q (T, f, m), R (T, m, m) and the null space of J."""
     Q, R = np.linalg.qr(J.swapaxes(1, 2), mode="complete")
     count = J.shape[1]
     return Q[:, :, :count], R[:, :count], Q[:, :, count:]

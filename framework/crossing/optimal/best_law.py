@@ -136,7 +136,11 @@ def _search_smooth(search: SmoothSearch, near: Speed | None = None) -> Best | No
 
 
 def _make_best(search: SmoothSearch, found: Speed) -> Best:
-    """Return the law of a speed; raises InvalidInput where it comes too near to zero."""
+    """Return the law of a speed.
+
+    Raises:
+        InvalidInput: the speed comes too near to zero.
+    """
     program, specification = search.program, search.program.problem.specification
     y = found.y
     if specification.duration is not None:

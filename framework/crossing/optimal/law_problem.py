@@ -136,7 +136,7 @@ def motor_rows(problem: LawProblem, basis: SpeedBasis, conditions: Affine, xi: A
 
 
 def _subtract_condition(torque: Affine, conditions: Affine, at: IntArray, near: BoolArray) -> Affine:
-    """Return torque rows less their multiples of the conditions `at` (k,), where they are `near` (M,)."""
+    """Subtract multiples of the conditions `at` (k,) from torque rows near a crossing, a mask (M,)."""
     met = conditions.matrix[at]
     share = np.linalg.lstsq((met @ met.T).toarray(), (torque.matrix @ met.T).toarray().T, rcond=None)[0].T
     share = near[:, None] * share

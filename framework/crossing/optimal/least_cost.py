@@ -104,7 +104,7 @@ def find_least_cost(
 
 
 def _solve_on(problem: LawProblem, cells: Array) -> tuple[SpeedProgram, Speed, Units] | NoneFound:
-    """Find the least cost on these cells."""
+    """Find the least cost on cells (k + 1,) of xi."""
     program = SpeedProgram.on_cells(problem, cells)
     found = solve_least_cost(program)
     return found if isinstance(found, NoneFound) else (program, *found)

@@ -85,7 +85,7 @@ def optimal_motion(task: Task) -> OptimalMotion:
 
 
 def _certify_law(task: Task, places: Sequence[CrossingPoint], best: Best) -> OptimalMotion:
-    """Certify the motion of a rigid robot's law, found again within lower limits where they are exceeded.
+    """Certify the motion of a rigid robot's law, lowering limits that the motion exceeds.
 
     Raises:
         NotConverged: limits are exceeded still; as `resolve`.

@@ -72,7 +72,7 @@ class SmoothSearch(NamedTuple):
         return self._replace(pace=pace, units=self.units._replace(time=pace))
 
     def find_smoothest(self, near: Speed | None = None) -> Speed | NoneFound:
-        """Find the smoothest law within the bounds, with no higher a floor than that of a law near to it."""
+        """Find the smoothest law within the bounds, its floor at most that of the law `near`."""
         return self._solve_above_floor(self.bounds, near=near)[0]
 
     def find_lasting(self, duration: float, near: Speed | None = None) -> Speed | NoneFound:
@@ -138,7 +138,7 @@ class SmoothSearch(NamedTuple):
         return NoneFound(self.program, f"no law that takes {duration:.4g} s was found")
 
     def _improve(self, goal: str, law: Speed, quick: Speed, bounds: Bounds, floor: float) -> Speed:
-        """Improve a law of a duration by the tangent of T about it, and blend the result with a quick law."""
+        """Improve a law by the tangent of T(z), and blend with a quick law to the same duration."""
         duration = law.duration
         bounded = bounds._replace(longest=4.0 * duration)
         found = self.program.minimise(goal, bounded, self.units, floor=floor, about=(law.y, duration))
