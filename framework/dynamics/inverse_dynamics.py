@@ -263,7 +263,7 @@ def _planned_friction(result: InverseDynamics, friction: str) -> PlannedFriction
 
 
 def is_stalled(changes: list[float]) -> bool:
-    """Return whether two finer grids reduced the change by less than the share STALLED."""
+    """Return whether each of two finer grids leaves more than the share STALLED of the change."""
     return len(changes) > 2 and min(changes[-2:]) > STALLED * changes[-3]
 
 
