@@ -196,7 +196,8 @@ def _describe_smoothness(plan: CrossingPlan) -> list[str]:
         return []
     goal = plan.optimality.specification.goal.replace("_", " ")
     over = f"{100 * plan.optimality.gap:.2g} % above the least {goal} found"
-    return [f"  smoothed          {over}; its speed turns {plan.law.turns} times"]
+    times = f"{plan.law.turns} time" + "s" * (plan.law.turns != 1)
+    return [f"  smoothed          {over}; its speed turns {times}"]
 
 
 def plan_text(plan: CrossingPlan) -> str:
