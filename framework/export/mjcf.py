@@ -9,8 +9,8 @@ MIN_MASS and MIN_INERTIA stand in. Bodies have no shape.
 A loop is closed by points that coincide, MuJoCo's `connect`: one, two on a hinge's axis, three of a weld. Any
 other closure is written as the first of these that locks its axes and more, if the robot cannot move along
 the axes that are added. That is tested at random configurations beside the reference, springs deflected; as
-the loop equations are analytic, it then holds everywhere on that branch. Rods of a parallelogram that lock
-two axes for the sake of few equations are points that coincide in this way.
+the loop equations are analytic, it then holds everywhere on that branch, but for chance. Rods of a
+parallelogram that lock two axes for the sake of few equations are points that coincide in this way.
 
 A torque limit is the range of a motor's control and force, which MuJoCo keeps. The URDF's range of a joint is
 its range, which MuJoCo keeps by forces of its own; a range without the reference is left out
@@ -52,11 +52,13 @@ CLOSING_POINT_DISTANCE = 0.1  # robot lengths between the points that close a hi
 def mjcf_text(robot: ParallelRobot, *, hinges: bool = False) -> str:
     """Return the robot with its springs as MJCF; the keyframe `reference` is its assembled reference.
 
-    With `hinges` a ball J becomes three, J_rx, J_ry and J_rz, for programs that know no balls. They are at
-    zero in the reference; where the second is at a right angle, the other two are about one line.
+    With `hinges` a ball J becomes three, J_hinge_x, J_hinge_y and J_hinge_z, for programs that know no balls:
+    turns about the axes of its body, one after the other, all zero in the reference. Where the second is at
+    a right angle, the other two are about one line.
 
     Raises:
-        InvalidInput: a loop that MuJoCo has no equality for, see `equality_axes`.
+        InvalidInput: a loop that MuJoCo has no equality for, see `equality_axes`; with `hinges`, a ball with
+            a spring, whose torque hinges in turn do not have.
     """
     root = ElementTree.Element("mujoco", model=robot.name)
     root.append(ElementTree.Comment(f" {START} "))
@@ -133,23 +135,14 @@ def _body(
         linear, angular = np.split(np.asarray(data.joints[j].S).ravel(), 2)  # the axis, fixed in the joint
         slides = np.linalg.norm(angular) == 0
         joint |= {"type": "slide" if slides else "hinge", "axis": vector_text(linear if slides else angular)}
-    armature = model.armature.copy()
-    armature[robot.actuated] += robot.rotor_inertia * robot.gear_ratio**2
-    for key, value in (
-        ("armature", armature[column]),
-        ("stiffness", robot.all_stiffness[column]),
-        ("springref", robot.joint_rest[column]),
-        ("damping", robot.joint_damping[column]),
-        ("frictionloss", robot.joint_friction[column]),
-    ):
-        if value:
-            joint[key] = repr(float(value))
     for limit in robot.limits:
         if limit.joint == name and name not in ranges_left_out(robot):
             joint |= {"limited": "true", "range": vector_text([limit.lower, limit.upper])}
-    turns = [{"name": f"{name}_r{axis}", "type": "hinge", "axis": AXIS[axis]} for axis in "xyz"]
-    for turn in turns if is_split else [{}]:
-        ElementTree.SubElement(body, "joint", joint | turn)
+    if is_split and robot.all_stiffness[column : column + 3].any():
+        raise InvalidInput(f"{robot.name}: ball {name!r} has a spring, which three hinges in turn do not say")
+    turns = [{"name": f"{name}_hinge_{axis}", "type": "hinge", "axis": AXIS[axis]} for axis in "xyz"]
+    for k, turn in enumerate(turns if is_split else [{}]):
+        ElementTree.SubElement(body, "joint", joint | turn | _acting_attributes(robot, column + k))
     inertia = model.inertias[j]
     moments = _correct_inertia(inertia.inertia)
     ElementTree.SubElement(
@@ -160,6 +153,20 @@ def _body(
         fullinertia=vector_text(moments[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]),
     )
     return body
+
+
+def _acting_attributes(robot: ParallelRobot, column: int) -> dict[str, str]:
+    """Return what acts along a column of the velocities, as attributes of a joint."""
+    rotors = np.zeros(robot.model.nv)
+    rotors[robot.actuated] = robot.rotor_inertia * robot.gear_ratio**2
+    values = {
+        "armature": robot.model.armature[column] + rotors[column],
+        "stiffness": robot.all_stiffness[column],
+        "springref": robot.joint_rest[column],
+        "damping": robot.joint_damping[column],
+        "frictionloss": robot.joint_friction[column],
+    }
+    return {key: repr(float(value)) for key, value in values.items() if value}
 
 
 def _correct_inertia(inertia: Array) -> Array:

@@ -291,7 +291,7 @@ def test_balls_as_hinges_are_the_same_tree(tmp_path):
     for k in np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_BALL):
         joint = model.joint(k)
         for axis, angle in zip("xyz", angles, strict=True):
-            turned.qpos[hinged.joint(f"{joint.name}_r{axis}").qposadr] = angle
+            turned.qpos[hinged.joint(f"{joint.name}_hinge_{axis}").qposadr] = angle
         quaternion = data.qpos[joint.qposadr[0] :][:4]
         for axis, angle in zip(np.eye(3), angles, strict=True):
             turn = np.append(np.cos(angle / 2), np.sin(angle / 2) * axis)
@@ -300,3 +300,24 @@ def test_balls_as_hinges_are_the_same_tree(tmp_path):
     mujoco.mj_kinematics(hinged, turned)
     assert np.abs(data.site_xpos - turned.site_xpos).max() < 1e-12
     np.testing.assert_allclose(turned.xpos, data.xpos, atol=1e-12)
+
+
+def test_each_hinge_of_a_ball_has_the_damping_of_its_axis(tmp_path):
+    robot = ankle(tmp_path)
+    column = next(joint.idx_v for joint in robot.model.joints if joint.nv == 3)
+    damping = robot.joint_damping.copy()
+    damping[column : column + 3] = 1.0, 2.0, 3.0
+    damped = ParallelRobot.of(replace(robot, joint_damping=damping))
+    hinged = mujoco.MjModel.from_xml_string(mjcf_text(damped, hinges=True))
+    assert {1.0, 2.0, 3.0} <= set(hinged.dof_damping)
+
+
+def test_a_ball_with_a_spring_is_not_written_as_hinges(tmp_path):
+    robot = ankle(tmp_path)
+    column = next(joint.idx_v for joint in robot.model.joints if joint.nv == 3)
+    stiffness = robot.joint_stiffness.copy()
+    stiffness[column : column + 3] = 5.0
+    sprung = ParallelRobot.of(replace(robot, joint_stiffness=stiffness))
+    with pytest.raises(InvalidInput, match="has a spring"):
+        mjcf_text(sprung, hinges=True)
+    assert "ball" in mjcf_text(sprung)
