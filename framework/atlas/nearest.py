@@ -54,7 +54,7 @@ class NearestSingularPose(ReadOnlyArrays):
     x: Array | None  # (n,) of the platform
     q: Array | None  # (nq,)
     twist: Array | None  # (n,) t_s, see `twist_norm`
-    leg_end: float = np.inf  # in the same unit, where the first ray ends at a Type 1 pose; inf: none found
+    leg_end: float = np.inf  # in the same unit, if the ray that ends first does so at Type 1; else inf
 
     @property
     def status(self) -> str:

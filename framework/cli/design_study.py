@@ -28,7 +28,18 @@ from framework.parallel.tasks import executor_of
 
 STUDY_EDGE_POSES = 41  # by default
 MAX_PRINTED_DESIGNS = 20
-NOT_FOR_STUDIES = ("scene", "at", "nearest", "wrench", "platform", "axes", "motors", "reference", "base")
+NOT_FOR_STUDIES = (
+    "scene",
+    "at",
+    "nearest",
+    "within",
+    "wrench",
+    "platform",
+    "axes",
+    "motors",
+    "reference",
+    "base",
+)
 
 
 def report_design_study(options: Namespace) -> Report:

@@ -77,7 +77,9 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         "platform point whose nearest singular pose is looked for, its margin [m, rad]",
         nargs="+",
     )
-    add_number(group, "--within", "R", "how far it is looked for, half a robot's length by default [m, rad]")
+    add_number(
+        group, "--within", "R", "how far it is looked for, half a robot length or 0.5 rad by default [m, rad]"
+    )
     add_executor(parser)
     add_out(
         parser,
@@ -138,6 +140,10 @@ def run(options: Namespace) -> Report:
     if options.keep_limits:
         check_window(robot, window)
     margin = None
+    if options.within is not None and options.nearest is None:
+        raise InvalidInput("--within: belongs to --nearest; give both, or leave it out").advising(
+            {"within": None}
+        )
     if options.nearest is not None:
         pose = assemble(robot, options.nearest)
         margin = nearest_singular_pose(robot, pose.q, within=options.within)

@@ -1,11 +1,11 @@
 """The largest load with which a path is still crossed within the limits of the motors.
 
 Torques and condition (8) of a rigid robot are linear in the multiple m of a wrench and in the squared speed z
-(`optimal`). So the admissible pairs (m, z) are a convex set, and the multiples with a law an interval. Its
-upper end is bisected between a multiple that is planned, with its certificate, and one that is refused or
-undecided. A search that finds no law proves nothing. So a multiple above the refused one is sought for which
-the bound of all laws (`peak_bound`) exceeds the limits. Elastic robots are bisected alike, without that
-proof.
+(`optimal`). So the admissible pairs (m, z) are a convex set, and the multiples with a law of free shape an
+interval. Its upper end is bisected between a multiple that is planned, with its certificate, and one that is
+refused or undecided. A search that finds no law proves nothing. So a multiple above the refused one is sought
+for which the bound of all laws (`peak_bound`) exceeds the limits. Elastic robots and polynomials are bisected
+alike, without that proof.
 """
 
 from __future__ import annotations

@@ -193,8 +193,8 @@ class PlanOptions:
     )
     torque_limit: Limit = _option(  # noqa: RUF009 - frozen
         "largest torque [N m] of all motors, of each, or JOINT=N of some, motor side; none: no limit",
-        "; a force [N] where a motor slides. In Python a number, a list or a dict by joint, None for "
-        "no limit. The robot file's by default; no law of a plan exceeds them",
+        "; a force [N] where a motor slides. In Python a number, a list or a dict by joint; inf, or "
+        "None for one motor, is no limit. The robot file's by default; no law of a plan exceeds them",
         typed={"nargs": "+", "metavar": "N"},
         topic=LIMITS,
     )
@@ -228,7 +228,8 @@ class PlanOptions:
         check=_wrenches,
     )
     keep_limits: bool = _option(
-        "refuse a plan beyond the limits of motors or of the URDF's joints, which is otherwise reported",
+        "refuse a plan beyond the ranges of the URDF's joints, or beyond limits of motors that were lifted; "
+        "it is reported otherwise",
         " (`CrossingPlan.exceeded`)",
         check=_yes_or_no,
         typed={"action": "store_true"},

@@ -121,7 +121,8 @@ def _plan_best(work: _Work) -> CrossingPlan:
         if request.may_be_optimal:
             return _plan_optimal(work, needs)
         raise NoLaw(
-            f"{plan.robot.name}: {needs}; torque_limit none and speed_limit none lift those of the robot file"
+            f"{plan.robot.name}: {needs}; torque_limit and speed_limit none (inf in Python) lift those of "
+            f"the robot file"
         )
     if not request.may_be_optimal or request.speeds is not None:
         return plan

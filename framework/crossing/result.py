@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike
@@ -30,7 +30,7 @@ from framework.motion.peaks import peak_sizes
 from framework.singularity.points_on_path import SingularPoint
 from framework.tolerances import SAME_PLACE
 
-PEAK_SAMPLES = 2001  # equidistant instants at which peaks and limits are looked at
+PEAK_SAMPLES = 2001  # equidistant instants at which positions, and places of peaks, are looked at
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,8 +135,7 @@ class CrossingPlan:
     @cached_property
     def peak_torque(self) -> dict[str, float]:
         """Largest |torque| [N m] of each motor, by joint."""
-        edges, size = self.dynamics.torques.edges, self.dynamics.torques.coefficients.shape[1]
-        peaks = peak_sizes(self.torque, edges, size)
+        peaks = self._peak_sizes(self.torque)
         return dict(zip(self.robot.actuator_names, map(float, peaks), strict=True))
 
     @property
@@ -164,16 +163,20 @@ class CrossingPlan:
             exceeded.setdefault(joint, []).append(excess)
         return {joint: ", ".join(excesses) for joint, excesses in exceeded.items() if excesses}
 
+    def _peak_sizes(self, values: Callable[[Array], Array]) -> Array:
+        """Compute the largest |value| (n_a,) of functions of time, (T,) to (T, n_a), between samples too."""
+        edges, size = self.dynamics.torques.edges, self.dynamics.torques.coefficients.shape[1]
+        return peak_sizes(values, edges, size)
+
     def _motor_excesses(self) -> Iterator[tuple[str, str]]:
         """Yield joints of motors with a torque or a speed beyond its limit, in words."""
         times, robot = self._times, self.robot
         for what, values, units in (
-            ("torque", self.torque(times), robot.torque_units),
-            ("speed", self.motor_angle(times, 1), robot.speed_units),
+            ("torque", self.torque, robot.torque_units),
+            ("speed", lambda t: self.motor_angle(t, 1), robot.speed_units),
         ):
-            sizes = np.abs(values)
-            s_peak = self.law(times[sizes.argmax(axis=0)])
-            rows = zip(robot.description.actuators, sizes.max(axis=0), units, s_peak, strict=True)
+            s_peak = self.law(times[np.abs(values(times)).argmax(axis=0)])
+            rows = zip(robot.description.actuators, self._peak_sizes(values), units, s_peak, strict=True)
             for motor, size, unit, s in rows:
                 limit = getattr(motor, f"{what}_limit")
                 if limit is not None and size > limit:

@@ -156,7 +156,7 @@ def _check_stiffness(robot: ParallelRobot, grid: TimeGrid, current: Pass) -> Non
 
 @dataclass
 class _Iteration:
-    """Plain passes, followed by Newton's method without contraction."""
+    """Plain passes, and Newton's method where they do not contract."""
 
     branch: Branch
     grid: TimeGrid

@@ -102,7 +102,7 @@ def open_loop_error(dynamics: ErrorDynamics, times: Array, lacking: Array) -> Ar
 
 
 def open_loop_growth(result: InverseDynamics) -> float:
-    """Compute the error by a constant push at the end of a motion, over that of a free mass.
+    """Compute the error at the end of a motion under a constant push, over that of a free mass.
 
     2 (cosh L - 1) / L^2 with L the integral of the repelling rate over the motion; 1 if no error grows.
 

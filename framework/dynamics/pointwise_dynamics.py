@@ -1,9 +1,9 @@
 """The dynamics of one instant: loads of motors, loops and joints, and the reflected inertia.
 
 The input is a pose, rates and accelerations of the platform, and wrenches of the world. Motor torques follow
-from the independent loop equations (`forces`), on a Type 2 singularity as a limit (`torque_at_singularity`).
-Loads of loops and joints (`reactions`), inertia and velocity matrices are computed on first use.
-`forward_dynamics` returns the same record from torques.
+from the independent loop equations (`forces`), on a Type 2 singularity as a limit
+(`pointwise_at_singularity`). Loads of loops and joints (`reactions`), inertia and velocity matrices are
+computed on first use. `forward_dynamics` returns the same record from torques.
 """
 
 from __future__ import annotations

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -25,6 +27,7 @@ from framework.tolerances import TORQUE_TAIL
 # far off is another motion, and not simulated
 EQUAL_TORQUES = 10 * TORQUE_TAIL  # difference over the peak; levels that see one differ by 1e-7 and more
 MAX_ERROR = 0.1
+UNLIMITED: Mapping[str, Any] = {"torque_limit": np.inf, "speed_limit": np.inf}
 METHOD = "stiff"  # quick vibrations that nobody excites cost nothing
 STEP_ERRORS = (1e-3, 1e-5)  # of the tolerance, that a step may leave unresolved, tried in turn
 # of the tolerance: by how much the highest level's own torques may leave the path before shorter steps are
@@ -209,6 +212,8 @@ class HighestLevel:
 def plan_of_level(description: RobotDescription, level: Level, reference: CrossingPlan) -> CrossingPlan:
     """Plan with a level, for the duration, and the times and speeds of crossings, of another level's plan.
 
+    A polynomial is compared, not judged: no limits bind it.
+
     Raises:
         As `plan_crossing`.
     """
@@ -222,13 +227,14 @@ def plan_of_level(description: RobotDescription, level: Level, reference: Crossi
             smoothness=request.smoothness,
             tolerance=request.tolerance,
             law="polynomial",
+            **UNLIMITED,
         )
     elif reference.optimality is not None:
         request = replace(request, law="optimal", times=None)
     elif request.at is None and request.times is None:
         times = tuple(crossing.time for crossing in reference.crossings)
         speeds = tuple(crossing.speed for crossing in reference.crossings)
-        request = replace(request, times=times, speeds=speeds or None)
+        request = replace(request, times=times, speeds=speeds or None, **UNLIMITED)
     return plan_request(model, request)
 
 

@@ -136,9 +136,10 @@ def calibrate(
 
     Args:
         data: motor angles, with coordinates of the platform or angles of other joints; or the file of it.
-        joints: whose origins are calibrated, by default all in loops or below the platform, see
-        `geometry_of`. noise: standard deviations of measurements, by kind: `motor_angle`, `joint`,
-        `platform`. length_error, angle_error: standard deviations of the file's dimensions [m, rad].
+        joints: whose origins are calibrated, by default all that lead to the platform and to frames of
+            closures, see `geometry_of`.
+        noise: standard deviations of measurements, by kind: `motor_angle`, `joint`, `platform`.
+        length_error, angle_error: standard deviations of the file's dimensions [m, rad].
         progress: called with the number of steps tried.
 
     Raises:

@@ -88,8 +88,8 @@ def read_recording(robot: ParallelRobot, file: str | Path) -> Recording:
 
     Raises:
         InvalidInput: no such file; a row with another number of cells than columns, or a cell that is no
-        finite
-            number, with its row and column; a column twice; no column of this robot; motor angles in degrees.
+            finite number, with its row and column; a column twice; no column of this robot; motor angles in
+            degrees.
     """
     text = read_text(file, f"{file}", largest=LARGEST_RECORDING)
     reader = csv.reader(io.StringIO(text))

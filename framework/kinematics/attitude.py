@@ -214,7 +214,7 @@ class RotationVector(Attitude):
         return omega[:, self.axes], alpha[:, self.axes]
 
     def rate_changes(self, motion: AttitudeRates, step: AttitudeRates) -> AttitudeRates:
-        """Compute phi = E(x) step, dw = phi' + phi x w and its rate along the motion, (T, 3)."""
+        """Compute phi = E(x) step, dw = phi' + phi x w and its rate on the stated axes, each (T, k)."""
         omega, alpha = (self._vector(part) for part in self.rates(*motion))
         phi, dphi, ddphi = self._left_jacobian_products(motion, step)
         dw = dphi + cross(phi, omega)

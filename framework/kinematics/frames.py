@@ -1,7 +1,7 @@
 """Poses, joint screws and motions of a robot's frames for a stack of configurations.
 
-Only this module and `dynamics.forces` loop over configurations in Python, to call pinocchio; all else is
-stacked numpy. Twists are (linear, angular) on the axes of the base frame. Twists of frames are taken at the
+This module and those of forces loop over configurations in Python, to call pinocchio; all else is stacked
+numpy. Twists are (linear, angular) on the axes of the base frame. Twists of frames are taken at the
 frame's origin (pinocchio's LOCAL_WORLD_ALIGNED), screws of joints at the origin of the base (WORLD).
 """
 

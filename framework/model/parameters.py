@@ -61,7 +61,7 @@ def with_parameters(text: str, given: Mapping[str, float] | None = None) -> tupl
 
     Raises:
         RobotFileError: see `declared_parameters` and `fill_placeholders`; or a parameter that is not
-        declared.
+            declared.
     """
     declared = declared_parameters(text)
     for name in given or {}:

@@ -244,7 +244,7 @@ def _nodes_between(edges: Array, size: int) -> Array:
 
 @lru_cache(maxsize=64)
 def derivative_matrix(size: int, order: int = 1) -> Array:
-    """Return the matrix (size, size) from the coefficients of a function to its derivative's."""
+    """Return the matrix (size, size) from coefficients to those of the derivative of this order."""
     matrix = np.eye(size)
     count = max(size - order, 0)
     matrix[:count] = chebyshev.chebder(matrix, order, axis=0)[:count]

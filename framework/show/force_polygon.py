@@ -113,7 +113,7 @@ def plot_eyes(films: Sequence[Film], limit: Array, ax: Axes | None = None) -> Ax
 
 
 def _draw_demand(ax: Axes, film: Film, twist: Array, s_range: tuple[float, float]) -> float:
-    """Draw the force along t_s that a film asks for; return its largest size at s within `shown`."""
+    """Draw the force along t_s that a film asks for; return its largest size at s within `s_range`."""
     s, demand, s_singular = film.law(film.time), film.motors.force_along(twist), film.instants[0].s
     color, dash, dot, verdict = THREADS if film.proved else MISSES
     label = f"{film.name or 'the motion'} asks: {verdict}"

@@ -73,7 +73,7 @@ class _Record:
     occurred: list[Occurrence] = field(default_factory=list)
     last_values: dict[Event, float] = field(default_factory=dict)
 
-    def ends(self, step: Trajectory, work: float, exchange: float) -> bool:
+    def add_step(self, step: Trajectory, work: float, exchange: float) -> bool:
         """Add the work of a step [J], and the same counted positive; return whether an event ends the run."""
         task, (start, end) = self.task, map(float, step.edges)
         self.supplied.append(self.supplied[-1] + work)
@@ -109,7 +109,7 @@ def integrate_by_collocation(task: IntegrationTask, settings: MethodSettings) ->
         power = step.power - step.v**2 @ task.equations.damping
         share = step.length * step.table.once[-1]
         work, exchange = float(share @ power), float(share @ np.abs(power))
-        if record.ends(Polynomials(robot, (step,)), work, exchange):
+        if record.add_step(Polynomials(robot, (step,)), work, exchange):
             break
     unresolved = max(step.unresolved for step in steps)
     iterations = sum(step.iterations for step in steps)
@@ -186,7 +186,7 @@ def _collect(record: _Record, steps: Iterator[FixedStep], edges: Array) -> tuple
             states.append(step.end)
             error = max(error, step.error)
             piece = _cubics(robot, np.array([step.time, step.end_time]), states[-2:])
-            if record.ends(piece, step.length * step.power, step.length * abs(step.power)):
+            if record.add_step(piece, step.length * step.power, step.length * abs(step.power)):
                 break
     return _cubics(robot, edges[: len(states)], states), error
 

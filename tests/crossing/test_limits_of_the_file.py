@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework import Line, NoLaw, ParallelRobot, largest_load, plan_crossing
+from framework import Line, NoLaw, ParallelRobot, fidelity_study, largest_load, plan_crossing
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 ENOUGH = 0.06  # [N m]: the polynomial over 1.5 s peaks at 0.16, the least peak is 0.0397
@@ -45,7 +45,7 @@ def test_limits_that_no_law_keeps_are_a_refusal():
 
 @pytest.mark.parametrize("options", [{"law": "polynomial"}, {"times": [1.0], "speeds": [1.5]}])
 def test_a_polynomial_that_was_asked_for_is_refused_beyond_the_limits(options):
-    with pytest.raises(NoLaw, match=r"torque_limit none .* lift"):
+    with pytest.raises(NoLaw, match=r"torque_limit and speed_limit none .* lift"):
         plan_crossing(limited(ENOUGH), LINE, duration=1.5, **options)
     lifted = plan_crossing(limited(ENOUGH), LINE, duration=1.5, torque_limit=np.inf, **options)
     assert peak(lifted) > ENOUGH
@@ -57,3 +57,11 @@ def test_a_largest_load_is_within_the_limits_of_the_file():
     capacity = largest_load(limited(0.2), LINE, wrenches={"left_tip": [0, -1, 0, 0, 0, 0]}, duration=1.5)
     assert capacity.multiple > 0.0
     assert peak(capacity.plan) <= 0.2
+
+
+def test_levels_of_a_study_are_compared_without_limits():
+    description = robots.load("five_bar").description
+    motors = tuple(replace(motor, speed_limit=20.0) for motor in description.actuators)
+    robot = ParallelRobot.from_description(replace(description, actuators=motors))
+    study = fidelity_study(robot, "C", tolerance=0.1, speed_limit=np.inf)
+    assert all(comparison.plan is not None for comparison in study.levels)

@@ -112,8 +112,8 @@ def _search_smooth(search: SmoothSearch, near: Speed | None = None) -> Best | No
     duration = search.program.problem.specification.duration
     sought_again: SpeedProgram | None = None
     best: Best | None = None
-    search = search.limit_duration()
     try:
+        search = search.limit_duration()
         for _ in range(MAX_ROW_ROUNDS + 1):
             found = search.find_smoothest(near) if duration is None else search.find_lasting(duration, near)
             if isinstance(found, Speed):

@@ -114,6 +114,7 @@ MOTION = (  # under either law, or one of the user's own
     _reason("a joint is loaded that nothing holds", LoadedJoint, check_idle_joints),
 )
 PLAN = (
+    _reason("the polynomial that was asked for exceeds the limits of the file", NoLaw, plan_request),
     _reason("neither law is found; says what either lacks", NoLaw, plan_request, with_explanation),
     _reason("neither law is resolved; says what either lacks", NotConverged, plan_request),
     _reason("limits are left that were to be kept", LimitsExceeded, check_limits),

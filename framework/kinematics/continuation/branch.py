@@ -29,6 +29,7 @@ from framework.tolerances import BRANCH_CORRECTION, CONTINUATION_ERROR, CONTINUA
 
 HALF_WIDTHS = (0.16, 0.08, 0.04, 0.02, 0.01, 0.005)  # of a continuation, in s; the first that resolves
 CONTINUATION_NODES, CONTINUATION_DEGREE = 48, 24  # nodes of a continuation, degree of its polynomial
+# as many as coefficients, and an eighth of the nodes more, which show a misfit
 MIN_SOUND_NODES = CONTINUATION_DEGREE + 1 + CONTINUATION_NODES // 8
 # Newton's method is trusted at nodes where the least singular value is above this share of its largest:
 # first far from the singular place, then, from the polynomial found there, close to it.

@@ -1,8 +1,8 @@
 """Poses for many sets of motor angles at once, and for a stream of motor angles.
 
 A stack follows the motors from its start in a few equal steps, all rows in one call, and every row has to
-pass the tests of a step of `continuation`. For rows with a refused step turning points ahead are found in one
-call as well. A row without a turning point is followed alone, in steps as short as necessary
+pass the tests of a step of `predictor_corrector`. For rows with a refused step turning points ahead are found
+in one call as well. A row without a turning point is followed alone, in steps as short as necessary
 (`forward_kinematics`), up to its target or to the error that ends it.
 """
 

@@ -116,7 +116,7 @@ def _steps(equations: CurveEquations, border: Array) -> tuple[Array, Array]:
 def turning_points(curves: Curves, q: Array, share: Array) -> TurningPoints:
     """Find the turning points ahead of configurations q (T, nq), each after a `share` (T,) of its way.
 
-    A turning point is found only if it is proved to end the way: from q to it the curve is nearly a parabola.
+    A turning point is found only if the curve from q to it is nearly a parabola, which turns there alone.
     """
     robot = curves.robot
     with np.errstate(all="ignore"):  # a curve without a turning point ahead diverges, and is not found

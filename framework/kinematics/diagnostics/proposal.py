@@ -250,7 +250,11 @@ def _loop_joints(tree: UrdfTree, closure: Closure) -> list[str]:
 
 
 def _close_within_limits(description: RobotDescription) -> _Motions | None:
-    """Return motions at the nearest closed pose within the joints' limits; None if the file's is within."""
+    """Return motions at the nearest closed pose within the joints' limits.
+
+    Returns:
+        None if the file's is within, or no closed pose within is found.
+    """
     mechanism = Mechanism.from_description(description)
     if not positions_beyond_limits(mechanism.limits, mechanism.q_near[None]):
         return None

@@ -163,9 +163,12 @@ def _left_out(scope: Scope, ends: Mapping[str, tuple[str, str]], cut: Sequence[_
         if link.findtext("gravity", "1").strip() in ("0", "false"):
             yield LeftOut(f"link {name!r}: <gravity> off, {_mass(link)} kg", (name,))
     for joint in cut:
-        if joint.kind != "screw" and (joint.dynamics() or _own(joint.element, ("mimic",))):
-            text = f"joint {joint.name!r}: what acts along it and what it mimics, where the loop is cut"
-            yield LeftOut(text, (joint.links[1],))
+        if joint.kind == "screw":
+            continue
+        for part, is_there in (("dynamics", joint.dynamics()), ("mimic", _own(joint.element, ("mimic",)))):
+            if is_there:
+                text = f"joint {joint.name!r}: its {part}, where the loop is cut"
+                yield LeftOut(text, (joint.links[1],))
 
 
 def _remarks(root: ElementTree.Element, scope: Scope, part: set[str]) -> Iterator[str]:
@@ -260,7 +263,7 @@ def _add_content(scope: Scope, model: ElementTree.Element, folder: Path, prefix:
         else:
             element.set("scope", prefix)
             scope.joints[name] = element
-            default = _joint_name(element, "child")
+            default = _end_name(element, "child")
             scope.attached.setdefault(name, default)
         pose = _pose(element, prefix, default, f"{tag} {name!r}")
         if tag == "joint":
@@ -287,7 +290,7 @@ def _add_constraint(scope: Scope, element: ElementTree.Element, name: str, prefi
     scope.relative[f"joint {prefix}{name}"] = (f"{prefix}{name}_at_child", np.eye(4))
 
 
-def _joint_name(joint: ElementTree.Element, end: str) -> str:
+def _end_name(joint: ElementTree.Element, end: str) -> str:
     """Return the scoped name of the parent or child of a joint."""
     name = (joint.findtext(end) or "").strip()
     if not name:
@@ -320,7 +323,7 @@ def _ends(scope: Scope, name: str) -> tuple[str, str]:
     kind = attribute(joint, where, "type")
     check_name(where, "type", kind, (*_KINDS, *_NOT_READ))
     with naming(where):
-        first, second = (scope.link_of(_joint_name(joint, end)) for end in ("parent", "child"))
+        first, second = (scope.link_of(_end_name(joint, end)) for end in ("parent", "child"))
     if first == second:
         raise RobotFileError(f"{where}: joins {first!r} with itself")
     return first, second
@@ -331,7 +334,7 @@ def _joint(scope: Scope, name: str, links: tuple[str, str]) -> _Joint:
     element = scope.joints[name]
     kind = _KINDS.get(element.get("type", ""), "fixed")
     in_child = scope.place(f"joint {name}")
-    parent = _joint_name(element, "parent")
+    parent = _end_name(element, "parent")
     in_parent = scope.place(parent) if parent in scope.attached and parent not in scope.links else in_child
     first, second = (
         inverse(scope.place(link)) @ place for link, place in zip(links, (in_parent, in_child), strict=True)
@@ -500,7 +503,7 @@ def read_cut_joint(scope: Scope, tree: UrdfTree, element: ElementTree.Element) -
     """
     name = attribute(element, "<joint>", "name")
     scope.joints[name] = element
-    scope.relative[f"joint {name}"] = _pose(element, "", _joint_name(element, "child"), f"joint {name!r}")
+    scope.relative[f"joint {name}"] = _pose(element, "", _end_name(element, "child"), f"joint {name!r}")
     ends = _ends(scope, name)
     if element.get("type") in (*_NOT_READ, "screw"):
         raise RobotFileError(f"joint {name!r}: {element.get('type')}: not read")

@@ -133,7 +133,7 @@ def _end(
     only(body, f"{where}: <{end}>", () if origin else ("origin",), ("link",))
     link = tree.link(f"{where}: <{end}>", attribute(body, f"{where}: <{end}>", "link"))
     place = element.find(origin) if origin else body.find("origin")
-    return end, link, origin_of(place, f"{where}: <{origin or 'origin'}>")
+    return end, link, origin_of(place, f"{where}: <{origin}>" if origin else f"{where}: <{end}>: <origin>")
 
 
 def _read_constraint(tree: UrdfTree, element: ElementTree.Element) -> Closure:

@@ -108,11 +108,11 @@ def answer(robot: ParallelRobot, path: Path, asked: Asked, **options: Any) -> An
         duration=plan.duration,
         peaks=np.abs(torque).max(axis=0),
         energy=float(np.trapezoid((torque**2).sum(axis=1), t)),
-        turns=make_continuous_joints_revolute(plan.law(t, 1)),
+        turns=count_turns(plan.law(t, 1)),
     )
 
 
-def make_continuous_joints_revolute(speed: np.ndarray) -> int:
+def count_turns(speed: np.ndarray) -> int:
     """Count the changes between rising and falling, of swings above a share of the largest."""
     count, way, last = 0, 1, speed[0]
     for value in speed:

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 from framework import ParallelRobot, check_robot, simulate
-from framework.errors import LoadedJoint
+from framework.errors import LoadedJoint, RobotFileError
 from framework.kinematics.diagnostics.proposal import propose
 from framework.kinematics.mechanism import Mechanism
 from framework.model.description import Closure
@@ -118,3 +118,15 @@ def test_a_ball_with_a_turn_held_stands_as_the_reference_had_it():
         pin.framesForwardKinematics(robot.model, data, robot.q_near)
         rods.append(data.oMf[robot.model.getFrameId("rod_1")].homogeneous)
     np.testing.assert_allclose(rods[1], rods[0], atol=1e-12)
+
+
+def test_motions_that_nothing_drives_are_refused_with_joints_to_hold(tmp_path):
+    """One motor in the middle of a 5R: all bodies move with it, and with what is loose."""
+    text = (DATA / "five_bar_sites.xml").read_text()
+    motors = text[text.index("<actuator>") : text.index("</actuator>")]
+    file = tmp_path / "loose.xml"
+    file.write_text(text.replace(motors, '<actuator><motor joint="left_elbow"/>'))
+    with pytest.raises(
+        RobotFileError, match=r"2 freedoms and 1 motor \(left_elbow\): nothing says .* --lock"
+    ):
+        parse_any(file, propose=propose)
