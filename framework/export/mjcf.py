@@ -57,8 +57,8 @@ def mjcf_text(robot: ParallelRobot, *, hinges: bool = False) -> str:
     a right angle, the other two are about one line.
 
     Raises:
-        InvalidInput: a loop that MuJoCo has no equality for, see `equality_axes`; with `hinges`, a ball with
-            a spring, whose torque hinges in turn do not have.
+        InvalidInput: a loop that MuJoCo has no equality for, see `equality_axes`; a ball with a spring, whose
+            torque `hinges` in turn do not have, or without them one with other dynamics about each axis.
     """
     root = ElementTree.Element("mujoco", model=robot.name)
     root.append(ElementTree.Comment(f" {START} "))
@@ -140,9 +140,15 @@ def _body(
             joint |= {"limited": "true", "range": vector_text([limit.lower, limit.upper])}
     if is_split and robot.all_stiffness[column : column + 3].any():
         raise InvalidInput(f"{robot.name}: ball {name!r} has a spring, which three hinges in turn do not say")
+    acting = [_acting_attributes(robot, column + k) for k in range(model.joints[j].nv)]
+    if not is_split and any(attributes != acting[0] for attributes in acting):
+        raise InvalidInput(
+            f"{robot.name}: what acts about the axes of ball {name!r} differs, which one ball of MuJoCo does "
+            f"not say; write it as hinges (--hinges)"
+        ).advising({"hinges": True})
     turns = [{"name": f"{name}_hinge_{axis}", "type": "hinge", "axis": AXIS[axis]} for axis in "xyz"]
-    for k, turn in enumerate(turns if is_split else [{}]):
-        ElementTree.SubElement(body, "joint", joint | turn | _acting_attributes(robot, column + k))
+    for turn, attributes in zip(turns if is_split else [{}], acting, strict=False):
+        ElementTree.SubElement(body, "joint", joint | turn | attributes)
     inertia = model.inertias[j]
     moments = _correct_inertia(inertia.inertia)
     ElementTree.SubElement(
