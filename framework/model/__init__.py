@@ -11,20 +11,18 @@ The robot file (YAML)
     robot_keys          the keys of a robot file, one table a mapping
     fields              typed values out of a mapping
     parameters          named parameters, `${...}`
-    additions           frames, bodies and joints that it adds to a URDF
     robot_file_writer   write a description
 
 The URDF
-    urdf, urdf_elements  where it is; its joints and links, read and checked
+    urdf_elements       where it is; its joints and links, read and checked
     inertia             which inertia a body can have
-    bare_urdf           the part that pinocchio parses
+    urdf_edits          changes by a robot file, by springs, and for pinocchio's parser
     visuals             the solids that it shows
     urdf_writing        write its elements
     documents, xml_reading  XML and YAML within limits; attributes of an element
 
 Springs
     beams               stiffness of a link from its section and material
-    spring_joints       springs as virtual joints in the URDF
 
 Files of other programs
     readers/            one file a dialect

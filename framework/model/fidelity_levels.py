@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass, replace
 
 from framework.model.description import RobotDescription
-from framework.model.urdf import check_urdf
+from framework.model.urdf_elements import check_urdf
 from framework.model.urdf_writing import remove_children
 
 BODIES = ("none", "payload", "all")

@@ -33,15 +33,20 @@ from framework.fields import (
     vector3,
 )
 from framework.input import read_text
-from framework.model.additions import AddedFrame, add_frames, free_root, lock_joints
 from framework.model.description import ParsedRobot, RobotDescription, Spring, locked_by_couplings
 from framework.model.documents import LEADING_BLANKS, naming, parse_xml, parse_yaml
 from framework.model.inertia import check_inertia
 from framework.model.parameters import fill_placeholders, with_parameters
 from framework.model.robot_keys import JointSpring, joint_dynamics, robot_table
-from framework.model.spring_joints import virtual_link
-from framework.model.urdf import check_urdf, locate_urdf
-from framework.model.urdf_elements import MOVING, Tree, declared_couplings, declared_dynamics
+from framework.model.urdf_edits import add_frame, free_root, lock_joints, virtual_link
+from framework.model.urdf_elements import (
+    MOVING,
+    Tree,
+    check_urdf,
+    declared_couplings,
+    declared_dynamics,
+    locate_urdf,
+)
 
 VERSION = 1
 
@@ -162,12 +167,13 @@ def _urdf(
     if locked or free:
         urdf = check_urdf(path, root)
     if frames:
-        add_frames(root, list_of(_added_frame(urdf))("frames", list(frames)))
+        for values in list_of(_added_frame(urdf))("frames", list(frames)):
+            add_frame(root, **values)
         urdf = check_urdf(path, root)
     return ElementTree.tostring(root, encoding="unicode"), root, urdf
 
 
-def _added_frame(urdf: Tree) -> Reader[AddedFrame]:
+def _added_frame(urdf: Tree) -> Reader[dict[str, Any]]:
     table = {
         "name": required(text),
         "parent": required(one_of("link", urdf.links)),
@@ -176,11 +182,11 @@ def _added_frame(urdf: Tree) -> Reader[AddedFrame]:
     }
     body = {"mass": required(positive), "inertia": optional(_moments, (0.0, 0.0, 0.0))}
 
-    def read(where: str, given: Any) -> AddedFrame:
+    def read(where: str, given: Any) -> dict[str, Any]:
         content = mapping(where, given)
         if "inertia" in content and "mass" not in content:
             raise RobotFileError(f"{where}.inertia: needs a mass beside it")
-        return AddedFrame(**read_table(where, given, table | body if "mass" in content else table))
+        return read_table(where, given, table | body if "mass" in content else table)
 
     return read
 

@@ -1,4 +1,4 @@
-"""The joints and links of a URDF, read one by one and checked: names, numbers, tree.
+"""The file of a URDF, and its joints and links, read one by one and checked: names, numbers, tree.
 
 Pinocchio's parser prints to the console and says little, so errors are reported here. Messages
 name the element; the caller puts the file in front.
@@ -7,16 +7,20 @@ name the element; the caller puts the file in front.
 from __future__ import annotations
 
 import math
+import sysconfig
 import xml.etree.ElementTree as ElementTree
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, files
+from pathlib import Path
 
 import numpy as np
 
 from framework.arrays import Array
-from framework.errors import RobotFileError, check_name, choose_from, short
+from framework.errors import MissingPackage, RobotFileError, check_name, choose_from, short
 from framework.model.description import Coupling
+from framework.model.documents import naming
 from framework.model.inertia import ENTRIES, check_inertia, symmetric
 from framework.model.urdf_writing import no_limit, remove_children
 from framework.model.xml_reading import attribute, axis_of, child_element, numbers, origin_numbers, origin_of
@@ -29,6 +33,7 @@ SEVERAL = {"spherical": ("_rx", "_ry", "_rz"), "floating": ("_x", "_y", "_z", "_
 JOINT_TYPES = ("fixed", *MOVING, *SEVERAL)
 MAX_TREE_ELEMENTS = 5000  # links or joints; more is no robot
 MAX_TREE_DEPTH = 1000  # joints from the root to a link: pinocchio's parser calls itself once for each
+PACKAGE = "package://"
 _LIMIT = ("lower", "upper", "effort", "velocity")
 
 
@@ -92,6 +97,40 @@ class Tree:
         return link
 
 
+def locate_urdf(folder: Path, reference: str) -> Path:
+    """Return the file of `urdf: reference` in a robot file in `folder`.
+
+    A path is taken from the folder. package://NAME/REST is share/NAME/REST as the Python distribution NAME
+    has installed it or, failing that, under the prefix of this interpreter (where conda puts it).
+
+    Raises:
+        MissingPackage: NAME is not installed.
+        RobotFileError: it is installed and has no such file, or the reference names no file.
+    """
+    if not reference.startswith(PACKAGE):
+        return folder / reference
+    package, _, rest = reference.removeprefix(PACKAGE).partition("/")
+    if not package or not rest:
+        raise RobotFileError(f"urdf: needs {PACKAGE}NAME/FILE, got {reference!r}")
+    shared = f"share/{package}/{rest}"
+    beside = Path(sysconfig.get_path("data")) / shared
+    try:
+        installed = files(package) or []
+    except PackageNotFoundError:
+        installed = None
+    for file in installed or ():
+        if file.as_posix() == shared or file.as_posix().endswith(f"/{shared}"):
+            return Path(str(file.locate()))
+    if beside.is_file():
+        return beside
+    if installed is None and not (beside.parents[rest.count("/")]).is_dir():
+        raise MissingPackage(
+            f"urdf: {reference} is in the package {package}, which is not installed: pip install {package}",
+            package=package,
+        )
+    raise RobotFileError(f"urdf: the package {package} has no file {shared}")
+
+
 def coordinates_of(name: str, kind: str) -> tuple[str, ...]:
     """Return names of the coordinates of a joint of this type; none of a fixed one."""
     if kind in SEVERAL:
@@ -133,6 +172,16 @@ def read_tree(root: ElementTree.Element, impossible: list[tuple[str, str]] | Non
             impossible.append((link.get("name", ""), str(error)))
             remove_children(link, "inertial")
     return Tree(links, joints, _base(links, joints))
+
+
+def check_urdf(path: Path, root: ElementTree.Element) -> Tree:
+    """Check a URDF and return its tree; `path` is for messages.
+
+    Raises:
+        RobotFileError: not a tree of known joint types, or a number that is none.
+    """
+    with naming(f"urdf: {path}"):
+        return read_tree(root)
 
 
 def _base(links: list[str], joints: Mapping[str, Joint]) -> str:

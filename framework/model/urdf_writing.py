@@ -35,7 +35,6 @@ def joint_element(
     origin: ElementTree.Element | None = None,
     axis: str | None = None,
     limits: Sequence[float] | None = None,
-    effort: str = "1e9",
 ) -> ElementTree.Element:
     """Return a `<joint>`, with limits that nothing reaches if URDF requires some.
 
@@ -50,7 +49,7 @@ def joint_element(
     if axis is not None:
         ElementTree.SubElement(element, "axis", xyz=axis)
     if kind in ("revolute", "prismatic"):
-        limit = no_limit(effort)
+        limit = no_limit()
         if limits:
             limit.attrib |= zip(("lower", "upper"), map(repr, limits), strict=True)
         element.append(limit)
@@ -130,6 +129,6 @@ def remove_children(element: ElementTree.Element, *tags: str) -> None:
             element.remove(child)
 
 
-def no_limit(effort: str = "1e9") -> ElementTree.Element:
+def no_limit() -> ElementTree.Element:
     """Return a `<limit>` that nothing reaches."""
-    return ElementTree.Element("limit", lower="-1e9", upper="1e9", effort=effort, velocity="1e9")
+    return ElementTree.Element("limit", lower="-1e9", upper="1e9", effort="1e9", velocity="1e9")

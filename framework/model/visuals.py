@@ -18,7 +18,7 @@ import pinocchio as pin
 
 from framework.arrays import Array, IntArray
 from framework.model.description import RobotDescription
-from framework.model.urdf import locate_urdf
+from framework.model.urdf_elements import locate_urdf
 from framework.model.xml_reading import numbers, origin_of
 
 Color = tuple[float, float, float, float]

@@ -14,8 +14,8 @@ from framework.crossing.scenes import scene_path
 from framework.dynamics import elastic_pass
 from framework.dynamics.forces import joint_forces
 from framework.errors import LoadedJoint
-from framework.model.additions import lock_joints
 from framework.model.readers import write_robot_file
+from framework.model.urdf_edits import lock_joints
 from framework.motion.law import Law
 from tests.urdf_edits import edited
 

@@ -18,7 +18,7 @@ from framework.model.beams import (
 )
 from framework.model.description import AXES, Spring
 from framework.model.robot_file import read_robot_file
-from framework.model.spring_joints import insert_springs
+from framework.model.urdf_edits import insert_springs
 from tests.urdf_edits import edited
 
 STEEL = Material(E=210e9, G=81e9)

@@ -11,14 +11,14 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-import framework.model.urdf as urdf
+import framework.model.urdf_elements as urdf
 import robots
 from framework import ParallelRobot, cli
 from framework.errors import MissingPackage, RobotFileError
 from framework.model import read_robot_file
-from framework.model.additions import lock_joints
 from framework.model.description import Coupling, JointDynamics
-from framework.model.urdf import locate_urdf
+from framework.model.urdf_edits import lock_joints
+from framework.model.urdf_elements import locate_urdf
 from tests.conftest import REMOVED
 from tests.urdf_edits import edited
 

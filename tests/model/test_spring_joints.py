@@ -8,7 +8,7 @@ import pytest
 
 import robots
 from framework.model.description import Spring
-from framework.model.spring_joints import insert_springs, make_continuous_joints_revolute
+from framework.model.urdf_edits import insert_springs, make_continuous_joints_revolute
 from tests.urdf_edits import edited
 
 # A motor, an elbow turned about x and a tip turned about z, so that frames and base differ.

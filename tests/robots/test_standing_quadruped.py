@@ -15,7 +15,7 @@ from framework.crossing.scenes import scene_path
 from framework.kinematics.diagnostics.diagnosis import check_robot
 from framework.kinematics.frames import frames_at
 from framework.kinematics.inverse_kinematics import close_loops
-from framework.model.urdf import locate_urdf
+from framework.model.urdf_elements import locate_urdf
 from tests.oracles.forward_simulation import forward_simulate
 
 SOLO12 = "package://example-robot-data/robots/solo_description/robots/solo12.urdf"

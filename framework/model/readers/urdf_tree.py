@@ -9,9 +9,9 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.errors import RobotFileError, check_name, choose_from, nearest
-from framework.model.additions import AddedFrame, add_frames, fix_joint
 from framework.model.description import Closure, locked_axes
 from framework.model.placement import about, inverse, placement, to_rpy, turning
+from framework.model.urdf_edits import add_frame, fix_joint
 from framework.model.urdf_elements import (
     MAX_TREE_ELEMENTS,
     SEVERAL,
@@ -183,9 +183,8 @@ class UrdfTree(Tree):
         free = name
         while self._is_taken(free) or self._is_taken(f"{free}_mount"):
             free += "_"
-        x, y, z = map(float, where[:3, 3])
         self._added[free] = link
-        add_frames(self.root, [AddedFrame(free, link, (x, y, z), to_rpy(where[:3, :3]))])
+        add_frame(self.root, free, link, where[:3, 3].tolist(), to_rpy(where[:3, :3]))
         return free
 
     def _is_taken(self, name: str) -> bool:
