@@ -43,13 +43,14 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.rounded_loops import assembled_mechanism, rounded_gap
 from framework.kinematics.tree_model import positions_beyond_limits
 from framework.model.description import AXES, Actuator, Closure, Platform, RobotDescription
-from framework.model.readers.missing_fields import Known, Options, Resolved
+from framework.model.readers.missing_fields import Known, Options
 from framework.model.readers.urdf_tree import UrdfTree, merge_sharing
 from framework.tolerances import ALIKE_CHOICES, FILE_ROUNDING, NEARLY_AT_REST
 
 MAX_TRIED = 12  # proposals of a platform, at most
 MAX_SHOWN = 6  # joints that a message names
 MAX_CHOICES = 20_000  # of motors, that are compared one by one
+IN_NO_LOOP = "in no loop; --motors or --platform say otherwise"
 # parts of names that people give to what a robot works with
 NAMES_OF_TOOLS = ("effector", "tcp", "tool", "tip", "platform", "plate", "foot", "sole", "hand", "eff", "pad")
 
@@ -83,16 +84,15 @@ class _Motions(NamedTuple):
 
 
 class _Undriven(RobotFileError):
-    """Motions without a motor, and `joints` to hold in the pose of the `remarks`."""
+    """Motions without a motor, and `joints` to hold in the closed pose, for the reason `why`."""
 
     def __init__(self, message: str, motions: _Motions, joints: Sequence[str], why: str) -> None:
         super().__init__(message)
-        self.joints = joints
+        self.joints, self.why, self.remarks = joints, why, motions.remarks
         self.reference = motions.mechanism.reference_values(motions.q)
-        self.remarks = (*motions.remarks, f"held: {', '.join(joints)} ({why}; --motors says otherwise)")
 
 
-def propose(options: Options, known: Known) -> Resolved:
+def propose(options: Options, known: Known) -> Known:
     """Complete the description by missing platform, motors and reference, with a remark on each.
 
     Free bases are held, and serial joints that carry no loop (a wrist on a delta), unless the options name
@@ -103,50 +103,35 @@ def propose(options: Options, known: Known) -> Resolved:
         NotAssembled: the loops close nowhere.
         RobotFileError: nothing can be proposed; names sufficient options.
     """
-    if options.motors is None:
-        known = known._replace(chooses_motors=True)
-    bases = [joint.name for joint in known.tree.joints.values() if joint.kind == "floating"]
-    free = [name for name in bases if name in _serial(known)]
-    remarks = []
-    if free:
-        known = _hold_joints(known, free)
-        remarks.append(f"held: {', '.join(free)} (a free base, which no motor drives)")
+    known = known._replace(chooses_motors=options.motors is None)
+    serial = _serial(known)
+    free = [name for name in serial if known.tree.joints[name].kind == "floating"]
+    known = _hold_joints(known, free, "a free base, which no motor drives")
     tails, heads = _split_serial_joints(known, options)
-    if tails:
-        known = _hold_joints(known, tails)
-        remarks.append(_holding_remark(tails))
-    if known.platform is not None and options.motors is not None:  # nothing is left to propose
-        return Resolved(replace(known.description, platform=known.platform), tuple(remarks))
+    known = _hold_joints(known, tails, IN_NO_LOOP)
+    if known.platform is not None and options.motors is not None:
+        return known.with_platform(known.platform)
     try:
-        resolved = _complete(known, by_joints=not heads or not options.is_silent)
+        return _complete(known, by_joints=not heads or not options.is_silent)
     except RobotFileError as error:
         if heads and options.is_silent:
-            remarks.append(_holding_remark(heads))
-            resolved = _complete_driven(_hold_joints(known, heads))
-        elif isinstance(error, _Undriven):
-            resolved = _complete_driven(known)
-        else:
+            known = _hold_joints(known, heads, IN_NO_LOOP)
+        elif not isinstance(error, _Undriven):
             raise
-    return resolved._replace(remarks=(*remarks, *resolved.remarks))
+    return _complete_driven(known)
 
 
-def _holding_remark(joints: Sequence[str]) -> str:
-    return f"held: {', '.join(joints)} (in no loop; --motors or --platform say otherwise)"
-
-
-def _complete_driven(known: Known) -> Resolved:
+def _complete_driven(known: Known) -> Known:
     """Complete the description as `_complete` does; hold springs and idle turns without a motor."""
     try:
         return _complete(known, by_joints=True)
     except _Undriven as loose:
         description = replace(known.description, reference=loose.reference)
-        resolved = _complete(
-            _hold_joints(known._replace(description=description), loose.joints), by_joints=True
-        )
-        return resolved._replace(remarks=(*loose.remarks, *resolved.remarks))
+        known = known._replace(description=description, remarks=(*known.remarks, *loose.remarks))
+        return _complete(_hold_joints(known, loose.joints, loose.why), by_joints=True)
 
 
-def _complete(known: Known, *, by_joints: bool) -> Resolved:
+def _complete(known: Known, *, by_joints: bool) -> Known:
     """Complete the description as `propose` does, without holding more joints.
 
     If nothing can be proposed at a pose of the file beyond the joints' limits, a pose within them is tried.
@@ -169,40 +154,26 @@ def _complete(known: Known, *, by_joints: bool) -> Resolved:
     return _complete_at_pose(known, within, by_joints=by_joints)
 
 
-def _complete_at_pose(known: Known, motions: _Motions, *, by_joints: bool) -> Resolved:
+def _complete_at_pose(known: Known, motions: _Motions, *, by_joints: bool) -> Known:
     """Complete the description at a closed pose."""
-    tree, remarks = known.tree, [*motions.remarks]
     if not motions.freedoms:
         raise _no_freedom(motions, known)
-    mechanism = motions.mechanism
-    description = replace(mechanism.description, reference=mechanism.reference_values(motions.q))
-    if not description.actuators:
-        motors = _motors(motions, tree, known.likely_motors)
-        description = replace(description, actuators=tuple(map(Actuator, motors)))
-        remarks.append(f"motors: {', '.join(motors)} (proposed: nearest to the base)")
-    elif known.chooses_motors and len(description.actuators) > motions.freedoms:
-        motors = _best_motors(motions, description)
-        actuators = tuple(actuator for actuator in description.actuators if actuator.joint in motors)
-        remarks.append(
-            f"motors: {', '.join(motors)} (of {len(description.actuators)} in the file, for "
-            f"{motions.freedoms} freedoms: these tell them apart best at the reference)"
-        )
-        description = replace(description, actuators=actuators)
+    known = _choose_motors(motions, known)
+    tree, description = known.tree, known.description
     _check_driven(motions, description, tree)
     if known.platform is not None:
-        return Resolved(replace(description, platform=known.platform), tuple(remarks))
+        return known.with_platform(known.platform)
     for platform in _platforms(motions, description, tree):
         if _is_driven(description, platform):
-            names = ", ".join(platform.names)
-            remarks.append(f"platform: {names} of {platform.frame} (proposed)")
-            return Resolved(replace(description, platform=platform), tuple(remarks))
+            remark = f"platform: {', '.join(platform.names)} of {platform.frame} (proposed)"
+            return known.with_platform(platform, remark)
     part = _part_option(description, tree)
     by_joint = list(_joint_platforms(motions, description, tree)) if by_joints else []
     for platform in by_joint:
         if _is_driven(description, platform):
             why = f"no body is moved by all of the motors{'; or ' * bool(part)}{part.removesuffix(', ')}"
-            remarks.append(f"platform: the joints {', '.join(platform.names)} (proposed: {why})")
-            return Resolved(replace(description, platform=platform), tuple(remarks))
+            remark = f"platform: the joints {', '.join(platform.names)} (proposed: {why})"
+            return known.with_platform(platform, remark)
     if by_joint:  # what stops this is the more precise reason
         ParallelRobot.from_description(replace(description, platform=by_joint[-1]))
     idle = motions.basis @ null_space(motions.working.T @ motions.basis)  # (nv, k) or nearly
@@ -212,6 +183,26 @@ def _complete_at_pose(known: Known, motions: _Motions, *, by_joints: bool) -> Re
         f"no body is moved by all of the motors {', '.join(description.motor_joints)} along "
         f"{motions.freedoms} axes, and by them alone; {part}{'or ' * bool(part)}{remedy}"
     )
+
+
+def _choose_motors(motions: _Motions, known: Known) -> Known:
+    """Return the file at a closed pose, with as many motors as freedoms where it leaves the choice."""
+    mechanism = motions.mechanism
+    description = replace(mechanism.description, reference=mechanism.reference_values(motions.q))
+    actuators, remarks = description.actuators, [*motions.remarks]
+    if not actuators:
+        motors = _motors(motions, known.tree, known.likely_motors)
+        actuators = tuple(map(Actuator, motors))
+        remarks.append(f"motors: {', '.join(motors)} (proposed: nearest to the base)")
+    elif known.chooses_motors and len(actuators) > motions.freedoms:
+        motors = _best_motors(motions, description)
+        remarks.append(
+            f"motors: {', '.join(motors)} (of {len(actuators)} in the file, for {motions.freedoms} freedoms: "
+            f"these tell them apart best at the reference)"
+        )
+        actuators = tuple(actuator for actuator in actuators if actuator.joint in motors)
+    description = replace(description, actuators=actuators)
+    return known._replace(description=description, remarks=(*known.remarks, *remarks))
 
 
 def _no_freedom(motions: _Motions, known: Known) -> RobotFileError:
@@ -373,12 +364,17 @@ def _check_driven(motions: _Motions, description: RobotDescription, tree: UrdfTr
         f"({', '.join(motors)}): nothing says how {left.shape[1]} of them go; {advice} more motors"
     )
     if names and all(name in description.joints and description.joints[name].stiffness for name in names):
-        raise _Undriven(message, motions, names, "springs that no motor drives, as if rigid")
+        raise _Undriven(
+            message, motions, names, "springs that no motor drives, as if rigid; --motors says otherwise"
+        )
     driven = motions.working @ np.linalg.pinv(motions.rates(motors))  # (nv, n_a)
     for _, twists in _frame_twists(motions, tree) if names else ():
         by_motor = np.linalg.norm(twists @ driven, axis=0)
         if np.all(by_motor > FILE_ROUNDING) and np.abs(twists @ left).max() < FILE_ROUNDING:
-            why = "no motor drives them, and what all motors move stands still when they turn"
+            why = (
+                "no motor drives them, and what all motors move stands still when they turn; --motors says "
+                "otherwise"
+            )
             raise _Undriven(message, motions, names, why)
     raise RobotFileError(message)
 
@@ -506,8 +502,10 @@ def _split_serial_joints(known: Known, options: Options) -> tuple[list[str], lis
     return [name for name in serial if name not in carrying], [name for name in serial if name in carrying]
 
 
-def _hold_joints(known: Known, joints: Sequence[str]) -> Known:
-    """Return the file with joints held at the reference and left out of the description."""
+def _hold_joints(known: Known, joints: Sequence[str], why: str) -> Known:
+    """Return the file with joints held at the reference and left out of the description, with a remark."""
+    if not joints:
+        return known
     tree, description = known.tree, known.description
     for name in joints:
         joint = tree.joints[name]
@@ -519,4 +517,5 @@ def _hold_joints(known: Known, joints: Sequence[str]) -> Known:
         joints={name: acting for name, acting in description.joints.items() if name in rest},
         reference={name: value for name, value in description.reference.items() if name in rest},
     )
-    return known._replace(description=description)
+    remark = f"held: {', '.join(joints)} ({why})"
+    return known._replace(description=description, remarks=(*known.remarks, remark))

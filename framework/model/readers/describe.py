@@ -24,7 +24,7 @@ from framework.model.description import (
     RobotDescription,
     locked_by_couplings,
 )
-from framework.model.readers.missing_fields import Known, Options, checked_reference, completed_description
+from framework.model.readers.missing_fields import Known, Options, checked_reference, complete
 from framework.model.readers.urdf_tree import UrdfTree
 from framework.model.robot_keys import joint_dynamics
 from framework.model.urdf_elements import declared_couplings, declared_dynamics
@@ -53,6 +53,7 @@ class Pull(NamedTuple):
     gear: float = 1.0
     acting: JointDynamics = JointDynamics()  # before the gear; a motor's whether or not it is chosen
     torque_limit: float | None = None  # motor side [N m]
+    is_motor: bool = True
 
     @classmethod
     def motor_on(cls, joint: str) -> Pull:
@@ -67,9 +68,7 @@ def describe(
     closures: Sequence[Closure],
     *,
     couplings: Sequence[Coupling] = (),
-    platform: Platform | None = None,
-    motors: Sequence[Pull] = (),
-    tendons: Iterable[Pull] = (),
+    pulls: Iterable[Pull] = (),
     likely_motors: Sequence[str] = (),
     joints: Mapping[str, JointDynamics] | None = None,
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81),
@@ -98,33 +97,32 @@ def describe(
     loops = [one for one in closures if any(tree.moving_chains(*map(tree.link_of, one.frames)))]
     if not loops and not couplings:
         raise _no_loop(options, closures[0] if closures else None)
-    actuators, several = actuators_of(motors, tree, couplings)
-    acting, apart = add_pulls([*motors, *tendons], joints or {}, tree, couplings)
+    actuators, acting, apart = attach_pulls(pulls, joints or {}, tree, couplings)
     description = RobotDescription(
         name=_name(tree.root, file),
         file=file,
         urdf_text="",
         platform=Platform(tree.base, ()),
-        actuators=tuple(actuators),
+        actuators=actuators,
         closures=tuple(loops),
         couplings=tuple(couplings),
         joints=_acting(tree, acting),
         gravity=gravity,
         reference={name: value for name, value in near.items() if name in tree.coordinates},
     )
-    known = Known(tree, description, platform, tuple(likely_motors))
-    left_out = [*left_out, *apart]
+    known = Known(tree, description, likely_motors=tuple(likely_motors))
+    left_out = [*apart, *left_out]
     try:
-        resolved = completed_description(options, known)
+        known = complete(options, known)
     except FrameworkError:
         left_out_of(tree, left_out)  # the more precise reason, if there is one
         raise
     description = replace(
-        resolved.description,
+        known.description,
         urdf_text=ElementTree.tostring(tree.root, encoding="unicode"),
-        left_out=(*several, *left_out_of(tree, left_out)),
+        left_out=left_out_of(tree, left_out),
     )
-    remarks = (*remarks, *_omissions(tree, left_out), *resolved.remarks)
+    remarks = (*remarks, *_omissions(tree, left_out), *known.remarks)
     return ParsedRobot(description, tree.root, remarks=remarks)
 
 
@@ -240,49 +238,33 @@ def couplings_of_the_rest(tree: UrdfTree, couplings: Sequence[Coupling]) -> list
 # ------------------------------------------------------------------ what acts
 
 
-def add_pulls(
+def attach_pulls(
     pulls: Iterable[Pull],
     joints: Mapping[str, JointDynamics],
     tree: UrdfTree,
     couplings: Sequence[Coupling],
-) -> tuple[dict[str, JointDynamics], list[LeftOut]]:
-    """Add dynamics along lengths to the joints of each; return joints and the ambiguous rest."""
-    sums, left_out = dict(joints), list[LeftOut]()
-    for pull in pulls:
-        if replace(pull.acting, rest=0.0) == JointDynamics():
-            continue
-        shares, constant = shares_of_leaders(pull.shares, tree, couplings)
-        if len(shares) > 1:
-            text = (
-                f"{pull.name}: what acts along it pulls at {' and '.join(shares)}, which move independently"
-            )
-            left_out.append(LeftOut(text, tuple(shares)))
-            continue
-        for joint, share in shares.items():
-            acting = replace(pull.acting, rest=pull.acting.rest - pull.gear * constant)
-            sums[joint] = sums.get(joint, JointDynamics()) + acting.seen_through(pull.gear * share)
-    return sums, left_out
-
-
-def actuators_of(
-    motors: Sequence[Pull], tree: UrdfTree, couplings: Sequence[Coupling]
-) -> tuple[list[Actuator], list[str]]:
-    """Return the motors of single moving joints, and the names of motors of several.
+) -> tuple[tuple[Actuator, ...], dict[str, JointDynamics], list[LeftOut]]:
+    """Attach motors and tendons to the joint that each pulls at; return motors, dynamics, ambiguous ones.
 
     A tendon over joints that couplings make one is a transmission to that one. Of two motors on a joint,
     such as a servo's position and speed, the first is taken.
     """
     actuators: dict[str, Actuator] = {}
-    several = []
-    for motor in motors:
-        shares, _ = shares_of_leaders(motor.shares, tree, couplings)
-        if len(shares) > 1:
-            several.append(f"{motor.name}: pulls at {' and '.join(shares)}, which move independently")
+    sums, left_out = dict(joints), list[LeftOut]()
+    for pull in pulls:
+        has_dynamics = replace(pull.acting, rest=0.0) != JointDynamics()
+        shares, constant = shares_of_leaders(pull.shares, tree, couplings)
+        if len(shares) > 1 and (pull.is_motor or has_dynamics):
+            text = f"{pull.name}: pulls at {' and '.join(shares)}, which move independently"
+            left_out.append(LeftOut(text, tuple(shares)))
         for joint, share in shares.items() if len(shares) == 1 else ():
-            gear = abs(motor.gear * share)
-            if gear and joint not in actuators:
-                actuators[joint] = Actuator(joint, gear, torque_limit=motor.torque_limit)
-    return list(actuators.values()), several
+            gear = pull.gear * share
+            if pull.is_motor and gear:
+                actuators.setdefault(joint, Actuator(joint, abs(gear), torque_limit=pull.torque_limit))
+            if has_dynamics:
+                acting = replace(pull.acting, rest=pull.acting.rest - pull.gear * constant)
+                sums[joint] = sums.get(joint, JointDynamics()) + acting.seen_through(gear)
+    return tuple(actuators.values()), sums, left_out
 
 
 def shares_of_leaders(

@@ -62,7 +62,7 @@ def read_pair(file: Path, content: Mapping[Any, Any], tree: UrdfTree, options: O
     for i, name in enumerate(motors):
         check_name(f"name_mot[{i}]", "movable joint", name, tree.movable)
     check_unique("name_mot", motors)
-    return describe(tree, file, options, closures, motors=[Pull.motor_on(name) for name in motors])
+    return describe(tree, file, options, closures, pulls=map(Pull.motor_on, motors))
 
 
 def _replace_joints(tree: UrdfTree, content: Mapping[Any, Any]) -> None:

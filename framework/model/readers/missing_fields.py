@@ -14,20 +14,19 @@ _MAX_LISTED_NAMES = 24
 
 
 class Known(NamedTuple):
-    """The content of a file that may leave out platform and motors."""
+    """Content of a file, perhaps without platform and motors, with remarks on what is added."""
 
     tree: UrdfTree
     description: RobotDescription  # its platform is the base on no axes, its motors those of the file
     platform: Platform | None = None
     likely_motors: tuple[str, ...] = ()
     chooses_motors: bool = False  # where the file has more than the mechanism needs
-
-
-class Resolved(NamedTuple):
-    """A description with platform and motors, and remarks on their source."""
-
-    description: RobotDescription
     remarks: tuple[str, ...] = ()
+
+    def with_platform(self, platform: Platform, *remarks: str) -> Known:
+        """Return the content with a platform in its description, and further remarks."""
+        description = replace(self.description, platform=platform)
+        return self._replace(description=description, remarks=(*self.remarks, *remarks))
 
 
 @dataclass(frozen=True)
@@ -54,42 +53,29 @@ class Options:
         return not (self.platform or self.axes or self.platform_joints or self.motors)
 
 
-Propose = Callable[[Options, Known], Resolved]
+Propose = Callable[[Options, Known], Known]
 
 
-def completed_description(options: Options, known: Known) -> Resolved:
-    """Complete a description by the options, else the file, else proposals.
+def complete(options: Options, known: Known) -> Known:
+    """Complete the content of a file by the options, else the file, else proposals.
 
     Raises:
         RobotFileError: something is said nowhere (names the options and the candidates), or an
             option is not valid.
     """
-    frames, joints, description = known.tree.frames, known.tree.movable, known.description
+    joints, description = known.tree.movable, known.description
     if options.motors is not None:
         motors = _actuators(options.motors, joints, description.actuators)
         description = replace(description, actuators=motors)
-    frame, platform = options.platform, known.platform
-    if frame is not None:
-        check_name("--platform", "frame", frame, frames)
-    if options.platform_joints is not None:
-        if options.axes is not None:
-            raise RobotFileError("--platform-joints: the platform has joints or --axes, not both")
-        _check_axes("--platform-joints", "movable joint", options.platform_joints, joints)
-        last = known.tree.joints[options.platform_joints[-1]].child
-        platform = Platform(frame or last, (), options.platform_joints)
-    elif options.axes is not None:
-        _check_axes("--axes", "axis", options.axes, AXES)
-        frame = frame or (platform.frame if platform else None)
-        platform = Platform(frame, options.axes) if frame is not None else None
-    elif frame is not None:
-        platform = replace(platform, frame=frame) if platform is not None else None
-    if platform is not None and description.actuators and options.propose is None:
-        return Resolved(replace(description, platform=platform))
+    platform = _platform(options, known)
+    known = known._replace(description=description, platform=platform)
     if options.propose is not None:
-        return options.propose(options, known._replace(description=description, platform=platform))
+        return options.propose(options, known)
+    if platform is not None and description.actuators:
+        return known.with_platform(platform)
     missing = []
-    if frame is None and platform is None:
-        missing.append(f"--platform FRAME (of: {_few(frames)})")
+    if platform is None and options.platform is None:
+        missing.append(f"--platform FRAME (of: {_few(known.tree.frames)})")
     if platform is None and options.axes is None:
         missing.append(f"--axes (of: {', '.join(AXES)})")
     if not description.actuators:
@@ -97,6 +83,23 @@ def completed_description(options: Options, known: Known) -> Resolved:
     raise RobotFileError(
         f"the file does not say: give {'; '.join(missing)}; or let `crossing convert` propose them"
     )
+
+
+def _platform(options: Options, known: Known) -> Platform | None:
+    """Return the platform by options and file; None where both leave something open."""
+    frame, platform, joints = options.platform, known.platform, options.platform_joints
+    if frame is not None:
+        check_name("--platform", "frame", frame, known.tree.frames)
+    if joints is not None:
+        if options.axes is not None:
+            raise RobotFileError("--platform-joints: the platform has joints or --axes, not both")
+        _check_axes("--platform-joints", "movable joint", joints, known.tree.movable)
+        return Platform(frame or known.tree.joints[joints[-1]].child, (), joints)
+    if options.axes is not None:
+        _check_axes("--axes", "axis", options.axes, AXES)
+        frame = frame or (platform.frame if platform else None)
+        return None if frame is None else Platform(frame, options.axes)
+    return platform if platform is None or frame is None else replace(platform, frame=frame)
 
 
 def _check_axes(option: str, kind: str, names: Sequence[str], valid: Sequence[str]) -> None:

@@ -72,8 +72,7 @@ def read_mjcf(file: Path, root: ElementTree.Element, options: Options) -> Parsed
         options,
         _select_kind(Closure, items),
         couplings=_select_kind(Coupling, items),
-        motors=_select_kind(Pull, items),
-        tendons=model.tendons(),
+        pulls=[*_select_kind(Pull, items), *model.tendons()],
         joints=model.acting(),
         gravity=tuple(compiled.opt.gravity.tolist()),
         reference={name: value for name, value in reference.items() if name in tree.coordinates},
@@ -295,7 +294,7 @@ class _Model:
                 rest=float(low - model.tendon_length0[k]),
             )
             if shares is not None:
-                yield Pull(f"tendon {self.name('tendon', k)!r}", shares, acting=acting)
+                yield Pull(f"tendon {self.name('tendon', k)!r}", shares, acting=acting, is_motor=False)
 
     def motors(self) -> Iterator[Pull | LeftOut]:
         """Yield motors on hinges, slides and their fixed tendons, and other motors as left out."""

@@ -21,7 +21,7 @@ from framework.model.readers.missing_fields import (
     Known,
     Options,
     checked_reference,
-    completed_description,
+    complete,
 )
 from framework.model.readers.urdf_tree import UrdfTree
 from framework.model.robot_file import parse_robot
@@ -170,9 +170,8 @@ def _own(robot: ParsedRobot, options: Options) -> ParsedRobot:
     description, tree = robot.description, UrdfTree(robot.urdf)
     reference = checked_reference(options, tree.coordinates, description.reference)
     description = replace(description, reference=reference)
-    return robot._replace(
-        description=completed_description(options, Known(tree, description, description.platform)).description
-    )
+    completed = complete(options, Known(tree, description, description.platform))
+    return robot._replace(description=completed.description)
 
 
 def _pair_in(folder: Path) -> Path:

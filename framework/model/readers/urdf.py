@@ -233,7 +233,7 @@ def read_urdf(
             check_name("transmission", "movable joint", name, tree.movable)
     motors = [Pull.motor_on(name) for name in tree.motors if name in tree.movable]
     likely = [*independent, *beside.get("independent", [])]
-    parsed = describe(tree, file, options, closures, motors=motors, likely_motors=likely)
+    parsed = describe(tree, file, options, closures, pulls=motors, likely_motors=likely)
     return parsed._replace(dialect=dialect)
 
 
