@@ -122,17 +122,17 @@ def describe(
         urdf_text=ElementTree.tostring(tree.root, encoding="unicode"),
         left_out=left_out_of(tree, left_out),
     )
-    remarks = (*remarks, *_omissions(tree, left_out), *known.remarks)
+    remarks = (*_omissions(tree, left_out), *remarks, *known.remarks)
     return ParsedRobot(description, tree.root, remarks=remarks)
 
 
 def _omissions(tree: UrdfTree, left_out: Sequence[LeftOut]) -> Iterator[str]:
-    """Yield remarks on decisive elements without motion, and on elements of other programs."""
+    """Yield remarks on decisive elements without motion, and the number of unused elements."""
     for item in left_out:
         if item.is_decisive and not any(moves(tree, name) for name in item.acts_on):
             yield f"not used, since it does not move: {item.what}"
-    if tree.skipped:
-        yield f"not read, of other programs: {', '.join(f'<{tag}>' for tag in tree.skipped)}"
+    if unused := ", ".join(f"{count} {kind}" for kind, count in tree.unused.items()):
+        yield f"not used: {unused}"
 
 
 def _check_closures(closures: Sequence[Closure]) -> None:

@@ -60,6 +60,7 @@ def read_mjcf(file: Path, root: ElementTree.Element, options: Options) -> Parsed
     if compiled.neq > MAX_LOOPS:
         raise RobotFileError(f"<equality>: at most {MAX_LOOPS} equalities are read")
     tree = UrdfTree(model.urdf(root.get("model") or "mjcf"))
+    tree.unused += unused
     sites = [
         tree.add_frame(model.name("site", k) or f"site_{k}", model.bodies[compiled.site_bodyid[k]], place)
         for k, place in enumerate(_places(compiled.site_pos, compiled.site_quat))
@@ -77,7 +78,6 @@ def read_mjcf(file: Path, root: ElementTree.Element, options: Options) -> Parsed
         gravity=tuple(compiled.opt.gravity.tolist()),
         reference={name: value for name, value in reference.items() if name in tree.coordinates},
         left_out=[*left_out, *_select_kind(LeftOut, items)],
-        remarks=[f"not used: {unused}"] if unused else [],
     )._replace(dialect="mjcf")
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 import warnings
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -41,7 +42,7 @@ class MujocoModel(NamedTuple):
 
     compiled: Any  # mujoco.MjModel
     left_out: list[LeftOut]
-    unused: str  # elements that no motion needs, by number and kind
+    unused: Counter[str]  # elements that no motion needs, by kind
 
 
 def mujoco_model(file: Path) -> MujocoModel:
@@ -82,8 +83,7 @@ def _silence_log(mujoco: Any) -> Iterator[None]:
 
 def _model_of(mujoco: Any, spec: Any) -> MujocoModel:
     """Return the compiled model of a specification."""
-    counts = {kind: len(getattr(spec, kind)) for kind in (*_UNUSED, "cameras")}
-    unused = ", ".join(f"{count} {kind}" for kind, count in counts.items() if count)
+    unused = Counter({kind: len(getattr(spec, kind)) for kind in (*_UNUSED, "cameras")})
     left_out = [*_delete_unused(mujoco, spec), *_repair_inertias(mujoco, spec)]
     left_out += _delete_needless_meshes(mujoco, spec)
     given = len(spec.keys[0].qpos) if spec.keys else 0

@@ -14,7 +14,7 @@ Source: sdformat.org, "Pose frame semantics".
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -32,7 +32,13 @@ from framework.model.readers.describe import LeftOut, describe
 from framework.model.readers.missing_fields import Options
 from framework.model.readers.urdf_tree import UrdfTree, merge_sharing
 from framework.model.urdf_elements import local_name
-from framework.model.urdf_writing import ChainJoint, chain_elements, inertial_element, visual_element
+from framework.model.urdf_writing import (
+    ChainJoint,
+    chain_elements,
+    inertial_element,
+    remove_children,
+    visual_element,
+)
 from framework.model.xml_reading import attribute, child_element, numbers
 
 WORLD, MODEL = "world", "__model__"
@@ -136,6 +142,8 @@ def read_sdf(file: Path, root: ElementTree.Element, options: Options) -> ParsedR
     names = _tree_joints(scope, joints)
     cut = [joint for joint in joints if joint.name not in names]
     tree = UrdfTree(_urdf(scope, joints, names, part, file.stem))
+    tree.unused += {f"<{tag}>": len(list(root.iter(tag))) for tag in _UNUSED}
+    apart = [f"{name} of {_mass(link)} kg" for name, link in scope.links.items() if name not in part]
     within = [joint for joint in joints if joint.name in names or joint.kind == "screw"]
     plugged = [element.text or "" for element in root.iter("joint_name")]
     x, y, z = numbers("<gravity>", root.findtext("world/gravity", "0 0 -9.81"), 3)
@@ -149,7 +157,7 @@ def read_sdf(file: Path, root: ElementTree.Element, options: Options) -> ParsedR
         joints={name: acting for joint in within for name, acting in joint.dynamics().items()},
         gravity=(x, y, z),
         left_out=list(_left_out(scope, ends, cut)),
-        remarks=list(_remarks(root, scope, part)),
+        remarks=[f"not read: {', '.join(apart)}, which no joint joins with the mechanism"] if apart else [],
     )._replace(dialect="sdf")
 
 
@@ -165,19 +173,10 @@ def _left_out(scope: Scope, ends: Mapping[str, tuple[str, str]], cut: Sequence[_
     for joint in cut:
         if joint.kind == "screw":
             continue
-        for part, is_there in (("dynamics", joint.dynamics()), ("mimic", _own(joint.element, ("mimic",)))):
+        for part, is_there in (("dynamics", joint.dynamics()), ("mimic", _has(joint.element, "mimic"))):
             if is_there:
                 text = f"joint {joint.name!r}: its {part}, where the loop is cut"
                 yield LeftOut(text, (joint.links[1],))
-
-
-def _remarks(root: ElementTree.Element, scope: Scope, part: set[str]) -> Iterator[str]:
-    """Yield the number of unused elements, and the links beside the mechanism."""
-    counts = {tag: sum(1 for _ in root.iter(tag)) for tag in _UNUSED}
-    if unused := ", ".join(f"{count} <{tag}>" for tag, count in counts.items() if count):
-        yield f"not used: {unused}"
-    if apart := [f"{name} of {_mass(link)} kg" for name, link in scope.links.items() if name not in part]:
-        yield f"not read: {', '.join(apart)}, which no joint joins with the mechanism"
 
 
 def _mass(link: ElementTree.Element) -> str:
@@ -215,10 +214,9 @@ def _add_models(scope: Scope, parent: ElementTree.Element, folder: Path, prefix:
             document = parse_xml(read_text(file, "cannot read it", error=RobotFileError))
             model = child_element(document, "<sdf>", "model")
         model.set("name", include.findtext("name") or model.get("name") or "")
-        for pose in include.findall("pose"):
-            for own in model.findall("pose"):
-                model.remove(own)
-            model.append(pose)
+        if poses := include.findall("pose"):
+            remove_children(model, "pose")
+            model.extend(poses)
         add = _add_content if include.get("merge") in ("true", "1") else _add_model
         add(scope, model, file.parent, prefix, base)
 
@@ -358,9 +356,9 @@ def _axis(scope: Scope, name: str, tag: str) -> Array:
     return np.asarray(scope.place(f"joint {name}")[:3, :3].T @ frame[:3, :3] @ axis)
 
 
-def _own(joint: ElementTree.Element, tags: Sequence[str] = _OWN) -> str:
-    """Return names of a joint's properties that a closure cannot have."""
-    return ", ".join(tag for tag in tags for axis in joint.findall("axis") if axis.find(tag) is not None)
+def _has(joint: ElementTree.Element, *properties: str) -> bool:
+    """Whether an axis of a joint has one of some properties."""
+    return any(axis.find(tag) is not None for axis in joint.findall("axis") for tag in properties)
 
 
 def _couplings(joint: _Joint, names: Sequence[str]) -> Iterator[Coupling]:
@@ -385,15 +383,17 @@ def _couplings(joint: _Joint, names: Sequence[str]) -> Iterator[Coupling]:
 
 def _largest_part(scope: Scope, ends: Mapping[str, tuple[str, str]]) -> set[str]:
     """Return the links of the part with loops, of several that with most joints."""
-    groups = merge_sharing([*([name] for name in (*scope.links, WORLD)), *ends.values()])
-    counts = []
-    for group in groups:
-        joints = [scope.joints[name] for name, pair in ends.items() if set(pair) <= set(group)]
-        mimics = sum(joint.find("axis/mimic") is not None for joint in joints)
-        counts.append((len(joints) - len(group) + 1 + mimics > 0, len(joints)))
-    if not max(counts)[1]:
+    if not ends:
         raise RobotFileError("there is no joint in it")
-    return set(groups[counts.index(max(counts))])
+
+    def rank(group: Iterable[str]) -> tuple[bool, int]:
+        links = set(group)
+        joints = [scope.joints[name] for name, pair in ends.items() if set(pair) <= links]
+        mimics = sum(_has(joint, "mimic") for joint in joints)
+        return len(joints) - len(links) + 1 + mimics > 0, len(joints)
+
+    groups = merge_sharing([*([name] for name in (*scope.links, WORLD)), *ends.values()])
+    return set(max(groups, key=rank))
 
 
 def _tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
@@ -402,9 +402,9 @@ def _tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
 
     def rank(joint: _Joint) -> tuple[bool, ...]:
         is_constraint = f"{joint.name}_at_child" in scope.relative
-        leads = joint.name.rsplit("::", 1)[-1] in mimicked or bool(_own(joint.element, ("mimic",)))
+        leads = joint.name.rsplit("::", 1)[-1] in mimicked or _has(joint.element, "mimic")
         is_last = joint.kind in ("universal", "spherical")
-        return joint.kind == "screw", is_constraint, not leads, not _own(joint.element), is_last
+        return joint.kind == "screw", is_constraint, not leads, not _has(joint.element, *_OWN), is_last
 
     groups = {link: {link} for joint in joints for link in joint.links}
     chosen = set()
@@ -436,10 +436,9 @@ def _urdf(
                 waiting.append(other)
     for joint in joints:
         if joint.kind == "screw" and joint.name not in chosen:
-            stub = ElementTree.SubElement(root, "link", name=f"{joint.name}_stub")
-            root.extend(
-                chain_elements(joint.links[0], _motions(joint, 1), stub.get("name", ""), np.eye(4), taken)
-            )
+            stub = f"{joint.name}_stub"
+            ElementTree.SubElement(root, "link", name=stub)
+            root.extend(chain_elements(joint.links[0], _motions(joint, 1), stub, np.eye(4), taken))
     return root
 
 

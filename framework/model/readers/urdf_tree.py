@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
+from collections import Counter
 from collections.abc import Iterable, Sequence
 
 import numpy as np
@@ -29,26 +30,34 @@ from framework.tolerances import FILE_ROUNDING
 MAX_LOOPS = 1000  # in a file
 MAX_FREEDOMS = 1000  # freedoms of the joints in a file
 _PLAIN = ("link", "joint", "material", "gazebo", "transmission", "ros2_control", "sensor")
+_USED = {
+    "link": ("inertial", "visual", "collision"),
+    "joint": ("parent", "child", "origin", "axis", "limit", "dynamics", "mimic"),
+}
 
 
-def _remove_other_programs(root: ElementTree.Element, valid: Sequence[str]) -> list[str]:
-    """Remove elements of other programs and of xacro from a URDF; return the former's tags.
+def _remove_other_programs(root: ElementTree.Element, valid: Sequence[str]) -> Counter[str]:
+    """Remove elements of other programs and of xacro from a URDF; count unused elements by tag.
 
     Raises:
         RobotFileError: an element is mistyped, or macros are not expanded.
     """
-    skipped = []
-    arguments = ""
+    unused, arguments = Counter[str](), ""
     for element in list(root):
-        tag = local_name(element.tag)
-        if "xacro" in element.tag and tag in ("property", "arg", "macro"):
-            arguments += f" {element.get('name')}:={element.get('default')}" if tag == "arg" else ""
-            root.remove(element)
-        elif "xacro" not in element.tag and tag not in valid:
+        tag, is_macro = local_name(element.tag), "xacro" in element.tag
+        is_leftover = is_macro and tag in ("property", "arg", "macro")
+        if not is_macro and tag not in valid:
             if "}" not in element.tag and nearest(tag, valid):
                 raise RobotFileError(choose_from("element", tag, valid))
-            skipped.append(tag)
+            unused[f"<{tag}>"] += 1
+            is_leftover = True
+        elif tag == "arg":
+            arguments += f" {element.get('name')}:={element.get('default')}"
+        if is_leftover:
             root.remove(element)
+        elif tag in ("gazebo", "sensor") and element.find("joint/child") is None:
+            unused[f"<{tag}>"] += 1
+        unused.update(f"<{child.tag}>" for child in element if child.tag not in _USED.get(tag, [child.tag]))
     for element in root.iter():
         is_macro = "xacro" in element.tag.partition("}")[0]
         if is_macro or any("${" in value or "$(" in value for value in element.attrib.values()):
@@ -57,7 +66,7 @@ def _remove_other_programs(root: ElementTree.Element, valid: Sequence[str]) -> l
             )
         for key in [key for key in element.attrib if key.startswith("{")]:
             del element.attrib[key]
-    return list(dict.fromkeys(skipped))
+    return unused
 
 
 def merge_sharing(groups: Iterable[Iterable[str]]) -> list[list[str]]:
@@ -87,7 +96,7 @@ class UrdfTree(Tree):
         names = {link.get("name") for link in root.findall("link")}
         if "world" not in names and any(end.get("link") == "world" for end in root.findall("joint/parent")):
             ElementTree.SubElement(root, "link", name="world")  # Drake's, which need not be declared
-        self.skipped = _remove_other_programs(root, (*_PLAIN, *extra))
+        self.unused = _remove_other_programs(root, (*_PLAIN, *extra))
         self.extra = [element for element in root if local_name(element.tag) in extra]
         self.motors = declared_motors(root)
         for element in self.extra:

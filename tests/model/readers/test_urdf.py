@@ -140,7 +140,10 @@ def test_macros_are_named_with_the_command_that_expands_them(tmp_path, more):
 
 def test_elements_of_other_programs_are_named_and_no_matter(tmp_path):
     parsed = read(tmp_path, fingers("<mujoco><compiler/></mujoco><drake:proximity/>"))
-    assert "not read, of other programs: <mujoco>, <proximity>" in parsed.remarks
+    assert "not used: 1 <mujoco>, 1 <proximity>" in parsed.remarks
+    unused = '<sensor name="s"/><gazebo><plugin/></gazebo>'
+    text = fingers(unused).replace("</joint>", "<calibration/></joint>")
+    assert "not used: 3 <calibration>, 1 <sensor>, 1 <gazebo>" in read(tmp_path, text).remarks
     with pytest.raises(RobotFileError, match="unknown element 'lnik'; did you mean 'link'"):
         read(tmp_path, fingers('<lnik name="a"/>'))
 
