@@ -41,7 +41,7 @@ import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -61,13 +61,25 @@ from framework.model.xml_reading import attribute, axis_of, child_element, numbe
 from framework.tolerances import FILE_ROUNDING
 
 LOOP_CLOSURES = "loop_closures.yaml"
-_ENDS = ("predecessor", "successor")
-_ORIGIN = ("xyz", "rpy")
 _ALIKE = {kind: kind for kind in ("fixed", "spherical", "revolute", "prismatic")} | {"continuous": "revolute"}
 _IN_URDF_PLUS = _ALIKE | {kind: kind for kind in ("cylindrical", "planar")}
 _IN_ROS = _IN_URDF_PLUS | {"universal": "universal", "link": "fixed"}
-_PARTS = ("parent", "parent_origin", "parent_axis", "child", "child_origin", "child_axis")
 _CLOSING = re.compile(r"closing_(?P<name>.+)_(?P<end>[12])(?P<second>_z)?")
+
+
+class _Syntax(NamedTuple):
+    """The elements of a loop's ends and axes, and its kinds."""
+
+    ends: tuple[str, str]
+    kinds: Mapping[str, str]
+    axes: tuple[str, ...] = ("axis",)
+
+
+_LOOPS = {
+    "loop": _Syntax(("predecessor", "successor"), _IN_URDF_PLUS),
+    "constraint": _Syntax(("parent", "child"), _IN_ROS, ("parent_axis", "child_axis")),
+    "loop_joint": _Syntax(("link1", "link2"), _ALIKE),
+}
 
 
 def _element_name(element: ElementTree.Element) -> tuple[str, str]:
@@ -76,35 +88,58 @@ def _element_name(element: ElementTree.Element) -> tuple[str, str]:
     return name, f"{element.tag} {name!r}"
 
 
-def _kind(element: ElementTree.Element, where: str, kinds: Mapping[str, str]) -> str:
+def _read_loop(tree: UrdfTree, element: ElementTree.Element) -> Closure:
+    """Read the closure of an element in `_LOOPS`."""
+    syntax = _LOOPS[element.tag]
+    for second in element.findall("link1")[1:]:
+        second.tag = "link2"
+    name, where = _element_name(element)
+    origins = [f"{end}_origin" for end in syntax.ends]
+    only(element, where, (*syntax.ends, *syntax.axes, *origins), ("name", "type"))
     given = attribute(element, where, "type")
-    if given.lower().removesuffix("_joint") not in kinds:
-        raise RobotFileError(f"{where}: {choose_from('type', given, kinds)}")
-    return kinds[given.lower().removesuffix("_joint")]
+    kind = syntax.kinds.get(given.lower().removesuffix("_joint"))
+    if kind is None:
+        raise RobotFileError(f"{where}: {choose_from('type', given, syntax.kinds)}")
+    axes = _axes(element, where, kind, syntax.axes)
+    ends = [(end.removeprefix("link"), *_end(tree, element, where, end)) for end in syntax.ends]
+    return tree.close(name, kind, ends, axes)
 
 
-def _axes(
-    element: ElementTree.Element, where: str, kind: str, tags: Sequence[str] = ("axis",)
-) -> list[Array]:
-    """Return the axes of a closure in its ends; none of kinds without an axis."""
+def _axes(element: ElementTree.Element, where: str, kind: str, tags: Sequence[str]) -> list[Array]:
+    """Return the axes of a closure in its ends; one stands for both, but of a universal joint."""
     if kind in ("fixed", "spherical"):
         return []
-    return [axis_of(child_element(element, where, tag), f"{where}: <{tag}>") for tag in tags]
+    needed = [tag for tag in tags if tag == tags[0] or kind == "universal" or element.find(tag) is not None]
+    axes = [axis_of(child_element(element, where, tag), f"{where}: <{tag}>") for tag in needed]
+    if kind == "prismatic" and len(axes) == 2:
+        first, second = axes
+        apart = np.linalg.norm(np.cross(first, second)) / (np.linalg.norm(first) * np.linalg.norm(second))
+        if apart > FILE_ROUNDING:
+            raise RobotFileError(
+                f"{where}: <child_axis>: differs from <parent_axis>; a prismatic joint does not turn, so "
+                f"turn the frame by the rpy of <child_origin> instead"
+            )
+        return [first]
+    return axes
 
 
-def _read_loop(tree: UrdfTree, element: ElementTree.Element) -> Closure:
-    name, where = _element_name(element)
-    only(element, where, (*_ENDS, "axis"), ("name", "type"))
-    kind = _kind(element, where, _IN_URDF_PLUS)
-    axes = _axes(element, where, kind)
-    return tree.close(name, kind, [_end(tree, element, where, end) for end in _ENDS], axes)
+def _end(tree: UrdfTree, element: ElementTree.Element, where: str, end: str) -> tuple[str, Array]:
+    """Return link and placement of an end, by an origin within, beside, or by attributes of its own."""
+    body, place = child_element(element, where, end), f"{where}: <{end}>"
+    only(body, place, ("origin",), ("link", "xyz", "rpy"))
+    link = tree.link(place, attribute(body, place, "link"))
+    own: dict[str, str] = {key: body.attrib[key] for key in ("xyz", "rpy") if key in body.attrib}
+    origins = [*body.findall("origin"), *element.findall(f"{end}_origin")]
+    origin = origins[0] if origins else ElementTree.Element("origin", own)
+    return link, origin_of(origin, f"{place}: <{origin.tag}>")
 
 
 def _read_coupling(tree: UrdfTree, element: ElementTree.Element) -> Closure | None:
     """Read the closure of a `<coupling>`; None of one that holds a joint, which is done."""
     name, where = _element_name(element)
-    only(element, where, (*_ENDS, "ratio"), ("name", "type"))
-    first, second = (_end(tree, element, where, end)[1] for end in _ENDS)
+    ends = _LOOPS["loop"].ends
+    only(element, where, (*ends, "ratio"), ("name", "type"))
+    first, second = (_end(tree, element, where, end)[0] for end in ends)
     value = child_element(element, where, "ratio")
     only(value, f"{where}: <ratio>", (), ("value",))
     (ratio,) = numbers(f"{where}: <ratio>", attribute(value, f"{where}: <ratio>", "value"), 1)
@@ -125,58 +160,11 @@ def _read_coupling(tree: UrdfTree, element: ElementTree.Element) -> Closure | No
     return closure
 
 
-def _end(
-    tree: UrdfTree, element: ElementTree.Element, where: str, end: str, origin: str = ""
-) -> tuple[str, str, Array]:
-    """Return an end, its link and its placement, by an `origin` beside or within."""
-    body = child_element(element, where, end)
-    only(body, f"{where}: <{end}>", () if origin else ("origin",), ("link",))
-    link = tree.link(f"{where}: <{end}>", attribute(body, f"{where}: <{end}>", "link"))
-    place = element.find(origin) if origin else body.find("origin")
-    return end, link, origin_of(place, f"{where}: <{origin}>" if origin else f"{where}: <{end}>: <origin>")
-
-
-def _read_constraint(tree: UrdfTree, element: ElementTree.Element) -> Closure:
-    name, where = _element_name(element)
-    only(element, where, _PARTS, ("name", "type"))
-    kind = _kind(element, where, _IN_ROS)
-    has_two = kind == "universal" or element.find("child_axis") is not None
-    axes = _axes(element, where, kind, ("parent_axis", "child_axis") if has_two else ("parent_axis",))
-    if kind == "prismatic" and has_two:
-        apart = np.linalg.norm(np.cross(axes[0], axes[1])) / np.prod(np.linalg.norm(axes, axis=1))
-        if apart > FILE_ROUNDING:
-            raise RobotFileError(
-                f"{where}: <child_axis>: differs from <parent_axis>; a prismatic joint does not turn, so "
-                f"turn the frame by the rpy of <child_origin> instead"
-            )
-        axes = axes[:1]
-    ends = [_end(tree, element, where, end, f"{end}_origin") for end in ("parent", "child")]
-    return tree.close(name, kind, ends, axes)
-
-
 def _read_fixed_frame(tree: UrdfTree, element: ElementTree.Element) -> None:
     name, where = _element_name(element)
     parent = attribute(child_element(element, where, "parent"), f"{where}: <parent>", "link")
     origin = origin_of(element.find("origin"), f"{where}: <origin>")
     tree.add_frame(name, tree.link(f"{where}: <parent>", parent), origin)
-
-
-def _read_loop_joint(tree: UrdfTree, element: ElementTree.Element) -> Closure:
-    name, where = _element_name(element)
-    for child in element:
-        check_name(where, "element", child.tag, ("link1", "link2", "axis"))
-    kind = _kind(element, where, _ALIKE)
-    axes = _axes(element, where, kind)
-    links = [child for child in element if child.tag in ("link1", "link2")]
-    if len(links) != 2:
-        raise RobotFileError(f"{where}: needs two links (<link1>, <link2>), got {len(links)}")
-    ends = []
-    for suffix, end in zip("12", links, strict=True):
-        only(end, f"{where}: <{end.tag}>", (), ("link", *_ORIGIN))
-        origin = ElementTree.Element("origin", {key: end.attrib[key] for key in _ORIGIN if key in end.attrib})
-        place = origin_of(origin, f"{where}: <{end.tag}>")
-        ends.append((suffix, tree.link(f"{where}: <{end.tag}>", end.get("link")), place))
-    return tree.close(name, kind, ends, axes)
 
 
 def _read_ball_constraint(tree: UrdfTree, element: ElementTree.Element) -> Closure:
@@ -192,11 +180,11 @@ def _read_ball_constraint(tree: UrdfTree, element: ElementTree.Element) -> Closu
 
 
 # by element: the dialect and its reader, which returns None if it adds no closure
-_LOOPS: dict[str, tuple[str, Callable[[UrdfTree, ElementTree.Element], Closure | None]]] = {
+_ELEMENTS: dict[str, tuple[str, Callable[[UrdfTree, ElementTree.Element], Closure | None]]] = {
     "loop": ("urdf+", _read_loop),
     "coupling": ("urdf+", _read_coupling),
-    "constraint": ("ros", _read_constraint),
-    "loop_joint": ("loop_joint", _read_loop_joint),
+    "constraint": ("ros", _read_loop),
+    "loop_joint": ("loop_joint", _read_loop),
     "fixed_frame": ("loop_joint", _read_fixed_frame),
     "ball_constraint": ("urdf", _read_ball_constraint),
 }
@@ -215,8 +203,8 @@ def read_urdf(
         for joint in root.findall("joint")
         if joint.get("independent", "").lower() in ("true", "1")
     ]
-    tree = UrdfTree(root, tuple(_LOOPS))
-    loops = [(*_LOOPS[local_name(element.tag)], element) for element in tree.extra]
+    tree = UrdfTree(root, tuple(_ELEMENTS))
+    loops = [(*_ELEMENTS[local_name(element.tag)], element) for element in tree.extra]
     read_loops = [read(tree, element) for _, read, element in loops]
     gazebo, framed = _gazebo_joints(tree), _closing_frames(tree)
     beside = _loop_closures_beside(file) if beside is None else beside
