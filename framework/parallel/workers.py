@@ -1,21 +1,20 @@
 """Processes that compute for this one: they end when it ends, however it ends, and may be killed.
 
 `concurrent.futures.ProcessPoolExecutor` gives up all tasks when one of its processes is killed, and leaves
-its processes behind when the parent is killed. Here each process has a thread and a pipe of its own. A pipe
-that breaks tells which task was lost; that task starts again. A process whose parent is gone ends itself.
+its processes behind when the parent is killed. Here threads hand tasks to processes, each by a pipe of its
+own. A pipe that breaks tells which task was lost; that task starts again. A process whose parent is gone
+ends itself.
 """
 
 from __future__ import annotations
 
 import os
 import pickle
-import queue
 import signal
 import threading
 import traceback
 from collections.abc import Callable
-from concurrent.futures import Executor, Future
-from contextlib import suppress
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from multiprocessing import get_context, parent_process, resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
@@ -27,11 +26,6 @@ from framework.parallel import MAX_WORKERS
 MAX_TRIES = 3  # processes that a task may cost
 PICKLING_ERRORS = (pickle.PicklingError, AttributeError, TypeError)
 T = TypeVar("T")
-
-
-class _Task(NamedTuple):
-    future: Future[Any]
-    call: tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]
 
 
 class _Worker(NamedTuple):
@@ -49,41 +43,27 @@ class Workers(Executor):
     """
 
     def __init__(self, count: int) -> None:
-        count = whole_number("workers", count, 1, MAX_WORKERS)
-        self._tasks: queue.SimpleQueue[_Task | None] = queue.SimpleQueue()
+        self._threads = ThreadPoolExecutor(whole_number("workers", count, 1, MAX_WORKERS))
         self._lock = threading.Lock()
         self._alive: set[SpawnProcess] = set()
-        self._closed = False  # no task is taken any more
-        self._stopped = False  # and no process is begun
-        self._threads = [threading.Thread(target=self._serve, daemon=True) for _ in range(count)]
-        for thread in self._threads:
-            thread.start()
+        self._idle: list[_Worker] = []
+        self._stopped = False  # no process is begun any more
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
         """Submit a call; its future fails with `LostWorkers` if each process tried is killed."""
-        future: Future[T] = Future()
-        with self._lock:
-            if self._closed:
-                raise RuntimeError("cannot submit to workers that are shut down")
-            self._tasks.put(_Task(future, (fn, args, kwargs)))
-        return future
+        return self._threads.submit(self._call, fn, args, kwargs)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Take no more tasks; wait for the tasks taken, or drop the ones not begun."""
-        with self._lock:
-            self._closed = True
-            if cancel_futures:
-                self._drop()
-            for _ in self._threads:
-                self._tasks.put(None)
-        for thread in self._threads if wait else ():
-            thread.join()
+        self._threads.shutdown(wait, cancel_futures=cancel_futures)
+        while self._idle:
+            self._end_process(self._idle.pop())
 
     def stop(self) -> None:
         """Kill all processes and drop all tasks."""
+        self._threads.shutdown(wait=False, cancel_futures=True)
         with self._lock:
-            self._closed = self._stopped = True
-            self._drop()
+            self._stopped = True
             for process in self._alive:
                 process.kill()
         self.shutdown()
@@ -94,69 +74,39 @@ class Workers(Executor):
         else:
             self.stop()
 
-    def _drop(self) -> None:
-        """Cancel the waiting tasks."""
-        with suppress(queue.Empty):
-            while True:
-                task = self._tasks.get_nowait()
-                if task is not None:
-                    task.future.cancel()
-
-    def _serve(self) -> None:
-        """Serve tasks by one process after the other until none is left."""
-        worker: _Worker | None = None
-        while (task := self._tasks.get()) is not None:
-            if task.future.set_running_or_notify_cancel():
-                worker = self._settle(task, worker)
-        if worker is not None:
-            self._end_process(worker)
-
-    def _settle(self, task: _Task, worker: _Worker | None) -> _Worker | None:
-        """Settle a task; return the process that is left, if any."""
-        try:
-            message = pickle.dumps(task.call)
-        except PICKLING_ERRORS as error:
-            task.future.set_exception(error)
-            return worker
+    def _call(self, *call: Any) -> Any:
+        """Return the result of a call in an idle process or a new one; raise its error."""
+        message = pickle.dumps(call)
         for _ in range(MAX_TRIES):
+            with self._lock:
+                idle = self._idle.pop() if self._idle else None
             try:
-                worker = worker or self._start_process()
+                worker = idle or self._start_process()
             except OSError as error:
-                task.future.set_exception(LostWorkers(f"no worker process can be started: {error}"))
-                return None
-            if worker is None:
-                break
+                raise LostWorkers(f"no worker process can be started: {error}") from None
             try:
                 worker.pipe.send_bytes(message)
                 answer = worker.pipe.recv_bytes()
             except (EOFError, OSError):
                 self._end_process(worker)
-                worker = None
                 continue
-            try:
-                fine, result = pickle.loads(answer)
-            except Exception as error:  # noqa: BLE001 - any reason why a result cannot be read
-                fine, result = False, error
+            self._idle.append(worker)
+            fine, result = pickle.loads(answer)
             if fine:
-                task.future.set_result(result)
-            else:
-                task.future.set_exception(result)
-            return worker
-        task.future.set_exception(
-            LostWorkers(
-                f"{MAX_TRIES} worker processes were killed one after the other over the same task, for want "
-                f"of memory perhaps; take fewer --workers"
-            )
+                return result
+            raise result
+        raise LostWorkers(
+            f"{MAX_TRIES} worker processes were killed one after the other over the same task, for want "
+            f"of memory perhaps; take fewer --workers"
         )
-        return None
 
-    def _start_process(self) -> _Worker | None:
-        """Start a process; None after `stop`."""
+    def _start_process(self) -> _Worker:
+        """Start a process; raise LostWorkers after `stop`."""
         ours, theirs = get_context("spawn").Pipe()
         process = get_context("spawn").Process(target=_work, args=(theirs,), daemon=True)
         with self._lock:
             if self._stopped:
-                return None
+                raise LostWorkers("the worker processes were stopped")
             resource_tracker.ensure_running()  # beginning it unblocks the signal
             signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # inherited: Ctrl-C is for us
             process.start()

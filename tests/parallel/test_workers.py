@@ -105,7 +105,7 @@ def test_leaving_by_an_error_ends_processes_and_tasks_at_once(tmp_path):
         interrupted()
     assert not is_alive(pids[0])
     assert submitted[0].cancelled()
-    with pytest.raises(RuntimeError, match="shut down"):
+    with pytest.raises(RuntimeError, match="after shutdown"):
         one.submit(chores.square, 3)
 
 
