@@ -17,7 +17,6 @@ import numpy as np
 
 from framework.catalogue import catalogue
 from framework.catalogue import robot_file as robot_file_of
-from framework.crossing.condition import Condition8
 from framework.crossing.crossing_points import path_to_cross
 from framework.crossing.options import GOALS, OPTIONS
 from framework.crossing.request import Request
@@ -33,7 +32,6 @@ from framework.fields import (
     Table,
     anything,
     list_of,
-    mapping_of,
     not_negative,
     number,
     one_of,
@@ -96,31 +94,15 @@ _LAWS: Mapping[str, Table] = {
         "dense_at": required(_NUMBERS),
     },
 }
-_CROSSING: Table = {
-    **table_of(
-        Crossing,
-        {
-            "float": number,
-            "str": text,
-            "Array": _NUMBERS,
-            "Condition8 | None": or_null(record(dict.fromkeys(Condition8._fields, required(number)))),
-        },
-    ),
-    "loaded": optional(or_null(record({"s": required(number), "distance": required(not_negative)}))),
-}
-_NEGLECTED: Table = {
-    **dict.fromkeys(("effect", "motor"), required(text_or_empty)),
-    **dict.fromkeys(("torque", "share"), required(or_null(not_negative))),
-}
 _CERTIFICATE = table_of(Certificate, {"int": whole, "float": not_negative, "bool": truth})
 _OPTIMALITY: Table = {
     "optimize": required(one_of("goal", GOALS)),
     "reference": required(list_of(positive)),
     "gap": required(not_negative),
 }
-_PLAN: Table = {
+_TIME: Table = {"time": required(number), "speed": required(number)}
+_READ: Table = {
     "version": required(whole),
-    "robot": required(text),
     "robot_file": required(text),
     "flexibility": required(one_of("flexibility", FLEXIBILITIES)),
     "geometry": required(one_of("geometry", GEOMETRIES)),
@@ -129,16 +111,13 @@ _PLAN: Table = {
         record({"path": required(record(PATHS, one_path)), **{name: Field(anything) for name in OPTIONS}})
     ),
     "law": required(_read_law),
-    "crossings": required(list_of(record(_CROSSING))),
-    "peak_torque": required(mapping_of(not_negative)),
-    "exceeded": required(mapping_of(text)),
-    "neglected_friction": required(text_or_empty),
-    "neglected": optional(list_of(record(_NEGLECTED)), ()),
+    "crossings": required(list_of(lambda where, given: read_table(where, given, _TIME, others=None))),
     "certificate": required(record(_CERTIFICATE, lambda _, values: Certificate(**values))),
     "reason": required(text_or_empty),
     "optimality": required(or_null(record(_OPTIMALITY))),
     "seconds": required(not_negative),
 }
+_COMPUTED = ("robot", "peak_torque", "exceeded", "neglected_friction", "neglected")
 _BESIDE_PLAN = ("bend", "fidelity")  # keys that commands add
 
 # ------------------------------------------------------------------ writing
@@ -166,11 +145,13 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> Documen
         InvalidInput: the path or the law is of the user's own making, and cannot be written down.
     """
     best, loaded_points = plan.optimality, plan.loaded_points
-    written = {
+    return {
         "version": VERSION,
         "robot": plan.robot.name,
         "robot_file": robot_place(plan.robot, folder),
         "flexibility": plan.robot.flexibility,
+        "geometry": plan.geometry,
+        "duration": plan.duration,
         "request": _request_document(plan.request),
         "law": _law_document(plan.law),
         "crossings": [
@@ -178,16 +159,20 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> Documen
             | {"loaded": None if loaded is None else {"s": loaded.s, "distance": loaded.distance}}
             for crossing, loaded in zip(plan.crossings, loaded_points, strict=True)
         ],
+        "peak_torque": plan.peak_torque,
+        "exceeded": plan.exceeded,
+        "neglected_friction": plan.neglected_friction,
         "neglected": [effect._asdict() for effect in plan.neglected],
         "certificate": asdict(plan.certificate),
+        "reason": plan.reason,
         "optimality": best
         and {
             "optimize": best.specification.goal,
             "reference": best.reference.tolist(),
             "gap": best.gap,
         },
+        "seconds": plan.seconds,
     }
-    return {key: written[key] if key in written else getattr(plan, key) for key in _PLAN}
 
 
 def robot_place(robot: ParallelRobot, folder: FilePath | None = None) -> str:
@@ -286,7 +271,7 @@ def plan_from_document(
                 stated["optimality"]["gap"],
             )
         check_law(law)
-    timing = [CrossingTime(crossing["time"], crossing["speed"]) for crossing in stated["crossings"]]
+    timing = [CrossingTime(**times) for times in stated["crossings"]]
     try:
         to_cross = path_to_cross(search_path(robot, request.path), request)
         dynamics = resolve_law(
@@ -311,7 +296,7 @@ def plan_from_document(
             f"{file}: the robot has changed since, its law fits no more; plan again ({error})"
         ) from None
     with naming(file, InvalidInput):
-        _check_same(stated, plan)
+        _check_same(saved, plan)
     return plan
 
 
@@ -330,7 +315,7 @@ def _read_plan(saved: Document, file: FilePath) -> Document:
             f"{short(saved['version']) if 'version' in saved else 'none, as before version 2'}; plan again"
         )
     with naming(file, InvalidInput):
-        return read_table("", saved, _PLAN, others=_BESIDE_PLAN)
+        return read_table("", saved, _READ, others=(*_COMPUTED, *_BESIDE_PLAN))
 
 
 def read_document(file: FilePath, command: str) -> Document:
@@ -410,16 +395,16 @@ def _law(stated: Document, request: Request) -> PlannedLaw:
     return law
 
 
-def _check_same(stated: Document, plan: CrossingPlan) -> None:
+def _check_same(saved: Document, plan: CrossingPlan) -> None:
     """Raise InvalidInput where a file contradicts the plan that was computed anew."""
     peaks = dict.fromkeys(plan.peak_torque, max(plan.peak_torque.values()))
-    _compare("peak_torque", stated["peak_torque"], plan.peak_torque, peaks)
-    if len(stated["crossings"]) != len(plan.crossings):
-        raise _mismatch("crossings", len(stated["crossings"]), len(plan.crossings))
-    for k, (one, crossing) in enumerate(zip(stated["crossings"], plan.crossings, strict=True)):
+    _compare("peak_torque", saved.get("peak_torque"), plan.peak_torque, peaks)
+    if len(saved["crossings"]) != len(plan.crossings):
+        raise _mismatch("crossings", len(saved["crossings"]), len(plan.crossings))
+    for k, (one, crossing) in enumerate(zip(saved["crossings"], plan.crossings, strict=True)):
         computed = _crossing_document(crossing)
         _compare(f"crossings[{k}]", one, computed, _crossing_sizes(computed["condition"], plan))
-    _compare("certificate.monotone", stated["certificate"].monotone, plan.certificate.monotone, None)
+    _compare("certificate.monotone", saved["certificate"]["monotone"], plan.certificate.monotone, None)
 
 
 def _crossing_sizes(condition: dict[str, float] | None, plan: CrossingPlan) -> Document:
@@ -444,18 +429,20 @@ def _crossing_sizes(condition: dict[str, float] | None, plan: CrossingPlan) -> D
 
 def _compare(key: str, stated: Any, computed: Any, size: Any) -> None:
     """Raise InvalidInput unless values agree: mappings key by key, numbers within rounding of their size."""
-    if isinstance(size, dict) and stated and computed:
-        if isinstance(computed, dict) and not size.keys() <= stated.keys():
-            raise _mismatch(key, list(stated), list(computed))
+    if isinstance(size, dict) and isinstance(stated, dict) and isinstance(computed, dict):
         for name, its_size in size.items():
-            _compare(f"{key}.{name}", stated[name], computed[name], its_size)
-    elif size is None or stated is None or computed is None:
-        if stated != computed:
-            raise _mismatch(key, stated, computed)
-    else:
-        values, sizes = np.array(stated), np.maximum(size, np.abs(computed))
-        if values.shape != sizes.shape or np.any(np.abs(values - computed) > FILE_ROUNDING * sizes):
-            raise _mismatch(key, stated, computed)
+            _compare(f"{key}.{name}", stated.get(name), computed[name], its_size)
+        return
+    is_same = stated == computed
+    if not (is_same or size is None or isinstance(size, dict) or computed is None):
+        try:
+            values, sizes = np.array(stated, dtype=float), np.maximum(size, np.abs(computed))
+            gaps = np.abs(values - computed) if values.shape == sizes.shape else np.inf
+            is_same = bool(np.all(gaps <= FILE_ROUNDING * sizes))
+        except (TypeError, ValueError, OverflowError):  # no numbers
+            pass
+    if not is_same:
+        raise _mismatch(key, stated, computed)
 
 
 def _mismatch(key: str, stated: object, computed: object) -> InvalidInput:
