@@ -21,7 +21,7 @@ from framework.kinematics.external_wrenches import wrench_on_platform
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import FLEXIBILITIES, ParsedRobot
-from framework.model.readers.missing_fields import Propose
+from framework.model.readers.describe import Propose
 from framework.model.readers.recognise import parse_any
 from framework.motion.path import Line, Path
 

@@ -37,7 +37,7 @@ from framework.model.description import ParsedRobot, RobotDescription, Spring, l
 from framework.model.documents import LEADING_BLANKS, naming, parse_xml, parse_yaml
 from framework.model.inertia import check_inertia
 from framework.model.parameters import fill_placeholders, with_parameters
-from framework.model.robot_keys import JointSpring, joint_dynamics, robot_table
+from framework.model.robot_keys import joint_dynamics, robot_table
 from framework.model.urdf_edits import add_frame, free_root, lock_joints, virtual_link
 from framework.model.urdf_elements import (
     MOVING,
@@ -85,8 +85,8 @@ def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> Pa
     _drop_locked(robot, locked)
     springs, joints = robot.pop("springs"), robot.pop("joints")
     for spring in springs:
-        if isinstance(spring, JointSpring):
-            _add_spring(joints, spring)
+        if not isinstance(spring, Spring):
+            _add_spring(joints, **spring)
     description = RobotDescription(
         name=path.stem,
         file=path,
@@ -109,23 +109,25 @@ def _drop_locked(robot: dict[str, Any], locked: Mapping[str, float]) -> None:
         robot[key] = {name: value for name, value in robot[key].items() if name not in locked}
 
 
-def _is_locked(spring: Spring | JointSpring, locked: Mapping[str, float]) -> bool:
+def _is_locked(spring: Spring | Mapping[str, Any], locked: Mapping[str, float]) -> bool:
     """Whether a spring is along the motion of a locked joint."""
-    if isinstance(spring, JointSpring):
-        return spring.joint in locked
-    return spring.after in locked and not spring.motion
+    if isinstance(spring, Spring):
+        return spring.after in locked and not spring.motion
+    return spring["joint"] in locked
 
 
-def _add_spring(joints: dict[str, dict[str, float]], spring: JointSpring) -> None:
+def _add_spring(
+    joints: dict[str, dict[str, float]], name: str, joint: str, stiffness: float, rest: float
+) -> None:
     """Put a spring on a real joint into the entry of the joint.
 
     Raises:
         RobotFileError: the joint has a spring already.
     """
-    entry = joints.setdefault(spring.joint, {})
+    entry = joints.setdefault(joint, {})
     if "stiffness" in entry or "rest" in entry:
-        raise RobotFileError(f"springs: joint {spring.joint!r} has two springs of its own; add them up")
-    entry.update(stiffness=spring.stiffness, rest=spring.rest)
+        raise RobotFileError(f"springs: joint {joint!r} has two springs of its own; add them up")
+    entry.update(stiffness=stiffness, rest=rest)
 
 
 # ------------------------------------------------------------------ the tree

@@ -13,10 +13,8 @@ import yaml
 
 from framework.errors import OutputError, RobotFileError
 from framework.model.description import (
-    Actuator,
     Closure,
     JointDynamics,
-    Platform,
     RobotDescription,
     Scene,
     Spring,
@@ -64,10 +62,16 @@ def write_robot_file(
 
 def spring_entry(spring: Spring) -> dict[str, Any]:
     """Return a spring as an entry of `springs` in a robot file."""
-    entry: dict[str, Any] = {"name": spring.name, "part": spring.part, "after": spring.after}
-    if spring.motion:
-        entry["motion"] = list(spring.motion)
-    return {**entry, "stiffness": list(spring.stiffness)}
+    return _entry(spring)
+
+
+def _entry(record: Any) -> dict[str, Any]:
+    """Return the fields of a record that are not empty or zero."""
+    return {
+        key: list(value) if isinstance(value, tuple) else value
+        for key, value in asdict(record).items()
+        if value
+    }
 
 
 def robot_document(description: RobotDescription) -> dict[str, Any]:
@@ -76,12 +80,12 @@ def robot_document(description: RobotDescription) -> dict[str, Any]:
         "version": VERSION,
         "urdf": f"{description.name}.urdf",
         "gravity": list(description.gravity),
-        "platform": _platform(description.platform),
-        "actuators": [_actuator(actuator) for actuator in description.actuators],
+        "platform": _entry(description.platform),
+        "actuators": [_entry(actuator) for actuator in description.actuators],
         "closures": [_closure(closure) for closure in description.closures],
     }
     optional = {
-        "springs": [spring_entry(spring) for spring in description.springs],
+        "springs": [_entry(spring) for spring in description.springs],
         "couplings": [asdict(coupling) for coupling in description.couplings],
         "joints": _joints(description),
         "reference": dict(description.reference),
@@ -89,15 +93,6 @@ def robot_document(description: RobotDescription) -> dict[str, Any]:
         "left_out": list(description.left_out),
     }
     return document | {key: value for key, value in optional.items() if value}
-
-
-def _platform(platform: Platform) -> dict[str, Any]:
-    moved = {"joints": list(platform.joints)} if platform.joints else {"axes": list(platform.axes)}
-    return {"frame": platform.frame, **moved}
-
-
-def _actuator(actuator: Actuator) -> dict[str, Any]:
-    return {key: value for key, value in asdict(actuator).items() if value}
 
 
 def _joints(description: RobotDescription) -> dict[str, dict[str, float]]:
@@ -119,12 +114,11 @@ def _joint(joint: JointDynamics) -> dict[str, float]:
 
 
 def _closure(closure: Closure) -> dict[str, Any]:
-    entry: dict[str, Any] = {"name": closure.name, "frames": list(closure.frames)}
+    entry = _entry(closure)
     if closure.axes in _KINDS:
+        del entry["axes"]
         entry["kind"] = _KINDS[closure.axes]
-    else:
-        entry["axes"] = list(closure.axes)
-    return entry if closure.length is None else {**entry, "length": closure.length}
+    return entry
 
 
 def _scene(scene: Scene) -> dict[str, Any]:

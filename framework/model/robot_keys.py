@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 from framework.errors import InvalidInput, RobotFileError
 from framework.fields import (
@@ -227,16 +227,8 @@ def joint_dynamics(
     }
 
 
-class JointSpring(NamedTuple):
-    """An entry of `springs` that is on a real joint: another way to say stiffness and rest under `joints`."""
-
-    joint: str
-    stiffness: float
-    rest: float
-
-
-def _spring(urdf: Tree, movable: Sequence[str]) -> Reader[Spring | JointSpring]:
-    """Return a reader of a spring behind a joint, or on a joint of the URDF."""
+def _spring(urdf: Tree, movable: Sequence[str]) -> Reader[Spring | dict[str, Any]]:
+    """Return a reader of a spring behind a joint, or of one on a joint of the URDF: its values."""
     virtual = {
         "name": required(text),
         "part": required(one_of("part", ("joint", "link"))),
@@ -251,10 +243,9 @@ def _spring(urdf: Tree, movable: Sequence[str]) -> Reader[Spring | JointSpring]:
         "rest": optional(number, 0.0),
     }
 
-    def read(where: str, given: Any) -> Spring | JointSpring:
+    def read(where: str, given: Any) -> Spring | dict[str, Any]:
         if "joint" in mapping(where, given):
-            values = read_table(where, given, on_joint)
-            return JointSpring(values["joint"], values["stiffness"], values["rest"])
+            return read_table(where, given, on_joint)
         spring = Spring(**read_table(where, given, virtual))
         count = max(len(spring.motion), 1)
         if len(spring.stiffness) != count:

@@ -130,7 +130,7 @@ def free_root(root: ElementTree.Element) -> None:
 
 
 def bare_urdf(root: ElementTree.Element) -> ElementTree.Element:
-    """Return a copy of a checked URDF without shapes, numbers as Python reads them.
+    """Copy a checked URDF without shapes, with the numbers as Python reads them.
 
     Pinocchio's parser prints errors in visuals and collisions to the console, and reads numbers by rules of
     its own.

@@ -199,27 +199,18 @@ def _base(links: list[str], joints: Mapping[str, Joint]) -> str:
     roots = [link for link in links if link not in parents]
     if len(roots) != 1:
         raise RobotFileError(f"needs exactly one root link, got {', '.join(roots[:5]) or 'none'}")
-    depths = depths_below(roots[0], parents)
-    lost = [link for link in links if link not in depths]
-    if lost:
-        raise RobotFileError(f"link {lost[0]!r} hangs in a circle of joints without a root")
-    if max(depths.values()) > MAX_TREE_DEPTH:
-        raise RobotFileError(f"<robot>: more than {MAX_TREE_DEPTH} joints in a row")
-    return roots[0]
-
-
-def depths_below(root: str, parents: Mapping[str, str]) -> dict[str, int]:
-    """Count the joints between the root and each link below, from the parent of each link."""
     children: dict[str, list[str]] = {}
     for child, parent in parents.items():
         children.setdefault(parent, []).append(child)
-    depths, waiting = {root: 0}, [root]
-    while waiting:
-        link = waiting.pop()
-        for child in children.get(link, []):
-            depths[child] = depths[link] + 1
-            waiting.append(child)
-    return depths
+    order = [(roots[0], 0)]
+    for link, depth in order:  # which grows
+        order += [(child, depth + 1) for child in children.get(link, ())]
+    depths = dict(order)
+    if lost := [link for link in links if link not in depths]:
+        raise RobotFileError(f"link {lost[0]!r} hangs in a circle of joints without a root")
+    if order[-1][1] > MAX_TREE_DEPTH:
+        raise RobotFileError(f"<robot>: more than {MAX_TREE_DEPTH} joints in a row")
+    return roots[0]
 
 
 def unique_names(root: ElementTree.Element, tag: str) -> list[str]:
@@ -320,13 +311,9 @@ def check_link(link: ElementTree.Element, extent: float) -> None:
 
 def declared_motors(root: ElementTree.Element) -> list[str]:
     """Return joints with a transmission or a command interface, as ROS says which joints are driven."""
-    names = [joint.get("name", "") for joint in root.findall("transmission/joint")]
-    names += [
-        joint.get("name", "")
-        for joint in root.findall("ros2_control/joint")
-        if joint.find("command_interface") is not None
-    ]
-    return list(dict.fromkeys(name for name in names if name))
+    with_interface = root.findall("ros2_control/joint[command_interface]")
+    names = [joint.get("name") for joint in (*root.findall("transmission/joint"), *with_interface)]
+    return list(dict.fromkeys(filter(None, names)))
 
 
 def declared_dynamics(root: ElementTree.Element) -> dict[str, dict[str, float]]:

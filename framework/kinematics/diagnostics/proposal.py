@@ -43,7 +43,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.rounded_loops import assembled_mechanism, rounded_gap
 from framework.kinematics.tree_model import positions_beyond_limits
 from framework.model.description import AXES, Actuator, Closure, Platform, RobotDescription
-from framework.model.readers.missing_fields import Known, Options
+from framework.model.readers.describe import Known, Options
 from framework.model.readers.urdf_tree import UrdfTree, merge_sharing
 from framework.tolerances import ALIKE_CHOICES, FILE_ROUNDING, NEARLY_AT_REST
 
@@ -508,8 +508,7 @@ def _hold_joints(known: Known, joints: Sequence[str], why: str) -> Known:
         return known
     tree, description = known.tree, known.description
     for name in joints:
-        joint = tree.joints[name]
-        tree.fix(joint, *(description.reference.get(key, 0.0) for key in joint.coordinates))
+        tree.hold(tree.joints[name], description.reference)
     rest = set(tree.coordinates)
     description = replace(
         description,

@@ -10,8 +10,7 @@ Dialects
 
 What they share
     urdf_tree           a URDF with frames and closures to add
-    missing_fields      what a file does not say and the caller has to
-    describe            the records, once tree and loops are known: motors, locks, what is left out
+    describe            the records, once tree and loops are known: motors, locks, what a file does not say
 """
 
 from framework.model.readers.recognise import DIALECTS, parse_any, read_any

@@ -19,8 +19,7 @@ from typing import Any
 
 from framework.errors import RobotFileError, check_name, check_unique, choose_from, short
 from framework.model.description import Closure, ParsedRobot, locked_axes
-from framework.model.readers.describe import Pull, describe
-from framework.model.readers.missing_fields import Options, names_list
+from framework.model.readers.describe import Options, Pull, describe
 from framework.model.readers.urdf_tree import MAX_LOOPS, UrdfTree
 
 KEYS = ("closed_loop", "type", "name_mot", "joint_name", "joint_type")
@@ -86,3 +85,14 @@ def _replace_joints(tree: UrdfTree, content: Mapping[Any, Any]) -> None:
             raise RobotFileError(
                 f"joint_type[{i}]: {choose_from('joint type', kind, ('FIXED', 'SPHERICAL', *_U_JOINTS))}"
             )
+
+
+def names_list(where: str, value: object) -> tuple[str, ...]:
+    """Read a list of texts.
+
+    Raises:
+        RobotFileError: it is not.
+    """
+    if not isinstance(value, list) or not all(isinstance(item, str) and item for item in value):
+        raise RobotFileError(f"{where}: needs a list of names, got {short(value)}")
+    return tuple(value)

@@ -22,8 +22,7 @@ from framework.arrays import Array
 from framework.errors import RobotFileError
 from framework.model.description import Closure, Coupling, JointDynamics, ParsedRobot, locked_axes
 from framework.model.placement import from_quaternion, placement
-from framework.model.readers.describe import LeftOut, Pull, describe
-from framework.model.readers.missing_fields import Options
+from framework.model.readers.describe import LeftOut, Options, Pull, describe
 from framework.model.readers.mujoco_model import mujoco_model
 from framework.model.readers.urdf_tree import MAX_LOOPS, UrdfTree
 from framework.model.urdf_elements import SEVERAL, coordinates_of

@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -37,16 +37,10 @@ _UNUSED = ("sensors", "pairs", "excludes", "tuples", "skins", "lights", "texture
 _PLUGIN = re.compile(r"<extension\b.*?</extension\s*>|<plugin\b[^>]*/>|<plugin\b.*?</plugin\s*>", re.DOTALL)
 
 
-class MujocoModel(NamedTuple):
-    """A compiled model, with the omitted elements of its file."""
+def mujoco_model(file: Path) -> tuple[Any, list[LeftOut], Counter[str]]:
+    """Return the compiled model of an MJCF file, omitted elements, and the number of unused ones by kind.
 
-    compiled: Any  # mujoco.MjModel
-    left_out: list[LeftOut]
-    unused: Counter[str]  # elements that no motion needs, by kind
-
-
-def mujoco_model(file: Path) -> MujocoModel:
-    """Return the compiled model of an MJCF file; bodies without mass stay massless.
+    Bodies without mass stay massless.
 
     Raises:
         MissingPackage: MuJoCo is not installed.
@@ -64,9 +58,9 @@ def mujoco_model(file: Path) -> MujocoModel:
         with _silence_log(mujoco), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # it computes with bodies that have next to no mass
             return _model_of(mujoco, _parse(mujoco, file))
+    except RobotFileError:
+        raise
     except (ValueError, RuntimeError) as error:  # of MuJoCo, for all that it refuses
-        if isinstance(error, RobotFileError):
-            raise
         raise RobotFileError(_one_line(str(error))) from None
 
 
@@ -81,8 +75,8 @@ def _silence_log(mujoco: Any) -> Iterator[None]:
         mujoco.set_mju_user_warning(before)
 
 
-def _model_of(mujoco: Any, spec: Any) -> MujocoModel:
-    """Return the compiled model of a specification."""
+def _model_of(mujoco: Any, spec: Any) -> tuple[Any, list[LeftOut], Counter[str]]:
+    """Return the compiled model of a specification, omitted and unused elements."""
     unused = Counter({kind: len(getattr(spec, kind)) for kind in (*_UNUSED, "cameras")})
     left_out = [*_delete_unused(mujoco, spec), *_repair_inertias(mujoco, spec)]
     left_out += _delete_needless_meshes(mujoco, spec)
@@ -93,7 +87,7 @@ def _model_of(mujoco: Any, spec: Any) -> MujocoModel:
             f"<key> {spec.keys[0].name!r} qpos: needs {compiled.nq} numbers, one a coordinate, got {given}"
         )
     _apply_flags(mujoco, compiled)
-    return MujocoModel(compiled, left_out + more, unused)
+    return compiled, left_out + more, unused
 
 
 def _apply_flags(mujoco: Any, compiled: Any) -> None:

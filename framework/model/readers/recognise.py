@@ -17,7 +17,7 @@ from framework.input import read_text
 from framework.model.description import ParsedRobot, RobotDescription
 from framework.model.documents import LEADING_BLANKS, naming, parse_xml, parse_yaml
 from framework.model.parameters import with_parameters
-from framework.model.readers.missing_fields import (
+from framework.model.readers.describe import (
     Known,
     Options,
     checked_reference,

@@ -28,8 +28,7 @@ from framework.model.description import Closure, Coupling, JointDynamics, Parsed
 from framework.model.documents import naming, parse_xml
 from framework.model.inertia import ENTRIES, symmetric
 from framework.model.placement import from_quaternion, from_rpy, inverse, placement
-from framework.model.readers.describe import LeftOut, describe
-from framework.model.readers.missing_fields import Options
+from framework.model.readers.describe import LeftOut, Options, describe
 from framework.model.readers.urdf_tree import UrdfTree, merge_sharing
 from framework.model.urdf_elements import local_name
 from framework.model.urdf_writing import (

@@ -52,8 +52,7 @@ from framework.input import read_text
 from framework.model.description import Closure, ParsedRobot, locked_axes
 from framework.model.documents import naming, parse_yaml
 from framework.model.placement import inverse, placement
-from framework.model.readers.describe import Pull, describe
-from framework.model.readers.missing_fields import Options
+from framework.model.readers.describe import Options, Pull, describe
 from framework.model.readers.sdf import Scope, read_cut_joint
 from framework.model.readers.urdf_tree import UrdfTree
 from framework.model.urdf_elements import MOVING, local_name

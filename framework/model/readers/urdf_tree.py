@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -204,6 +204,10 @@ class UrdfTree(Tree):
             or name in self._added
             or name.removesuffix("_mount") in self._added
         )
+
+    def hold(self, joint: Joint, reference: Mapping[str, float]) -> None:
+        """Hold a joint at the reference [rad, m] of its coordinates, else at zero."""
+        self.fix(joint, *(reference.get(name, 0.0) for name in joint.coordinates))
 
     def fix(self, joint: Joint, *values: float) -> None:
         """Hold a joint at the values [rad, m] of its coordinates, zero by default."""
