@@ -25,6 +25,9 @@ Color = tuple[float, float, float, float]
 
 DEFAULT_COLOR: Color = (0.9, 0.9, 0.9, 1.0)  # of a visual without a colour
 MAX_MESH_BYTES = 100_000_000
+# attributes of sizes and their numbers, by shape
+_SIZES: dict[str, tuple[tuple[str, int], ...]] = {"box": (("size", 3),), "sphere": (("radius", 1),)}
+_SIZES |= dict.fromkeys(("cylinder", "capsule"), (("radius", 1), ("length", 1)))
 
 
 class Shape(NamedTuple):
@@ -83,14 +86,11 @@ Solid = tuple[str, tuple[float, ...], Array | None, IntArray | None]  # kind, si
 def _solid(description: RobotDescription, geometry: ElementTree.Element | None) -> Solid:
     """Read a `<geometry>`; raise ValueError for unknown shapes."""
     for shape in geometry if geometry is not None else ():
-        if shape.tag == "box":
-            return "box", _sizes(shape.get("size"), 3), None, None
-        if shape.tag in ("cylinder", "capsule"):
-            return "cylinder", (*_sizes(shape.get("radius"), 1), *_sizes(shape.get("length"), 1)), None, None
-        if shape.tag == "sphere":
-            return "sphere", _sizes(shape.get("radius"), 1), None, None
         if shape.tag == "mesh":
             return "mesh", (), *_mesh(description, shape)
+        if shape.tag in _SIZES:
+            sizes = [size for key, count in _SIZES[shape.tag] for size in _sizes(shape.get(key), count)]
+            return shape.tag.replace("capsule", "cylinder"), tuple(sizes), None, None
     raise ValueError("no geometry")
 
 

@@ -23,7 +23,7 @@ from framework.model.urdf_elements import (
     read_joint,
     read_tree,
 )
-from framework.model.urdf_writing import AXIS, joint_element, origin_element, remove_children
+from framework.model.urdf_writing import ChainJoint, chain_elements, remove_children
 from framework.model.xml_reading import attribute
 from framework.tolerances import FILE_ROUNDING
 
@@ -244,29 +244,28 @@ class UrdfTree(Tree):
         self.held[f"{ball.name}_r{axis}"] = (held,)
         return dict(zip(names, map(float, angles), strict=True))
 
-    def replace_by_turns(self, joint: Joint, axes: str, names: Sequence[str] = ()) -> list[str]:
+    def replace_by_turns(self, joint: Joint, axes: str, names: Sequence[str] = ()) -> None:
         """Put turns about axes (letters of x, y, z) in place of a joint, by default named by the letters."""
-        names = list(names) or [f"{joint.name}_{axis.upper()}" for axis in axes]
+        names = names or [f"{joint.name}_{axis.upper()}" for axis in axes]
         for name in names:
             if name in self.joints or f"{name}_link" in self.links:
                 raise RobotFileError(f"joint {joint.name!r}: needs the name {name!r}, taken in the URDF")
         position = list(self.root).index(joint.element)
         self.root.remove(joint.element)
         del self.joints[joint.name]
-        parent, origin = joint.parent, joint.origin
-        for name, axis in zip(names, axes.lower(), strict=True):
-            child = joint.child if name == names[-1] else f"{name}_link"
-            if child != joint.child:
-                self.links.append(child)
-                self.root.append(ElementTree.Element("link", name=child))
-            element = joint_element(
-                name, "continuous", parent, child, origin=origin_element(origin), axis=AXIS[axis]
-            )
-            self.root.insert(position, element)
-            position += 1
-            self.joints[name] = self.parent_joint[child] = read_joint(element, set(self.links))
-            parent, origin = child, np.eye(4)
-        return names
+        motions = [
+            ChainJoint(name, "continuous", np.eye(4), np.eye(3)["xyz".index(axis)])
+            for name, axis in zip(names, axes.lower(), strict=True)
+        ]
+        motions[0] = motions[0]._replace(place=joint.origin)
+        chain = chain_elements(joint.parent, motions, joint.child, np.eye(4), set(self.links))
+        for place, element in enumerate(chain, position):
+            self.root.insert(place, element)
+            if element.tag == "link":
+                self.links.append(element.get("name", ""))
+            else:
+                turn = read_joint(element, set(self.links))
+                self.joints[turn.name] = self.parent_joint[turn.child] = turn
 
     def same_turning(self, name: str, first: str, second: str) -> Closure | None:
         """Return a closure that keeps two links turned as at zero, if all joints between turn in parallel.
@@ -280,9 +279,9 @@ class UrdfTree(Tree):
             return None
         if any(np.linalg.norm(axis - axes[0]) > FILE_ROUNDING for axis in axes):
             return None
-        common = placement(turning("z", axes[0]))
-        frames = []
-        for end, link in (("first", first), ("second", second)):
-            turn = inverse(self.zero_pose(link))[:3, :3] @ common[:3, :3]
-            frames.append(self.frame_at(f"{name}_{end}", link, placement(turn)))
-        return Closure(name, (frames[0], frames[1]), ("rz",))
+        common = turning("z", axes[0])
+        one, other = (
+            self.frame_at(f"{name}_{end}", link, placement(inverse(self.zero_pose(link))[:3, :3] @ common))
+            for end, link in (("first", first), ("second", second))
+        )
+        return Closure(name, (one, other), ("rz",))
