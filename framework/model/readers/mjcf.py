@@ -301,23 +301,22 @@ class _Model:
         for k in range(model.nactuator):
             target, kind, gear = int(model.actuator_trnid[k, 0]), model.actuator_trntype[k], self._gear(k)
             shares: Mapping[str, float] | None = None
-            acts_on: tuple[str, ...]
-            name = self.name("actuator", k)
+            acts_on, name = tuple(joint.name for joint in self.joints), self.name("actuator", k)
             if kind in _JOINT_MOTORS:
                 joint = self.joints[target]
-                acts_on = (joint.name,)
+                acts_on, name = (joint.name,), name or joint.name
                 shares = {joint.name: 1.0} if joint.has_one else None
-                name = name or joint.name
+            elif kind == _ON_TENDON:
+                shares = self._shares("tendon", target)
+                acts_on = tuple(shares or acts_on)
+            where = f"motor {name or f'actuator_{k + 1}'!r}"
+            if model.actuator_gaintype[k] not in _DIRECT_GAINS or model.actuator_dyntype[k] not in _DIRECT:
+                yield LeftOut(f"{where}: a muscle, or an actuator of another program", acts_on)
+            elif not shares or not gear:
+                yield LeftOut(f"{where}: no motor on a hinge or a slide", acts_on)
             else:
-                shares = self._shares("tendon", target) if kind == _ON_TENDON else None
-                acts_on = tuple(shares or (joint.name for joint in self.joints))
-            name = name or f"actuator_{k + 1}"
-            is_direct = model.actuator_gaintype[k] in _DIRECT_GAINS and model.actuator_dyntype[k] in _DIRECT
-            if not shares or not gear or not is_direct:
-                yield LeftOut(f"motor {name!r}: no motor on a hinge or a slide", acts_on)
-                continue
-            acting = JointDynamics(float(model.actuator_armature[k]), float(model.actuator_damping[k]))
-            yield Pull(f"motor {name!r}", shares, gear, acting, self._force_limit(k))
+                acting = JointDynamics(float(model.actuator_armature[k]), float(model.actuator_damping[k]))
+                yield Pull(where, shares, gear, acting, self._force_limit(k))
 
     def _gear(self, k: int) -> float:
         return float(self.compiled.actuator_gear[k, 0])

@@ -74,6 +74,15 @@ def test_disabled_flags_disable(tmp_path, flag, gone):
     assert acting == JointDynamics(**values)
 
 
+def test_a_muscle_is_called_one(tmp_path):
+    muscle = '<actuator><muscle name="m" joint="j" lengthrange="0 1"/></actuator>'
+    others = '<adhesion name="w" body="one" ctrlrange="0 1"/></actuator>'
+    assert read(tmp_path, muscle.replace("</actuator>", others)).left_out == (
+        "motor 'm': a muscle, or an actuator of another program",
+        "motor 'w': no motor on a hinge or a slide",
+    )
+
+
 def test_disabled_gravity_is_none(tmp_path):
     assert read(tmp_path, '<option><flag gravity="disable"/></option>').gravity == (0, 0, 0)
 
