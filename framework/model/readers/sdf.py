@@ -23,6 +23,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.errors import RobotFileError, check_name, choose_from
+from framework.fields import vector3
 from framework.input import read_text
 from framework.model.description import Closure, Coupling, JointDynamics, ParsedRobot
 from framework.model.documents import naming, parse_xml
@@ -135,17 +136,13 @@ def read_sdf(file: Path, root: ElementTree.Element, options: Options) -> ParsedR
     scope = Scope(version)
     for parent in (root, *root.findall("world")):
         _add_models(scope, parent, file.parent, "", WORLD)
-    ends = {name: _ends(scope, name) for name in scope.joints}
-    part = _largest_part(scope, ends)
-    joints = [_joint(scope, name, pair) for name, pair in ends.items() if set(pair) <= part]
+    joints = _joints_of_largest_part(scope)
     names = _tree_joints(scope, joints)
     cut = [joint for joint in joints if joint.name not in names]
-    tree = UrdfTree(_urdf(scope, joints, names, part, file.stem))
-    tree.unused += {f"<{tag}>": len(list(root.iter(tag))) for tag in _UNUSED}
-    apart = [f"{name} of {_mass(link)} kg" for name, link in scope.links.items() if name not in part]
     within = [joint for joint in joints if joint.name in names or joint.kind == "screw"]
+    tree = UrdfTree(_urdf(scope, joints, names, file.stem))
+    tree.unused += {f"<{tag}>": len(list(root.iter(tag))) for tag in _UNUSED}
     plugged = [element.text or "" for element in root.iter("joint_name")]
-    x, y, z = numbers("<gravity>", root.findtext("world/gravity", "0 0 -9.81"), 3)
     return describe(
         tree,
         file,
@@ -154,18 +151,25 @@ def read_sdf(file: Path, root: ElementTree.Element, options: Options) -> ParsedR
         couplings=[coupling for joint in within for coupling in _couplings(joint, names)],
         likely_motors=[name for name in names if name.rsplit("::", 1)[-1] in plugged],
         joints={name: acting for joint in within for name, acting in joint.dynamics().items()},
-        gravity=(x, y, z),
-        left_out=list(_left_out(scope, ends, cut)),
-        remarks=[f"not read: {', '.join(apart)}, which no joint joins with the mechanism"] if apart else [],
+        gravity=vector3("<gravity>", root.findtext("world/gravity", "0 0 -9.81").split()),
+        left_out=list(_left_out(scope, cut)),
+        remarks=_remarks(scope, joints),
     )._replace(dialect="sdf")
 
 
-def _left_out(scope: Scope, ends: Mapping[str, tuple[str, str]], cut: Sequence[_Joint]) -> Iterator[LeftOut]:
+def _remarks(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
+    """Return a remark on links beside the mechanism of some joints, if any."""
+    part = {link for joint in joints for link in joint.links}
+    apart = [f"{name} of {_mass(link)} kg" for name, link in scope.links.items() if name not in part]
+    return [f"not read: {', '.join(apart)}, which no joint joins with the mechanism"] if apart else []
+
+
+def _left_out(scope: Scope, cut: Sequence[_Joint]) -> Iterator[LeftOut]:
     """Yield elements with motion or force that the records do not hold."""
     for name, element in scope.joints.items():
         if element.get("type") in _NOT_READ:
             text = f"joint {name!r}: {element.get('type')}: not read"
-            yield LeftOut(text, (name, *ends[name]), is_decisive=True)
+            yield LeftOut(text, (name, *_ends(scope, name)), is_decisive=True)
     for name, link in scope.links.items():
         if link.findtext("gravity", "1").strip() in ("0", "false"):
             yield LeftOut(f"link {name!r}: <gravity> off, {_mass(link)} kg", (name,))
@@ -380,19 +384,23 @@ def _couplings(joint: _Joint, names: Sequence[str]) -> Iterator[Coupling]:
 # ------------------------------------------------------------------ the tree and what it is cut from
 
 
-def _largest_part(scope: Scope, ends: Mapping[str, tuple[str, str]]) -> set[str]:
-    """Return the links of the part with loops, of several that with most joints."""
+def _joints_of_largest_part(scope: Scope) -> list[_Joint]:
+    """Return the joints of the part with loops, of several that with most joints."""
+    ends = {name: _ends(scope, name) for name in scope.joints}
     if not ends:
         raise RobotFileError("there is no joint in it")
 
-    def rank(group: Iterable[str]) -> tuple[bool, int]:
+    def joints_of(group: Iterable[str]) -> list[str]:
         links = set(group)
-        joints = [scope.joints[name] for name, pair in ends.items() if set(pair) <= links]
-        mimics = sum(_has(joint, "mimic") for joint in joints)
-        return len(joints) - len(links) + 1 + mimics > 0, len(joints)
+        return [name for name, pair in ends.items() if set(pair) <= links]
 
-    groups = merge_sharing([*([name] for name in (*scope.links, WORLD)), *ends.values()])
-    return set(max(groups, key=rank))
+    def rank(group: Sequence[str]) -> tuple[bool, int]:
+        joints = joints_of(group)
+        mimics = sum(_has(scope.joints[name], "mimic") for name in joints)
+        return len(joints) - len(group) + 1 + mimics > 0, len(joints)
+
+    best = max(merge_sharing(ends.values()), key=rank)
+    return [_joint(scope, name, ends[name]) for name in joints_of(best)]
 
 
 def _tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
@@ -416,11 +424,10 @@ def _tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
     return [joint.name for joint in joints if joint.name in chosen]
 
 
-def _urdf(
-    scope: Scope, joints: Sequence[_Joint], chosen: Sequence[str], part: set[str], name: str
-) -> ElementTree.Element:
+def _urdf(scope: Scope, joints: Sequence[_Joint], chosen: Sequence[str], name: str) -> ElementTree.Element:
     """Return the tree as a URDF, from the world or the first link that is nobody's child outwards."""
     root = ElementTree.Element("robot", name=name)
+    part = {link for joint in joints for link in joint.links}
     children = {joint.links[1] for joint in joints}
     links = [link for link in scope.links if link in part]
     waiting = [WORLD if WORLD in part else next((link for link in links if link not in children), links[0])]

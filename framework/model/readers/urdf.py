@@ -203,25 +203,29 @@ def read_urdf(
         if joint.get("independent", "").lower() in ("true", "1")
     ]
     tree = UrdfTree(root, tuple(_ELEMENTS))
-    loops = [(*_ELEMENTS[local_name(element.tag)], element) for element in tree.extra]
-    read_loops = [read(tree, element) for _, read, element in loops]
-    gazebo, framed = _gazebo_joints(tree), _closing_frames(tree)
+    loops = [_ELEMENTS[local_name(element.tag)] for element in tree.extra]
+    closures = [read(tree, element) for (_, read), element in zip(loops, tree.extra, strict=True)]
+    closures += _gazebo_joints(tree)
+    framed = _closing_frames(tree)
     beside = _loop_closures_beside(file) if beside is None else beside
-    closures = [*filter(None, read_loops), *gazebo, *framed, *_yaml_closures(tree, beside)]
-    if not closures and not loops and root.find("joint/mimic") is None:
+    closures += [*framed, *_yaml_closures(tree, beside)]
+    if not closures and root.find("joint/mimic") is None:
         raise RobotFileError(
             "a URDF without loops: declare them in it (<loop> of URDF+, <constraint> of ROS, <loop_joint> of "
             "Isaac Sim, <mimic>, links closing_X_1 and closing_X_2 of onshape-to-robot) or in a YAML file "
             "beside it (ours, or Gepetto's with closed_loop), and give that file"
         )
     dialect = loops[0][0] if loops else "onshape" if framed else "urdf"
-    for name in tree.motors:
-        if dialect == "ros":
-            check_name("transmission", "movable joint", name, tree.movable)
-    motors = [Pull.motor_on(name) for name in tree.motors if name in tree.movable]
-    likely = [*independent, *beside.get("independent", [])]
-    parsed = describe(tree, file, options, closures, pulls=motors, likely_motors=likely)
-    return parsed._replace(dialect=dialect)
+    for name in tree.motors if dialect == "ros" else ():
+        check_name("transmission", "movable joint", name, tree.movable)
+    return describe(
+        tree,
+        file,
+        options,
+        [closure for closure in closures if closure is not None],
+        pulls=[Pull.motor_on(name) for name in tree.motors if name in tree.movable],
+        likely_motors=[*independent, *beside.get("independent", [])],
+    )._replace(dialect=dialect)
 
 
 def _closing_frames(tree: UrdfTree) -> list[Closure]:
