@@ -78,26 +78,21 @@ def mjcf_text(robot: ParallelRobot, *, hinges: bool = False) -> str:
     _add_loops(robot, root, bodies)
     _add_motors(robot, root)
     keys = ElementTree.SubElement(root, "keyframe")
-    qpos = _qpos_of_hinges(robot.model, q) if hinges else qpos_of(robot.model, q)
-    ElementTree.SubElement(keys, "key", name="reference", qpos=vector_text(qpos))
+    qpos = vector_text(qpos_of(robot.model, q, hinges=hinges))
+    ElementTree.SubElement(keys, "key", name="reference", qpos=qpos)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
-def qpos_of(model: pin.Model, q: Array) -> Array:
-    """Return q (nq,) in the order of MuJoCo: quaternions with the real part first."""
-    qpos = q.copy()
-    for joint in model.joints[1:]:
+def qpos_of(model: pin.Model, q: Array, *, hinges: bool = False) -> Array:
+    """Return q (nq,) in the order of MuJoCo: quaternions with the real part first, or three hinges at zero."""
+    parts = []
+    for joint in list(model.joints)[1:]:
+        part = q[joint.idx_q : joint.idx_q + joint.nq]
         if is_ball(joint):
-            place = slice(joint.idx_q, joint.idx_q + 4)
-            qpos[place] = np.roll(q[place], 1)
-    return qpos
-
-
-def _qpos_of_hinges(model: pin.Model, q: Array) -> Array:
-    """Return q (nq,) in the order of MuJoCo, balls as three hinges at zero."""
-    joints = list(model.joints)[1:]
-    return np.concatenate([np.zeros(3) if is_ball(j) else q[j.idx_q : j.idx_q + j.nq] for j in joints])
+            part = np.zeros(3) if hinges else np.roll(part, 1)
+        parts.append(part)
+    return np.concatenate(parts)
 
 
 def ranges_left_out(robot: ParallelRobot) -> tuple[str, ...]:
@@ -126,30 +121,11 @@ def _body(
     robot: ParallelRobot, data: pin.Data, j: int, parent: ElementTree.Element, *, hinges: bool
 ) -> ElementTree.Element:
     """Return the body behind joint j, in that of its parent."""
-    model = robot.model
-    name, column, is_split = str(model.names[j]), model.joints[j].idx_v, hinges and is_ball(model.joints[j])
-    place = data.liMi[j] if is_split else model.jointPlacements[j]
-    body = ElementTree.SubElement(parent, "body", {"name": f"{name}_body"} | _placement_attributes(place))
-    joint = {"name": name, "type": "ball"}
-    if not is_ball(model.joints[j]):
-        linear, angular = np.split(np.asarray(data.joints[j].S).ravel(), 2)  # the axis, fixed in the joint
-        slides = np.linalg.norm(angular) == 0
-        joint |= {"type": "slide" if slides else "hinge", "axis": vector_text(linear if slides else angular)}
-    for limit in robot.limits:
-        if limit.joint == name and name not in ranges_left_out(robot):
-            joint |= {"limited": "true", "range": vector_text([limit.lower, limit.upper])}
-    if is_split and robot.all_stiffness[column : column + 3].any():
-        raise InvalidInput(f"{robot.name}: ball {name!r} has a spring, which three hinges in turn do not say")
-    acting = [_acting_attributes(robot, column + k) for k in range(model.joints[j].nv)]
-    if not is_split and any(attributes != acting[0] for attributes in acting):
-        raise InvalidInput(
-            f"{robot.name}: what acts about the axes of ball {name!r} differs, which one ball of MuJoCo does "
-            f"not say; write it as hinges (--hinges)"
-        ).advising({"hinges": True})
-    turns = [{"name": f"{name}_hinge_{axis}", "type": "hinge", "axis": AXIS[axis]} for axis in "xyz"]
-    for turn, attributes in zip(turns if is_split else [{}], acting, strict=False):
-        ElementTree.SubElement(body, "joint", joint | turn | attributes)
-    inertia = model.inertias[j]
+    model, inertia = robot.model, robot.model.inertias[j]
+    is_split = hinges and is_ball(model.joints[j])
+    place = _placement_attributes(data.liMi[j] if is_split else model.jointPlacements[j])
+    body = ElementTree.SubElement(parent, "body", {"name": f"{model.names[j]}_body"} | place)
+    _add_joints(robot, body, np.asarray(data.joints[j].S), j, is_split=is_split)
     moments = _correct_inertia(inertia.inertia)
     ElementTree.SubElement(
         body,
@@ -159,6 +135,36 @@ def _body(
         fullinertia=vector_text(moments[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]),
     )
     return body
+
+
+def _add_joints(
+    robot: ParallelRobot, body: ElementTree.Element, screws: Array, j: int, *, is_split: bool
+) -> None:
+    """Add joint j with its screws (6, k) to a body, or the three hinges in place of a ball."""
+    name, joint = str(robot.model.names[j]), robot.model.joints[j]
+    columns = range(joint.idx_v, joint.idx_v + joint.nv)
+    if is_split and robot.all_stiffness[columns].any():
+        raise InvalidInput(f"{robot.name}: ball {name!r} has a spring, which three hinges in turn do not say")
+    acting = [_acting_attributes(robot, column) for column in columns]
+    if is_split:
+        for axis, attributes in zip("xyz", acting, strict=True):
+            hinge = {"name": f"{name}_hinge_{axis}", "type": "hinge", "axis": AXIS[axis]}
+            ElementTree.SubElement(body, "joint", hinge | attributes)
+        return
+    if any(attributes != acting[0] for attributes in acting):
+        raise InvalidInput(
+            f"{robot.name}: what acts about the axes of ball {name!r} differs, which one ball of MuJoCo does "
+            f"not say; write it as hinges (--hinges)"
+        ).advising({"hinges": True})
+    words = {"name": name, "type": "ball"}
+    if not is_ball(joint):
+        linear, angular = np.split(screws.ravel(), 2)  # the axis, fixed in the joint
+        slides = np.linalg.norm(angular) == 0
+        words |= {"type": "slide" if slides else "hinge", "axis": vector_text(linear if slides else angular)}
+    for limit in robot.limits:
+        if limit.joint == name and name not in ranges_left_out(robot):
+            words |= {"limited": "true", "range": vector_text([limit.lower, limit.upper])}
+    ElementTree.SubElement(body, "joint", words | acting[0])
 
 
 def _acting_attributes(robot: ParallelRobot, column: int) -> dict[str, str]:
