@@ -85,7 +85,7 @@ def mjcf_text(robot: ParallelRobot, *, hinges: bool = False) -> str:
 
 
 def qpos_of(model: pin.Model, q: Array, *, hinges: bool = False) -> Array:
-    """Return q (nq,) in the order of MuJoCo: quaternions with the real part first, or three hinges at zero."""
+    """Return q (nq,) in the order of MuJoCo: the real part of balls first, or their three hinges at zero."""
     parts = []
     for joint in list(model.joints)[1:]:
         part = q[joint.idx_q : joint.idx_q + joint.nq]
