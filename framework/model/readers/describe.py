@@ -26,7 +26,7 @@ from framework.model.description import (
     RobotDescription,
     locked_by_couplings,
 )
-from framework.model.readers.urdf_tree import UrdfTree
+from framework.model.readers.urdf_tree import MAX_LOOPS, UrdfTree
 from framework.model.robot_keys import joint_dynamics
 from framework.model.urdf_elements import declared_couplings, declared_dynamics
 
@@ -181,6 +181,8 @@ def _omissions(tree: UrdfTree, left_out: Sequence[LeftOut]) -> Iterator[str]:
 
 
 def _check_closures(closures: Sequence[Closure]) -> None:
+    if len(closures) > MAX_LOOPS:
+        raise RobotFileError(f"{len(closures)} loops; at most {MAX_LOOPS} are read")
     names = [closure.name for closure in closures]
     for closure in closures:
         if names.count(closure.name) > 1:

@@ -47,7 +47,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.errors import RobotFileError, check_name, choose_from
-from framework.fields import list_of, text, vector3
+from framework.fields import list_of, one_of, read_table, required, vector3
 from framework.input import read_text
 from framework.model.description import Closure, ParsedRobot, locked_axes
 from framework.model.documents import naming, parse_yaml
@@ -266,18 +266,17 @@ def _loop_closures_beside(file: Path) -> Mapping[str, Any]:
 
 def _yaml_closures(tree: UrdfTree, content: Mapping[str, Any]) -> list[Closure]:
     """Return the hinges of a loop_closures.yaml: point and axis in the frame of the root link at zero."""
+    link = required(one_of("link", tree.links))
+    hinge = {"link_a": link, "link_b": link, "point": required(vector3), "axis": required(vector3)}
+    read = list_of(lambda where, given: read_table(where, given, hinge, others=None))
     closures = []
-    for i, entry in enumerate(list_of(lambda _, given: dict(given))("closures", content.get("closures", []))):
-        where = f"{LOOP_CLOSURES}: closures[{i}]"
-        axis = np.array(vector3(f"{where}.axis", entry.get("axis")))
+    for i, entry in enumerate(read(f"{LOOP_CLOSURES}: closures", content.get("closures", []))):
+        axis, point = np.array(entry["axis"]), placement(None, entry["point"])
         if not axis.any():
-            raise RobotFileError(f"{where}.axis: the axis is zero")
-        point = placement(None, vector3(f"{where}.point", entry.get("point")))
-        ends = []
-        for end in "ab":
-            link = tree.link(f"{where}.link_{end}", text(where, entry.get(f"link_{end}")))
-            ends.append((end, link, inverse(tree.zero_pose(link)) @ point))
-        closures.append(tree.close(f"loop_{i + 1}", "revolute", ends, [axis]))
+            raise RobotFileError(f"{LOOP_CLOSURES}: closures[{i}].axis: the axis is zero")
+        ends = [(end, entry[f"link_{end}"]) for end in "ab"]
+        places = [(end, name, inverse(tree.zero_pose(name)) @ point) for end, name in ends]
+        closures.append(tree.close(f"loop_{i + 1}", "revolute", places, [axis]))
     return closures
 
 
