@@ -10,10 +10,15 @@ from typing import Any
 import numpy as np
 
 from framework.arrays import Array, ReadOnlyArrays
-from framework.errors import InvalidInput, choose_from, finite_numbers, short
+from framework.errors import InvalidInput, finite_numbers, short
+from framework.fields import Table, anything, one_of, optional, read_table
 from framework.motion.path import NO_KNOTS
 
 AXES_OF_WRENCHES = ("base", "tool")
+_TABLE: Table = {
+    "wrench": optional(anything),
+    "axes": optional(one_of("axes", AXES_OF_WRENCHES), AXES_OF_WRENCHES[0]),
+}
 TABLE_DEGREE = 3  # of the spline through a table: the torque of an elastic robot has w" in it
 
 
@@ -78,12 +83,8 @@ class FrameWrench(ReadOnlyArrays):
         """
         name, axes = f"{where}: {frame}", AXES_OF_WRENCHES[0]
         if isinstance(given, Mapping):
-            for key in given:
-                if key not in ("wrench", "axes"):
-                    raise InvalidInput(f"{name}: {choose_from('key', key, ('wrench', 'axes'))}")
-            axes, given = given.get("axes", axes), given.get("wrench")
-            if axes not in AXES_OF_WRENCHES:
-                raise InvalidInput(f"{name}: {choose_from('axes', axes, AXES_OF_WRENCHES)}")
+            values = read_table(name, dict(given), _TABLE)
+            given, axes = values["wrench"], values["axes"]
         if not _is_table(given):
             return FrameWrench(frame, finite_numbers(name, given, 6), axes)
         rows = finite_numbers(f"{name}: each row of the table (s, force, moment)", given, 7, stacks=True)
