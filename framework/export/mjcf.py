@@ -168,7 +168,7 @@ def _add_joints(
 
 
 def _acting_attributes(robot: ParallelRobot, column: int) -> dict[str, str]:
-    """Return what acts along a column of the velocities, as attributes of a joint."""
+    """Return inertia, spring, damping and friction along a velocity column as attributes."""
     rotors = np.zeros(robot.model.nv)
     rotors[robot.actuated] = robot.rotor_inertia * robot.gear_ratio**2
     values = {

@@ -130,7 +130,7 @@ def free_root(root: ElementTree.Element) -> None:
 
 
 def bare_urdf(root: ElementTree.Element) -> ElementTree.Element:
-    """Copy a checked URDF without shapes, with the numbers as Python reads them.
+    """Return a checked URDF without shapes, its numbers parsed by Python.
 
     Pinocchio's parser prints errors in visuals and collisions to the console, and reads numbers by rules of
     its own.

@@ -186,7 +186,7 @@ def _complete_at_pose(known: Known, motions: _Motions, *, by_joints: bool) -> Kn
 
 
 def _choose_motors(motions: _Motions, known: Known) -> Known:
-    """Return the file at a closed pose, with as many motors as freedoms where it leaves the choice."""
+    """Return the file at a closed pose, motors chosen where it leaves the choice."""
     mechanism = motions.mechanism
     description = replace(mechanism.description, reference=mechanism.reference_values(motions.q))
     actuators, remarks = description.actuators, [*motions.remarks]

@@ -57,7 +57,7 @@ def read_pair(file: Path, content: Mapping[Any, Any], tree: UrdfTree, options: O
 
 
 def _replace_joints(tree: UrdfTree, joint_name: Sequence[str], joint_type: Sequence[str]) -> None:
-    """Replace joints of the URDF by the type that they stand for."""
+    """Replace joints of the URDF by joints of other types."""
     if len(joint_name) != len(joint_type):
         raise RobotFileError(
             f"joint_type: needs one entry a joint of joint_name ({len(joint_name)}), got {len(joint_type)}"
