@@ -9,7 +9,7 @@ from framework.control.estimation import Controller
 from framework.control.feedforward import FeedforwardPD
 from framework.control.lqr import TimeVaryingLQR
 from framework.control.reference import Reference
-from framework.errors import InvalidInput, choose_from
+from framework.errors import check_choice
 
 CONTROLLERS: Mapping[str, Callable[[Reference], Controller]] = {
     "feedforward": FeedforwardPD.tune,
@@ -25,6 +25,5 @@ def tuned_controller(name: str, reference: Reference) -> Controller:
     Raises:
         InvalidInput: unknown name, or a robot that the controller is not for.
     """
-    if name not in CONTROLLERS:
-        raise InvalidInput(choose_from("controller", name, CONTROLLERS))
+    check_choice("controller", name, CONTROLLERS)
     return CONTROLLERS[name](reference)

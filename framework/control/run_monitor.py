@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from framework.arrays import Array, ReadOnlyArrays
 from framework.control.variation import Variation
-from framework.errors import InvalidInput, choose_from
+from framework.errors import InvalidInput, check_choice
 from framework.kinematics.parallel_robot import ParallelRobot
 
 SENSORS = ("motors", "joints")
@@ -37,8 +37,7 @@ class ControlLoop:
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
                 raise InvalidInput(f"{name}: must be a positive number, got {value!r}")
-        if self.sensors not in SENSORS:
-            raise InvalidInput(choose_from("sensors", self.sensors, SENSORS))
+        check_choice("sensors", self.sensors, SENSORS)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

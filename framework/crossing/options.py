@@ -19,7 +19,7 @@ import numpy as np
 from framework.dynamics.inverse_dynamics import GEOMETRIES, check_tolerance
 from framework.dynamics.motor_friction import FRICTIONS
 from framework.dynamics.motor_limits import Limit
-from framework.errors import InvalidInput, choose_from
+from framework.errors import InvalidInput, check_choice
 from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.law import check_duration, is_number
@@ -100,8 +100,7 @@ def _wrenches(name: str, value: Any) -> dict[str, Any] | None:
 
 def _one_of(valid: Sequence[str]) -> Check:
     def check(name: str, value: Any) -> str:
-        if value not in valid:
-            raise InvalidInput(choose_from(name, value, valid))
+        check_choice(name, value, valid)
         return str(value)
 
     return check

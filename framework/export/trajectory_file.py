@@ -20,7 +20,7 @@ import yaml
 
 from framework.arrays import Array
 from framework.crossing.result import CrossingPlan
-from framework.errors import InvalidInput, RobotFileError, choose_from, whole_number
+from framework.errors import RobotFileError, check_choice, whole_number
 from framework.fields import (
     Table,
     entries,
@@ -63,8 +63,7 @@ def joint_trajectory(
     Raises:
         InvalidInput: not a whole number of at least 2 samples, or another side than joint and motor.
     """
-    if side not in SIDES:
-        raise InvalidInput(choose_from("side", side, SIDES))
+    check_choice("side", side, SIDES)
     samples = whole_number("samples", samples, *SAMPLE_RANGE)
     robot, times = plan.robot, np.linspace(0.0, plan.duration, samples)
     gear = robot.gear_ratio if side == "joint" else np.ones(robot.n_a)

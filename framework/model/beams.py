@@ -30,7 +30,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array, ArrayLike
-from framework.errors import InvalidInput, choose_from, finite_numbers, point
+from framework.errors import InvalidInput, check_name, finite_numbers, point
 from framework.model.description import AXES, Spring
 from framework.model.placement import inverse, placement
 from framework.model.robot_file_writer import spring_entry
@@ -197,8 +197,7 @@ def split_beam(urdf_text: str, tip: str, *, y: ArrayLike | None = None) -> Split
     except ElementTree.ParseError as error:
         raise InvalidInput(f"urdf_text: not well-formed XML: {error}") from None
     fixed = {joint.get("name", ""): joint for joint in root.findall("joint") if joint.get("type") == "fixed"}
-    if tip not in fixed:
-        raise InvalidInput(f"tip: {choose_from('fixed joint', tip, fixed)}")
+    check_name("tip", "fixed joint", tip, fixed)
     joint, middle = fixed[tip], f"{tip}_middle"
     taken = {element.get("name") for tag in ("link", "joint") for element in root.findall(tag)}
     if middle in taken or f"{middle}_link" in taken:
@@ -243,8 +242,7 @@ def _spring(name: str, after: str, stiffness: dict[str, float], axes: tuple[str,
     if not name or not after:
         raise InvalidInput(f"name and after: need names, got {name!r} and {after!r}")
     for axis in axes:
-        if axis not in AXES:
-            raise InvalidInput(f"axes: {choose_from('axis', axis, AXES)}")
+        check_name("axes", "axis", axis, AXES)
     if not axes or len(set(axes)) < len(axes):
         raise InvalidInput(f"axes: needs different axes out of {', '.join(AXES)}, got {axes!r}")
     return Spring(name, "link", after, tuple(axes), tuple(stiffness[axis] for axis in axes))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from framework.errors import RobotFileError, choose_from
+from framework.errors import RobotFileError, check_choice, choose_from
 
 # Each has the springs of its predecessors; a spring exists from some level on, see `Spring.exists_in`.
 FLEXIBILITIES = ("rigid", "flexible_joints", "flexible_links")
@@ -38,10 +38,12 @@ def locked_axes(kind: str, axis: str = "z") -> tuple[str, ...]:
     Raises:
         RobotFileError: unknown kind or axis.
     """
-    if kind not in _LOCKED:
-        raise RobotFileError(choose_from("closure kind", kind, _LOCKED))
-    if axis not in ("x", "y", "z"):
-        raise RobotFileError(choose_from("closure axis", axis, ("x", "y", "z")))
+    for what, given, valid in (
+        ("closure kind", kind, CLOSURE_KINDS),
+        ("closure axis", axis, ("x", "y", "z")),
+    ):
+        if given not in valid:
+            raise RobotFileError(choose_from(what, given, valid))
     turn = {"x": "yzx", "y": "zxy", "z": "xyz"}[axis]  # where x, y, z go when z goes to `axis`
     moved = {name[:-1] + turn["xyz".index(name[-1])] if name in AXES else name for name in _LOCKED[kind]}
     return tuple(name for name in (*AXES, "distance") if name in moved)
@@ -260,8 +262,7 @@ class RobotDescription:
         Raises:
             InvalidInput: unknown flexibility.
         """
-        if flexibility not in FLEXIBILITIES:
-            raise RobotFileError(choose_from("flexibility", flexibility, FLEXIBILITIES))
+        check_choice("flexibility", flexibility, FLEXIBILITIES)
         return tuple(spring for spring in self.springs if spring.exists_in(flexibility))
 
 

@@ -16,7 +16,7 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from framework.errors import RobotFileError, check_name, choose_from, short
+from framework.errors import RobotFileError, check_name, short
 from framework.model.documents import parse_yaml
 
 PLACEHOLDER = re.compile(r"\$\{([^{}]*)\}")
@@ -65,8 +65,7 @@ def with_parameters(text: str, given: Mapping[str, float] | None = None) -> tupl
     """
     declared = declared_parameters(text)
     for name in given or {}:
-        if name not in declared:
-            raise RobotFileError(choose_from("parameter", name, declared))
+        check_name("parameters", "parameter", name, declared)
     values = {name: own[0] for name, own in declared.items()} | dict(given or {})
     return fill_placeholders(text, values), values
 

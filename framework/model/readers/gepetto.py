@@ -17,7 +17,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from framework.errors import RobotFileError, check_name, check_unique, choose_from, short
+from framework.errors import RobotFileError, check_name, check_unique, short
 from framework.fields import Table, entries, list_of, one_of, optional, read_table, required, text
 from framework.model.description import Closure, ParsedRobot, locked_axes
 from framework.model.readers.describe import Options, Pull, describe
@@ -63,15 +63,13 @@ def _replace_joints(tree: UrdfTree, joint_name: Sequence[str], joint_type: Seque
             f"joint_type: needs one entry a joint of joint_name ({len(joint_name)}), got {len(joint_type)}"
         )
     check_unique("joint_name", joint_name)
-    for i, (name, kind) in enumerate(zip(joint_name, joint_type, strict=True)):
+    for i, (name, kind) in enumerate(zip(joint_name, map(str.upper, joint_type), strict=True)):
         check_name(f"joint_name[{i}]", "joint", name, tree.joints)
+        check_name(f"joint_type[{i}]", "joint type", kind, ("FIXED", "SPHERICAL", *_U_JOINTS))
         joint = tree.joints[name]
         if kind == "FIXED":
             tree.fix(joint)
         elif kind == "SPHERICAL":
             tree.replace_by_ball(joint)
-        elif kind.upper() in _U_JOINTS:
-            tree.replace_by_turns(joint, kind[-2:].upper())
         else:
-            valid = ("FIXED", "SPHERICAL", *_U_JOINTS)
-            raise RobotFileError(f"joint_type[{i}]: {choose_from('joint type', kind, valid)}")
+            tree.replace_by_turns(joint, kind[-2:])

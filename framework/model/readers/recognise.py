@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from framework.errors import MissingPackage, RobotFileError, check_name, short
+from framework.errors import InvalidInput, MissingPackage, RobotFileError, check_name, short
 from framework.input import read_text
 from framework.model.description import ParsedRobot, RobotDescription
 from framework.model.documents import LEADING_BLANKS, naming, parse_xml, parse_yaml
@@ -114,7 +114,7 @@ def _from_xml(path: Path, text: str, options: Options) -> ParsedRobot:
         return readers[root.tag](path, root, options)
     except MissingPackage:
         raise
-    except RobotFileError as error:
+    except InvalidInput as error:
         raise RobotFileError(f"{_line_of_element(str(error), text)}{error}") from None
 
 

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array
-from framework.errors import RobotFileError, check_name, choose_from
+from framework.errors import RobotFileError, check_choice, check_name, choose_from
 from framework.fields import vector3
 from framework.input import read_text
 from framework.model.description import Closure, Coupling, JointDynamics, ParsedRobot
@@ -77,8 +77,7 @@ class Scope:
         """Return the placement (4, 4) of a frame in the world, where the file has its links."""
         if name == WORLD:
             return np.eye(4)
-        if name not in self.relative:
-            raise RobotFileError(choose_from("frame", name, self.relative))
+        check_choice("frame", name, self.relative)
         if depth > len(self.relative):
             raise RobotFileError(f"frame {name!r}: is relative to itself")
         base, pose = self.relative[name]

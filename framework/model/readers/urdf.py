@@ -46,7 +46,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from framework.arrays import Array
-from framework.errors import RobotFileError, check_name, choose_from
+from framework.errors import RobotFileError, check_name
 from framework.fields import list_of, one_of, read_table, required, vector3
 from framework.input import read_text
 from framework.model.description import Closure, ParsedRobot, locked_axes
@@ -95,10 +95,9 @@ def _read_loop(tree: UrdfTree, element: ElementTree.Element) -> Closure:
     name, where = _element_name(element)
     origins = [f"{end}_origin" for end in syntax.ends]
     only(element, where, (*syntax.ends, *syntax.axes, *origins), ("name", "type"))
-    given = attribute(element, where, "type")
-    kind = syntax.kinds.get(given.lower().removesuffix("_joint"))
-    if kind is None:
-        raise RobotFileError(f"{where}: {choose_from('type', given, syntax.kinds)}")
+    given = attribute(element, where, "type").lower().removesuffix("_joint")
+    check_name(where, "type", given, syntax.kinds)
+    kind = syntax.kinds[given]
     axes = _axes(element, where, kind, syntax.axes)
     ends = [(end.removeprefix("link"), *_end(tree, element, where, end)) for end in syntax.ends]
     return tree.close(name, kind, ends, axes)
