@@ -29,6 +29,7 @@ from framework.tolerances import TORQUE_TAIL
 LAWS = ("auto", "polynomial", "optimal")
 GOALS = ("time", "peak_torque", "energy")  # of the optimal law
 MOTION, LAW, MODEL, LIMITS = "what to plan", "the law", "the model", "limits"  # topics
+OPTIMAL_LAW: dict[str, Any] = {"law": "optimal", "times": None, "speeds": None}  # a remedy
 Check = Callable[[str, Any], Any]  # (name, value) -> value in its final form; raises InvalidInput
 
 

@@ -17,7 +17,7 @@ from framework.crossing.condition import (
     require_effect,
 )
 from framework.crossing.crossing_points import PathToCross
-from framework.crossing.refusals.remedies import OPTIMAL_LAW
+from framework.crossing.options import OPTIMAL_LAW
 from framework.crossing.refusals.turning_back import check_advance
 from framework.crossing.refusals.uncrossable_points import check_one_condition_each
 from framework.crossing.request import Request

@@ -7,7 +7,6 @@ decides it, here or in the rooms below. What was given and cannot be right is re
     reasons              the table
     uncrossable_points   points of a path that no law, or no polynomial, can cross
     turning_back         laws that run backwards or leave the path
-    explanation          what a refusal says beside its reason, and limits that were to be kept
-    remedies             what to ask for instead
+    explanation          what a refusal says beside its reason, what to ask for instead, limits to be kept
     refusal_proofs       the numbers on which a refusal rests
 """

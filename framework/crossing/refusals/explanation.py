@@ -1,14 +1,28 @@
-"""Advice beside the reason of a refusal, and the check of limits that a plan must keep."""
+"""Advice beside the reason of a refusal, and the check of limits that a plan must keep.
+
+A remedy is a set of options with which the answer becomes another. A law that was refused is not advised
+again, the other one only where condition (8) and the limits leave it a duration. Limits and durations are
+those of a law that the search found (`SearchEvidence`).
+"""
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
+
+from framework.arrays import Array
 from framework.crossing.durations import OptimalDurations, optimal_durations, polynomial_durations
 from framework.crossing.feasibility import feasibility_on_path
-from framework.crossing.refusals.remedies import remedy_of
+from framework.crossing.options import OPTIMAL_LAW
+from framework.crossing.refusals.refusal_proofs import SearchEvidence, UnmetCondition
 from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan
-from framework.errors import LimitsExceeded, NoLaw, UnboundedTorque
+from framework.errors import LimitsExceeded, NoAnswer, NoLaw, UnboundedTorque, round_up
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.singularity.points_on_path import SearchedPath
+
+DURATION_RESERVE = 1.02  # over the least duration, which is met at its limits alone
 
 
 def with_explanation(refusal: NoLaw, searched: SearchedPath, request: Request) -> NoLaw:
@@ -44,3 +58,47 @@ def check_limits(plan: CrossingPlan) -> None:
     if exceeded:
         listed = "; ".join(f"{joint}: {excess}" for joint, excess in exceeded.items())
         raise LimitsExceeded(f"{plan.robot.name}: the motion leaves limits: {listed}", exceeded=exceeded)
+
+
+def remedy_of(
+    refusal: NoAnswer, robot: ParallelRobot, request: Request, optimal: OptimalDurations | None
+) -> dict[str, Any] | None:
+    """Return options of `plan_crossing` to give instead, None for one to leave out; None without remedy.
+
+    `bend` among them stands for `plan_with_modified_path`.
+
+    Args:
+        optimal: durations of the optimal law, if it was not tried and there is any.
+    """
+    if request.at is not None:  # an imposed point: what was said of the located ones does not hold there
+        return None
+    if not request.may_be_optimal:
+        return _with_optimal_law(request, optimal)
+    if isinstance(getattr(refusal, "proof", None), UnmetCondition):
+        return None if refusal.proof.stop else {"bend": True}  # type: ignore[attr-defined]
+    evidence = getattr(refusal, "evidence", None)
+    if robot.n_e or not isinstance(evidence, SearchEvidence):  # its numbers are of the undeformed robot
+        return None
+    if evidence.quickest is not None:
+        return {"longest" if request.duration is None else "duration": evidence.quickest}
+    return None if evidence.limits is None else _limits_by_joint(robot, evidence.limits)
+
+
+def _with_optimal_law(request: Request, optimal: OptimalDurations | None) -> dict[str, Any] | None:
+    """Return the options of the optimal law, with its least duration where that is longer; None without."""
+    if optimal is None or optimal.shortest is None or request.duration is None:
+        return None
+    least = DURATION_RESERVE * optimal.shortest
+    return OPTIMAL_LAW | ({"duration": round_up(least, 3)} if least > request.duration else {})
+
+
+def _limits_by_joint(robot: ParallelRobot, limits: dict[str, Array]) -> dict[str, Any]:
+    """Return limits (n_a,) by option and joint, infinite ones left out."""
+    return {
+        name: {
+            joint: float(limit)
+            for joint, limit in zip(robot.actuator_names, values, strict=True)
+            if np.isfinite(limit)
+        }
+        for name, values in limits.items()
+    }
