@@ -155,24 +155,20 @@ def _urdf(
 ) -> tuple[str, ElementTree.Element, Tree]:
     """Return the URDF with the robot file's changes, as text and parsed, and its names."""
     path = locate_urdf(folder, tree["urdf"])
-    urdf_text = read_text(path, f"urdf: cannot read {path}", error=RobotFileError).lstrip(LEADING_BLANKS)
+    text = read_text(path, f"urdf: cannot read {path}", error=RobotFileError).lstrip(LEADING_BLANKS)
     with naming(f"urdf: {path}"):
-        urdf_text = fill_placeholders(urdf_text, parameters)
-        root = parse_xml(urdf_text)
-    urdf = check_urdf(path, root)
-    locked, free, frames = tree["locked"], tree["root"] == "free", tree["frames"]
-    if not (locked or free or frames):
-        return urdf_text, root, urdf
-    lock_joints(root, locked)
-    if free:
+        text = fill_placeholders(text, parameters)
+        root = parse_xml(text)
+    urdf, is_free = check_urdf(path, root), tree["root"] == "free"
+    if not (tree["locked"] or is_free or tree["frames"]):
+        return text, root, urdf
+    lock_joints(root, tree["locked"])
+    if is_free:
         free_root(root)
-    if locked or free:
-        urdf = check_urdf(path, root)
-    if frames:
-        for values in list_of(_added_frame(urdf))("frames", list(frames)):
-            add_frame(root, **values)
-        urdf = check_urdf(path, root)
-    return ElementTree.tostring(root, encoding="unicode"), root, urdf
+    read_frames = list_of(_added_frame(check_urdf(path, root)))
+    for frame in read_frames("frames", list(tree["frames"])):
+        add_frame(root, **frame)
+    return ElementTree.tostring(root, encoding="unicode"), root, check_urdf(path, root)
 
 
 def _added_frame(urdf: Tree) -> Reader[dict[str, Any]]:

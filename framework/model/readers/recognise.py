@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import re
+import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -67,8 +68,8 @@ def parse_any(
     """
     path = Path(file)
     stated: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
-    lists: dict[str, Any] = {name: tuple(stated[name]) for name in _LISTS if name in stated}
-    chosen = Options(**stated | lists)
+    stated |= {name: tuple(stated[name]) for name in _LISTS if name in stated}
+    chosen = Options(**stated)
     if os.path.isdir(path):
         path = _pair_in(path)
     text = read_text(path, f"{path}: cannot read it", error=RobotFileError)
@@ -141,15 +142,19 @@ def _from_yaml(
 
     if dialect == "loop_closures":
         urdf = urdf_of_closures(path)
-        root = parse_xml(read_text(urdf, f"{urdf}: cannot read it", error=RobotFileError))
-        return read_urdf(urdf, root, options, content)
+        return read_urdf(urdf, _read_xml(urdf), options, content)
     urdf = _urdf_beside(path)
-    try:
-        tree = UrdfTree(parse_xml(read_text(urdf, f"{urdf}: cannot read it", error=RobotFileError)))
-    except RobotFileError as error:
-        raise RobotFileError(f"{urdf.name}: {str(error).removeprefix(f'{urdf}: ')}") from None
+    root = _read_xml(urdf)
+    with naming(urdf.name):
+        tree = UrdfTree(root)
     tree.impossible = [(name, f"{urdf.name}: {what}") for name, what in tree.impossible]
     return gepetto.read_pair(path, content, tree, options)._replace(dialect=dialect)
+
+
+def _read_xml(urdf: Path) -> ElementTree.Element:
+    """Read the URDF beside a YAML; its name is in complaints."""
+    with naming(urdf.name):
+        return parse_xml(read_text(urdf, "cannot read it", error=RobotFileError))
 
 
 def _urdf_beside(path: Path) -> Path:
