@@ -21,12 +21,11 @@ from framework.model.description import (
     Scene,
     Spring,
     locked_axes,
+    measured_kinds,
 )
 from framework.model.robot_file import VERSION, read_robot_file
 from framework.model.urdf_elements import read_tree
 from framework.output import written_together
-
-_KINDS = {locked_axes(kind): kind for kind in ("fixed", "spherical", "distance")}  # without an axis
 
 
 def write_robot_file(
@@ -120,8 +119,9 @@ def _joint(joint: JointDynamics) -> dict[str, float]:
 
 def _closure(closure: Closure) -> dict[str, Any]:
     entry: dict[str, Any] = {"name": closure.name, "frames": list(closure.frames)}
-    if closure.axes in _KINDS:
-        entry["kind"] = _KINDS[closure.axes]
+    kinds = {locked_axes(kind): kind for kind in ("fixed", "spherical", *measured_kinds())}  # without an axis
+    if closure.axes in kinds:
+        entry["kind"] = kinds[closure.axes]
     else:
         entry["axes"] = list(closure.axes)
     return entry if closure.length is None else {**entry, "length": closure.length}
