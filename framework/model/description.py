@@ -15,8 +15,8 @@ FLEXIBILITIES = ("rigid", "flexible_joints", "flexible_links")
 SMALLEST_LENGTH = 1e-30  # [m] powers of others vanish
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 
-# Locked axes of each closure kind whose axis is z, in the frame of the first body; or the distance of the two
-# origins, with the closure's `length`.
+# Locked axes of each closure kind whose axis is z, in the frame of the first body; or rows that need the
+# closure's `length`, by their names in `loop_rows.ROW_KINDS`.
 _LOCKED = {
     "fixed": ("x", "y", "z", "rx", "ry", "rz"),
     "revolute": ("x", "y", "z", "rx", "ry"),  # turns about its axis
@@ -31,7 +31,7 @@ CLOSURE_KINDS = tuple(_LOCKED)
 
 
 def locked_axes(kind: str, axis: str = "z") -> tuple[str, ...]:
-    """Return the locked axes of a closure kind, in the frame of the first body, or its distance.
+    """Return the locked axes of a closure kind, in the frame of the first body, and rows with a length.
 
     `axis` in {x, y, z} is the axis of the joint; the kinds are tabled for z and turned cyclically.
 
@@ -43,8 +43,14 @@ def locked_axes(kind: str, axis: str = "z") -> tuple[str, ...]:
     if axis not in ("x", "y", "z"):
         raise RobotFileError(choose_from("closure axis", axis, ("x", "y", "z")))
     turn = {"x": "yzx", "y": "zxy", "z": "xyz"}[axis]  # where x, y, z go when z goes to `axis`
-    moved = {name[:-1] + turn["xyz".index(name[-1])] if name in AXES else name for name in _LOCKED[kind]}
-    return tuple(name for name in (*AXES, "distance") if name in moved)
+    axes = {name[:-1] + turn["xyz".index(name[-1])] for name in _LOCKED[kind] if name in AXES}
+    with_length = (name for name in _LOCKED[kind] if name not in AXES)
+    return (*(name for name in AXES if name in axes), *with_length)
+
+
+def measured_kinds() -> tuple[str, ...]:
+    """Return the closure kinds that need a length."""
+    return tuple(kind for kind, axes in _LOCKED.items() if not set(axes) <= set(AXES))
 
 
 @dataclass(frozen=True)
@@ -83,7 +89,7 @@ class Actuator:
 class Closure:
     """Two frames and the axes of their relative pose, in the first frame, that are locked.
 
-    "distance" among the axes locks the distance of the origins, `length` [m].
+    Among the axes a name of `loop_rows.ROW_KINDS`, such as "distance", is a row that needs `length` [m].
     """
 
     name: str
@@ -92,9 +98,9 @@ class Closure:
     length: float | None = None
 
     def __post_init__(self) -> None:
-        if ("distance" in self.axes) != (self.length is not None):
+        if (set(self.axes) <= set(AXES)) != (self.length is None):
             raise RobotFileError(
-                f"closure {self.name}: a distance needs a length and nothing else takes one, got axes "
+                f"closure {self.name}: a distance needs a length and a locked axis takes none, got axes "
                 f"{list(self.axes)} and length {self.length}"
             )
 

@@ -40,6 +40,7 @@ from framework.model.description import (
     Scene,
     Spring,
     locked_axes,
+    measured_kinds,
 )
 from framework.model.fidelity_levels import LEVELS_BY_NAME
 from framework.model.frame_wrench import FrameWrench
@@ -126,16 +127,17 @@ def _actuator(urdf: Tree) -> Reader[Actuator]:
 
 
 def _closure(urdf: Tree) -> Reader[Closure]:
-    """Return a reader of a closure of locked axes, by kind or one by one, or of a distance."""
+    """Return a reader of a closure, by kind, by locked axes, or by kind and length."""
     table = {"name": required(text), "frames": required(_pair(urdf))}
     by_kind = {"kind": required(text), "axis": optional(text, "z")}
     by_length = {"kind": required(text), "length": required(positive)}
 
     def read(where: str, given: Any) -> Closure:
         content = mapping(where, given)
-        if content.get("kind") == "distance":
+        if content.get("kind") in measured_kinds():
             values = read_table(where, given, table | by_length)
-            return Closure(values["name"], values["frames"], locked_axes("distance"), values["length"])
+            axes = locked_axes(values["kind"])
+            return Closure(values["name"], values["frames"], axes, values["length"])
         if ("kind" in content) == ("axes" in content):
             raise RobotFileError(f"{where}: needs either kind or axes, and not both")
         if "axes" in content:
