@@ -43,7 +43,7 @@ def choose_timing(
 
     Args:
         measure: computes `Law.advance` (m,) of laws that cross at times (m, k) with speeds (m, k), and the
-            peaks of their s" [1/s^2] (m,), as `laws_through` does.
+            peaks of their s" [1/s^2] (m,), as `advances_and_peaks` does.
 
     Raises:
         NoLaw: no law that always advances was found.

@@ -12,7 +12,7 @@ from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.motion_rates import Motion, joint_rates, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.chebyshev import TimeFunction, TimeGrid
-from framework.motion.law import MotionLaw, orders_of
+from framework.motion.law import MotionLaw, law_derivatives
 from framework.motion.path import time_derivatives
 
 
@@ -63,7 +63,7 @@ def moving_with(
 ) -> Motion:
     """Compute all coordinates at instants (T,) for deflections (T, n_e) and their two time derivatives."""
     robot, (q_e, *rates) = branch.robot, deflections
-    s = orders_of(law, times)
+    s = law_derivatives(law, times)
     x, dx, ddx = time_derivatives(branch.path, s)
     if before is None:
         near = integrate_columns(robot, branch.guess(s[0]), robot.elastic, q_e)

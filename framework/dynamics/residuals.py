@@ -33,7 +33,7 @@ from framework.kinematics.placements import carried_axis
 from framework.kinematics.rounded_loops import rounded_gap
 from framework.kinematics.tree_model import is_ball
 from framework.motion.chebyshev import evaluate_together
-from framework.motion.law import orders_of
+from framework.motion.law import law_derivatives
 from framework.motion.path import time_derivatives
 from framework.tolerances import EXPORT_ROUNDING, HELD_IDLE, LOOP_GAP
 
@@ -142,7 +142,7 @@ def checked_motion(branch: Branch, result: InverseDynamics, times: Array) -> tup
 
     With rigid geometry the latter is the motion without deflections.
     """
-    robot, s = branch.robot, orders_of(result.law, times)
+    robot, s = branch.robot, law_derivatives(result.law, times)
     x, dx, ddx = time_derivatives(branch.path, s)
     offsets, *rates = evaluate_together((result.offsets, *result.deflection_rates), times)
     q = integrate(robot, result.origin, offsets)

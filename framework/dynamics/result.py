@@ -15,7 +15,7 @@ from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.chebyshev import TimeFunction
-from framework.motion.law import MotionLaw, orders_of
+from framework.motion.law import MotionLaw, law_derivatives
 from framework.motion.path import HIGHEST_ORDER, Path, time_derivatives
 
 
@@ -140,7 +140,7 @@ class InverseDynamics(ReadOnlyArrays):
         """Evaluate platform coordinates [m, rad] or their time derivatives up to order 4, (T, n)."""
         check_order(order, HIGHEST_ORDER)
         times = np.asarray(t, dtype=float)
-        return time_derivatives(self.path, orders_of(self.law, times, order + 1))[order]
+        return time_derivatives(self.path, law_derivatives(self.law, times, order + 1))[order]
 
     def configuration(self, t: ArrayLike) -> Array:
         """Evaluate all joint coordinates q (T, nq) at t (T,), deflections included."""
@@ -152,7 +152,7 @@ class InverseDynamics(ReadOnlyArrays):
         Under the wrenches of the world.
         """
         times = np.atleast_1d(np.asarray(t, dtype=float))
-        s = orders_of(self.law, times)
+        s = law_derivatives(self.law, times)
         x, dx, ddx = time_derivatives(self.path, s)
         closed = close_loops(self.robot, x, self.configuration(times))
         rates = self.deflection(times, 1), self.deflection(times, 2)

@@ -18,7 +18,7 @@ from framework.kinematics.modes import mode_signs
 from framework.kinematics.motion_rates import motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.chebyshev import TimeGrid, real_roots
-from framework.motion.law import MotionLaw, PlannedLaw, orders_of
+from framework.motion.law import MotionLaw, PlannedLaw, law_derivatives
 from framework.motion.path import time_derivatives
 from framework.singularity.bordered_system import root_of_g
 from framework.singularity.points_on_path import SingularPoint
@@ -89,7 +89,7 @@ def rigid_crossings(
     if not crossed:
         return ()
     times = np.concatenate([[t for t, _ in crossed], np.linspace(0.0, law.duration, SAMPLES)])
-    s = orders_of(law, times)
+    s = law_derivatives(law, times)
     stopping = np.abs(s[1][:-SAMPLES]) <= STOP_AT_CROSSING * np.abs(s[1]).max()
     if stopping.any():
         t, singular = crossed[int(stopping.argmax())]
