@@ -18,7 +18,7 @@ from framework.arrays import Array, ArrayLike
 from framework.crossing.condition import Deflection, condition_at, crossing_point
 from framework.crossing.refusals.turning_back import check_advance
 from framework.crossing.request import SMOOTHNESS
-from framework.dynamics.elastic_pass import Pass, one_pass
+from framework.dynamics.elastic_pass import Pass, evaluate_pass
 from framework.dynamics.forces import balanced_forces, motor_torque, tree_forces
 from framework.dynamics.motor_friction import signs
 from framework.dynamics.result import InverseDynamics, SingularityCrossing
@@ -105,7 +105,7 @@ class FullerModel:
         """
         function = self.grid.fit(deflections)
         law = self._correct_law(function)
-        return one_pass(self.searched.branch, self.grid, law, function, None)
+        return evaluate_pass(self.searched.branch, self.grid, law, function, None)
 
     def torque(self, evaluated: Pass) -> Array:
         """Compute the motors' torques (T, n_a) [N m or N], motor side, on the nodes.

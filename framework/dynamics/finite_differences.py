@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array
-from framework.dynamics.elastic_pass import moving_with
+from framework.dynamics.elastic_pass import motion_with_deflections
 from framework.dynamics.forces import joint_forces
 from framework.dynamics.inverse_dynamics import checked_geometry
 from framework.errors import InvalidInput
@@ -60,11 +60,11 @@ def finite_difference_torques(
     branch = track_path(robot, path) if branch is None else branch
     times = np.linspace(0.0, law.duration, samples)
     q_e = np.zeros((samples, robot.n_e))
-    motion = moving_with(branch, times, law, (q_e, q_e, q_e))  # at rest
+    motion = motion_with_deflections(branch, times, law, (q_e, q_e, q_e))  # at rest
     forces = joint_forces(robot, motion)
     for done in range(passes if robot.n_e and geometry == "deformed" else min(robot.n_e, 1)):
         q_e = -forces.spring_force / robot.stiffness
-        motion = moving_with(branch, times, law, (q_e, *_differences(q_e, times)))
+        motion = motion_with_deflections(branch, times, law, (q_e, *_differences(q_e, times)))
         if geometry == "deformed" and done < passes - 1:
             forces = joint_forces(robot, motion)
     angle = robot.gear_ratio * robot.actuated_coordinates(motion.q)

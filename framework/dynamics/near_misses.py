@@ -13,7 +13,7 @@ import numpy as np
 from framework.arrays import Array
 from framework.dynamics.elasticity import DeflectionSolution
 from framework.dynamics.forces import joint_forces
-from framework.dynamics.residuals import checked_motion
+from framework.dynamics.residuals import evaluate_motion
 from framework.dynamics.result import InverseDynamics
 from framework.dynamics.singularity_crossings import instants
 from framework.kinematics.loop_matrices import type2_matrix
@@ -44,12 +44,12 @@ def _is_seen(
 
     def matrices(share: Array) -> Array:
         times = start + share * duration
-        return type2_matrix(robot, checked_motion(searched.branch, result, times)[1].linearised)
+        return type2_matrix(robot, evaluate_motion(searched.branch, result, times)[1].linearised)
 
     # with its deflections the robot is nearest to the singularity somewhat earlier or later
     turning = extremum_near(matrices, (edges - start) / duration, (near - start) / duration, miss.size)
     times = start + duration * np.array([turning.s, *turning.bracket(2 * abs(turning.g))])
-    motion = checked_motion(searched.branch, result, times)[1]
+    motion = evaluate_motion(searched.branch, result, times)[1]
     computed = joint_forces(robot, motion).joint_torque
     expected = state.grid.fit(state.forces.joint_torque)(times)
     allowed = RESOLVABLE_TAIL + turning.rounding / max(abs(turning.g), turning.rounding)

@@ -27,7 +27,7 @@ from framework.arrays import Array
 from framework.crossing.fuller_model import FullerModel
 from framework.crossing.motion_scales import coordinate_sizes, largest_by_unit, path_length
 from framework.crossing.result import CrossingPlan
-from framework.dynamics.elastic_pass import Pass, one_pass
+from framework.dynamics.elastic_pass import Pass, evaluate_pass
 from framework.dynamics.forces import motor_torque
 from framework.dynamics.open_loop import ErrorDynamics, error_dynamics, open_loop_error, open_loop_growth
 from framework.dynamics.platform_wrench import platform_wrench
@@ -109,7 +109,7 @@ class _Motion:
         fuller = FullerModel.of(rigid.dynamics, highest)
         undeformed = fuller.first_pass
         deflections = fuller.grid.fit(undeformed.caused)
-        deformed = one_pass(fuller.searched.branch, fuller.grid, rigid.law, deflections, undeformed)
+        deformed = evaluate_pass(fuller.searched.branch, fuller.grid, rigid.law, deflections, undeformed)
         return cls(rigid, fuller, deformed, fuller.torque(fuller.compute_pass(undeformed.caused)))
 
     def errors(self, payload: CrossingPlan | None) -> dict[str, LevelError]:
@@ -140,7 +140,7 @@ class _Motion:
         if names:
             caused = np.where(np.isin(fuller.robot.elastic_names, names), undeformed.caused, 0.0)
             branch, function = fuller.searched.branch, fuller.grid.fit(caused)
-            motion = one_pass(branch, fuller.grid, self.rigid.law, function, undeformed).motion
+            motion = evaluate_pass(branch, fuller.grid, self.rigid.law, function, undeformed).motion
         torque = motor_torque(fuller.robot, motion, undeformed.forces.joint_torque)
         return self._error(torque, platform_wrench(fuller.robot, self.deformed.motion).lacking(torque))
 
