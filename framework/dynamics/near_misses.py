@@ -15,7 +15,7 @@ from framework.dynamics.elasticity import DeflectionSolution
 from framework.dynamics.forces import joint_forces
 from framework.dynamics.residuals import evaluate_motion
 from framework.dynamics.result import InverseDynamics
-from framework.dynamics.singularity_crossings import instants
+from framework.dynamics.singularity_crossings import find_instants
 from framework.kinematics.loop_matrices import type2_matrix
 from framework.singularity.piecewise_measure import extremum_near
 from framework.singularity.points_on_path import SearchedPath
@@ -30,7 +30,7 @@ def unseen_near_miss(
     for miss in searched.near_misses:
         if miss.s in (0.0, 1.0):  # the motion rests, and nodes are densest
             continue
-        for t in instants(state.law, state.grid.edges, miss.s):
+        for t in find_instants(state.law, state.grid.edges, miss.s):
             if not _is_seen(searched, state, result, miss, t):
                 return miss
     return None

@@ -52,7 +52,9 @@ def error_dynamics(result: InverseDynamics, times: Array) -> ErrorDynamics:
     def lacking(closed: ClosedStack, dx: Array, ddx: Array) -> Array:
         """Compute W - G' tau (T, n)."""
         world = result.wrenches.evaluate(robot, closed.linearised.frames, s)
-        return platform_wrench(robot, motion_at(robot, closed, dx, ddx).with_wrenches(world)).lacking(torque)
+        return platform_wrench(robot, motion_at(robot, closed, dx, ddx).with_wrenches(world)).missing_wrench(
+            torque
+        )
 
     steps, rates = DIFFERENCE_STEP * robot.platform_scale, robot.platform_scale / result.duration
     inertia = _central_slopes(lambda step: lacking(on_path, dx, ddx + step), np.ones(robot.n))

@@ -131,7 +131,7 @@ class _Motion:
     def _mass_error(self, plan: CrossingPlan, times: Array, torque: Array) -> LevelError:
         """Compute the error of torques (T, n_a) on a plan's motion, of the rigid robot with all masses."""
         wrench = platform_wrench(self.rigid.robot, plan.dynamics.motion(times))
-        return self._error(torque, wrench.lacking(torque))
+        return self._error(torque, wrench.missing_wrench(torque))
 
     def _displacement_error(self, names: Sequence[str]) -> LevelError:
         """Compute the error of forces of the undeformed robot, its motors moved by some deflections."""
@@ -142,7 +142,7 @@ class _Motion:
             branch, function = fuller.searched.branch, fuller.grid.fit(caused)
             motion = evaluate_pass(branch, fuller.grid, self.rigid.law, function, undeformed).motion
         torque = motor_torque(fuller.robot, motion, undeformed.forces.joint_torque)
-        return self._error(torque, platform_wrench(fuller.robot, self.deformed.motion).lacking(torque))
+        return self._error(torque, platform_wrench(fuller.robot, self.deformed.motion).missing_wrench(torque))
 
     def _elastic_inertia_error(self) -> LevelError:
         """Compute the error of forces of the deformed robot whose bodies do not feel how the springs move."""
