@@ -30,7 +30,14 @@ from scipy import sparse
 
 from framework.arrays import Array, IntArray
 from framework.crossing.optimal.path_series import PathSeries
-from framework.motion.bernstein import DEGREE, Bernstein, elevation, mean_size, multiply, product_weights
+from framework.motion.bernstein import (
+    DEGREE,
+    Bernstein,
+    bound_mean_size,
+    elevation_matrix,
+    multiply,
+    product_weights,
+)
 from framework.motion.cone_program import AffineRows, ConeProgram, Unsolved, solve_cone_program
 
 MULTIPLIER_DEGREE = 2  # of x: with 1 the factor is off by the size of the cells, with 2 by its square
@@ -39,8 +46,8 @@ HALVINGS = 2  # of cells on which |nu| is integrated
 SUM_ROUNDING = 1e-12  # of a sum, over the sizes of its terms
 MAX_NEWTON_STEPS = 20
 SOLVER_ERROR = 1e-7  # of rows of the program
-_ELEVATED, _ELEVATED_LINE = elevation(DEGREE, SIZE - 1), elevation(1, SIZE - 1)
-_ELEVATED_SLOPE = elevation(MULTIPLIER_DEGREE - 1, SIZE - 1)
+_ELEVATED, _ELEVATED_LINE = elevation_matrix(DEGREE, SIZE - 1), elevation_matrix(1, SIZE - 1)
+_ELEVATED_SLOPE = elevation_matrix(MULTIPLIER_DEGREE - 1, SIZE - 1)
 
 
 class Multipliers(NamedTuple):
@@ -82,7 +89,9 @@ class DualProgram:
         damping = _sum_bounds(self.series.damping, found.x)[0]
         cost = _least_cost(np.maximum(least, 0.0), damping[:, None], found.lam).mean(axis=1)
         nu = multiply(self.series.v.coefficients, found.x[..., None]).sum(axis=2)
-        norm = mean_size(nu, HALVINGS).sum(axis=1) + (size[..., None] * self.series.v.error).sum(axis=(1, 2))
+        norm = bound_mean_size(nu, HALVINGS).sum(axis=1) + (size[..., None] * self.series.v.error).sum(
+            axis=(1, 2)
+        )
         terms = np.stack([_sum_bounds(self.series.constant, found.x)[1], -found.mu.sum(axis=1), cost])
         length = float(width @ norm)
         total = float((terms @ width).sum()) - SUM_ROUNDING * float((np.abs(terms) @ width).sum() + length)

@@ -19,7 +19,7 @@ import numpy as np
 from framework.arrays import Array, BoolArray, IntArray
 from framework.crossing.optimal.optimal_task import Task
 from framework.crossing.optimal.phase_plane import Demand, demand
-from framework.motion.bernstein import NODES, Bernstein, cell_nodes, fit
+from framework.motion.bernstein import NODES, Bernstein, cell_nodes, fit_bernstein
 from framework.motion.optimal_law import Smoothstep, Stretch
 
 END_ORDER = 4  # of the smoothstep by which cells are narrower towards both ends of the path
@@ -97,7 +97,11 @@ def _series_on(task: Task, reference: Array, edges: Array) -> tuple[PathSeries, 
     *torques, per_u = (_by_cell(part / reference)[..., motors] for part in parts)
     directions, v = _multiplier_basis(per_u)
     ratio = _by_cell(asked.speed / specification.speed_limit)[..., np.isfinite(specification.speed_limit)]
-    fitted = [fit(v), *(fit((v @ torque[..., None])[..., 0]) for torque in torques), fit(ratio**2)]
+    fitted = [
+        fit_bernstein(v),
+        *(fit_bernstein((v @ torque[..., None])[..., 0]) for torque in torques),
+        fit_bernstein(ratio**2),
+    ]
     series = PathSeries(edges, directions, *(function for function, _ in fitted))
     left = (np.abs(v).max(axis=1) @ (unknown / reference)[:, motors, None])[..., 0]
     constant = series.constant._replace(error=series.constant.error + left)

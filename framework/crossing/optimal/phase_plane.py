@@ -29,7 +29,7 @@ import numpy as np
 from framework.arrays import Array
 from framework.crossing.condition import CrossingPoint, bounds_of_terms, remove_rounding
 from framework.dynamics.forces import balanced_forces, inertial_forces, motor_torque, static_forces
-from framework.dynamics.motor_friction import signs
+from framework.dynamics.motor_friction import speed_signs
 from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_loops
@@ -102,7 +102,7 @@ class Demand(NamedTuple):
         """Return torques (M, n_a) of dry friction of this size (n_a,), or at combinations `take` (R, M)."""
         if self.direction is None:
             return np.zeros((len(self.speed if take is None else take), len(size)))
-        return size * signs(self.direction if take is None else take @ self.direction)
+        return size * speed_signs(self.direction if take is None else take @ self.direction)
 
 
 def demand(
