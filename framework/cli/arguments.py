@@ -23,7 +23,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import FLEXIBILITIES, ParsedRobot
 from framework.model.readers.missing_fields import Propose
 from framework.model.readers.recognise import parse_any
-from framework.motion.path import Line, Path
+from framework.motion.path import Line, Path, Polyline
 
 if TYPE_CHECKING:
     from framework.fidelity.chosen_level import ChosenLevel
@@ -114,11 +114,15 @@ def _missing_fields(options: Namespace) -> MotionOptions:
 
 def path(options: Namespace, robot: ParallelRobot) -> Path:
     """Return the path of --scene, or the line of --from and --to."""
-    ends = (options.start, options.end)
+    ends, via = (options.start, options.end), options.via or []
+    if (options.blend is None) == bool(via):
+        raise InvalidInput(
+            "--blend: goes with --via, whose corners it rounds: how far from a corner the blend begins [m]"
+        )
     if options.scene is not None:
-        if any(end is not None for end in ends):
+        if via or any(end is not None for end in ends):
             raise InvalidInput("--scene already has a path; give either --scene or --from and --to").advising(
-                {"from": None, "to": None}
+                {"from": None, "to": None, "via": None, "blend": None}
             )
         return scene_path(scene(robot, options.scene))
     if any(end is None for end in ends):
@@ -127,13 +131,13 @@ def path(options: Namespace, robot: ParallelRobot) -> Path:
         either = f"either --scene (of {robot.name}: {', '.join(names)}) or " if names else ""
         none = "" if names else f": {robot.name} has no scenes"
         raise InvalidInput(f"give {either}both --from and --to{none}").advising(first)
-    for name, end in zip(("--from", "--to"), ends, strict=True):
+    for name, end in [*zip(("--from", "--to"), ends, strict=True), *(("--via", corner) for corner in via)]:
         if len(end) != robot.n or not np.all(np.isfinite(end)):
             raise InvalidInput(
                 f"{name}: needs {robot.n} finite numbers ({', '.join(robot.axis_names)}), got "
                 f"{' '.join(f'{value:g}' for value in end)}"
             )
-    return Line(*ends)
+    return Polyline([ends[0], *via, ends[1]], options.blend) if via else Line(*ends)
 
 
 def request(options: Namespace, robot: ParallelRobot) -> Request:
@@ -266,4 +270,4 @@ def flag_of(key: str) -> str:
     return f"--{name.removeprefix('spread_').replace('_', '-')}"
 
 
-_OF_A_PLAN = ("scene", "scenes", "start", "end", "flexibility", *TYPED, *WRENCH_FLAGS)
+_OF_A_PLAN = ("scene", "scenes", "start", "end", "via", "blend", "flexibility", *TYPED, *WRENCH_FLAGS)

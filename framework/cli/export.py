@@ -70,7 +70,7 @@ def add(commands: Any) -> None:
     )
     group = parser.topic(MOTION)
     group.add_argument("--scene", metavar="S", help="a scene of the robot file, to be planned")
-    parser.set_defaults(start=None, end=None)
+    parser.set_defaults(start=None, end=None, via=None, blend=None)
     add_flexibility(parser)
     add_motion(parser)
 
@@ -139,6 +139,8 @@ def _lesson(options: Namespace) -> tuple[ParallelRobot, str]:
     if chosen.wrenches is not None:
         raise InvalidInput(f"--scene {chosen.name} has wrenches of the world, which a lesson does not have")
     try:
+        if chosen.duration is None:
+            raise InvalidInput(f"--scene {chosen.name} has no duration, which a lesson needs")
         page = lesson_page(robot, scene_path(chosen), duration=chosen.duration, name=f"Scene {chosen.name}")
     except NoAnswer as error:
         error.args = (f"--scene {chosen.name}: {error}",)

@@ -122,6 +122,15 @@ def add_path(parser: OneLineParser, *, several: bool = False) -> None:
         add_number(
             group, flag, "X", f"{name} point of the platform, on its axes [m, rad]", dest=end, nargs="+"
         )
+    add_number(
+        group,
+        "--via",
+        "X",
+        "a corner between them, of straight segments that --blend rounds; may be repeated [m, rad]",
+        nargs="+",
+        action="append",
+    )
+    add_number(group, "--blend", "r", "how far from a corner its smooth blend begins and ends [m]")
 
 
 def add_options(parser: OneLineParser, *names: str) -> None:

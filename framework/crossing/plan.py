@@ -45,8 +45,8 @@ def plan_crossing(robot: ParallelRobot, path: Path, **options: Any) -> CrossingP
 
     Args:
         robot: of `load_robot`; its `flexibility` says which springs exist.
-        path: of the platform, a `Line`, an `Arc`, a `Spline`, or what can be called alike: path(s, order) of
-            shape (T, n) for s in [0, 1] and derivatives up to order 4.
+        path: of the platform, `Line`, `Arc`, `Spline` or `Polyline`, or what is called alike: path(s, order)
+            of shape (T, n) for s in [0, 1] and derivatives up to order 4.
         {options}
 
     Returns:

@@ -19,7 +19,7 @@ from framework.catalogue import catalogue
 from framework.catalogue import robot_file as robot_file_of
 from framework.crossing.condition import Condition8
 from framework.crossing.crossing_points import path_to_cross
-from framework.crossing.options import GOALS, OPTIONS
+from framework.crossing.options import OPTIONS
 from framework.crossing.request import Request
 from framework.crossing.result import Crossing, CrossingPlan, Optimality, certified_plan
 from framework.crossing.scenes import path_of
@@ -51,7 +51,7 @@ from framework.fields import (
 )
 from framework.input import read_text
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.model.description import FLEXIBILITIES
+from framework.model.description import FLEXIBILITIES, GOALS
 from framework.model.documents import naming
 from framework.model.robot_keys import PATHS, one_path
 from framework.motion.law import Law, PlannedLaw, check_duration
@@ -209,10 +209,14 @@ def _request_document(request: Request) -> Document:
     path = request.path
     if not isinstance(path, PointPath):
         raise InvalidInput(
-            f"path: only a line, an arc or a spline can be written down, not {type(path).__name__}; save the "
-            f"motion with plan.to_csv"
+            f"path: only lines, arcs, splines and polylines can be written down, not {type(path).__name__}; "
+            f"save the motion with plan.to_csv"
         )
-    return {"path": {path.kind: path.points.tolist()}, **{name: getattr(request, name) for name in OPTIONS}}
+    blend = {} if path.blend is None else {"blend": path.blend}
+    return {
+        "path": {path.kind: path.points.tolist(), **blend},
+        **{name: getattr(request, name) for name in OPTIONS},
+    }
 
 
 def _law_document(law: object) -> Document:
@@ -367,9 +371,9 @@ def _find_robot(stated: Document, file: FilePath, robot_file: str | FilePath | N
 
 def _request(robot: ParallelRobot, stated: Document) -> Request:
     """Return the request of the file, checked for the robot."""
-    kind, points = stated.pop("path")
+    path = stated.pop("path")
     with naming("request", InvalidInput):
-        return Request.of(robot, path_of(kind, points), **stated)
+        return Request.of(robot, path_of(*path), **stated)
 
 
 def _check_request(stated: Document, request: Request) -> None:

@@ -12,7 +12,7 @@ from framework.crossing.result import CrossingPlan
 from framework.crossing.saved import robot_place
 from framework.crossing.scenes import scene_request
 from framework.errors import InvalidInput
-from framework.motion.path import Line
+from framework.motion.path import Line, Polyline
 
 ONLY_CALLED = ("at", "tolerance")  # options of `plan_crossing` that a command line lacks
 
@@ -59,6 +59,10 @@ def _path_options(plan: CrossingPlan, typed: dict[str, Any]) -> list[str] | None
     path = plan.path
     if isinstance(path, Line) and Request.of(plan.robot, path, **typed) == plan.request:
         return [f"--from {_format_numbers(path.start)}", f"--to {_format_numbers(path.end)}"]
+    if isinstance(path, Polyline) and Request.of(plan.robot, path, **typed) == plan.request:
+        start, *via, end = map(_format_numbers, path.points)
+        corners = [f"--via {corner}" for corner in via]
+        return [f"--from {start}", *corners, f"--to {end}", f"--blend {path.blend!r}"]
     for name in plan.robot.description.scenes:
         try:
             of_scene = scene_request(plan.robot, name, **typed)
