@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from framework.catalogue import robot_file
+from framework.crossing.motion_table import DEFAULT_ROWS, MotionTable
 from framework.crossing.options import TYPED
 from framework.crossing.plan import plan_request
 from framework.crossing.request import Request
@@ -262,6 +263,21 @@ def saved_plan(options: Namespace) -> CrossingPlan | None:
                 f"{flag}: the plan in {options.robot} has its own; leave it out, or plan again"
             ).advising({flag[2:]: None})
     return load_plan(options.robot, robot_file=options.robot_file)
+
+
+def motion_rows(options: Namespace, plan: CrossingPlan) -> MotionTable:
+    """Return the rows of motion.csv by --samples or --rate, and --columns."""
+    period = None
+    if options.rate is not None:
+        if options.samples is not None:
+            raise InvalidInput("--samples, --rate: both say how many rows; leave one of them out").advising(
+                {"samples": None}
+            )
+        if not options.rate * plan.duration >= 1.0:
+            least = 1.0 / plan.duration
+            raise InvalidInput(f"--rate: needs at least {least:.4g} rows a second, got {options.rate:g}")
+        period = 1.0 / options.rate
+    return plan.samples(options.samples or DEFAULT_ROWS, period=period, columns=options.columns)
 
 
 def flag_of(key: str) -> str:

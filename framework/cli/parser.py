@@ -173,6 +173,17 @@ def add_wrenches(parser: OneLineParser) -> None:
     )
 
 
+def add_rows(parser: OneLineParser) -> None:
+    """Add --rate and --columns of motion.csv, for `motion_rows`."""
+    add_number(parser, "--rate", "F", "rows a second instead, the last at the end, such as 1000 [1/s]")
+    parser.add_argument(
+        "--columns",
+        nargs="+",
+        metavar="NAME",
+        help="of the rows, or what the names of several begin with, such as time motor torque (default: all)",
+    )
+
+
 def add_executor(parser: OneLineParser) -> None:
     """Add --workers and --dask, for `executor_of`."""
     group = parser.topic("processes")
