@@ -85,13 +85,17 @@ def robot_file(name_or_path: str | os.PathLike[str], *, others: str = "") -> Pat
 
 
 def load_robot(
-    name_or_path: str | os.PathLike[str], *misplaced: Never, flexibility: str = "rigid"
+    name_or_path: str | os.PathLike[str],
+    *misplaced: Never,
+    flexibility: str = "rigid",
+    parameters: Mapping[str, float] | None = None,
 ) -> ParallelRobot:
     """Load a robot by its name in the catalogue, or by the path of its robot file.
 
     Args:
         name_or_path: a name that `crossing robots` lists, such as "five_bar"; or a path, "my_robot.yaml".
         flexibility: which of the springs in the file exist: "rigid", "flexible_joints" or "flexible_links".
+        parameters: values in place of those that the file declares under `parameters`, by name.
 
     Returns:
         The robot, assembled at the reference of its file.
@@ -109,4 +113,4 @@ def load_robot(
     if misplaced:
         given = short(misplaced[0])
         raise InvalidInput(f"flexibility: has to be given by name, flexibility={given}, got {given} alone")
-    return ParallelRobot.from_file(robot_file(name_or_path), flexibility=flexibility)
+    return ParallelRobot.from_file(robot_file(name_or_path), flexibility=flexibility, parameters=parameters)

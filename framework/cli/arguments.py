@@ -110,7 +110,8 @@ def _missing_fields(options: Namespace) -> MotionOptions:
     fields["reference"] = named_numbers("--reference", values.get("reference") or [], form)
     for word in values.get("lock") or []:
         locked |= named_numbers("--lock", [word], form) if "=" in word else {word: None}
-    return fields | {"locked": locked}
+    parameters = named_numbers("--set", values.get("set") or [], "NAME=VALUE")
+    return fields | {"locked": locked, "parameters": parameters}
 
 
 def path(options: Namespace, robot: ParallelRobot) -> Path:
@@ -286,4 +287,4 @@ def flag_of(key: str) -> str:
     return f"--{name.removeprefix('spread_').replace('_', '-')}"
 
 
-_OF_A_PLAN = ("scene", "scenes", "start", "end", "via", "blend", "flexibility", *TYPED, *WRENCH_FLAGS)
+_OF_A_PLAN = ("scene", "scenes", "start", "end", "via", "blend", "set", "flexibility", *TYPED, *WRENCH_FLAGS)

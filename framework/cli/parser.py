@@ -46,6 +46,12 @@ def command(commands: Any, name: str, run: Callable[[Namespace], Report], detail
 def add_robot(parser: OneLineParser, text: str = "catalogue name, or path of a robot file") -> None:
     """Add ROBOT."""
     parser.add_argument("robot", metavar="ROBOT", help=text)
+    parser.topic(MODEL).add_argument(
+        "--set",
+        nargs="+",
+        metavar="NAME=VALUE",
+        help="values in place of the first ones of the robot file's parameters",
+    )
 
 
 def add_number(group: Any, flag: str, metavar: str, text: str, **settings: Any) -> None:

@@ -122,6 +122,7 @@ _PLAN: Table = {
     "version": required(whole),
     "robot": required(text),
     "robot_file": required(text),
+    "parameters": optional(mapping_of(number), {}),
     "flexibility": required(one_of("flexibility", FLEXIBILITIES)),
     "geometry": required(one_of("geometry", GEOMETRIES)),
     "duration": required(positive),
@@ -170,6 +171,7 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> Documen
         "version": VERSION,
         "robot": plan.robot.name,
         "robot_file": robot_place(plan.robot, folder),
+        "parameters": dict(plan.robot.description.parameters),
         "flexibility": plan.robot.flexibility,
         "request": _request_document(plan.request),
         "law": _law_document(plan.law),
@@ -366,7 +368,7 @@ def _find_robot(stated: Document, file: FilePath, robot_file: str | FilePath | N
                 f"{file}: robot_file: there is no {place}; if it has moved, name it again (--robot-file, or "
                 f"robot_file= of load_plan)"
             )
-    return ParallelRobot.from_file(place, flexibility=stated["flexibility"])
+    return ParallelRobot.from_file(place, flexibility=stated["flexibility"], parameters=stated["parameters"])
 
 
 def _request(robot: ParallelRobot, stated: Document) -> Request:

@@ -27,6 +27,9 @@ def command_line(plan: CrossingPlan, folder: str) -> str | None:
     if motion is None:
         return None
     robot = f"crossing plan {shlex.quote(robot_place(plan.robot))}"
+    parameters = plan.robot.description.parameters
+    if parameters:
+        motion += ["--set " + " ".join(f"{name}={value!r}" for name, value in parameters.items())]
     words = [robot, *motion, f"--flexibility {plan.robot.flexibility}"]
     words += [_format_option(key, value) for key, value in typed.items()]
     return " \\\n    ".join([*words, f"--out {shlex.quote(folder)}"])
@@ -35,7 +38,9 @@ def command_line(plan: CrossingPlan, folder: str) -> str | None:
 def python_call(plan: CrossingPlan) -> str:
     """Return the call of `plan_crossing` that makes the same plan."""
     file = str(plan.robot.description.file)
-    robot = f"ParallelRobot.from_file({file!r}, flexibility={plan.robot.flexibility!r})"
+    parameters = dict(plan.robot.description.parameters)
+    stated = f", parameters={parameters!r}" * bool(parameters)
+    robot = f"ParallelRobot.from_file({file!r}, flexibility={plan.robot.flexibility!r}{stated})"
     options = [f"{key}={value!r}" for key, value in given_options(plan).items()]
     return "plan_crossing(\n    " + ",\n    ".join([robot, repr(plan.path), *options]) + ",\n)"
 
