@@ -15,7 +15,7 @@ from pathlib import Path
 from runpy import run_path
 from typing import Never
 
-from framework.errors import InvalidInput, choose_from, short
+from framework.errors import InvalidInput, RobotFileError, choose_from, did_you_mean, short
 from framework.kinematics.parallel_robot import ParallelRobot
 
 # By their place and not by name, which a robots.py of the user's own would hide.
@@ -70,7 +70,7 @@ def robot_file(name_or_path: str | os.PathLike[str], *, others: str = "") -> Pat
         others: what else would do, for the complaint.
 
     Raises:
-        InvalidInput: neither a known name nor a robot file.
+        InvalidInput: neither a known name nor a robot file; names a file in the folder that is alike.
     """
     if isinstance(name_or_path, str):
         entry = own_robots().get(name_or_path) or catalogue().get(name_or_path)
@@ -78,6 +78,10 @@ def robot_file(name_or_path: str | os.PathLike[str], *, others: str = "") -> Pat
             return entry.file
     if isinstance(name_or_path, str | os.PathLike):
         path = Path(name_or_path)
+        if not os.path.exists(path) and os.path.isdir(path.parent):
+            hint = did_you_mean(path.name, os.listdir(path.parent)) if path.suffix else ""
+            if hint:
+                raise RobotFileError(f"{path}: there is no such file{hint}")
         if path.suffix in (".yaml", ".yml", ".urdf", ".xml", ".mjcf", ".sdf") or os.path.exists(path):
             return path
     unknown = choose_from("robot", name_or_path, catalogue())

@@ -21,13 +21,14 @@ from numpy.polynomial import Polynomial
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 from framework.errors import InvalidInput, check_order, expect_call
 from framework.motion.law import is_number
-from framework.tolerances import DEGENERATE_PATH, WRONG_DERIVATIVE
+from framework.tolerances import DEGENERATE_PATH, PATH_JUMP, WRONG_DERIVATIVE
 
 HIGHEST_ORDER = 4  # derivatives of x, and of s, that an elastic robot's torque needs
 NO_KNOTS: Array = read_only(np.empty(0))
 MAX_COORDINATE = 1e30  # [m, rad] coordinate whose powers do not overflow
 DIFFERENCE_ROUNDING = 1e-10  # of x(b) - x(a), over the largest value: what a user's own formula may lose
 DIFFERENCE_INTERVALS = 9
+JUMP_INTERVALS, JUMP_BISECTIONS = 4096, 20  # of [0, 1]; of one of these, to a millionth of that
 INTERVAL_LENGTH = 1e-3  # in s; shorter between knots that are closer
 GOLDEN_RATIO = 0.5 * (5.0**0.5 - 1.0)  # its multiples modulo 1 spread evenly and hit no regular grid
 
@@ -341,7 +342,7 @@ def check_path(path: Path) -> None:
 
     Raises:
         InvalidInput: no path, knots that do not ascend inside (0, 1), a value that is missing or not finite,
-            or path(s, 1) or path(s, 2) that is not the derivative of the order below.
+            path(s, 1) or path(s, 2) that is not the derivative of the order below, or jumps.
     """
     expect_path(path)
     if isinstance(path, PointPath):
@@ -349,6 +350,7 @@ def check_path(path: Path) -> None:
     starts, lengths = _intervals(path)
     for order in (1, 2):
         _check_derivative(path, order, starts, lengths)
+        _check_continuous(path, order)
 
 
 def _check_derivative(path: Path, order: int, starts: Array, lengths: Array) -> None:
@@ -370,6 +372,25 @@ def _check_derivative(path: Path, order: int, starts: Array, lengths: Array) -> 
             f"path: path(s, {order}) is not the derivative of path(s, {order - 1}): at s = "
             f"{starts[i]:.4g} coordinate {component} has {means[i, component]:.6g} instead of "
             f"{quotients[i, component]:.6g}"
+        )
+
+
+def _check_continuous(path: Path, order: int) -> None:
+    """Bisect for a jump of a derivative, from its largest change on a grid."""
+    s = np.linspace(0.0, 1.0, JUMP_INTERVALS + 1)[1:-1]
+    values = _values(path, s, order)
+    change = np.abs(np.diff(values, axis=0)).max(axis=1)
+    k = int(change.argmax())
+    low, high, jump = s[k], s[k + 1], change[k]
+    for _ in range(JUMP_BISECTIONS):
+        ends = _values(path, np.array([low, 0.5 * (low + high), high]), order)
+        parts = np.abs(np.diff(ends, axis=0)).max(axis=1)
+        low, high = (low, 0.5 * (low + high)) if parts[0] > parts[1] else (0.5 * (low + high), high)
+        jump = parts.max()
+    if jump > max(0.5 * change[k], PATH_JUMP * np.abs(values).max()):
+        raise InvalidInput(
+            f"path: path(s, {order}) jumps at s = {low:.6g} by {jump:.3g}, where the torque would have "
+            f"{'no bound' if order == 1 else 'to jump'}: round it, as a Polyline does its corners"
         )
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from framework.errors import InvalidInput
 from framework.motion.law import Condition, Law
-from framework.motion.path import Arc, Line, Polyline, Spline, time_derivatives
+from framework.motion.path import Arc, Line, Polyline, Spline, check_path, time_derivatives
 
 X = [0.1, 0.05, 0.0, -0.02, -0.05, -0.1, -0.1, 0.0]
 Y = [0.345, 0.3, 0.26, 0.2, 0.22, 0.3, 0.2, 0.1]
@@ -183,6 +183,43 @@ def test_a_short_spline_is_one_polynomial():
 def test_points_that_make_no_path_raise(kind, points, words):
     with pytest.raises(InvalidInput, match=words):
         kind(*points)
+
+
+class Joined:
+    """x = (s, c (s - 0.4)^degree beyond s = 0.4): all derivatives below `degree` are continuous."""
+
+    n = 2
+
+    def __init__(self, degree, knots=()):
+        self.degree, self.knots = degree, np.array(knots)
+
+    def __call__(self, s, order=0):
+        s = np.asarray(s, dtype=float)
+        further, power = np.maximum(s - 0.4, 0.0), self.degree - order
+        falling = np.prod(np.arange(self.degree, power, -1.0))
+        y = falling * further ** max(power, 0) * (s > 0.4) if power >= 0 else 0.0 * s
+        return np.stack([(s, np.ones_like(s), 0.0 * s)[min(order, 2)], 0.3 * y], axis=-1)
+
+
+@pytest.mark.parametrize("knots", [(), (0.4,)])
+@pytest.mark.parametrize(("degree", "size"), [(1, 0.3), (2, 0.6)])
+def test_a_path_with_a_corner_is_refused_where_it_is_at_a_knot_or_not(degree, size, knots):
+    words = rf"path\(s, {degree}\) jumps at s = 0.4 by {size:g}, .* round it"
+    with pytest.raises(InvalidInput, match=words):
+        check_path(Joined(degree, knots))
+
+
+def test_a_path_without_a_corner_is_none_however_sharp_its_bends():
+    check_path(Joined(3))
+
+    class Own(Joined):
+        bends = Polyline([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [2.0, 1.0]], blend=0.001)
+        knots = bends.knots
+
+        def __call__(self, s, order=0):
+            return self.bends(s, order)
+
+    check_path(Own(1, Own.knots))
 
 
 def test_the_points_of_a_path_are_its_own():
