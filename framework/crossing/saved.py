@@ -450,12 +450,12 @@ def _crossing_sizes(condition: dict[str, float] | None, plan: CrossingPlan) -> D
 
 def _compare(key: str, stated: Any, computed: Any, size: Any) -> None:
     """Raise InvalidInput unless values agree: mappings key by key, numbers within rounding of their size."""
-    if isinstance(size, dict) and stated and computed:
-        if isinstance(computed, dict) and not size.keys() <= stated.keys():
+    if all(isinstance(value, dict) for value in (size, stated, computed)):
+        if not size.keys() <= stated.keys():
             raise _mismatch(key, list(stated), list(computed))
         for name, its_size in size.items():
             _compare(f"{key}.{name}", stated[name], computed[name], its_size)
-    elif size is None or stated is None or computed is None:
+    elif size is None or isinstance(size, dict) or stated is None or computed is None:
         if stated != computed:
             raise _mismatch(key, stated, computed)
     else:
