@@ -42,7 +42,7 @@ def motor_limits(robot: ParallelRobot, name: str, stated: Limit) -> Array:
     except (TypeError, ValueError):
         numbers = np.empty(0)
     has_bool = any(isinstance(value, bool) for value in values)
-    if has_bool or len(numbers) not in (1, robot.n_a) or not np.all(numbers > 0):
+    if has_bool or numbers.shape not in ((1,), (robot.n_a,)) or not np.all(numbers > 0):
         raise InvalidInput(
             f"{name}: needs one positive number, or one for each motor ({', '.join(robot.actuator_names)}), "
             f"None where there is no limit, or some by joint, got {short(stated)}"

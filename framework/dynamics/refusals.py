@@ -12,6 +12,7 @@ from framework.dynamics.near_misses import describe_near_miss
 from framework.dynamics.result import InverseDynamics
 from framework.errors import NotConverged, round_up
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.motion.path import PointPath
 from framework.singularity.points_on_path import SearchedPath
 from framework.singularity.rank_deficiency import NearMiss
 from framework.tolerances import RESOLVABLE_TAIL
@@ -60,6 +61,8 @@ def unresolved_error(
         gap = certificate.max_closure_error
         problem = f"the motion is not resolved (loops open by {gap:.2g} m or rad between nodes)"
     advice = "is the law smooth, is the path far from other singularities?"
+    if not isinstance(searched.branch.path, PointPath):
+        advice = f"is every s at which the pieces of the path join among its `knots`, {advice}"
     if near_miss is not None:
         advice = describe_near_miss(searched, near_miss)
     elif len(searched.points) > 1:

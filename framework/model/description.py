@@ -12,6 +12,7 @@ from framework.errors import RobotFileError, choose_from
 
 # Each has the springs of its predecessors; a spring exists from some level on, see `Spring.exists_in`.
 FLEXIBILITIES = ("rigid", "flexible_joints", "flexible_links")
+GOALS = ("time", "peak_torque", "energy")  # of an optimal law
 SMALLEST_LENGTH = 1e-30  # [m] powers of others vanish
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 
@@ -210,7 +211,8 @@ class KeptLevel:
 class Scene:
     """A path, a duration [s] and requirements at the crossings.
 
-    `kind` is line, arc or spline, through `points`. `times` [s] and `speeds` [1/s] are None when left
+    `kind` is line, arc, spline or polyline (with the `blend` of its corners), through `points`. The duration
+    is None where `optimize` is time. `times` [s] and `speeds` [1/s] are None when left
     open; empty `times` mean a law without crossing conditions. `at` imposes path coordinates
     instead of locating the singular points. `wrenches` of the world are by frame, see `FrameWrench`.
     `fidelity` is the result of a study of the scene.
@@ -219,12 +221,14 @@ class Scene:
     name: str
     kind: str
     points: tuple[tuple[float, ...], ...]
-    duration: float
+    duration: float | None
     times: tuple[float, ...] | None = None
     speeds: tuple[float, ...] | None = None
     at: tuple[float, ...] | None = None
     wrenches: Mapping[str, Any] | None = None
     fidelity: KeptLevel | None = None
+    blend: float | None = None
+    optimize: str | None = None
 
 
 @dataclass(frozen=True)

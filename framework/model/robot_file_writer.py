@@ -124,7 +124,7 @@ def _closure(closure: Closure) -> dict[str, Any]:
 def _scene(scene: Scene) -> dict[str, Any]:
     entry: dict[str, Any] = {
         scene.kind: [list(point) for point in scene.points],
-        "duration": scene.duration,
+        **{key: getattr(scene, key) for key in ("blend", "duration", "optimize") if getattr(scene, key)},
     }
     for key in ("times", "speeds", "at"):
         if getattr(scene, key) is not None:
