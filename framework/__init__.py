@@ -6,7 +6,7 @@ A robot, a path, and where the joints are:
 
 * `load_robot`: a `ParallelRobot`, by its name in the catalogue or by its file; `check_robot`: what a file
   describes, also a `Mechanism` whose loops do not close;
-* `Line`, `Arc`, `Spline`: paths of the platform;
+* `Line`, `Arc`, `Spline`, `Polyline`: paths of the platform;
 * `assemble`, `forward_kinematics`, `track_path`: the joints of a pose, and along a path;
 * `velocity_matrices`: A, B and C of A v = B dq_a + C dq_e.
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from runpy import run_path
 from typing import Never
 
-from framework.errors import InvalidInput, choose_from, short
+from framework.errors import InvalidInput, RobotFileError, choose_from, did_you_mean, short
 from framework.kinematics.parallel_robot import ParallelRobot
 
 # By their place and not by name, which a robots.py of the user's own would hide.
@@ -70,7 +70,7 @@ def robot_file(name_or_path: str | os.PathLike[str], *, others: str = "") -> Pat
         others: what else would do, for the complaint.
 
     Raises:
-        InvalidInput: neither a known name nor a robot file.
+        InvalidInput: neither a known name nor a robot file; names a file in the folder that is alike.
     """
     if isinstance(name_or_path, str):
         entry = own_robots().get(name_or_path) or catalogue().get(name_or_path)
@@ -78,6 +78,10 @@ def robot_file(name_or_path: str | os.PathLike[str], *, others: str = "") -> Pat
             return entry.file
     if isinstance(name_or_path, str | os.PathLike):
         path = Path(name_or_path)
+        if not os.path.exists(path) and os.path.isdir(path.parent):
+            hint = did_you_mean(path.name, os.listdir(path.parent)) if path.suffix else ""
+            if hint:
+                raise RobotFileError(f"{path}: there is no such file{hint}")
         if path.suffix in (".yaml", ".yml", ".urdf", ".xml", ".mjcf", ".sdf") or os.path.exists(path):
             return path
     unknown = choose_from("robot", name_or_path, catalogue())
@@ -85,13 +89,17 @@ def robot_file(name_or_path: str | os.PathLike[str], *, others: str = "") -> Pat
 
 
 def load_robot(
-    name_or_path: str | os.PathLike[str], *misplaced: Never, flexibility: str = "rigid"
+    name_or_path: str | os.PathLike[str],
+    *misplaced: Never,
+    flexibility: str = "rigid",
+    parameters: Mapping[str, float] | None = None,
 ) -> ParallelRobot:
     """Load a robot by its name in the catalogue, or by the path of its robot file.
 
     Args:
         name_or_path: a name that `crossing robots` lists, such as "five_bar"; or a path, "my_robot.yaml".
         flexibility: which of the springs in the file exist: "rigid", "flexible_joints" or "flexible_links".
+        parameters: values in place of those that the file declares under `parameters`, by name.
 
     Returns:
         The robot, assembled at the reference of its file.
@@ -109,4 +117,4 @@ def load_robot(
     if misplaced:
         given = short(misplaced[0])
         raise InvalidInput(f"flexibility: has to be given by name, flexibility={given}, got {given} alone")
-    return ParallelRobot.from_file(robot_file(name_or_path), flexibility=flexibility)
+    return ParallelRobot.from_file(robot_file(name_or_path), flexibility=flexibility, parameters=parameters)

@@ -47,7 +47,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.velocity_matrices import velocity_matrices
 from framework.locus.traced_locus import trace_locus
 from framework.motion.law import Condition, Law
-from framework.motion.path import Arc, Line, Spline
+from framework.motion.path import Arc, Line, Polyline, Spline
 from framework.proofs.singular_paving import SingularPaving, pave_singularities
 from framework.simulation import Simulation, simulate
 from framework.singularity.points_on_path import SingularPoint, locate_singularities
@@ -76,6 +76,7 @@ __all__ = [
     "OutOfReach",
     "OutputError",
     "ParallelRobot",
+    "Polyline",
     "RobotFileError",
     "Simulation",
     "SingularPath",

@@ -289,6 +289,13 @@ The paper's case C needs 1.3e-4. At 1e-2 laws that visibly run back are taken, w
 1e-4 case C is refused, of five_bar_heavy too.
 """
 
+PATH_JUMP = 1e-6
+"""Jump of x' or x'' of a user's path, over the largest value, that is no rounding.
+
+It makes the torque jump by about this share, while the tail of its series has to fall below 1e-10. A formula
+of differences rounds to 1e-8; one of ten digits in a table, to 1e-10.
+"""
+
 DEGENERATE_PATH = 1e-8
 """Sine between the chords of an arc's points, or distance of a spline's points over its longest chord.
 

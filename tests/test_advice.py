@@ -40,6 +40,8 @@ MEANT = [  # a wrong command line, what was meant
     ("robustness five_bar --scene C --controller lqrr", "did you mean 'lqr'?"),
     ("simulate five_bar --scene C --method explicite", "did you mean 'explicit'?"),
     ("plan five_bar --scene C --wrench-on left_tp 0 0 0 0 0 0", "did you mean 'left_tip'?"),
+    ("simulate five_bar --scene C --controller lqr", "an option of crossing robustness"),
+    ("check my_robt.yaml", "did you mean 'my_robot.yaml'?"),
     ("calibrate five_bar none.csv --noise motor_angel=1", "did you mean 'motor_angle'?"),
 ]
 TRIED = [  # a wrong command line, its exit code, what to try
@@ -82,6 +84,7 @@ def run(capsys, line: str, *more: str) -> tuple[int, str, str]:
 @pytest.mark.parametrize(("line", "hint"), MEANT, ids=[line for line, _ in MEANT])
 def test_a_word_that_is_nearly_right_is_told(capsys, tmp_path, monkeypatch, line, hint):
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "my_robot.yaml").touch()
     (tmp_path / "none.csv").write_text("motor_angle_left_motor\n0\n")
     code, out, err = run(capsys, line)
     assert (code, out) == (2, "")
@@ -268,3 +271,13 @@ def test_numbers_with_commas_or_units_are_mended_in_the_line_that_was_typed(caps
     tried = err.strip().partition("; try: crossing ")[2]
     assert tried == (meant or "")
     assert not meant or run(capsys, tried)[0] == 0
+
+
+@pytest.mark.parametrize("kind", ["fixed", "universal"])
+def test_no_reference_is_advised_at_which_no_command_works(kind, write_robot, capsys):
+    file = write_robot(("closures.0.kind", kind))
+    assert main(["check", str(file)]) == 1
+    told = capsys.readouterr()
+    assert "try:" not in told.err
+    assert "A is not square" in told.err
+    assert "look at tip first" in told.out

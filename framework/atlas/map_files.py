@@ -80,6 +80,7 @@ def map_document(workspace: WorkspaceMap) -> dict[str, Any]:
     document["working_mode"] = workspace.working_mode
     document["characteristic_length"] = workspace.robot.length
     document["poses"] = workspace.counts
+    document["open_edges"] = list(workspace.open_edges)
     if workspace.load is not None:
         document["load"] = workspace.load_counts
     document["locus"] = {

@@ -18,9 +18,10 @@ from framework.kinematics.tree_model import shares_beyond_limits
 EDGE_POSES = 200  # poses along an edge
 MAX_NEIGHBOUR_DISTANCE = 0.15  # [robot lengths, rad] between neighbours that are reached one from the other
 FIRST_POSE_TRIES = 9  # coarse poses near the reference that are tried as the first one
-SURVEY_EDGE_POSES = 33  # poses along an edge of what is looked at for the reach of a robot
-SURVEY_REACH, SURVEY_TURN = 1.6, 1.6  # [robot lengths], [rad] half an edge of it
-SURVEY_MARGIN = 1.0  # [cells] of that, beyond the outermost poses reached: the next pose is not
+SURVEY_EDGE_POSES = 33  # poses along an edge of a look for the reach of a robot
+SURVEY_REACH, SURVEY_TURN = 1.6, 1.6  # [robot lengths], [rad] half an edge of the first
+SURVEY_MARGIN = 2.0  # [cells] of a look, beyond the outermost poses reached: between poses more may be
+MAX_FINE_LOOKS = 4  # looks at a window that is widened where reached poses lie on its edge
 
 
 def survey_window(
@@ -33,7 +34,8 @@ def survey_window(
 ) -> Window:
     """Find the window about all that the reference's working mode reaches, within bounds.
 
-    Those are `SURVEY_REACH` robot lengths and `SURVEY_TURN` about the point `at`.
+    Looks at coarse poses, then at those of the window found, which is widened where that reaches its edge.
+    The bounds are `SURVEY_REACH` robot lengths and `SURVEY_TURN` about the point `at`.
 
     Args:
         axes: two of the platform's axes, by default its first translations.
@@ -48,15 +50,30 @@ def survey_window(
     over, held = map_axes(robot, axes), held_coordinates(robot, at)
     half = np.where(robot.translations, SURVEY_REACH * robot.length, SURVEY_TURN)[list(over)]
     about = held[list(over)]
-    survey = Window(over, about - half, about + half, (SURVEY_EDGE_POSES, SURVEY_EDGE_POSES), held)
-    q, reason = seed_poses(robot, survey, 1)
+    bounds = Window(over, about - half, about + half, (SURVEY_EDGE_POSES, SURVEY_EDGE_POSES), held)
+    window = _reached_window(robot, bounds, bounds, keep_limits)
+    for _ in range(MAX_FINE_LOOKS):
+        look, window = window, _reached_window(robot, window, bounds, keep_limits)
+        has_margin = (window.lower > look.lower) & (window.upper < look.upper)
+        if np.all(has_margin | (look.lower <= bounds.lower) | (look.upper >= bounds.upper)):
+            break
+    return replace(window, shape=(size, size))
+
+
+def _reached_window(robot: ParallelRobot, look: Window, bounds: Window, keep_limits: bool) -> Window:
+    """Return the window, within bounds, about the poses of a look that are reached."""
+    q, reason = seed_poses(robot, look, 1)
     is_reached = reason == PoseReason.REACHED
     within = is_reached & (shares_beyond_limits(robot.limits, q) <= 0.0).all(axis=-1)
     reached = np.argwhere(within if keep_limits and within.any() else is_reached)
-    low, high = reached.min(axis=0) - SURVEY_MARGIN, reached.max(axis=0) + SURVEY_MARGIN
-    lower, upper = survey.lower + low * survey.cell, survey.lower + high * survey.cell
-    lower, upper = np.maximum(lower, survey.lower), np.minimum(upper, survey.upper)
-    return Window(over, lower, upper, (size, size), held)
+    first, last = look.lower + reached.min(axis=0) * look.cell, look.lower + reached.max(axis=0) * look.cell
+    return _add_margin(replace(look, lower=first, upper=last), bounds, SURVEY_MARGIN * look.cell)
+
+
+def _add_margin(window: Window, bounds: Window, margin: Array) -> Window:
+    """Widen a window by a margin (2,), within bounds."""
+    lower = np.maximum(window.lower - margin, bounds.lower)
+    return replace(window, lower=lower, upper=np.minimum(window.upper + margin, bounds.upper))
 
 
 def seed_poses(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array, NDArray[np.uint8]]:

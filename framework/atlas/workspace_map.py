@@ -18,13 +18,14 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
 
-from framework.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays
+from framework.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays
 from framework.atlas.quantities import Quantity, choose_quantities, quantity_values
 from framework.atlas.survey import MAX_NEIGHBOUR_DISTANCE, longest_cell_edge, seed_poses, survey_window
 from framework.atlas.sweep import REASON_WORDS, PoseReason, fill_grid, step_poses
 from framework.atlas.window import Window
-from framework.kinematics.inverse_kinematics import require_square
+from framework.kinematics.inverse_kinematics import close_each, require_square
 from framework.kinematics.linearised_loops import linearised_at, linearised_at_reference
 from framework.kinematics.modes import mode_signs
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
@@ -33,6 +34,7 @@ from framework.parallel.kept import ArrayField, KeptChunks, complete_chunks
 from framework.statics.loading import LOAD_WORDS, LoadReason
 
 BAND_ROWS = 8  # of a band; poses between coarse ones at most
+_ENDS = {"least": 0, "largest": -1}  # rows of poses on the edges of a window
 Chunk = Mapping[str, NDArray]
 
 
@@ -84,6 +86,13 @@ class WorkspaceMap(ReadOnlyArrays):
     def counts(self) -> dict[str, int]:
         """The number of poses reached, and of others by the reason in words."""
         return {word: int(np.sum(self.reason == code)) for code, word in enumerate(self.reason_words)}
+
+    @property
+    def open_edges(self) -> tuple[str, ...]:
+        """Edges of the window on which poses are reached, such as `least x`: more may be reached beyond."""
+        names = (self.robot.axis_names[k] for k in self.window.axes)
+        grids = zip(names, (self.reached, self.reached.T), strict=True)
+        return tuple(f"{end} {name}" for name, grid in grids for end, row in _ENDS.items() if grid[row].any())
 
     @property
     def keeps_limits(self) -> bool:
@@ -156,7 +165,9 @@ def workspace_map(
         keeper=keeper,
         progress=lambda names: progress(width * sum(bands[name].stop - bands[name].first for name in names)),
     )
-    _join_bands(robot, window.points(), choice, grids)
+    x = window.points()
+    _join_bands(robot, x, choice, grids)
+    _mark_out_of_reach(robot, x, grids["q"], grids["reason"], _stride(robot, window))
     return WorkspaceMap(
         robot=robot,
         window=window,
@@ -253,3 +264,31 @@ def _join_bands(
     chunk = _evaluate(robot, quantities, grids["q"][i, j][None], reason[i, j][None])
     for key, values in chunk.items():
         grids[key][i, j] = values[0]
+
+
+def _mark_out_of_reach(
+    robot: ParallelRobot, x: Array, q: Array, reason: NDArray[np.uint8], stride: int
+) -> None:
+    """Set the reason, in place, of poses without a reached neighbour at which the loops do not close.
+
+    Newton's method looks for a pose of any working mode at every `stride`-th of them, from the nearest pose
+    reached; those that it finds are continued to their neighbours.
+    """
+    unjoined = reason == PoseReason.NO_NEIGHBOUR
+    coarse = np.zeros_like(unjoined)
+    coarse[::stride, ::stride] = unjoined[::stride, ::stride]
+    if not coarse.any():
+        reason[unjoined] = PoseReason.OPEN
+        return
+    nearest: IntArray = distance_transform_edt(
+        reason != PoseReason.REACHED, return_distances=False, return_indices=True
+    )
+    i, j = nearest[:, coarse]
+    closing = close_each(robot, x[coarse], q[i, j])
+    others = np.full_like(q, np.nan)
+    others[coarse] = np.where(closing.closed[:, None], closing.q, np.nan)
+    other_reason = np.where(unjoined, PoseReason.NO_NEIGHBOUR, PoseReason.OPEN).astype(np.uint8)
+    other_reason[np.isfinite(others[..., 0])] = PoseReason.REACHED
+    if closing.closed.any():
+        fill_grid(robot, x, others, other_reason, np.array([1]))
+    reason[unjoined & (other_reason != PoseReason.REACHED)] = PoseReason.OPEN

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from framework.catalogue import robot_file
+from framework.crossing.motion_table import DEFAULT_ROWS, MotionTable
 from framework.crossing.options import TYPED
 from framework.crossing.plan import plan_request
 from framework.crossing.request import Request
@@ -23,7 +24,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import FLEXIBILITIES, ParsedRobot
 from framework.model.readers.describe import Propose
 from framework.model.readers.recognise import parse_any
-from framework.motion.path import Line, Path
+from framework.motion.path import Line, Path, Polyline
 
 if TYPE_CHECKING:
     from framework.fidelity.chosen_level import ChosenLevel
@@ -109,16 +110,21 @@ def _missing_fields(options: Namespace) -> MotionOptions:
     fields["reference"] = named_numbers("--reference", values.get("reference") or [], form)
     for word in values.get("lock") or []:
         locked |= named_numbers("--lock", [word], form) if "=" in word else {word: None}
-    return fields | {"locked": locked}
+    parameters = named_numbers("--set", values.get("set") or [], "NAME=VALUE")
+    return fields | {"locked": locked, "parameters": parameters}
 
 
 def path(options: Namespace, robot: ParallelRobot) -> Path:
     """Return the path of --scene, or the line of --from and --to."""
-    ends = (options.start, options.end)
+    ends, via = (options.start, options.end), options.via or []
+    if (options.blend is None) == bool(via):
+        raise InvalidInput(
+            "--blend: goes with --via, whose corners it rounds: how far from a corner the blend begins [m]"
+        )
     if options.scene is not None:
-        if any(end is not None for end in ends):
+        if via or any(end is not None for end in ends):
             raise InvalidInput("--scene already has a path; give either --scene or --from and --to").advising(
-                {"from": None, "to": None}
+                {"from": None, "to": None, "via": None, "blend": None}
             )
         return scene_path(scene(robot, options.scene))
     if any(end is None for end in ends):
@@ -127,13 +133,13 @@ def path(options: Namespace, robot: ParallelRobot) -> Path:
         either = f"either --scene (of {robot.name}: {', '.join(names)}) or " if names else ""
         none = "" if names else f": {robot.name} has no scenes"
         raise InvalidInput(f"give {either}both --from and --to{none}").advising(first)
-    for name, end in zip(("--from", "--to"), ends, strict=True):
+    for name, end in [*zip(("--from", "--to"), ends, strict=True), *(("--via", corner) for corner in via)]:
         if len(end) != robot.n or not np.all(np.isfinite(end)):
             raise InvalidInput(
                 f"{name}: needs {robot.n} finite numbers ({', '.join(robot.axis_names)}), got "
                 f"{' '.join(f'{value:g}' for value in end)}"
             )
-    return Line(*ends)
+    return Polyline([ends[0], *via, ends[1]], options.blend) if via else Line(*ends)
 
 
 def request(options: Namespace, robot: ParallelRobot) -> Request:
@@ -260,10 +266,25 @@ def saved_plan(options: Namespace) -> CrossingPlan | None:
     return load_plan(options.robot, robot_file=options.robot_file)
 
 
+def motion_rows(options: Namespace, plan: CrossingPlan) -> MotionTable:
+    """Return the rows of motion.csv by --samples or --rate, and --columns."""
+    period = None
+    if options.rate is not None:
+        if options.samples is not None:
+            raise InvalidInput("--samples, --rate: both say how many rows; leave one of them out").advising(
+                {"samples": None}
+            )
+        if not options.rate * plan.duration >= 1.0:
+            least = 1.0 / plan.duration
+            raise InvalidInput(f"--rate: needs at least {least:.4g} rows a second, got {options.rate:g}")
+        period = 1.0 / options.rate
+    return plan.samples(options.samples or DEFAULT_ROWS, period=period, columns=options.columns)
+
+
 def flag_of(key: str) -> str:
     """Return the option that has this key."""
     name = {"start": "from", "end": "to", "scenes": "scene"}.get(key, key)
     return f"--{name.removeprefix('spread_').replace('_', '-')}"
 
 
-_OF_A_PLAN = ("scene", "scenes", "start", "end", "flexibility", *TYPED, *WRENCH_FLAGS)
+_OF_A_PLAN = ("scene", "scenes", "start", "end", "via", "blend", "set", "flexibility", *TYPED, *WRENCH_FLAGS)

@@ -42,12 +42,13 @@ def run(options: Namespace) -> Report:
     mechanism = arguments.load_mechanism(options)
     diagnosis = check_robot(mechanism)
     if not diagnosis.assembled:
+        instead = "" if diagnosis.square else ", where A is not square: the notes say at what to look first"
         options.refusal = NotAssembled(
             f"{diagnosis.robot}: the loops do not close near {reference_in_words(mechanism)}; they do at the "
-            f"pose that is printed as reference",
+            f"pose that is printed as reference{instead}",
             q=np.array(list(diagnosis.reference.values())),
             residual=diagnosis.gap_at_reference,
-        ).advising({"reference": diagnosis.reference})
+        ).advising({"reference": diagnosis.reference} if diagnosis.square else None)
     elif not diagnosis.square:
         options.refusal = InvalidInput(
             f"{diagnosis.robot}: A is not square: {len(diagnosis.platform_axes)} platform axes and "

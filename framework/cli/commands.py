@@ -197,6 +197,9 @@ class OneLineParser(argparse.ArgumentParser):
         typed = unknown.partition("=")[0].lstrip("-").replace("_", "-")
         similar = nearest(typed, [name[2:] for name in options])
         meant = [f"--{name}" for name in similar if f"--{name}" != unknown]
+        if not meant and unknown.startswith("--"):
+            own = [name for name in COMMANDS if unknown.partition("=")[0] in parser_of([name]).option_actions]
+            return f"; it is an option of crossing {', crossing '.join(own[:3])}" if own else ""
         if not unknown.startswith("-"):
             meant = [f"--scene {unknown}"] if "--scene" in options and not unknown[:1].isdigit() else []
         return f"; did you mean {' or '.join(meant)}?" if meant else ""

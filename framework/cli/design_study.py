@@ -39,6 +39,7 @@ NOT_FOR_STUDIES = (
     "motors",
     "reference",
     "base",
+    "set",
 )
 
 
@@ -46,7 +47,7 @@ def report_design_study(options: Namespace) -> Report:
     """Map each design of a study; report and write the results."""
     for key in NOT_FOR_STUDIES:
         if getattr(options, key) is not None:
-            raise InvalidInput(f"--{key}: not for a study, whose robots have references of their own")
+            raise InvalidInput(f"--{key}: not for a study, whose robots have values of their own")
     file = robot_file(options.robot)
     designs = designs_of(file, options.table)
     robot = ParallelRobot.from_file(file, flexibility=options.flexibility)

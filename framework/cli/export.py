@@ -15,10 +15,13 @@ from framework.cli.parser import (
     add_flexibility,
     add_motion,
     add_robot_or_plan,
+    add_rows,
     command,
     integer_between,
 )
+from framework.crossing.motion_table import DEFAULT_ROWS
 from framework.crossing.options import MOTION
+from framework.crossing.result import CrossingPlan
 from framework.crossing.saved import is_plan_folder
 from framework.crossing.scenes import scene, scene_path
 from framework.errors import InvalidInput, NoAnswer
@@ -33,7 +36,12 @@ from framework.export.trajectory_file import (
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.output import write_file
 
-SUFFIXES = {"mjcf": (".xml", ".mjcf"), "ros2_control": (".yaml", ".yml", ".json"), "lesson": (".html",)}
+SUFFIXES = {
+    "mjcf": (".xml", ".mjcf"),
+    "ros2_control": (".yaml", ".yml", ".json"),
+    "csv": (".csv",),
+    "lesson": (".html",),
+}
 
 
 def add(commands: Any) -> None:
@@ -52,14 +60,15 @@ def add(commands: Any) -> None:
         "--out",
         metavar="FILE",
         required=True,
-        help="NAME.xml, for ros2_control NAME.yaml or NAME.json, for a lesson NAME.html",
+        help="NAME.xml, for ros2_control NAME.yaml or NAME.json, NAME.csv, for a lesson NAME.html",
     )
     parser.add_argument(
         "--samples",
         type=integer_between(*SAMPLE_RANGE),
         metavar="N",
-        help="points of the trajectory (default: 501)",
+        help=f"points of the trajectory (default: 501), rows of csv (default: {DEFAULT_ROWS})",
     )
+    add_rows(parser)
     parser.add_argument(
         "--side", choices=tuple(SIDES), help="of the gears that the trajectory is on (default: joint)"
     )
@@ -70,7 +79,7 @@ def add(commands: Any) -> None:
     )
     group = parser.topic(MOTION)
     group.add_argument("--scene", metavar="S", help="a scene of the robot file, to be planned")
-    parser.set_defaults(start=None, end=None)
+    parser.set_defaults(start=None, end=None, via=None, blend=None)
     add_flexibility(parser)
     add_motion(parser)
 
@@ -87,6 +96,10 @@ def run(options: Namespace) -> Report:
         )
     if options.hinges and options.program != "mjcf":
         raise InvalidInput("--hinges: of a MuJoCo model only; leave it out").advising({"hinges": None})
+    if options.program != "csv" and not (options.rate is None and options.columns is None):
+        raise InvalidInput("--rate, --columns: of csv only; leave them out").advising(
+            dict.fromkeys(("rate", "columns"))
+        )
     lines: list[str] = []
     if options.program == "mjcf":
         if any(option is not None for option in (options.scene, options.samples, options.side)):
@@ -107,6 +120,8 @@ def run(options: Namespace) -> Report:
             raise InvalidInput("give --scene, or the folder that `crossing plan --out` wrote, to be exported")
         plan = arguments.load_or_plan(options)
         robot, side = plan.robot, options.side or "joint"
+        if options.program == "csv":
+            return _write_rows(options, plan, file)
         message = joint_trajectory(plan, samples=options.samples or DEFAULT_SAMPLES, side=side)
         as_json = file.suffix == ".json"
         if as_json:
@@ -126,6 +141,20 @@ def run(options: Namespace) -> Report:
     return document, "\n".join([head, *lines])
 
 
+def _write_rows(options: Namespace, plan: CrossingPlan, file: FilePath) -> Report:
+    """Write rows of a motion, with their metadata beside them."""
+    if options.side is not None:
+        raise InvalidInput("--side: the columns of csv say theirs; leave it out").advising({"side": None})
+    motion = arguments.motion_rows(options, plan)
+    write_file(file, motion.as_csv(), option="--out")
+    write_file(file.with_name(f"{file.name}-metadata.json"), motion.metadata(file.name), option="--out")
+    counts = {"rows": len(motion.rows), "columns": motion.names}
+    document = {"robot": plan.robot.name, "flexibility": plan.robot.flexibility, "format": "csv", **counts}
+    size = f"{len(motion.rows)} rows of {len(motion.names)} columns over {plan.duration:g} s"
+    text = f"{plan.robot.name}, {plan.robot.flexibility}: {size}, written to {file}"
+    return {**document, "file": str(file)}, text
+
+
 def _lesson(options: Namespace) -> tuple[ParallelRobot, str]:
     """Return the robot and the page about one of its scenes."""
     if options.scene is None or options.samples is not None or options.side is not None:
@@ -139,6 +168,8 @@ def _lesson(options: Namespace) -> tuple[ParallelRobot, str]:
     if chosen.wrenches is not None:
         raise InvalidInput(f"--scene {chosen.name} has wrenches of the world, which a lesson does not have")
     try:
+        if chosen.duration is None:
+            raise InvalidInput(f"--scene {chosen.name} has no duration, which a lesson needs")
         page = lesson_page(robot, scene_path(chosen), duration=chosen.duration, name=f"Scene {chosen.name}")
     except NoAnswer as error:
         error.args = (f"--scene {chosen.name}: {error}",)

@@ -18,7 +18,7 @@ from framework.cli.parser import (
     add_wrenches,
     command,
 )
-from framework.crossing.durations import optimal_durations, polynomial_durations
+from framework.crossing.durations import optimal_durations
 from framework.crossing.feasibility import Feasibility, feasibility_at
 from framework.crossing.request import Request
 from framework.errors import point
@@ -60,23 +60,18 @@ def run(options: Namespace) -> Report:
         (singular, _shift(searched, singular), feasibility_at(searched.branch, singular))
         for singular in searched.points
     ]
-    polynomial = polynomial_durations(searched, request.smoothness)
     optimal = optimal_durations(searched, request)
     document = {
         "robot": robot.name,
         "flexibility": robot.flexibility,
         "singularities": [_singularity(*fact) for fact in facts],
-        "durations": {
-            "polynomial": polynomial and polynomial.to_list(),
-            "optimal": optimal and optimal.to_list(),
-        },
+        "durations": {"optimal": optimal and optimal.to_list()},
         "near_misses": [
             {"s": miss.s, "platform": path(miss.s), "g": miss.g} for miss in searched.near_misses
         ],
     }
     lines = [line for fact in facts for line in _lines(robot, *fact)]
     if facts:
-        lines += [f"  {polynomial.sentence}{polynomial.advice}"] if polynomial else []
         lines += [f"  {optimal.sentence}"] if optimal else []
     else:
         lines.append(f"{robot.name}: no singularity on the path")

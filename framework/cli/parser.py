@@ -46,6 +46,12 @@ def command(commands: Any, name: str, run: Callable[[Namespace], Report], detail
 def add_robot(parser: OneLineParser, text: str = "catalogue name, or path of a robot file") -> None:
     """Add ROBOT."""
     parser.add_argument("robot", metavar="ROBOT", help=text)
+    parser.topic(MODEL).add_argument(
+        "--set",
+        nargs="+",
+        metavar="NAME=VALUE",
+        help="values in place of the first ones of the robot file's parameters",
+    )
 
 
 def add_number(group: Any, flag: str, metavar: str, text: str, **settings: Any) -> None:
@@ -122,6 +128,15 @@ def add_path(parser: OneLineParser, *, several: bool = False) -> None:
         add_number(
             group, flag, "X", f"{name} point of the platform, on its axes [m, rad]", dest=end, nargs="+"
         )
+    add_number(
+        group,
+        "--via",
+        "X",
+        "a corner between them, of straight segments that --blend rounds; may be repeated [m, rad]",
+        nargs="+",
+        action="append",
+    )
+    add_number(group, "--blend", "r", "how far from a corner its smooth blend begins and ends [m]")
 
 
 def add_options(parser: OneLineParser, *names: str) -> None:
@@ -161,6 +176,17 @@ def add_wrenches(parser: OneLineParser) -> None:
         action="append",
         metavar=("FRAME", "FX", "FY", "FZ", "MX", "MY", "MZ"),
         help="the same on the body of a link or joint, at its origin, base axes [N, N m]; may be repeated",
+    )
+
+
+def add_rows(parser: OneLineParser) -> None:
+    """Add --rate and --columns of motion.csv, for `motion_rows`."""
+    add_number(parser, "--rate", "F", "rows a second instead, the last at the end, such as 1000 [1/s]")
+    parser.add_argument(
+        "--columns",
+        nargs="+",
+        metavar="NAME",
+        help="of the rows, or what the names of several begin with, such as time motor torque (default: all)",
     )
 
 

@@ -20,9 +20,11 @@ from framework.cli.parser import (
     add_out,
     add_path,
     add_robot,
+    add_rows,
     command,
     integer_between,
 )
+from framework.crossing.motion_table import DEFAULT_ROWS, MotionTable
 from framework.crossing.neglected_effects import NeglectedEffect
 from framework.crossing.optimal.peak_bound import bound_plan
 from framework.crossing.options import MOTION
@@ -89,10 +91,10 @@ def add(commands: Any) -> None:
     parser.add_argument(
         "--samples",
         type=integer_between(2, MAX_SAMPLES),
-        default=1501,
         metavar="N",
-        help="rows of motion.csv (default: 1501)",
+        help=f"rows of motion.csv (default: {DEFAULT_ROWS})",
     )
+    add_rows(parser)
     parser.add_argument(
         "--raw",
         action="store_true",
@@ -124,7 +126,7 @@ def run(options: Namespace) -> Report:
         plan, entries, lines = _make_plan(robot, request, level, options.bend)
         options.progress.start("drawing the figures")
         document = plan_document(plan, out) | entries
-        _write_plan(plan, document, options.samples, folder)
+        _write_plan(plan, document, arguments.motion_rows(options, plan), folder)
     removed = [name for name in present if not os.path.exists(out / name)]
     replaced += f"; {', '.join(removed)} of that is removed" * bool(removed)
     options.written = f"{out}{replaced}"
@@ -140,12 +142,11 @@ def _describe_replaced(folder: FilePath) -> str:
     return ""
 
 
-def _write_plan(plan: CrossingPlan, document: Document, samples: int, folder: FilePath) -> None:
+def _write_plan(plan: CrossingPlan, document: Document, motion: MotionTable, folder: FilePath) -> None:
     """Write plan.json, motion.csv with its metadata, and figures."""
     from framework.show.plots import save_figures
 
     (folder / FILE).write_text(json_text(document))
-    motion = plan.samples(samples)
     (folder / MOTION_FILE).write_text(motion.as_csv(), encoding="utf-8")
     (folder / f"{MOTION_FILE}-metadata.json").write_text(motion.metadata(MOTION_FILE), encoding="utf-8")
     save_figures(plan, folder)
@@ -319,6 +320,9 @@ def report_raw(
     Raises:
         InvalidInput: the optimal law is asked for, which is nothing without its proof.
     """
+    if options.rate is not None or options.columns is not None:
+        raise InvalidInput("--rate, --columns: of a plan's rows; leave --raw out")
+    samples = options.samples or DEFAULT_ROWS
     if request.kind == "optimal":
         raise InvalidInput(
             "--raw samples the polynomial law only, which needs no proof to be chosen"
@@ -333,7 +337,7 @@ def report_raw(
         robot,
         request.path,
         law,
-        samples=options.samples,
+        samples=samples,
         geometry=request.geometry,
         branch=searched.branch,
     )
@@ -342,7 +346,7 @@ def report_raw(
         "robot": robot.name,
         "raw": True,
         "proved": False,
-        "samples": options.samples,
+        "samples": samples,
         # a sample at the singular instant itself can be infinite, for which JSON has no number
         "largest_sample": largest,
         "crossings": [{key: getattr(each, key) for key in ("s", "time", "wrench")} for each in crossings],
@@ -350,7 +354,7 @@ def report_raw(
     if folder is not None:
         _write_raw(raw, robot, [crossing.time for crossing in crossings], document, folder)
     lines = [
-        f"{robot.name}: raw sampling, proves nothing: {options.samples} samples, largest "
+        f"{robot.name}: raw sampling, proves nothing: {samples} samples, largest "
         + arguments.peaks(robot, largest)
     ]
     lines += [SINGULAR.format(crossing) for crossing in crossings]

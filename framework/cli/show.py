@@ -87,7 +87,7 @@ def _films(options: Namespace) -> list[Film]:
     saved = arguments.saved_plan(options)
     if saved is not None:
         return [film_plan(saved, name=plan_name(saved, FilePath(options.robot).resolve().name))]
-    line = options.start is not None or options.end is not None
+    line = any(value is not None for value in (options.start, options.end, options.via))
     if options.scenes is None and not line:
         flags = {name: option.flag for name, option in TYPED.items()} | arguments.WRENCH_FLAGS
         for name, flag in flags.items():

@@ -112,7 +112,7 @@ def _add_window(group: argparse._ArgumentGroup) -> None:
         group,
         "--window",
         "X",
-        "least and largest value of the first axis, then of the second [m, rad] (default: what is reached)",
+        "least and largest value of the first axis, then of the second [m, rad] (default: all it reaches)",
         nargs=4,
     )
     group.add_argument(
@@ -208,8 +208,8 @@ def _write(workspace: WorkspaceMap, path: Path | None, folder: FilePath) -> None
 
 
 def _report(workspace: WorkspaceMap, margin: NearestSingularPose | None) -> Report:
-    document = {**map_document(workspace), "seconds": workspace.seconds}
     robot, window = workspace.robot, workspace.window
+    document = {**map_document(workspace), "seconds": workspace.seconds}
     spans = ", ".join(
         f"{robot.axis_names[k]} = {low:.4g} .. {high:.4g}"
         for k, low, high in zip(window.axes, window.lower, window.upper, strict=True)
@@ -218,6 +218,9 @@ def _report(workspace: WorkspaceMap, margin: NearestSingularPose | None) -> Repo
     lines.append("  poses\tcount")
     lines += [f"  {why}\t{count}" for why, count in workspace.counts.items() if count]
     lines += [f"  under load: {why}\t{count}" for why, count in workspace.load_counts.items() if count]
+    if workspace.open_edges:
+        edges = ", ".join(workspace.open_edges)
+        lines.append(f"  the window cuts off what is reached, at its {edges}")
     lines.append(f"  locus: {workspace.locus.sentence}, {workspace.locus.seconds:.2f} s")
     lines.append("\t".join(["  quantity", *STATISTICS]))
     for quantity in workspace.quantities:

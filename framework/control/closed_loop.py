@@ -1,4 +1,4 @@
-"""A controller on robots that are not quite as it believes: sampling, delay, noise, saturation, friction."""
+"""A controller on robots that differ from its model: sampling, delay, noise, saturation, friction."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from framework.arrays import Array, IntArray
 from framework.control.estimation import Controller, Measurement, RobotState
 from framework.control.reference import Reference
 from framework.control.run_monitor import PERIODS_PER_CHECK, ControlLoop, Run, RunMonitor
-from framework.control.variation import Spread, Variation, noise_of, vary
+from framework.control.variation import Spread, Variation, draw_noise, vary
 from framework.errors import InvalidInput, NotAssembled
 from framework.kinematics.frames import integrate
 from framework.linalg.ordered_sums import matvec
@@ -21,35 +21,35 @@ from framework.simulation.schemes import State
 from framework.simulation.world_forces import WorldForces
 
 MAX_JOINT_STEP = 3.0  # [rad, robot lengths] that a joint may move in one sampling period: more is a runaway
-FRICTION_SMOOTHING = 0.02  # of the largest planned motor speed: below, Coulomb friction is smoothed
-MIN_SPEED = 1e-12  # [rad/s] for motors that stand still all the time: 0 / 0 otherwise
+FRICTION_SMOOTHING = 0.02  # speed over the largest planned motor speed, below which friction is smoothed
+MIN_SPEED = 1e-12  # [rad/s] instead of 0 for motors that stand still all the time: no 0 / 0
 
 
 class DelayLine(NamedTuple):
-    """Torques that arrive a whole number of sampling periods late, each run by its own."""
+    """A buffer that delays the torques of each run by its own number of sampling periods."""
 
-    delays: IntArray  # (R,)
-    past: deque[Array]
+    delays: IntArray  # (R,) [sampling periods]
+    past: deque[Array]  # torques (R, n_a) of the last periods
 
     @staticmethod
     def of(controller: Controller, variations: Sequence[Variation]) -> DelayLine:
-        """Return the delays of R varied robots."""
+        """Return an empty buffer with the delays of R varied robots."""
         ref = controller.reference
         periods = np.rint([variation.delay / ref.period for variation in variations])
-        delays = np.minimum(periods, len(ref.times)).astype(np.intp)  # longer: never in this motion
+        delays = np.minimum(periods, len(ref.times)).astype(np.intp)  # at most the whole motion
         return DelayLine(delays, deque(maxlen=int(delays.max(initial=0)) + 1))
 
     def delay(self, torque: Array) -> Array:
-        """Return the torques (R, n_a) that act now, the first ones at the beginning."""
+        """Store commanded torques (R, n_a); return those that act now, at first the first ones."""
         self.past.append(torque)
         if len(self.past) == 1:
             return torque
-        late = np.minimum(self.delays, len(self.past) - 1)
-        return np.array([self.past[-1 - d][r] for r, d in enumerate(late)])
+        delays = np.minimum(self.delays, len(self.past) - 1)
+        return np.array([self.past[-1 - delay][run] for run, delay in enumerate(delays)])
 
 
 def torque_limit(reference: Reference, loop: ControlLoop) -> Array:
-    """Return the largest motor torques (n_a,) [N m].
+    """Return the largest motor torques (n_a,) [N m]: of the loop, of the robot file, or 10 times the plan's.
 
     Raises:
         InvalidInput: a limit that is no torque.
@@ -72,48 +72,51 @@ def run_closed_loop(
     variations: Sequence[Variation],
     *,
     record: bool = False,
-    advanced: Callable[[float], None] = lambda share: None,
+    report_progress: Callable[[float], None] = lambda share: None,
 ) -> Run:
-    """Drive R varied robots along the plan from rest, all from the start of the plan.
+    """Drive R varied robots along the plan, from rest at its start.
 
-    `record` keeps all torques; `advanced` is called with the share of the motion that is done.
+    In every sampling period the encoders are read, the controller commands torques, these are limited and
+    delayed, and the robots move. `record` keeps all torques; `report_progress` is called with the share of
+    the motion that is done.
 
     Raises:
         InvalidInput: the loops of a varied robot do not close; a limit that is no torque.
     """
     ref, limit = controller.reference, torque_limit(controller.reference, loop)
     robots, last = _Robots.of(controller, spread, variations), len(ref.times) - 1
-    line = DelayLine.of(controller, variations)
+    delay_line = DelayLine.of(controller, variations)
     monitor = RunMonitor.of(len(variations), ref.robot)
     q, v = robots.start
     for k in range(last + 1):
         if k % PERIODS_PER_CHECK == 0 or k == last:
-            advanced(k / last)
+            report_progress(k / last)
             monitor.check(ref.times[k], robots.platform(k, q, v), ref.x[k])
         with np.errstate(all="ignore"):
             command = controller.torque(k, robots.measure(k, q, v, loop.sensors))
-        torque = line.delay(np.clip(np.nan_to_num(command, nan=0.0), -limit, limit))
-        monitor.act(torque, record=record)
+        torque = delay_line.delay(np.clip(np.nan_to_num(command, nan=0.0), -limit, limit))
+        monitor.note_torque(torque, record=record)
         if k == last or not monitor.alive.any():
             break
         q, v = robots.step(k, q, v, torque)
-        # one run without numbers would leave none in stacked solves: runs that are over stand at their start
-        slow = np.abs(v) * ref.period < MAX_JOINT_STEP * ref.robot.column_scale
-        monitor.end(ref.times[k + 1], np.asarray(~(np.isfinite(q).all(axis=1) & slow.all(axis=1))))
+        is_slow = np.abs(v) * ref.period < MAX_JOINT_STEP * ref.robot.column_scale
+        is_lost = ~(np.isfinite(q).all(axis=1) & is_slow.all(axis=1))
+        monitor.end(ref.times[k + 1], np.asarray(is_lost))
+        # NaN of one run would spoil the stacked solutions of all: put ended runs back to their start
         running = monitor.alive[:, None]
         q, v = np.where(running, q, robots.start.q), np.where(running, v, robots.start.v)
-    return monitor.verdict(loop, variations)
+    return monitor.judge(loop, variations)
 
 
 class _Robots(NamedTuple):
-    """R varied robots with their encoders, the friction of their motors and the world."""
+    """R varied robots with their encoders, friction of motors and wrenches of the world."""
 
     reference: Reference
     stepper: Stepper
     start: State  # q (R, nq), v (R, nv)
     world: WorldForces
     friction: Array  # (R, n_a) [N m] Coulomb friction of the motors
-    slow: Array  # (n_a,) [rad/s] motor speeds below which that is smoothed, small for this plan
+    smoothing_speed: Array  # (n_a,) [rad/s] of motors, below which friction is smoothed
     noise: Array | None  # (K, R, 2, nv) of the encoders
 
     @staticmethod
@@ -129,36 +132,44 @@ class _Robots(NamedTuple):
             raise InvalidInput(
                 f"places: with so large a spread a robot cannot be assembled: {error}"
             ) from None
-        noise = noise_of(ref.robot, spread, [each.seed for each in variations], len(ref.times))
+        noise = draw_noise(ref.robot, spread, [each.seed for each in variations], len(ref.times))
         friction = np.array([each.friction for each in variations]) * np.abs(ref.torque).max(axis=0)
-        slow = FRICTION_SMOOTHING * np.maximum(np.abs(ref.motor_speed).max(axis=0), MIN_SPEED)
-        return _Robots(ref, stepper, start, world, friction, slow, noise)
+        smoothing_speed = FRICTION_SMOOTHING * np.maximum(np.abs(ref.motor_speed).max(axis=0), MIN_SPEED)
+        return _Robots(ref, stepper, start, world, friction, smoothing_speed, noise)
 
     def platform(self, k: int, q: Array, v: Array) -> Array:
         """Compute platform coordinates (R, n) at instant k."""
         return self.reference.robot.platform.unwrap(self.stepper.platform(q, v)[0], self.reference.x[k])
 
     def measure(self, k: int, q: Array, v: Array, sensors: str) -> Measurement:
-        """Return the readings of the encoders at instant k, noise included."""
+        """Return the readings of the encoders at instant k, with their noise.
+
+        With encoders on all joints the platform follows by the planned dx/dq, the pseudo-inverse of N =
+        dq/dx.
+        """
         ref, robot = self.reference, self.reference.robot
-        offset = np.zeros_like(v) if self.noise is None else self.noise[k][:, 0]
+        noise = np.zeros_like(v) if self.noise is None else self.noise[k][:, 0]
         rates = v if self.noise is None else v + self.noise[k][:, 1]
         n, motors = robot.gear_ratio, robot.actuated
-        angle, speed = n * (robot.actuated_coordinates(q) + offset[:, motors]), n * rates[:, motors]
+        angle, speed = n * (robot.actuated_coordinates(q) + noise[:, motors]), n * rates[:, motors]
         if sensors == "motors":
-            return Measurement(angle, speed, None)
-        from_joints = np.linalg.pinv(ref.N[k])  # (n, nv)
-        x = self.platform(k, q, v) + matvec(from_joints, offset)
-        dx = ref.dx[k] + matvec(from_joints, rates - ref.motion.v[k])
-        return Measurement(angle, speed, RobotState(integrate(robot, q, offset), rates, x, dx))
+            return Measurement(motor_angle=angle, motor_speed=speed, state=None)
+        dx_dq = np.linalg.pinv(ref.N[k])  # (n, nv)
+        x = self.platform(k, q, v) + matvec(dx_dq, noise)
+        dx = ref.dx[k] + matvec(dx_dq, rates - ref.motion.v[k])
+        return Measurement(angle, speed, RobotState(integrate(robot, q, noise), rates, x, dx))
 
     def step(self, k: int, q: Array, v: Array, torque: Array) -> State:
-        """Return the states one period after instant k under motor torques (R, n_a)."""
+        """Return the states one period after instant k under motor torques (R, n_a).
+
+        Wrenches of the world are those in the middle of the period, where the present rates lead.
+        """
         ref, world = self.reference, None
         if self.world.acts:
             middle = np.repeat(min(ref.times[k] + 0.5 * ref.period, ref.times[-1]), len(q))
+            q_middle = integrate(ref.robot, q, 0.5 * ref.period * v)
             models = [robot.model for robot in self.stepper.stack.robots]
-            world = self.world(ref.robot, middle, integrate(ref.robot, q, 0.5 * ref.period * v), models)
+            world = self.world(ref.robot, middle, q_middle, models)
         speed = ref.robot.gear_ratio * v[:, ref.robot.actuated]
-        friction = self.friction * np.tanh(speed / self.slow)
+        friction = self.friction * np.tanh(speed / self.smoothing_speed)
         return self.stepper.step(q, v, torque - friction, ref.period, world=world)

@@ -1,12 +1,13 @@
-"""Computed torque: the inverse dynamics of what is measured, naive or aware of the singularity.
+"""Computed torque: the inverse dynamics of the measured state, naive or aware of the singularity.
 
-Both ask for the platform acceleration ddx_c = ddx + k_d (dx error) + k_p (x error) and compute torques from
-P' lambda = r_p, tau = r_a - J_a' lambda (see `framework.dynamics.forces`). At a Type 2 singularity P loses
-rank. The naive law divides by it: condition (8) holds for the plan, and not for the feedback added to it.
-The aware law takes the multipliers of the plan, finite through the crossing, and solves for their
-correction only in the directions that P still has; where P is regular both are the same. After Pagis,
-Bouton, Briot and Martinet, Enlarging parallel robot workspace through Type-2 singularity crossing,
-Control Engineering Practice 39, 2015, who switch to a model that stays consistent near the singularity.
+Both controllers ask for the platform acceleration ddx_c = ddx + k_d (dx error) + k_p (x error) and compute
+torques from P' lambda = r_p, tau = r_a - J_a' lambda (see `framework.dynamics.forces`). At a Type 2
+singularity P loses rank. The naive controller inverts P nevertheless: condition (8) holds for the plan, but
+not for the feedback added to it. The aware controller starts from the multipliers of the plan, which are
+finite at the crossing, and corrects them only in directions in which P is regular. Elsewhere both are equal.
+After Pagis, Bouton, Briot and Martinet, Enlarging parallel robot workspace through Type-2 singularity
+crossing, Control Engineering Practice 39, 2015, who switch to a model that stays consistent near the
+singularity.
 """
 
 from __future__ import annotations
@@ -30,7 +31,10 @@ from framework.linalg.ordered_sums import matvec, solve
 
 @dataclass(frozen=True, eq=False)
 class ComputedTorque:
-    """Computed torque in platform coordinates; `multipliers` (K, m) of the plan, None for the naive law."""
+    """Computed torque in platform coordinates.
+
+    `multipliers` (K, m) of the plan make the controller aware of the singularity; None: the naive one.
+    """
 
     reference: Reference
     frequency: float  # [rad/s] of the error dynamics
@@ -41,7 +45,7 @@ class ComputedTorque:
     def tune(
         reference: Reference, *, aware: bool, frequency: float = 20.0, damping: float = 1.0
     ) -> ComputedTorque:
-        """Return the law with error dynamics of one natural `frequency` [rad/s].
+        """Return the controller whose error dynamics have a natural `frequency` [rad/s] and damping ratio.
 
         Raises:
             InvalidInput: the robot has springs, or redundant motors.
@@ -56,7 +60,7 @@ class ComputedTorque:
         return ComputedTorque(reference, frequency, damping, multipliers)
 
     def torque(self, k: int, measurement: Measurement) -> Array:
-        """Compute motor torques (R, n_a) [N m]; infinite where the naive law divides by zero."""
+        """Compute motor torques (R, n_a) [N m]; infinite where the naive controller divides by zero."""
         ref, robot = self.reference, self.reference.robot
         state = estimated_state(ref, k, measurement, aware=self.multipliers is not None)
         command = (
@@ -90,38 +94,40 @@ class _Motion(NamedTuple):
 
 
 def _constrained_motion(reference: Reference, k: int, state: RobotState, ddx: Array) -> _Motion:
-    """Compute joint velocities and accelerations for platform rates of the states and ddx (R, n).
+    """Compute joint rates and accelerations for the platform's rates of the states and ddx (R, n).
 
-    Under the wrenches of the plan at instant k.
+    With F = [X; J] of platform and loops, F v = [twist; 0] and F a = [twist rate; 0] - drift. Wrenches are
+    those of the plan at instant k.
 
-    As `motion_at`, but run by run where that factors all instants as one band matrix: there the length of
-    the stack rounds differently. Infinite where the platform does not determine the joints.
+    `motion_at` factors all instants as one band matrix, so its rounding depends on the number of runs. Here
+    each run is solved on its own. Infinite where the platform does not determine the joints.
     """
     robot = reference.robot
     frames, columns = frames_at(robot, state.q), robot.moving
     rows = robot.loops
     loops = loop_equations(rows, frames).jacobian
-    whole = np.concatenate([robot.platform.jacobian(frames), loops], axis=1)[:, :, columns]
-    twist, dtwist = robot.platform.twist(state.x, state.dx, ddx)
+    F = np.concatenate([robot.platform.jacobian(frames), loops], axis=1)[:, :, columns]
+    twist, twist_rate = robot.platform.twist(state.x, state.dx, ddx)
     v, a = np.zeros((2, len(state.q), robot.model.nv))
-    v[:, columns] = solve(whole, np.concatenate([twist, np.zeros((len(twist), len(rows.names)))], axis=1))
+    v[:, columns] = solve(F, np.concatenate([twist, np.zeros((len(twist), len(rows.names)))], axis=1))
     motions = frame_motions(robot, frames, state.q, v)
-    platform_drift = robot.platform.drift(frames, motions)
-    drift = np.concatenate([dtwist - platform_drift, -closure_drift(rows, frames, motions)], axis=1)
-    a[:, columns] = solve(whole, drift)
+    platform_part = twist_rate - robot.platform.drift(frames, motions)
+    loop_part = -closure_drift(rows, frames, motions)
+    a[:, columns] = solve(F, np.concatenate([platform_part, loop_part], axis=1))
     s = np.asarray(reference.law(np.repeat(reference.times[k], len(state.q))))
     return _Motion(state.q, v, a, loops, reference.wrenches.evaluate(robot, frames, s))
 
 
 def _planned_multipliers(reference: Reference) -> Array:
-    """Compute the multipliers (K, m) of the scaled loop rows along the plan, finite at the crossing too.
+    """Compute the multipliers lambda (K, m) of the scaled loop rows along the plan.
 
-    There P alone cannot tell them; all rows of J' lambda = r - S tau can, once tau is known.
+    At the crossing the passive rows P' lambda = r_p do not determine lambda. All rows J' lambda = r - S' tau
+    do, with the torque tau of the plan.
     """
     robot, motion = reference.robot, reference.motion
     r = tree_forces(robot, motion)
     n = robot.gear_ratio
     r[:, robot.actuated] -= n * (reference.torque - robot.rotor_inertia * n * motion.a[:, robot.actuated])
     J = scaled_loops(robot, motion.linearised)
-    transposed = np.linalg.pinv(J.transpose(0, 2, 1))  # (K, m, nv)
-    return np.matvec(transposed, r * robot.column_scale)
+    inverse = np.linalg.pinv(J.transpose(0, 2, 1))  # (K, m, nv)
+    return np.matvec(inverse, r * robot.column_scale)

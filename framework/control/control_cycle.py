@@ -4,13 +4,13 @@
     cycle.update(q_a, dq_a)                     # joint side of the gears
     torque = cycle.torque(ddq_a)                # motor side
 
-With the motors given the loops are closed by Newton's method on the passive joints, P dq_p = -(residual),
-from where the tangent of the last cycle leads. With T = dq/dq_a and a_0 the accelerations at ddq_a = 0,
+A cycle predicts the pose along the tangent T = dq/dq_a of the last cycle and closes the loops by Newton's
+method on the passive joints, P dq_p = -(residual). With a_0 the accelerations at ddq_a = 0,
 
     torque = mass ddq_a + bias,     mass = T' (M + rotors) T / n,     bias = T' RNEA(q, v, a_0) / n + ...,
 
-in which the loop forces have no part. A step counts by the same measures as in `predictor_corrector`; where
-it does not, `forward_kinematics` follows the motors in short steps, or says at which singularity the way
+without loop forces. A step is accepted by the same measures as in `predictor_corrector`. Where it is not,
+`forward_kinematics` follows the motors in short steps, or reports the singularity where the assembly mode
 ends.
 """
 
@@ -41,19 +41,21 @@ from framework.linalg.ordered_sums import singular_values
 from framework.statics.stiffness import mass_matrices
 from framework.tolerances import BRANCHES_MEET, DETERMINANT_LOST
 
-MAX_ITERATIONS = 5  # of Newton's method in a cycle; a prediction that needs more is none
-LAST_STEP = 1e-10  # [rad, robot lengths] of the joints: rates are as exact, the pose as its square
+MAX_ITERATIONS = 5  # of Newton's method in a cycle; a prediction that needs more is not accepted
+LAST_STEP = (
+    1e-10  # [rad, robot lengths] of the joints: the error of the rates; that of the pose is its square
+)
 
 
 class ControlCycle:
-    """The state and the dynamics of a robot along its motors, brought up to date once a cycle.
+    """The state and the dynamics of a robot along its motors, updated once a cycle.
 
-    It starts at an assembled configuration, the reference by default, and goes on in its assembly mode or
-    raises; springs keep the deflections of it, as in `forward_kinematics`. All arrays are written over by the
-    next `update`; one object serves one thread.
+    It starts at an assembled configuration, the reference by default, and stays in its assembly mode or
+    raises. Springs keep the deflections of the start, as in `forward_kinematics`. The next `update`
+    overwrites all arrays; one object serves one thread.
 
     q, v: all joints (nq,) and their rates (nv,).
-    x, dx: the platform's coordinates (n,), turns counted on from the start, and their rates.
+    x, dx: the platform's coordinates (n,), continuous from the start over full turns, and their rates.
     T: joint rates for unit rates of the motors' joints (nv, n_a).
     residual: the largest of all loop equations at q, those dropped as redundant included [m or rad].
     """
@@ -77,9 +79,9 @@ class ControlCycle:
         self._independent = robot.structure.independent
         self._all_rows = len(self._independent) == len(robot.rows.names)
         self._scale = np.asfortranarray(robot.passive_scale)
-        self._size = robot.column_scale[robot.following]
+        self._passive_lengths = robot.column_scale[robot.following]
         self._row_sizes = robot.row_lengths[self._independent] * robot.structure.row_sizes
-        self._flat = robot.model.nq == robot.model.nv
+        self._steps_add = robot.model.nq == robot.model.nv  # no balls: q + step is the next configuration
         self._motors = robot.actuated_coordinates(start.q[None])[0].copy()
         self.q, self.x, self.dx = start.q.copy(), start.x.copy(), np.zeros(robot.n)
         self.v, self.T = np.zeros(robot.model.nv), np.zeros((robot.model.nv, robot.n_a))
@@ -88,33 +90,34 @@ class ControlCycle:
         self._linearise(self.q)
         if not abs(self._determinant) > 0.0:
             raise type2_pose(robot, start.x, "is unbounded there: start elsewhere")
-        self._bias: Array | None = None
-        self._sprung = bool(robot.joint_stiffness.any())
+        self._drift: Array | None = None  # a_0, computed when needed
+        self._has_joint_springs = bool(robot.joint_stiffness.any())
         self._set_state(self.q, np.zeros(robot.n_a))
 
     def update(self, q_a: ArrayLike, dq_a: ArrayLike) -> None:
-        """Take the pose to motor joints q_a (n_a,) with rates dq_a (n_a,), joint side of the gears.
+        """Move the pose to motor joints q_a (n_a,) with rates dq_a (n_a,), joint side of the gears.
 
         Raises:
             InvalidInput: not n_a finite numbers each.
-            Type2Singularity: the way of the motors from the last cycle leads to one, where this assembly mode
-                ends; it carries where. The cycle stays where it was.
-            NotAssembled: the way cannot be followed for another reason.
+            Type2Singularity: between the last cycle and q_a this assembly mode ends at a singularity, which
+                the error describes. The state remains that of the last cycle.
+            NotAssembled: the motors cannot be followed for another reason.
         """
         target = finite_numbers(f"q_a ({self._names})", q_a, self.robot.n_a)
         rates = finite_numbers(f"dq_a ({self._names})", dq_a, self.robot.n_a)
         q = self._close_loops(target)
         if q is None:
-            self._linearise(self.q)  # back to the last cycle, if the way ends
+            self._linearise(self.q)  # restore the last cycle, as `forward_kinematics` may raise
             q = forward_kinematics(self.robot, target, near=self.q).q.copy()
             self._linearise(q)
-        self._motors = target.copy() if self._flat else self.robot.actuated_coordinates(q[None])[0]
+        self._motors = target.copy() if self._steps_add else self.robot.actuated_coordinates(q[None])[0]
         self._set_state(q, rates)
 
     def torque(self, ddq_a: ArrayLike) -> Array:
         """Compute motor torques (n_a,) [N m, N], motor side, for accelerations ddq_a (n_a,), joint side.
 
-        Rotors, armature, damping and joint springs included; dry friction and wrenches of the world not.
+        They include rotors, armature, damping and joint springs, but no dry friction and no wrenches of the
+        world.
 
         Raises:
             InvalidInput: not n_a finite numbers.
@@ -127,8 +130,8 @@ class ControlCycle:
     @property
     def mass(self) -> Array:
         """Motor torques (n_a, n_a) for unit accelerations of the motors: torque = mass ddq_a + bias."""
-        whole = mass_matrices(self.robot, self.q[None])[0] + np.diag(self.robot.rotors)
-        return self.T.T @ whole @ self.T / self.robot.gear_ratio[:, None]
+        M = mass_matrices(self.robot, self.q[None])[0] + np.diag(self.robot.rotors)
+        return self.T.T @ M @ self.T / self.robot.gear_ratio[:, None]
 
     @property
     def bias(self) -> Array:
@@ -137,11 +140,11 @@ class ControlCycle:
 
     @property
     def type2(self) -> float:
-        """Distance from Type 2: 1 / |P^-1|, columns summed, in radians and lengths of the robot.
+        """Distance from Type 2: 1 / |P^-1| in the 1-norm, in radians and lengths of the robot; 0 at Type 2.
 
-        P are the passive columns of the loops. The distance is 0 at Type 2, and lies between the least
-        singular value of P divided by and times the square root of its size. The sign never changes, as the
-        cycle never leaves the assembly mode. Infinite without passive joints.
+        P (m, m) are the passive columns of the loops, with least singular value sigma: the distance lies in
+        [sigma / sqrt(m), sigma sqrt(m)]. It is never negative, as the cycle stays in its assembly mode.
+        Infinite without passive joints.
         """
         return self._type2
 
@@ -152,13 +155,16 @@ class ControlCycle:
         It is 0 at Type 1; the sign is that of the determinant, which changes at Type 1.
         """
         robot = self.robot
-        platform = robot.platform.jacobian(self._equations.frame_stack(self.q))[0]
-        matrix = platform @ self.T * robot.column_scale[robot.actuated] / robot.platform_scale[:, None]
-        least = singular_values(matrix)[-1]
-        return float(np.copysign(least, np.linalg.det(matrix)))
+        X = robot.platform.jacobian(self._equations.frame_stack(self.q))[0]
+        dx_dq_a = X @ self.T * robot.column_scale[robot.actuated] / robot.platform_scale[:, None]
+        least = singular_values(dx_dq_a)[-1]
+        return float(np.copysign(least, np.linalg.det(dx_dq_a)))
 
     def _linearise(self, q: Array) -> float:
-        """Compute T and Newton's step (n_p,) at q (nq,); return the size of the step."""
+        """Factor P at q (nq,) and set T, Newton's step and the distance to Type 2; return the step's size.
+
+        P [dq_p, T_p] = -[residual, J_a] gives the step dq_p (n_p,) and the passive rows of T in one solution.
+        """
         equations, columns = self._equations, self._following
         equations.place(q)
         jacobian, residual = equations.jacobian, equations.residual
@@ -170,7 +176,7 @@ class ControlCycle:
             self._determinant, self._type2, self._step = 1.0, np.inf, np.empty(0)
             return 0.0
         P = np.multiply(jacobian.take(columns, axis=1), self._scale, order="F")
-        size = np.abs(P).sum(axis=0).max()
+        norm = np.abs(P).sum(axis=0).max()  # 1-norm
         self._lu, self._pivots, singular = dgetrf(P, overwrite_a=1)
         diagonal = self._lu.diagonal()
         swaps = np.count_nonzero(self._pivots != np.arange(len(diagonal)))
@@ -178,56 +184,60 @@ class ControlCycle:
         if singular:
             self._determinant, self._type2 = 0.0, 0.0
             return np.inf
-        self._type2 = float(dgecon(self._lu, size)[0]) * size
-        right = np.empty((len(columns), 1 + len(self._actuated)), order="F")
-        right[:, 0] = residual / self._row_sizes
-        right[:, 1:] = jacobian.take(self._actuated, axis=1) / self._row_sizes[:, None]
-        solution = dgetrs(self._lu, self._pivots, right, overwrite_b=1)[0]
+        self._type2 = float(dgecon(self._lu, norm)[0]) * norm
+        right_sides = np.empty((len(columns), 1 + len(self._actuated)), order="F")
+        right_sides[:, 0] = residual / self._row_sizes
+        right_sides[:, 1:] = jacobian.take(self._actuated, axis=1) / self._row_sizes[:, None]
+        solution = dgetrs(self._lu, self._pivots, right_sides, overwrite_b=1)[0]
         solution *= -1.0
-        self._step = solution[:, 0] * self._size
-        self.T[columns] = solution[:, 1:] * self._size[:, None]
+        self._step = solution[:, 0] * self._passive_lengths
+        self.T[columns] = solution[:, 1:] * self._passive_lengths[:, None]
         return float(np.abs(solution[:, 0]).max())
 
     def _close_loops(self, target: Array) -> Array | None:
-        """Close the loops at motor joints (n_a,) along the tangent; None if the step does not count."""
+        """Predict along the tangent and close the loops at motor joints (n_a,); None if not accepted.
+
+        Accepted are steps whose correction is small beside the prediction, along which the tangent turns
+        little, and which stay in the assembly mode, away from Type 2.
+        """
         columns, determinant = self._following, self._determinant
-        turn = target - self._motors
-        along = self.T @ turn
-        q, correction = self._integrate(self.q, along), np.zeros(len(columns))
-        if self._flat:
-            q[self._actuated] = target
-        largest = MAX_PREDICTOR_MOVE
+        motor_step = target - self._motors
+        prediction = self.T @ motor_step
+        q, correction = self._integrate(self.q, prediction), np.zeros(len(columns))
+        if self._steps_add:
+            q[self._actuated] = target  # to the last bit
+        previous_size = MAX_PREDICTOR_MOVE
         for _ in range(MAX_ITERATIONS):
             size = self._linearise(q)
-            if not size < largest:
+            if not size < previous_size:
                 return None
             if size > 0.0:
-                step = np.zeros(len(along))
+                step = np.zeros(len(prediction))
                 step[columns] = self._step
-                q, correction, largest = self._integrate(q, step), correction + self._step, size
+                q, correction, previous_size = self._integrate(q, step), correction + self._step, size
             if size < LAST_STEP:
                 break
         else:
             return None
-        corrected = np.abs(correction / self._size).max(initial=0.0)
         lengths = self.robot.column_scale
-        advance = np.abs(along / lengths).max()
-        turned = np.abs((self.T @ turn - along) / lengths).max()
-        counts = (
-            is_small(corrected, advance)
-            and is_straight(turned, corrected, advance)
+        corrected = np.abs(correction / self._passive_lengths).max(initial=0.0)
+        predicted = np.abs(prediction / lengths).max()
+        tangent_change = np.abs((self.T @ motor_step - prediction) / lengths).max()
+        is_accepted = (
+            is_small(corrected, predicted)
+            and is_straight(tangent_change, corrected, predicted)
             and self._determinant * determinant > DETERMINANT_LOST * determinant**2
             and self.type2 > BRANCHES_MEET
         )
-        return q if counts else None
+        return q if is_accepted else None
 
     def _integrate(self, q: Array, step: Array) -> Array:
         """Return the configuration (nq,) after a step (nv,) from q."""
-        return q + step if self._flat else pin.integrate(self.robot.model, q, step)
+        return q + step if self._steps_add else pin.integrate(self.robot.model, q, step)
 
     def _set_state(self, q: Array, rates: Array) -> None:
-        """Set q (nq,), at which T is computed, with rates of the motors (n_a,), residual and platform."""
-        self.q, self.v, self._bias = q, self.T @ rates, None
+        """Set q (nq,), at which T is computed, the motors' rates (n_a,), the residual and the platform."""
+        self.q, self.v, self._drift = q, self.T @ rates, None
         self._equations.move(q, self.v)
         self.residual = float(np.abs(self._equations.residual).max(initial=0.0))
         platform = self.robot.platform
@@ -237,7 +247,11 @@ class ControlCycle:
             self.x, self.dx = self._frame_platform(platform)
 
     def _frame_platform(self, platform: FramePlatform) -> tuple[Array, Array]:
-        """Return x and dx (n,) of a platform that is a frame."""
+        """Return x and dx (n,) of a platform that is a frame.
+
+        Rates of its attitude follow from the angular velocity w: of a rotation vector r by dr = Jexp(-r)^-1
+        w, of other attitudes by their own matrix.
+        """
         linear, w = self._equations.platform_twist()
         attitude, position = platform.attitude, self._equations.platform_origin
         if platform.is_point:
@@ -246,31 +260,31 @@ class ControlCycle:
         x = platform.unwrap(platform.coordinates(frames), self.x[None])[0]
         dx = np.empty(platform.n)
         dx[platform.sliding] = linear[platform.along]
-        turning = attitude.couples(frames.rotation[:, 0]).reshape(-1, 3) @ w
         if isinstance(attitude, RotationVector):
             r = np.empty(3)
             r[attitude.axes] = x[platform.turning]
-            turning = np.linalg.solve(pin.Jexp3(-r), w)[attitude.axes]
-        dx[platform.turning] = turning
+            dx[platform.turning] = np.linalg.solve(pin.Jexp3(-r), w)[attitude.axes]
+        else:
+            dx[platform.turning] = attitude.couples(frames.rotation[:, 0]).reshape(-1, 3) @ w
         return x, dx
 
     def _drift_acceleration(self) -> Array:
-        """Return the joint accelerations a_0 (nv,) at zero accelerations of the motors."""
-        if self._bias is None:
+        """Return the joint accelerations a_0 (nv,) at zero accelerations of the motors: P a_p = -drift."""
+        if self._drift is None:
             columns = self._following
-            self._bias = np.zeros(len(self.v))
+            self._drift = np.zeros(len(self.v))
             if len(columns):
-                drift = self._equations.drift()
-                drift = drift.take(self._independent) / self._row_sizes
-                self._bias[columns] = -dgetrs(self._lu, self._pivots, drift)[0] * self._size
-        return self._bias
+                loop_drift = self._equations.drift().take(self._independent) / self._row_sizes
+                passive = -dgetrs(self._lu, self._pivots, loop_drift)[0]
+                self._drift[columns] = passive * self._passive_lengths
+        return self._drift
 
     def _motor_torque(self, a: Array) -> Array:
-        """Compute motor torques (n_a,) for accelerations a (nv,), without the rotors' own, motor side."""
+        """Compute motor torques (n_a,), motor side, for joint accelerations a (nv,), without rotors."""
         robot = self.robot
         force = pin.rnea(robot.model, self._data, self.q, self.v, a)
         if robot.is_damped:
             force = force + robot.joint_damping * self.v
-        if self._sprung:
+        if self._has_joint_springs:
             force = force + spring_torques(robot, self.q[None], robot.joint_stiffness)[0]
         return force @ self.T / robot.gear_ratio

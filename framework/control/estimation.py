@@ -1,8 +1,8 @@
 """The measurements of R runs at one sampling instant, and the platform's state estimated from them.
 
-With encoders on the motors alone, the platform's coordinates follow from the motor angles by the inverse
-of G = d(motor angles)/dx, and G is singular at Type 2 like A: close to it the naive conclusion is noise
-divided by nearly zero. The aware one takes from the plan what the motors cannot tell.
+With encoders only on the motors, the platform's coordinates follow from the motor angles by the inverse of
+G = d(motor angles)/dx. G is singular at Type 2, like A: near it the naive estimate is noise divided by nearly
+zero. In the directions that the motors do not determine the aware estimate is the plan.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ FADING_RATIO = 0.1  # singular values below this share of the largest count as n
 
 
 class RobotState(NamedTuple):
-    """Configuration and platform of R runs, measured or concluded."""
+    """Configuration and platform of R runs, measured or estimated."""
 
     q: Array  # (R, nq)
     v: Array  # (R, nv)
@@ -29,7 +29,7 @@ class RobotState(NamedTuple):
 
 
 class Measurement(NamedTuple):
-    """The readings of the encoders; `state` is None with encoders on the motors alone."""
+    """The readings of the encoders; `state` is None with encoders only on the motors."""
 
     motor_angle: Array  # (R, n_a) [rad], motor side
     motor_speed: Array  # (R, n_a)
@@ -37,7 +37,7 @@ class Measurement(NamedTuple):
 
 
 class Controller(Protocol):
-    """A control law for one reference, without a state of its own."""
+    """A controller for one reference, without internal state."""
 
     @property
     def reference(self) -> Reference: ...
@@ -48,37 +48,41 @@ class Controller(Protocol):
 
 
 def estimated_state(reference: Reference, k: int, measurement: Measurement, *, aware: bool) -> RobotState:
-    """Estimate the state at sampling instant k: as measured, or by one Newton step from the plan."""
+    """Return the measured state at sampling instant k, or estimate it by one Newton step from the plan.
+
+    G dx = (measured - planned motor angles) gives the step of the platform, N dx that of the joints; rates
+    alike.
+    """
     if measurement.state is not None:
         return measurement.state
     robot, N = reference.robot, reference.N[k]
     G = robot.gear_ratio[:, None] * N[robot.actuated]  # (n_a, n)
-    angle = measurement.motor_angle - reference.motor_angle[k]
-    speed = measurement.motor_speed - reference.motor_speed[k]
-    errors = np.stack([angle, speed])
-    step, rate = (
-        consistent_solution(G[None], errors)
-        if aware
-        else matvec(solve(G[None], np.eye(len(G))[None]), errors)
-    )
+    angle_error = measurement.motor_angle - reference.motor_angle[k]
+    speed_error = measurement.motor_speed - reference.motor_speed[k]
+    errors = np.stack([angle_error, speed_error])
+    if aware:
+        x_step, dx_step = consistent_solution(G[None], errors)
+    else:
+        inverse = solve(G[None], np.eye(len(G))[None])
+        x_step, dx_step = matvec(inverse, errors)
     return RobotState(
-        q=integrate(robot, reference.motion.q[k], matvec(N, step)),
-        v=reference.motion.v[k] + matvec(N, rate),
-        x=reference.x[k] + step,
-        dx=reference.dx[k] + rate,
+        q=integrate(robot, reference.motion.q[k], matvec(N, x_step)),
+        v=reference.motion.v[k] + matvec(N, dx_step),
+        x=reference.x[k] + x_step,
+        dx=reference.dx[k] + dx_step,
     )
 
 
 def consistent_solution(matrices: Array, right: Array) -> Array:
-    """Compute least-squares solutions (R, k) of systems (R, m, k) with right-hand sides (R, m).
+    """Compute damped least-squares solutions (R, k) of systems (R, m, k) with right-hand sides (R, m).
 
-    Directions fade out as their singular value does: where it is below `FADING_RATIO` of the largest, its
-    inverse sinks to zero with it. NaN where a matrix is not finite.
+    Instead of 1 / sigma a singular value below t = FADING_RATIO times the largest has the factor sigma / t^2:
+    it is continuous at t and falls to zero with sigma. NaN where a matrix is not finite.
     """
     finite = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))[:, None]
-    u, sigma, v = np.linalg.svd(np.where(finite[:, None], matrices, 0.0), full_matrices=False)
+    U, sigma, V_rows = np.linalg.svd(np.where(finite[:, None], matrices, 0.0), full_matrices=False)
     threshold = FADING_RATIO * sigma[:, :1]
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse = np.where(sigma > threshold, 1.0 / np.maximum(sigma, threshold), sigma / threshold**2)
-    solutions = matvec(v.transpose(0, 2, 1), inverse * matvec(u.transpose(0, 2, 1), right))
+    solutions = matvec(V_rows.transpose(0, 2, 1), inverse * matvec(U.transpose(0, 2, 1), right))
     return np.where(finite, solutions, np.nan)

@@ -1,9 +1,9 @@
 """Time-varying LQR on the manifold of closed loops.
 
-The dynamics are linearised along the plan in platform coordinates, where they are regular at Type 2: there
-G loses rank, for an instant one direction is out of the motors' hands, and the Riccati equation knows it
-before and after. After Bordalba, Ros and Porta, A Singularity-Robust LQR Controller for Parallel
-Robots, IROS 2018.
+The dynamics are linearised along the plan in platform coordinates, where they are regular at Type 2. There G
+loses rank, and for an instant the motors do not control one direction. The Riccati equation takes this into
+account: gains before and after the crossing correct the errors in that direction. After Bordalba, Ros and
+Porta, A Singularity-Robust LQR Controller for Parallel Robots, IROS 2018.
 """
 
 from __future__ import annotations
@@ -31,9 +31,10 @@ class TimeVaryingLQR:
     def tune(
         reference: Reference, *, position: float = 1e-3, speed: float = 2e-2, torque: float | None = None
     ) -> TimeVaryingLQR:
-        """Return the controller for which errors of `position` and `speed` are worth a `torque` [N m].
+        """Return the controller whose cost is equal for errors `position` and `speed` and a torque `torque`.
 
-        In lengths of the robot, and lengths per second; `torque` is the peak of the plan when None.
+        The cost is the integral of e' Q e + u' R u with diagonal weights 1 / position^2, 1 / speed^2 [robot
+        lengths, robot lengths/s] and 1 / torque^2 [N m]. `torque` None: the peak of the plan.
 
         Raises:
             InvalidInput: the robot has springs, or a weight is not positive.
@@ -44,13 +45,13 @@ class TimeVaryingLQR:
                 f"controller lqr: for rigid robots; {robot.name} has the springs "
                 f"{', '.join(robot.elastic_names)}: use feedforward"
             )
-        worth = float(np.abs(reference.torque).max()) if torque is None else torque
-        for name, value in (("position", position), ("speed", speed), ("torque", worth)):
+        torque = float(np.abs(reference.torque).max()) if torque is None else torque
+        for name, value in (("position", position), ("speed", speed), ("torque", torque)):
             if not (np.isfinite(value) and value > 0):
                 raise InvalidInput(f"lqr: {name} must be a positive number, got {value!r}")
-        size = robot.platform_scale
-        Q = np.diag(np.concatenate([1 / (position * size) ** 2, 1 / (speed * size) ** 2]))
-        R = np.eye(robot.n_a) / worth**2
+        scale = robot.platform_scale
+        Q = np.diag(np.concatenate([1 / (position * scale) ** 2, 1 / (speed * scale) ** 2]))
+        R = np.eye(robot.n_a) / torque**2
         A, B = linearise_error(reference)
         return TimeVaryingLQR(reference, riccati(A, B, Q, R, reference.period))
 
@@ -59,13 +60,13 @@ class TimeVaryingLQR:
         ref = self.reference
         state = estimated_state(ref, k, measurement, aware=True)
         error = np.concatenate([ref.x[k] - state.x, ref.dx[k] - state.dx], axis=1)
-        return ref.held[k] + matvec(self.gain[k], error)
+        return ref.period_torque[k] + matvec(self.gain[k], error)
 
 
 def linearise_error(reference: Reference) -> tuple[Array, Array]:
-    """Linearise the error e = [x; dx] along the plan.
+    """Linearise the dynamics of the error e = [x; dx] along the plan: return A (K, 2n, 2n), B (K, 2n, n_a).
 
-    de/dt = A e + B tau with A (K, 2n, 2n) and B (K, 2n, n_a).
+    de/dt = A e + B tau with A = [[0, 1], [d(ddx)/dx, d(ddx)/d(dx)]] and B = [[0], [d(ddx)/dtau]].
     """
     robot, motion, n = reference.robot, reference.motion, reference.robot.n
     slopes = forward_derivatives(
@@ -76,23 +77,26 @@ def linearise_error(reference: Reference) -> tuple[Array, Array]:
         wrenches=reference.planned_wrenches,
         turning=[entry.frame for entry in reference.wrenches.entries if entry.turns],
     )
-    by_x, by_dx = slopes.acceleration_y, slopes.acceleration_dy
-    rates = np.broadcast_to(np.eye(n), by_x.shape)
-    A = np.block([[np.zeros_like(by_x), rates], [by_x, by_dx]])
-    return A, np.concatenate([np.zeros_like(slopes.acceleration_torque), slopes.acceleration_torque], axis=1)
+    by_x, by_dx, by_torque = slopes.acceleration_y, slopes.acceleration_dy, slopes.acceleration_torque
+    identity = np.broadcast_to(np.eye(n), by_x.shape)
+    A = np.block([[np.zeros_like(by_x), identity], [by_x, by_dx]])
+    return A, np.concatenate([np.zeros_like(by_torque), by_torque], axis=1)
 
 
 def riccati(A: Array, B: Array, Q: Array, R: Array, period: float) -> Array:
-    """Solve the discrete Riccati equation from the end back: gains (K, n_a, 2n), held for a period."""
+    """Solve the discrete Riccati equation from the last instant backwards: gains (K, n_a, 2n).
+
+    Torques are constant for a period h: e_(k+1) = F e_k + G tau_k with [F, G; 0, 1] = exp([A, B; 0, 0] h).
+    """
     count, size, inputs = B.shape
     from scipy.linalg import expm
 
-    system = np.zeros((count, size + inputs, size + inputs))
-    system[:, :size] = np.concatenate([A, B], axis=2) * period
-    discrete = expm(system)
-    F, G = discrete[:, :size, :size], discrete[:, :size, size:]
+    generator = np.zeros((count, size + inputs, size + inputs))
+    generator[:, :size] = np.concatenate([A, B], axis=2) * period
+    transition = expm(generator)
+    F, G = transition[:, :size, :size], transition[:, :size, size:]
     gain = np.empty((count, inputs, size))
-    P = Q.copy()
+    P = Q.copy()  # of the cost to go e' P e
     for k in range(count - 1, -1, -1):
         PG = P @ G[k]
         gain[k] = np.linalg.solve(R + G[k].T @ PG, PG.T @ F[k])

@@ -1,4 +1,4 @@
-"""The plan at the instants of the controller: all that is known before the motion starts."""
+"""The plan at the sampling instants of the controller."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.law import MotionLaw
 
 MAX_SAMPLES = 200_000
-PERIOD_ROUNDING = 1e-12  # of the duration over the period: the last instant is the end, not beside it
+PERIOD_ROUNDING = 1e-12  # of the duration over the period, so that the last instant is the end
 
 
 @dataclass(frozen=True, eq=False)
 class Reference(ReadOnlyArrays):
     """The planned motion at K sampling instants, k * `period`; N is dq/dx, regular at Type 2."""
 
-    robot: ParallelRobot  # as the controller believes it to be
+    robot: ParallelRobot  # the controller's model
     period: float  # [s]
     times: Array  # (K,) [s]
     motion: Motion  # q (K, nq), v, a (K, nv)
@@ -30,12 +30,12 @@ class Reference(ReadOnlyArrays):
     dx: Array  # (K, n)
     ddx: Array  # (K, n)
     torque: Array  # (K, n_a) [N m], motor side
-    held: Array  # (K, n_a) the same half a period later: the best torque to hold for a period
+    period_torque: Array  # (K, n_a) torque in the middle of the period, best if it is constant for the period
     motor_angle: Array  # (K, n_a) [rad], motor side
     motor_speed: Array  # (K, n_a)
     N: Array  # (K, nv, n) joint rates for unit rates of x, springs at rest
     law: MotionLaw
-    wrenches: ExternalWrenches  # of the world, as the plan knows them
+    wrenches: ExternalWrenches  # of the world, as planned
 
     @property
     def planned_wrenches(self) -> dict[str, Array]:
@@ -71,7 +71,7 @@ def reference_of(plan: CrossingPlan, *, period: float) -> Reference:
         dx=dx,
         ddx=ddx,
         torque=plan.dynamics.torque_without_friction(times),
-        held=plan.dynamics.torque_without_friction(np.minimum(times + period / 2, plan.duration)),
+        period_torque=plan.dynamics.torque_without_friction(np.minimum(times + period / 2, plan.duration)),
         motor_angle=plan.motor_angle(times),
         motor_speed=plan.motor_angle(times, 1),
         N=platform_rates(robot, motion, x),
@@ -81,7 +81,7 @@ def reference_of(plan: CrossingPlan, *, period: float) -> Reference:
 
 
 def platform_rates(robot: ParallelRobot, motion: Motion, x: Array) -> Array:
-    """Compute N = dq/dx (T, nv, n) along a motion, the springs held."""
-    twists = np.moveaxis(robot.platform.rate_matrix(x), 2, 0)  # (n, T, n)
+    """Compute N = dq/dx (T, nv, n) along a motion at constant deflections."""
+    twists = np.moveaxis(robot.platform.rate_matrix(x), 2, 0)  # (n, T, n): of unit rates of x
     rates = joint_rates(robot, motion.linearised, twists, np.zeros((len(x), robot.n_e)))
     return np.moveaxis(rates, 0, 2)

@@ -1,4 +1,4 @@
-"""Runs of a controlled crossing: what they have in common, how they are followed, and which of them pass."""
+"""Runs of a controlled crossing: tolerances and limits, errors over time, and which runs pass."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ PERIODS_PER_CHECK = 5  # sampling periods between two comparisons of the platfor
 class ControlLoop:
     """Tolerances, torque limits and sensors of all runs.
 
-    A run passes if the platform never leaves the plan by more than `tolerance` on the way and ends within
-    `end` of the end of the path, in robot lengths and radians. `limit` (n_a) is the largest motor
-    torque [N m]; None: the torque limits of the robot file, or else ten times the peaks of the plan.
+    A run passes if the platform is never farther than `tolerance` from the plan and ends within `end` of the
+    end of the path, in robot lengths and radians. `limit` (n_a) are the largest motor torques [N m]; None:
+    the torque limits of the robot file, or ten times the peaks of the plan.
     """
 
     tolerance: float = 2.5e-3
     end: float = 2.5e-3
     limit: tuple[float, ...] | None = None
-    sensors: str = "motors"  # encoders on the motors alone, or on "joints": all of them
+    sensors: str = "motors"  # encoders on the motors, or on all "joints"
 
     def __post_init__(self) -> None:
         for name in ("tolerance", "end"):
@@ -46,7 +46,7 @@ class Outcomes(ReadOnlyArrays):
 
     passed: NDArray[np.bool_]  # (R,)
     why: tuple[str, ...]  # (R,) empty for those that passed
-    tracking_error: Array  # (R,) [robot lengths, rad] largest distance from the plan on the way
+    tracking_error: Array  # (R,) [robot lengths, rad] largest distance from the plan
     end_error: Array  # (R,) the same at the end
     peak_torque: Array  # (R, n_a) [N m], motor side
     payload: Array  # (R,) factor
@@ -56,52 +56,59 @@ class Outcomes(ReadOnlyArrays):
 class Run(Outcomes):
     """R runs that were driven together."""
 
-    x: Array  # (checks, R, n) where the platforms went, every PERIODS_PER_CHECK sampling periods
+    x: Array  # (checks, R, n) of the platforms, every PERIODS_PER_CHECK sampling periods
     torque: Array | None = None  # (K, R, n_a) if it was recorded
 
 
 @dataclass(eq=False)
 class RunMonitor:
-    """Errors and torques of R runs, with the reasons of failures."""
+    """Errors and torques of R runs so far, with the reasons of failures."""
 
     robot: ParallelRobot
-    alive: NDArray[np.bool_]
-    why: list[str]
-    worst: Array
-    error: Array
-    peak: Array
-    places: list[Array]
-    torques: list[Array]
+    alive: NDArray[np.bool_]  # (R,) runs that are not over
+    why: list[str]  # (R) reasons of failures
+    worst: Array  # (R,) largest error
+    error: Array  # (R,) last error
+    peak: Array  # (R, n_a) largest torque [N m]
+    positions: list[Array]  # (R, n) of platforms at each check
+    torques: list[Array]  # (R, n_a) of each period, if recorded
 
     @staticmethod
     def of(count: int, robot: ParallelRobot) -> RunMonitor:
-        zero = np.zeros(count)
+        """Return the monitor of `count` runs that have not begun."""
         return RunMonitor(
-            robot, np.ones(count, bool), [""] * count, zero, zero, np.zeros((count, robot.n_a)), [], []
+            robot=robot,
+            alive=np.ones(count, bool),
+            why=[""] * count,
+            worst=np.zeros(count),
+            error=np.zeros(count),
+            peak=np.zeros((count, robot.n_a)),
+            positions=[],
+            torques=[],
         )
 
     def check(self, time: float, x: Array, planned: Array) -> None:
-        """Compare platforms x (R, n) with the plan (n,); end runs far off or not finite."""
-        size = self.robot.platform_scale
-        self.error = np.nan_to_num(np.abs((x - planned) / size), nan=MAX_DEVIATION).max(axis=1)
+        """Compare platforms x (R, n) with the plan (n,); end runs far from the plan or not finite."""
+        scale = self.robot.platform_scale
+        self.error = np.nan_to_num(np.abs((x - planned) / scale), nan=MAX_DEVIATION).max(axis=1)
         self.end(time, ~(self.error < MAX_DEVIATION))
         self.worst = np.maximum(self.worst, np.where(self.alive, self.error, MAX_DEVIATION))
-        self.places.append(np.where(self.alive[:, None], x, np.nan))
+        self.positions.append(np.where(self.alive[:, None], x, np.nan))
 
     def end(self, time: float, runs: NDArray[np.bool_]) -> None:
-        """End the runs marked in (R,) that are not over yet."""
+        """End the marked ones of the runs (R,) that are not over yet."""
         for run in np.flatnonzero(self.alive & runs):
             self.why[run] = f"lost at t = {time:.4g} s"
         self.alive = self.alive & ~runs
 
-    def act(self, torque: Array, *, record: bool) -> None:
-        """Note the peaks of the torques (R, n_a) of one sampling period; `record` keeps all torques."""
+    def note_torque(self, torque: Array, *, record: bool) -> None:
+        """Update the peaks by the torques (R, n_a) of one sampling period; `record` keeps all torques."""
         self.peak = np.fmax(self.peak, np.where(self.alive[:, None], np.abs(torque), 0.0))
         if record:
             self.torques.append(torque)
 
-    def verdict(self, loop: ControlLoop, variations: Sequence[Variation]) -> Run:
-        """Return who passed, and why the others did not."""
+    def judge(self, loop: ControlLoop, variations: Sequence[Variation]) -> Run:
+        """Return the runs with the reasons why some did not pass."""
         error = np.where(self.alive, self.error, MAX_DEVIATION)
         for run in np.flatnonzero(self.alive & (self.worst > loop.tolerance)):
             self.why[run] = f"{self.worst[run]:.3g} off the plan on the way"
@@ -114,6 +121,6 @@ class RunMonitor:
             end_error=error,
             peak_torque=self.peak,
             payload=np.array([variation.payload for variation in variations]),
-            x=np.array(self.places),
+            x=np.array(self.positions),
             torque=np.array(self.torques) if self.torques else None,
         )

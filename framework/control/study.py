@@ -1,8 +1,8 @@
 """Many runs of one controlled crossing on robots that differ from their model.
 
-Runs go out in chunks through any `concurrent.futures.Executor`. Each run is drawn from its own seed, and
-comes out the same in any chunk: results depend neither on the executor nor on chunks, and finished chunks
-can be kept for a study that is stopped.
+Runs are computed in chunks by any `concurrent.futures.Executor`. Each run is drawn from its own seed and has
+the same result in any chunk, so results depend neither on the executor nor on the chunks. Finished chunks can
+be stored, for a study that is interrupted.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Study(Outcomes):
 
     @property
     def failures(self) -> list[tuple[int, int]]:
-        """Seeds of the runs that failed, from which `draw(robot, spread, seed)` makes each again."""
+        """Seeds of the runs that failed; `draw(robot, spread, seed)` returns the same robot again."""
         return [(self.seed, int(k)) for k in np.flatnonzero(~self.passed)]
 
 
@@ -76,9 +76,9 @@ def run_study(
         executor: where chunks of runs are computed; this process when None. It must be able to pickle
             the controller.
         chunk: runs that are computed together, at most and by default 250; no result depends on it.
-        keeper: where finished chunks are kept, and taken from if they are there already.
-        progress: called with the number of runs that are finished; in this process those under way count
-            by their share of the motion.
+        keeper: stores finished chunks; chunks that it has already are not computed again.
+        progress: called with the number of finished runs. Without an executor, the share of the motion that
+            is done counts for runs that are not finished.
 
     Raises:
         InvalidInput: fewer than one run, a negative seed.
@@ -90,15 +90,15 @@ def run_study(
     started = time.perf_counter()
     finished = _select_chunks(keeper.read() if keeper is not None else [], runs)
 
-    def report(under_way: float = 0.0) -> None:
-        progress(sum(map(len, finished)) + int(under_way))
+    def report(partial_runs: float = 0.0) -> None:
+        progress(sum(map(len, finished)) + int(partial_runs))
 
     task = partial(run_chunk, controller, loop, spread, seed)
 
     def run_and_report(part: range) -> Run:
         return task(part, lambda share: report(share * len(part)))
 
-    missing = _missing(finished, runs, min(chunk or RUNS_PER_CHUNK, RUNS_PER_CHUNK))
+    missing = _missing_chunks(finished, runs, min(chunk or RUNS_PER_CHUNK, RUNS_PER_CHUNK))
     report()
     for part, run in iterate_results(run_and_report if executor is None else task, missing, executor):
         finished[part] = run
@@ -106,17 +106,17 @@ def run_study(
             keeper.keep(part, run)
         report()
     in_order = [finished[part] for part in sorted(finished, key=lambda part: part.start)]
-    return _join(in_order, name, spread, seed, time.perf_counter() - started)
+    return _join_chunks(in_order, name, spread, seed, time.perf_counter() - started)
 
 
-def _join(chunks: Sequence[Run], controller: str, spread: Spread, seed: int, seconds: float) -> Study:
-    """Join the runs of all chunks into one study."""
-    kept = {name: np.concatenate([getattr(run, name) for run in chunks]) for name in _kept_arrays(0, 0)}
-    return Study(controller=controller, spread=spread, seed=seed, **_with_reasons(kept), seconds=seconds)
+def _join_chunks(chunks: Sequence[Run], controller: str, spread: Spread, seed: int, seconds: float) -> Study:
+    """Join the runs of all chunks, in order, into one study."""
+    arrays = {name: np.concatenate([getattr(run, name) for run in chunks]) for name in _stored_arrays(0, 0)}
+    return Study(controller=controller, spread=spread, seed=seed, **_with_reasons(arrays), seconds=seconds)
 
 
 def _select_chunks(stored: list[tuple[range, Run]], runs: int) -> dict[range, Run]:
-    """Return the stored chunks that belong to the study and do not overlap."""
+    """Return stored chunks within the first `runs` runs, without those that overlap an earlier one."""
     chunks: dict[range, Run] = {}
     end = 0
     for part, run in sorted(stored, key=lambda item: item[0].start):
@@ -126,10 +126,13 @@ def _select_chunks(stored: list[tuple[range, Run]], runs: int) -> dict[range, Ru
     return chunks
 
 
-def _missing(finished: Iterable[range], runs: int, chunk: int) -> list[range]:
-    """Return the other runs, in chunks."""
+def _missing_chunks(finished: Iterable[range], runs: int, chunk: int) -> list[range]:
+    """Return the first `runs` runs without the finished ones, in chunks of at most `chunk` runs."""
     missing, end = [], 0
-    for part in (*sorted(finished, key=lambda part: part.start), range(runs, runs)):
+    for part in (
+        *sorted(finished, key=lambda part: part.start),
+        range(runs, runs),
+    ):  # the last closes the last gap
         gap = range(end, part.start)
         missing += [gap[first : first + chunk] for first in range(0, len(gap), chunk)]
         end = part.stop
@@ -142,19 +145,19 @@ def run_chunk(
     spread: Spread,
     seed: int,
     chunk: range,
-    advanced: Callable[[float], None] = lambda share: None,
+    report_progress: Callable[[float], None] = lambda share: None,
 ) -> Run:
-    """Do the runs of one chunk."""
+    """Do the runs of one chunk; report the share of the motion that is done."""
     robot = controller.reference.robot
     variations = [draw(robot, spread, (seed, number)) for number in chunk]
-    return run_closed_loop(controller, loop, spread, variations, advanced=advanced)
+    return run_closed_loop(controller, loop, spread, variations, report_progress=report_progress)
 
 
 # ------------------------------------------------------------------ finished runs on disk
 
 
-def _kept_arrays(runs: int, motors: int) -> dict[str, ArrayField]:
-    """Return the arrays of a chunk of runs, fields of `Run`."""
+def _stored_arrays(runs: int, motors: int) -> dict[str, ArrayField]:
+    """Return types and shapes of the arrays of a chunk that are stored, by field of `Run`."""
     numbers = ArrayField("f", (runs,))
     return {
         "passed": ArrayField("b", (runs,)),
@@ -175,20 +178,22 @@ class KeptRuns:
 
     @staticmethod
     def of(out: Path, setup: Mapping[str, Any], controller: str) -> KeptRuns:
-        """Return the place in the folder `out` for runs of that setup, a document of JSON."""
-        plan = {key: value for key, value in setup["plan"].items() if key != "seconds"}
+        """Return the store in the folder `out` for runs of this setup, a document of JSON."""
+        plan = {
+            key: value for key, value in setup["plan"].items() if key != "seconds"
+        }  # same plan, other time
         return KeptRuns(KeptChunks.of(out, {**setup, "plan": plan}, controller), len(setup["limit"]))
 
     def read(self) -> list[tuple[range, Run]]:
-        """Return the finished runs, by their numbers."""
+        """Return the stored runs with the range of their numbers; other files are ignored."""
         runs = []
         for name, arrays in self.chunks.read().items():
             try:
                 first, stop = map(int, name.split("-"))
             except ValueError:
-                continue  # not one of ours: computed anew
-            if fits(arrays, _kept_arrays(stop - first, self.motors)):
-                x = np.empty((0, 0, 0))  # not kept
+                continue
+            if fits(arrays, _stored_arrays(stop - first, self.motors)):
+                x = np.empty((0, 0, 0))  # not stored
                 runs.append((range(first, stop), Run(**_with_reasons(arrays), x=x)))
         return runs
 
@@ -198,10 +203,10 @@ class KeptRuns:
         Raises:
             OutputError: the chunk cannot be written.
         """
-        arrays = {name: np.asarray(getattr(run, name)) for name in _kept_arrays(0, 0)}
+        arrays = {name: np.asarray(getattr(run, name)) for name in _stored_arrays(0, 0)}
         self.chunks.keep(f"{chunk.start}-{chunk.stop}", arrays)
 
 
-def _with_reasons(kept: Arrays) -> dict[str, Any]:
-    """Return the arrays of a chunk as fields of `Run` and `Study`, its reasons as words."""
-    return {**kept, "why": tuple(kept["why"].tolist())}
+def _with_reasons(arrays: Arrays) -> dict[str, Any]:
+    """Return stored arrays as fields of `Run` and `Study`, with the reasons as a tuple of strings."""
+    return {**arrays, "why": tuple(arrays["why"].tolist())}

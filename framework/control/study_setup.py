@@ -1,4 +1,4 @@
-"""The set-up of a study, as robustness.json keeps it: with its seed it reproduces any run."""
+"""The set-up of a study, as stored in robustness.json: with its seed it reproduces any run."""
 
 from __future__ import annotations
 
@@ -43,9 +43,9 @@ FILE = "robustness.json"
 class StudySetup:
     """A plan with its sampling, its loop and the spread of robots about their model."""
 
-    plan: CrossingPlan  # as it is read back from its own document
+    plan: CrossingPlan  # as read from its own document
     period: float  # [s]
-    loop: ControlLoop  # with the limits of the torques spelled out
+    loop: ControlLoop  # with torque limits as numbers
     spread: Spread
     seed: int
 
@@ -53,11 +53,11 @@ class StudySetup:
     def of(plan: CrossingPlan, *, period: float, loop: ControlLoop, spread: Spread, seed: int) -> StudySetup:
         """Return the setup of a new study.
 
-        Torques of the plan are computed anew from its document, to be the same to the last bit as those that
-        a rerun has.
+        The plan is written to a document and read again, so that its torques are those of a later rerun to
+        the last bit.
 
         Raises:
-            InvalidInput: a plan that cannot be written down; a period or limits that cannot be.
+            InvalidInput: a plan that no document can hold; an invalid period or limit.
         """
         plan = plan_from_document(plan_document(plan), Path(FILE))
         limit = tuple(map(float, torque_limit(reference_of(plan, period=period), loop)))
@@ -69,20 +69,20 @@ class StudySetup:
         return reference_of(self.plan, period=self.period)
 
     def controller(self, name: str) -> Controller:
-        """Return the controller of that name with its default gains; raises as `tuned_controller`."""
+        """Return the controller of this name with its default gains; raises as `tuned_controller`."""
         return tuned_controller(name, self.reference)
 
     def run(self, controller: str, number: int) -> Run:
-        """Do one run of the study once more, alone, with its torques recorded."""
+        """Repeat one run of the study alone, and record its torques."""
         return self._run(controller, [number], record=True)
 
     def count_passes(self, controller: str, numbers: Sequence[int]) -> int:
-        """Count the runs of given numbers that pass with a controller."""
+        """Count the runs, by their numbers, that pass with a controller."""
         run = self._run(controller, numbers)
         return int(np.count_nonzero(run.passed))
 
     def _run(self, controller: str, numbers: Sequence[int], *, record: bool = False) -> Run:
-        """Do runs of the study once more, together."""
+        """Repeat runs of the study, by their numbers, together."""
         variations = [draw(self.plan.robot, self.spread, (self.seed, number)) for number in numbers]
         return run_closed_loop(self.controller(controller), self.loop, self.spread, variations, record=record)
 

@@ -60,27 +60,27 @@ def draw(robot: ParallelRobot, spread: Spread, seed: tuple[int, int]) -> Variati
     )
 
 
-def noise_of(
+def draw_noise(
     robot: ParallelRobot, spread: Spread, seeds: Sequence[tuple[int, int]], samples: int
 ) -> Array | None:
-    """Draw encoder noise (samples, R, 2, nv) of positions and speeds [joint units]; None for none."""
+    """Draw encoder noise (samples, R, 2, nv) of positions and speeds [joint units]; None without noise."""
     if not (spread.noise or spread.speed_noise):
         return None
-    size = np.array([spread.noise, spread.speed_noise])[:, None]
+    deviation = np.array([spread.noise, spread.speed_noise])[:, None]
     shape = (samples, 2, robot.model.nv)
-    sequences = [np.random.SeedSequence((*seed, 1)) for seed in seeds]
+    sequences = [np.random.SeedSequence((*seed, 1)) for seed in seeds]  # independent of those of `draw`
     runs = [np.random.default_rng(sequence).standard_normal(shape) for sequence in sequences]
-    return np.stack(runs, axis=1) * size * robot.column_scale
+    return np.stack(runs, axis=1) * deviation * robot.column_scale
 
 
 def vary(robot: ParallelRobot, variation: Variation) -> ParallelRobot:
     """Return the robot with the differences of a variation.
 
-    Where the geometry differs, the loops close at another configuration. Of the loop equations only the
-    independent ones are kept: redundant ones hold for exact places alone; a real machine has clearance.
+    With other places of joints the loops close at another configuration. Only the independent loop equations
+    are kept: redundant ones hold only for exact places, and a real machine has clearance.
 
-    The payload is the inertia of the platform's link, or of the moving body that the platform frame is
-    on when that link has none of its own.
+    The payload is the inertia of the platform's link or, if that link has no inertia, of the moving body that
+    carries the platform's frame.
     """
     model = robot.model.copy()
     frame = model.frames[robot.frames[0]]

@@ -1,84 +1,26 @@
-"""The longest and the shortest motion along a path for each kind of law, before a law is sought.
-
-The polynomial of least degree is affine in the values that it passes through. Over t/T condition (8) asks for
-s" = -(beta v^2 + gamma T^2)/alpha, v = s' T, which is affine in T^2. So for given t_k/T and v_k the durations
-T at which the polynomial always advances are an interval in closed form, and only t_k/T and v_k are searched
-for.
+"""The shortest motion along a path under the optimal law, before a law is sought.
 
 If a law of free shape exists, slower ones exist without bound: the squared speeds z that meet condition (8)
 and the limits are a convex set, and near an end of the path, where a smooth law needs little more than the
 weight, z may be scaled by a factor close to zero. Without limits quicker ones exist, too, since condition (8)
-concerns z and z' at the crossing alone. The degrees tried may not resolve such a law: far beyond the pace it
-is a sharp sprint.
+concerns z and z' at the crossing alone.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-import numpy as np
-
-from framework.arrays import Array
 from framework.crossing.crossing_points import PathToCross
-from framework.crossing.feasibility import Feasibility, feasibility_on_path
+from framework.crossing.feasibility import feasibility_on_path
 from framework.crossing.optimal.optimal_task import Task
 from framework.crossing.optimal.undeformed_law import find_undeformed_law
 from framework.crossing.refusals.uncrossable_points import stops_at
 from framework.crossing.request import Request
 from framework.crossing.specification import specification_of
-from framework.crossing.timing import MIN_SEPARATION
-from framework.errors import InvalidInput, NoLaw, NotConverged
-from framework.motion.law import Law, conditions_at_instants
+from framework.errors import NoLaw, NotConverged
 from framework.motion.optimal_law import HIGHEST_SMOOTHNESS
 from framework.singularity.points_on_path import SearchedPath
-
-CRUISING_SPEEDS = (1.0, 1.3, 1.6, 2.0)  # s' T from which the search starts
-MAX_TRIALS = 80  # laws for each crossing and start: the longest is found to about a hundredth
-NEARNESS = {"xatol": 1e-3, "fatol": 1e-3}  # of the simplex: [s, s' T] and the longest, where it ends
-MIN_GAIN = 1e-2  # share by which a further start must lengthen the longest, for another one to be tried
-MAX_CROSSINGS = 3  # through more, the search takes too long
-LAW_CHECK_TIMES = 0.5 - 0.5 * np.cos(np.pi * (np.arange(120) + 0.5) / 120)  # of t/T, where a law is looked at
-
-
-class PolynomialDurations(NamedTuple):
-    """The shortest and the longest duration [s] found at which one polynomial always advances.
-
-    0 and infinity where nothing bounds them; infinity and 0 where no duration was found.
-    """
-
-    shortest: float
-    longest: float
-
-    def to_list(self) -> list[float | None] | None:
-        """Return the entry of `locate --json`; null where none was found, and for no bound."""
-        if not self.longest:
-            return None
-        return [self.shortest, self.longest if np.isfinite(self.longest) else None]
-
-    @property
-    def bounded(self) -> bool:
-        """Whether anything bounds the duration."""
-        return self.shortest > 0.0 or bool(np.isfinite(self.longest))
-
-    @property
-    def advice(self) -> str:
-        """Advice for a duration beyond the bounds."""
-        if not (self.longest and self.bounded):
-            return ""
-        return "; else use the optimal law, or take a path with less weight or more of its tangent along t_s"
-
-    @property
-    def sentence(self) -> str:
-        """The durations, in one line."""
-        if not self.longest:
-            return "no duration was found at which one polynomial advances"
-        if not self.bounded:
-            return "one polynomial advances at any duration"
-        bounds = [f"from {self.shortest:.3g} s on"] if self.shortest else []
-        bounds += [f"up to {self.longest:.3g} s"] if np.isfinite(self.longest) else []
-        return f"one polynomial advances {' and '.join(bounds)}"
 
 
 class OptimalDurations(NamedTuple):
@@ -107,28 +49,13 @@ class OptimalDurations(NamedTuple):
         )
 
 
-def polynomial_durations(searched: SearchedPath, smoothness: int) -> PolynomialDurations | None:
-    """Return the durations of polynomials of least degree through all singular points, springs at rest.
-
-    Times and speeds of the crossings are searched for. None where no polynomial can cross; with damping,
-    which is not affine in T^2; and through more than MAX_CROSSINGS singular points, where it would take
-    too long.
-    """
-    conditions = _crossable(searched)
-    if conditions is None or len(conditions) > MAX_CROSSINGS:
-        return None
-    if any(feasibility.damped or feasibility.unmet_by_acceleration for feasibility in conditions):
-        return None
-    return _search_durations(conditions, smoothness)
-
-
 def optimal_durations(searched: SearchedPath, request: Request) -> OptimalDurations | None:
     """Return the durations of laws of free shape through all singular points of a path, springs at rest.
 
     The limits and the smoothness are those of the request. None where no law can cross, and beyond the
     smoothness that such a law can have.
     """
-    if request.smoothness > HIGHEST_SMOOTHNESS or _crossable(searched) is None:
+    if request.smoothness > HIGHEST_SMOOTHNESS or not _is_crossable(searched):
         return None
     robot = searched.branch.robot
     specification = replace(specification_of(robot, request), goal="time", duration=None, longest=None)
@@ -144,82 +71,12 @@ def optimal_durations(searched: SearchedPath, request: Request) -> OptimalDurati
     return OptimalDurations(best.law.duration)
 
 
-def _crossable(searched: SearchedPath) -> list[Feasibility] | None:
-    """Return condition (8) at each singular point; None where one cannot be crossed by any law."""
-    conditions = [feasibility for feasibility in feasibility_on_path(searched) if feasibility is not None]
-    uncrossable = any(
-        singular.contact == "tangential" or stops_at(singular) for singular in searched.points
-    ) or any(
-        feasibility.unmet_by_acceleration and feasibility.steady_speed is None for feasibility in conditions
+def _is_crossable(searched: SearchedPath) -> bool:
+    """Whether no singular point forbids every law by condition (8)."""
+    return not any(
+        feasibility is None
+        or singular.contact == "tangential"
+        or stops_at(singular)
+        or (feasibility.unmet_by_acceleration and feasibility.steady_speed is None)
+        for singular, feasibility in zip(searched.points, feasibility_on_path(searched), strict=True)
     )
-    return None if uncrossable or len(conditions) < len(searched.points) else conditions
-
-
-def _search_durations(conditions: Sequence[Feasibility], smoothness: int) -> PolynomialDurations:
-    """Search the shortest and the longest duration [s], over times and speeds of the crossings."""
-    from scipy.optimize import minimize
-
-    paces = [feasibility.pace for feasibility in conditions if feasibility.pace is not None]
-    unit = min(paces, default=1.0)
-    places = np.array([feasibility.s for feasibility in conditions])
-    shortest, longest = np.inf, 0.0
-
-    def negative_longest(free: Array) -> float:
-        """Return minus the longest duration, to be minimised."""
-        nonlocal shortest, longest
-        low, high = _advancing_interval(
-            conditions, free[: len(conditions)], np.exp(free[len(conditions) :]), unit, smoothness
-        )
-        if not low < high:
-            return 1e6
-        shortest, longest = min(shortest, low), max(longest, high)
-        return -high
-
-    for cruising in CRUISING_SPEEDS:
-        start = np.concatenate([0.5 + (places - 0.5) / cruising, np.full(len(conditions), np.log(cruising))])
-        simplex = np.vstack([start, start + 0.1 * np.eye(len(start))])
-        options = {"initial_simplex": simplex, "maxfev": MAX_TRIALS * len(conditions), **NEARNESS}
-        last = longest
-        negative_longest(start)
-        if np.isinf(longest) and shortest == 0.0:
-            break
-        minimize(negative_longest, start, method="Nelder-Mead", options=options)
-        if last and longest < (1.0 + MIN_GAIN) * last:
-            break
-    return PolynomialDurations(unit * shortest, unit * longest)
-
-
-def _advancing_interval(
-    conditions: Sequence[Feasibility], times: Array, speeds: Array, unit: float, smoothness: int
-) -> tuple[float, float]:
-    """Compute the interval of durations over `unit` in which the polynomial through t_k/T, s'_k T advances.
-
-    The first is not below the second where the interval is empty.
-    """
-    if np.any(np.diff([0.0, *times, 1.0]) < MIN_SEPARATION):
-        return np.inf, 0.0
-    laws = []
-    for weight in (0.0, unit**2):
-        values = [
-            (feasibility.s, v, _acceleration(feasibility, v, weight))
-            for feasibility, v in zip(conditions, speeds, strict=True)
-        ]
-        inner = conditions_at_instants(times, values)
-        try:
-            laws.append(Law.rest_to_rest(1.0, smoothness, inner)(LAW_CHECK_TIMES, 1))
-        except InvalidInput:  # crossings too near to each other or to an end
-            return np.inf, 0.0
-    plain, by_weight = laws[0], laws[1] - laws[0]  # s' T without weight, and what the weight adds at T = unit
-    up, down = by_weight > 0, by_weight < 0
-    if np.any(plain[~up & ~down] <= 0):
-        return np.inf, 0.0
-    low = np.max(-plain[up] / by_weight[up], initial=0.0)
-    high = np.min(plain[down] / -by_weight[down], initial=np.inf)
-    return float(np.sqrt(low)), float(np.sqrt(max(high, 0.0)))
-
-
-def _acceleration(feasibility: Feasibility, speed: float, squared_duration: float) -> float:
-    """Compute s" T^2 by condition (8) at s' T; 0 where the condition holds anyway."""
-    if feasibility.condition.holds_anyway:
-        return 0.0
-    return feasibility.per_squared_speed * speed**2 + feasibility.constant * squared_duration

@@ -126,8 +126,12 @@ class Feasibility:
     def short_sentence(self) -> str:
         """The acceleration that the condition asks for, in one clause."""
         weight = "" if self.wrenches else f", with {100 * self.weight_share:.3g} % of the weight along t_s"
-        always = "" if self.pace is None else ", whatever the duration"
-        return f"condition (8) at s = {self.s:.6g}{weight}: {self._demand()}{always}"
+        pace = (
+            ""
+            if self.pace is None
+            else f", whatever the duration: the whole path from rest in {self.pace:.3g} s"
+        )
+        return f"condition (8) at s = {self.s:.6g}{weight}: {self._demand()}{pace}"
 
     def _demand(self) -> str:
         """Return the s" that the condition asks for, in words."""

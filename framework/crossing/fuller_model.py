@@ -18,9 +18,9 @@ from framework.arrays import Array, ArrayLike
 from framework.crossing.condition import Deflection, condition_at, crossing_point
 from framework.crossing.refusals.turning_back import check_advance
 from framework.crossing.request import SMOOTHNESS
-from framework.dynamics.elastic_pass import Pass, one_pass
+from framework.dynamics.elastic_pass import Pass, evaluate_pass
 from framework.dynamics.forces import balanced_forces, motor_torque, tree_forces
-from framework.dynamics.motor_friction import signs
+from framework.dynamics.motor_friction import speed_signs
 from framework.dynamics.result import InverseDynamics, SingularityCrossing
 from framework.errors import NoLaw, NotConverged
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -105,7 +105,7 @@ class FullerModel:
         """
         function = self.grid.fit(deflections)
         law = self._correct_law(function)
-        return one_pass(self.searched.branch, self.grid, law, function, None)
+        return evaluate_pass(self.searched.branch, self.grid, law, function, None)
 
     def torque(self, evaluated: Pass) -> Array:
         """Compute the motors' torques (T, n_a) [N m or N], motor side, on the nodes.
@@ -130,7 +130,9 @@ class FullerModel:
             raise NotConverged("the torques of the fuller model have a pole on this motion", residual=tail)
         if self.friction is None:
             return torque
-        return self._torque_with_friction(evaluated, self.friction * signs(motion.v / robot.column_scale))
+        return self._torque_with_friction(
+            evaluated, self.friction * speed_signs(motion.v / robot.column_scale)
+        )
 
     def _torque_with_friction(self, evaluated: Pass, friction: Array) -> Array:
         """Compute torques (T, n_a) with joint forces of friction (T, nv)."""
@@ -142,7 +144,7 @@ class FullerModel:
 
     def _rate_signs(self, times: Array) -> Array:
         """Compute the signs (k, nv) of the joints' rates at instants (k,) of the motion [s]."""
-        return signs(self.dynamics.velocity(times) / self.robot.column_scale)
+        return speed_signs(self.dynamics.velocity(times) / self.robot.column_scale)
 
     def _correct_law(self, function: TimeFunction) -> CorrectedLaw:
         """Correct the law for deflections as a function of time.

@@ -12,13 +12,16 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.dynamics.result import InverseDynamics
-from framework.errors import whole_number
+from framework.errors import InvalidInput, choose_from, whole_number
 from framework.kinematics.parallel_robot import ParallelRobot, length_units
+from framework.motion.law import is_number
+from framework.tolerances import SAME_PLACE
 
 RATES = ("", "/s", "/s2")  # of a unit, by the order of the derivative
 
 
 MIN_SAMPLES, MAX_SAMPLES = 2, 10_000_000
+DEFAULT_ROWS = 1501
 
 
 class Column(NamedTuple):
@@ -67,15 +70,33 @@ class MotionTable(NamedTuple):
         return json.dumps(document, indent=1) + "\n"
 
 
-def motion_table(dynamics: InverseDynamics, count: int) -> MotionTable:
-    """Sample the motion at `count` equidistant instants.
+def sample_times(duration: float, count: int, period: float | None = None) -> Array:
+    """Return `count` equidistant instants, or those of a period [s] and the end [s].
 
     Raises:
-        InvalidInput: no whole number of at least two.
+        InvalidInput: no whole number of at least two; no period within the duration that gives as few.
     """
-    count = whole_number("samples", count, MIN_SAMPLES, MAX_SAMPLES)
+    if period is None:
+        return np.linspace(0.0, duration, whole_number("samples", count, MIN_SAMPLES, MAX_SAMPLES))
+    least = duration / (MAX_SAMPLES - 1)
+    if not (is_number(period) and least <= period <= duration):
+        raise InvalidInput(f"period: needs {least:.3g} to {duration:.6g} s, the duration, got {period!r}")
+    whole = int(np.ceil(duration / period * (1.0 - SAME_PLACE)))  # the last may be shorter
+    return np.append(period * np.arange(whole), duration)
+
+
+def motion_table(
+    dynamics: InverseDynamics, times: Array, columns: Sequence[str] | None = None
+) -> MotionTable:
+    """Sample the motion at instants (T,) [s].
+
+    Args:
+        columns: names of columns, or the beginnings that several share, such as torque; all by default.
+
+    Raises:
+        InvalidInput: an unknown column; lists those that there are.
+    """
     robot, law = dynamics.robot, dynamics.law
-    times = np.linspace(0.0, dynamics.duration, count)
     values: list[Array] = [times[:, None], *(law(times, order)[:, None] for order in range(3))]
     values += [dynamics.platform(times), dynamics.motor_angle(times), dynamics.torque(times)]
     values += [dynamics.deflection(times)]
@@ -85,7 +106,19 @@ def motion_table(dynamics: InverseDynamics, count: int) -> MotionTable:
     values += [
         robot.coordinates.to_named_axes(dynamics.velocity(times, order))[:, robot.passive] for order in (1, 2)
     ]
-    return MotionTable(motion_columns(robot), np.concatenate(values, axis=1))
+    every = MotionTable(motion_columns(robot), np.concatenate(values, axis=1))
+    if columns is None:
+        return every
+    chosen = [k for wanted in columns for k in _matching_columns(wanted, every.names)]
+    return MotionTable(tuple(every.columns[k] for k in chosen), every.rows[:, chosen])
+
+
+def _matching_columns(wanted: str, names: Sequence[str]) -> list[int]:
+    """Return the indices of the column of a name, or of the columns that begin with it."""
+    matching = [k for k, name in enumerate(names) if name == wanted or name.startswith(f"{wanted}_")]
+    if not matching:
+        raise InvalidInput(choose_from("column", wanted, names))
+    return matching[:1] if wanted in names else matching
 
 
 def motion_columns(robot: ParallelRobot) -> tuple[Column, ...]:

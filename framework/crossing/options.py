@@ -22,12 +22,12 @@ from framework.dynamics.motor_limits import Limit
 from framework.errors import InvalidInput, check_choice
 from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.model.description import GOALS
 from framework.motion.law import check_duration, is_number
 from framework.motion.path import Path
 from framework.tolerances import TORQUE_TAIL
 
 LAWS = ("auto", "polynomial", "optimal")
-GOALS = ("time", "peak_torque", "energy")  # of the optimal law
 MOTION, LAW, MODEL, LIMITS = "what to plan", "the law", "the model", "limits"  # topics
 OPTIMAL_LAW: dict[str, Any] = {"law": "optimal", "times": None, "speeds": None}  # a remedy
 Check = Callable[[str, Any], Any]  # (name, value) -> value in its final form; raises InvalidInput

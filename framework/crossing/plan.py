@@ -45,8 +45,9 @@ def plan_crossing(robot: ParallelRobot, path: Path, **options: Any) -> CrossingP
 
     Args:
         robot: of `load_robot`; its `flexibility` says which springs exist.
-        path: of the platform, a `Line`, an `Arc`, a `Spline`, or what can be called alike: path(s, order) of
-            shape (T, n) for s in [0, 1] and derivatives up to order 4.
+        path: of the platform, `Line`, `Arc`, `Spline` or `Polyline`, or your own: path(s, order) of shape
+            (T, n) for s in [0, 1] and derivatives up to order 4, with `n` and `knots`, the s inside (0, 1)
+            at which its pieces join (an empty array for one piece).
         {options}
 
     Returns:

@@ -26,7 +26,7 @@ from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.result import InverseDynamics
 from framework.errors import InvalidInput, NoLaw
 from framework.motion.chebyshev import TimeFunction
-from framework.motion.law import Law, MotionLaw, conditions_at_instants, laws_through
+from framework.motion.law import Law, MotionLaw, advances_and_peaks, conditions_at_instants
 
 OF_A_SCENE = (
     "times and speeds of a scene belong to its own duration: give others for this one, or take law optimal, "
@@ -163,6 +163,6 @@ def timing_of(to_cross: PathToCross, request: Request) -> tuple[CrossingTime, ..
             condition.acceleration(v) for (_, condition), v in zip(crossings, speeds.T, strict=True)
         ]
         values = np.stack(np.broadcast_arrays(s, speeds, np.transpose(accelerations)), axis=2)
-        return laws_through(duration, request.smoothness, times, values)
+        return advances_and_peaks(duration, request.smoothness, times, values)
 
     return choose_timing(s, request, laws, to_cross.branch.robot.name)

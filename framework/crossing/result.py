@@ -14,7 +14,7 @@ import numpy as np
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.crossing.condition import Condition8, Deflection, coefficients_at, crossing_point
 from framework.crossing.crossing_points import PathToCross
-from framework.crossing.motion_table import MotionTable, motion_table
+from framework.crossing.motion_table import DEFAULT_ROWS, MotionTable, motion_table, sample_times
 from framework.crossing.neglected_effects import NeglectedEffect, neglected_effects
 from framework.crossing.request import Request
 from framework.crossing.specification import Specification
@@ -200,13 +200,27 @@ class CrossingPlan:
             f"{self.certificate.tail:.1e})"
         )
 
-    def samples(self, count: int = 1501) -> MotionTable:
-        """Sample the motion at equidistant instants: the columns and rows of motion.csv."""
-        return motion_table(self.dynamics, count)
+    def samples(
+        self, count: int = DEFAULT_ROWS, *, period: float | None = None, columns: Sequence[str] | None = None
+    ) -> MotionTable:
+        """Sample the motion at equidistant instants: the columns and rows of motion.csv.
 
-    def to_csv(self, file: str | PathLike[str] | IO[str], samples: int = 1501) -> None:
-        """Write motion.csv to a path or an open text file."""
-        text = self.samples(samples).as_csv()
+        Args:
+            count: of the instants, unless a `period` is given [s]; the last row is at the end all the same.
+            columns: names of columns, or the beginnings that several share, such as torque; all by default.
+        """
+        return motion_table(self.dynamics, sample_times(self.duration, count, period), columns)
+
+    def to_csv(
+        self,
+        file: str | PathLike[str] | IO[str],
+        samples: int = DEFAULT_ROWS,
+        *,
+        period: float | None = None,
+        columns: Sequence[str] | None = None,
+    ) -> None:
+        """Write motion.csv to a path or an open text file; options of `samples`."""
+        text = self.samples(samples, period=period, columns=columns).as_csv()
         if isinstance(file, str | PathLike):
             FilePath(file).write_text(text, encoding="utf-8")
         else:

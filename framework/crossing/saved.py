@@ -18,7 +18,7 @@ import numpy as np
 from framework.catalogue import catalogue
 from framework.catalogue import robot_file as robot_file_of
 from framework.crossing.crossing_points import path_to_cross
-from framework.crossing.options import GOALS, OPTIONS
+from framework.crossing.options import OPTIONS
 from framework.crossing.request import Request
 from framework.crossing.result import Crossing, CrossingPlan, Optimality, certified_plan
 from framework.crossing.scenes import path_of
@@ -32,6 +32,7 @@ from framework.fields import (
     Table,
     anything,
     list_of,
+    mapping_of,
     not_negative,
     number,
     one_of,
@@ -49,7 +50,7 @@ from framework.fields import (
 )
 from framework.input import read_text
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.model.description import FLEXIBILITIES
+from framework.model.description import FLEXIBILITIES, GOALS
 from framework.model.documents import naming
 from framework.model.robot_keys import PATHS, one_path
 from framework.motion.law import Law, PlannedLaw, check_duration
@@ -104,6 +105,7 @@ _TIME: Table = {"time": required(number), "speed": required(number)}
 _READ: Table = {
     "version": required(whole),
     "robot_file": required(text),
+    "parameters": optional(mapping_of(number), {}),
     "flexibility": required(one_of("flexibility", FLEXIBILITIES)),
     "geometry": required(one_of("geometry", GEOMETRIES)),
     "duration": required(positive),
@@ -149,6 +151,7 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> Documen
         "version": VERSION,
         "robot": plan.robot.name,
         "robot_file": robot_place(plan.robot, folder),
+        "parameters": dict(plan.robot.description.parameters),
         "flexibility": plan.robot.flexibility,
         "geometry": plan.geometry,
         "duration": plan.duration,
@@ -194,10 +197,14 @@ def _request_document(request: Request) -> Document:
     path = request.path
     if not isinstance(path, PointPath):
         raise InvalidInput(
-            f"path: only a line, an arc or a spline can be written down, not {type(path).__name__}; save the "
-            f"motion with plan.to_csv"
+            f"path: only lines, arcs, splines and polylines can be written down, not {type(path).__name__}; "
+            f"save the motion with plan.to_csv"
         )
-    return {"path": {path.kind: path.points.tolist()}, **{name: getattr(request, name) for name in OPTIONS}}
+    blend = {} if path.blend is None else {"blend": path.blend}
+    return {
+        "path": {path.kind: path.points.tolist(), **blend},
+        **{name: getattr(request, name) for name in OPTIONS},
+    }
 
 
 def _law_document(law: object) -> Document:
@@ -347,14 +354,14 @@ def _find_robot(stated: Document, file: FilePath, robot_file: str | FilePath | N
                 f"{file}: robot_file: there is no {place}; if it has moved, name it again (--robot-file, or "
                 f"robot_file= of load_plan)"
             )
-    return ParallelRobot.from_file(place, flexibility=stated["flexibility"])
+    return ParallelRobot.from_file(place, flexibility=stated["flexibility"], parameters=stated["parameters"])
 
 
 def _request(robot: ParallelRobot, stated: Document) -> Request:
     """Return the request of the file, checked for the robot."""
-    kind, points = stated.pop("path")
+    path = stated.pop("path")
     with naming("request", InvalidInput):
-        return Request.of(robot, path_of(kind, points), **stated)
+        return Request.of(robot, path_of(*path), **stated)
 
 
 def _check_request(stated: Document, request: Request) -> None:

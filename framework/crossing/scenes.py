@@ -13,7 +13,7 @@ from framework.dynamics.motor_limits import is_limited
 from framework.errors import InvalidInput, choose_from, short
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.model.description import Scene
-from framework.motion.path import Arc, Line, Path, Spline
+from framework.motion.path import Arc, Line, Path, Polyline, Spline
 
 
 def scene(robot: ParallelRobot, name: str) -> Scene:
@@ -33,20 +33,22 @@ def scene(robot: ParallelRobot, name: str) -> Scene:
 
 def scene_path(scene: Scene) -> Path:
     """Return the path of a scene."""
-    return path_of(scene.kind, scene.points)
+    return path_of(scene.kind, scene.points, scene.blend)
 
 
-def path_of(kind: str, points: Sequence[Sequence[float]]) -> Path:
-    """Return a line (start, end), an arc (start, via, end) or a spline through points (m, n).
+def path_of(kind: str, points: Sequence[Sequence[float]], blend: float | None = None) -> Path:
+    """Return a line (start, end), an arc (start, via, end), a spline or a polyline through points (m, n).
 
     Raises:
         InvalidInput: another kind, or points that do not make such a path.
     """
     if kind == Spline.kind:
         return Spline(points)
+    if kind == Polyline.kind:
+        return Polyline(points, blend)
     kinds: dict[str, tuple[Callable[..., Path], int]] = {Line.kind: (Line, 2), Arc.kind: (Arc, 3)}
     if kind not in kinds:
-        raise InvalidInput(choose_from("path", kind, [*kinds, Spline.kind]))
+        raise InvalidInput(choose_from("path", kind, [*kinds, Spline.kind, Polyline.kind]))
     make, count = kinds[kind]
     if len(points) != count:
         raise InvalidInput(f"{kind}: needs {count} points, got {len(points)}")
@@ -69,7 +71,11 @@ def scene_request(robot: ParallelRobot, name: str, **options: Any) -> Request:
     """
     chosen = scene(robot, name)
     stated = {key: getattr(chosen, key) for key in OPTIONS if hasattr(chosen, key)}
-    bounding = any(options.get(key) is not None for key in ("optimize", "longest", "margin"))
+    if options.get("law") == "polynomial" or options.get("times") is not None:
+        stated.update(optimize=None)
+    if options.get("duration") is not None and chosen.optimize == "time":
+        stated.update(optimize=None)
+    bounding = any({**stated, **options}.get(key) is not None for key in ("optimize", "longest", "margin"))
     limited = any(is_limited(options.get(key)) for key in ("torque_limit", "speed_limit"))
     if options.get("law") == "optimal" or bounding or limited:
         stated.update(times=None, speeds=None)

@@ -53,7 +53,7 @@ class Specification(ReadOnlyArrays):
         return bool(np.isfinite(self.speed_limit).any())
 
     @property
-    def most(self) -> float | None:
+    def max_duration(self) -> float | None:
         """The duration not to be exceeded [s], if any."""
         return self.duration if self.duration is not None else self.longest
 

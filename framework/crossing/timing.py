@@ -9,7 +9,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.crossing.request import Request
-from framework.dynamics.singularity_crossings import instants
+from framework.dynamics.singularity_crossings import find_instants
 from framework.errors import NoLaw
 from framework.motion.law import Law
 
@@ -43,7 +43,7 @@ def choose_timing(
 
     Args:
         measure: computes `Law.advance` (m,) of laws that cross at times (m, k) with speeds (m, k), and the
-            peaks of their s" [1/s^2] (m,), as `laws_through` does.
+            peaks of their s" [1/s^2] (m,), as `advances_and_peaks` does.
 
     Raises:
         NoLaw: no law that always advances was found.
@@ -77,7 +77,7 @@ def _starts(s: Sequence[float], request: Request) -> Array:
     duration = request.fixed_duration
     plain = Law.rest_to_rest(duration, request.smoothness)
     ends = np.array([0.0, duration])
-    when = np.array([instants(plain, ends, value)[0] for value in s])
+    when = np.array([find_instants(plain, ends, value)[0] for value in s])
     cruising = np.linspace(1.2, 2.4, 7)[:, None] / duration
     times = np.vstack([when, 0.5 * duration + (np.array(s) - 0.5) / cruising])
     if request.times is not None:

@@ -19,40 +19,39 @@ from framework.tolerances import FILE_ROUNDING, RANK_ROUNDING
 
 
 class ActionLines(NamedTuple):
-    """A line for each of F instants and each motor, from the platform's origin."""
+    """The line of each motor's force at F instants, relative to the platform's origin."""
 
-    place: Array  # (F, n_a, 3) [m] the point of the line that is nearest to the origin
-    way: Array  # (F, n_a, 3) unit
+    point: Array  # (F, n_a, 3) [m] of the line, nearest to the origin
+    direction: Array  # (F, n_a, 3) unit
 
 
 def action_lines(robot: ParallelRobot, motor_speed: Array) -> ActionLines | None:
-    """Compute the lines of the motors' forces, from G (F, n_a, n), or the axes of their torques.
+    """Compute the lines of the motors' forces, or the axes of their torques, from G (F, n_a, n).
 
-    A wrench is known on the platform's own axes alone: if these are fewer than six, several lines have the
-    same wrench, and the one nearest to the origin is returned. None for one motor, for a wrench that is no
-    force along a line (a screw with pitch, or zero), or if the platform's axes are not those of the base.
+    A force f along a line through p has the moment p x f. G gives only components on the platform's axes: if
+    these are fewer than six, several lines fit, and the one nearest to the origin is returned.
+
+    None for one motor, for a wrench that is no force along a line (a screw with pitch, or zero), or if the
+    platform's axes are not those of the base.
     """
     platform = robot.platform
     if robot.n_a < 2 or not isinstance(platform, FramePlatform) or not platform.constant:
         return None
-    six = np.zeros((*motor_speed.shape[:2], 6))
-    six[:, :, platform.axes] = motor_speed
-    force, moment = six[:, :, :3], six[:, :, 3:]
-    if not platform.translations.any():
-        force, moment = moment, np.zeros_like(moment)
-    size = np.linalg.norm(force, axis=2, keepdims=True)
-    if not np.all(np.isfinite(six)) or np.any(size <= 0):
+    wrench = np.zeros((*motor_speed.shape[:2], 6))
+    wrench[:, :, platform.axes] = motor_speed
+    vector = wrench[:, :, :3] if platform.translations.any() else wrench[:, :, 3:]  # force, or pure torque
+    norm = np.linalg.norm(vector, axis=2, keepdims=True)
+    if not np.all(np.isfinite(wrench)) or np.any(norm <= 0):
         return None
-    way, arm = force / size, moment / size
-    turning = [axis - 3 for axis in platform.axes if axis >= 3] if platform.translations.any() else []
-    if not turning:
-        return ActionLines(np.zeros_like(way), way)
-    # place x way = arm on the axes about which the platform turns: solve for the place of least norm
-    arms = np.cross(np.eye(3), way[:, :, None, :]).swapaxes(2, 3)[
-        :, :, turning
-    ]  # (F, n_a, turns, 3) of places
-    place = np.einsum("fkij,fkj->fki", np.linalg.pinv(arms, rcond=RANK_ROUNDING), arm[:, :, turning])
-    error = np.abs(np.einsum("fkij,fkj->fki", arms, place) - arm[:, :, turning]).max()
-    if error > FILE_ROUNDING * max(robot.length, float(np.abs(arm).max())):
+    direction = vector / norm
+    rotations = [axis - 3 for axis in platform.axes if axis >= 3]
+    if not rotations or not platform.translations.any():
+        return ActionLines(np.zeros_like(direction), direction)
+    # point x direction = moment / norm on the axes of rotation: solve for the point of least norm
+    moment = (wrench[:, :, 3:] / norm)[:, :, rotations]
+    cross_matrix = np.cross(np.eye(3), direction[:, :, None, :]).swapaxes(2, 3)[:, :, rotations]
+    point = np.einsum("fkij,fkj->fki", np.linalg.pinv(cross_matrix, rcond=RANK_ROUNDING), moment)
+    error = np.abs(np.einsum("fkij,fkj->fki", cross_matrix, point) - moment).max()
+    if error > FILE_ROUNDING * max(robot.length, float(np.abs(moment).max())):
         return None
-    return ActionLines(place, way)
+    return ActionLines(point, direction)

@@ -18,8 +18,7 @@ from framework.kinematics.pinocchio_memory import scratch_of
 from framework.kinematics.tree_model import link_axes
 
 INERTIAL = ("mass", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
-# entries of the symmetric matrix of second moments that hold a moment of inertia of pinocchio's order
-_PLACES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
+_INERTIA_ENTRIES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # of the matrix I, in that order
 
 
 @lru_cache(maxsize=64)
@@ -35,29 +34,33 @@ def body_parameters(robot: Mechanism) -> tuple[tuple[str, ...], Array]:
 
 
 def tree_regressor(robot: Mechanism, motion: JointMotion, bodies: IntArray | None = None) -> Array:
-    """Compute the derivatives (T, nv, 10 b) of the open tree's forces along the parameters of bodies.
+    """Compute Y (T, nv, 10 b), the derivatives of the open tree's forces by the parameters of bodies.
 
-    `bodies` (b,) are the indices of their joints, all by default.
+    `bodies` (b,) are the indices of their joints, all by default. Parameters are on the axes of links, where
+    pinocchio's are on the axes of joints.
     """
     model, data = robot.model, scratch_of(robot).data
     bodies = np.arange(1, model.njoints) if bodies is None else bodies
-    used = (10 * (bodies[:, None] - 1) + np.arange(10)).ravel()
-    regressor = np.empty((len(motion.q), model.nv, len(used)))
+    columns = (10 * (bodies[:, None] - 1) + np.arange(10)).ravel()
+    regressor = np.empty((len(motion.q), model.nv, len(columns)))
     for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
-        regressor[k] = pin.computeJointTorqueRegressor(model, data, q, v, a)[:, used]
-    turned = _turned_axes(robot)
+        regressor[k] = pin.computeJointTorqueRegressor(model, data, q, v, a)[:, columns]
+    transforms = _joint_to_link_transforms(robot)
     for i, body in enumerate(bodies.tolist()):
-        if body in turned:
-            columns = slice(10 * i, 10 * i + 10)
-            regressor[..., columns] = regressor[..., columns] @ turned[body]
+        if body in transforms:
+            ten = slice(10 * i, 10 * i + 10)
+            regressor[..., ten] = regressor[..., ten] @ transforms[body]
     return regressor
 
 
 @lru_cache(maxsize=64)
-def _turned_axes(robot: Mechanism) -> dict[int, Array]:
-    """Return `parameter_transform` for joints with other axes than their links, by joint."""
+def _joint_to_link_transforms(robot: Mechanism) -> dict[int, Array]:
+    """Return the matrices (10, 10) from parameters on a link's axes to its joint's axes, by joint.
+
+    Joints whose axes are those of their link are left out.
+    """
     axes = {j: link_axes(robot.model, j) for j in range(1, robot.model.njoints)}
-    return {j: parameter_transform(turned) for j, turned in axes.items() if not turned.isIdentity(0.0)}
+    return {j: parameter_transform(pose) for j, pose in axes.items() if not pose.isIdentity(0.0)}
 
 
 def link_of(model: pin.Model, j: int) -> str:
@@ -73,14 +76,15 @@ def link_parameters(model: pin.Model, j: int) -> Array:
 
 
 def pseudo_inertia(parameters: Array) -> Array:
-    """Return the pseudo-inertia (..., 4, 4), the second moments of mass, of ten parameters (..., 10).
+    """Return the pseudo-inertia (..., 4, 4) of ten parameters (..., 10).
 
-    [[int r r' dm, m c], [(m c)', m]] of Wensing, Kim and Slotine, IEEE Robotics and Automation Letters 3(1),
-    2018: positive semidefinite for a body that can exist.
+    It is [[S, m c], [(m c)', m]] with the second moments S = int r r' dm = tr(I) / 2 - I, and is positive
+    semidefinite for a body that can exist: Wensing, Kim and Slotine, IEEE Robotics and Automation Letters
+    3(1), 2018.
     """
     matrix = np.zeros((*parameters.shape[:-1], 4, 4))
     inertia = np.zeros((*parameters.shape[:-1], 3, 3))
-    for k, (i, j) in enumerate(_PLACES):
+    for k, (i, j) in enumerate(_INERTIA_ENTRIES):
         inertia[..., i, j] = inertia[..., j, i] = parameters[..., 4 + k]
     half_trace = 0.5 * np.trace(inertia, axis1=-2, axis2=-1)
     matrix[..., :3, :3] = half_trace[..., None, None] * np.eye(3) - inertia
@@ -90,15 +94,20 @@ def pseudo_inertia(parameters: Array) -> Array:
 
 
 def from_pseudo_inertia(matrix: Array) -> Array:
-    """Return the ten parameters (..., 10) of a pseudo-inertia (..., 4, 4)."""
-    moments = matrix[..., :3, :3]
-    trace = np.trace(moments, axis1=-2, axis2=-1)
-    inertia = trace[..., None, None] * np.eye(3) - moments
-    first = [matrix[..., 3, 3], *np.moveaxis(matrix[..., :3, 3], -1, 0)]
-    return np.stack([*first, *(inertia[..., i, j] for i, j in _PLACES)], axis=-1)
+    """Return the ten parameters (..., 10) of a pseudo-inertia (..., 4, 4), with I = tr(S) - S."""
+    second_moments = matrix[..., :3, :3]
+    trace = np.trace(second_moments, axis1=-2, axis2=-1)
+    inertia = trace[..., None, None] * np.eye(3) - second_moments
+    mass, first_moment = matrix[..., 3, 3], np.moveaxis(matrix[..., :3, 3], -1, 0)
+    entries = [inertia[..., i, j] for i, j in _INERTIA_ENTRIES]
+    return np.stack([mass, *first_moment, *entries], axis=-1)
 
 
 def parameter_transform(placement: pin.SE3) -> Array:
-    """Return the matrix (10, 10) that expresses ten parameters of one frame in another, at `placement`."""
-    move = placement.homogeneous
-    return from_pseudo_inertia(move @ pseudo_inertia(np.eye(10)) @ move.T).T
+    """Return the matrix (10, 10) that maps parameters on a frame to those on its reference frame.
+
+    `placement` is the pose H of the frame in its reference: the pseudo-inertia becomes H P H'. Columns are
+    the images of unit parameters.
+    """
+    H = placement.homogeneous
+    return from_pseudo_inertia(H @ pseudo_inertia(np.eye(10)) @ H.T).T

@@ -5,9 +5,9 @@ the loop forces (`forces`), the torque t of the motors that moves the bodies is 
 
     G' dt = T' d(r - J' lambda)          at fixed lambda,
 
-so dt needs the change of the open tree's forces (`force_changes`) along that of the joints' motion
-(`motion_changes`), and one solution with G, which is singular at Type 2. With redundant motors t is the
-least, t = G k, and dt = dG k + G dk.
+so dt needs the change of the open tree's forces (`force_changes`) along the change of the joints' motion
+(`motion_changes`), and one solution with G', which is singular at Type 2. With redundant motors t is the
+solution of least norm, t = G k, and dt = dG k + G dk.
 """
 
 from __future__ import annotations
@@ -87,15 +87,15 @@ def dynamics_derivatives(
     multipliers = loop_multipliers(robot, motion.linearised, r, joint_torque)[:, robot.n :]
     steps = coordinate_steps(robot, (prescribed.x, prescribed.dx, prescribed.ddx))
     changes = motion_changes(robot, motion, steps)
-    changed = force_changes(robot, motion, force_slopes(robot, motion), multipliers, changes)
-    speeds, rates = motor_speeds(robot, motion.linearised)
-    wrench_slopes = (changed @ rates).swapaxes(1, 2)  # (T, n, 3 n)
-    by_speeds = _least_torque_changes(robot, motion, steps, speeds, joint_torque)
-    slopes = by_speeds + _motor_shares(robot, speeds, wrench_slopes - speeds.swapaxes(1, 2) @ by_speeds)
-    rotors = robot.rotor_inertia * robot.gear_ratio
-    slopes = (slopes + (rotors * changes.a[..., robot.actuated]).swapaxes(1, 2))[prescribed.entry]
+    force_change = force_changes(robot, motion, force_slopes(robot, motion), multipliers, changes)
+    G, rates = motor_speeds(robot, motion.linearised)
+    wrench_slopes = (force_change @ rates).swapaxes(1, 2)  # (T, n, 3 n), T' d(r - J' lambda)
+    dG_k = _redundant_torque_changes(robot, motion, steps, G, joint_torque)
+    slopes = dG_k + _solve_motor_torques(robot, G, wrench_slopes - G.swapaxes(1, 2) @ dG_k)
+    rotor_slopes = robot.rotor_inertia * robot.gear_ratio * changes.a[..., robot.actuated]
+    slopes = (slopes + rotor_slopes.swapaxes(1, 2))[prescribed.entry]
 
-    regressor = _motor_shares(robot, speeds, rates.swapaxes(1, 2) @ tree_regressor(robot, motion))
+    regressor = _solve_motor_torques(robot, G, rates.swapaxes(1, 2) @ tree_regressor(robot, motion))
     return DynamicsDerivatives(
         torque=motor_torque(robot, motion, joint_torque)[prescribed.entry],
         torque_x=slopes[..., : robot.n],
@@ -106,28 +106,31 @@ def dynamics_derivatives(
     )
 
 
-def _motor_shares(robot: ParallelRobot, speeds: Array, wrenches: Array) -> Array:
-    """Compute the least motor torques (T, n_a, k) for platform wrenches (T, n, k).
+def _solve_motor_torques(robot: ParallelRobot, G: Array, wrenches: Array) -> Array:
+    """Solve G' t = wrenches (T, n, k) for motor torques t (T, n_a, k), of least norm if redundant.
 
-    `speeds` are G (T, n_a, n) of the motors for unit twists of the platform.
+    G (T, n_a, n) are the motors' speeds for unit twists of the platform.
     """
-    transposed = speeds.swapaxes(1, 2)
-    if speeds.shape[1] == speeds.shape[2]:
-        return np.asarray(np.linalg.solve(transposed, wrenches))
-    return least_motor_torques(robot, transposed, wrenches)
+    G_transposed = G.swapaxes(1, 2)
+    if G.shape[1] == G.shape[2]:
+        return np.asarray(np.linalg.solve(G_transposed, wrenches))
+    return least_motor_torques(robot, G_transposed, wrenches)
 
 
-def _least_torque_changes(
-    robot: ParallelRobot, motion: Motion, steps: MotionSteps, speeds: Array, joint_torque: Array
+def _redundant_torque_changes(
+    robot: ParallelRobot, motion: Motion, steps: MotionSteps, G: Array, joint_torque: Array
 ) -> Array:
-    """Compute dG k (T, n_a, steps) for the least torques G k = t of redundant motors, else 0."""
+    """Compute dG k (T, n_a, steps) for redundant motors with t = G k; zeros otherwise.
+
+    G k are the motors' speeds for the twist k: dG k is their change at constant k.
+    """
     instants, count = steps.twist[0].shape[:2]
     if robot.n_a == robot.n:
         return np.zeros((instants, robot.n_a, count))
-    k = np.linalg.pinv(speeds) @ (joint_torque / robot.gear_ratio)[..., None]
+    k = np.linalg.pinv(G) @ (joint_torque / robot.gear_ratio)[..., None]
     rates = motor_speeds(robot, motion.linearised)[1]
     zero = np.zeros_like(steps.twist[0])
-    at_twist = replace(motion, v=(rates @ k)[..., 0], a=np.zeros_like(motion.a))
+    motion_with_twist_k = replace(motion, v=(rates @ k)[..., 0], a=np.zeros_like(motion.a))
     constant_twist = steps._replace(twist=(steps.twist[0], zero, zero))
-    changed = motion_changes(robot, at_twist, constant_twist).v[..., robot.actuated]
-    return (robot.gear_ratio * changed).swapaxes(1, 2)
+    speed_changes = motion_changes(robot, motion_with_twist_k, constant_twist).v[..., robot.actuated]
+    return (robot.gear_ratio * speed_changes).swapaxes(1, 2)

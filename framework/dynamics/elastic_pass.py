@@ -1,4 +1,4 @@
-"""Once from deflections to the forces that they meet, and to the deflections that these cause."""
+"""One pass of the fixed-point iteration: from deflections to forces to the deflections that they cause."""
 
 from __future__ import annotations
 
@@ -12,69 +12,75 @@ from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.motion_rates import Motion, joint_rates, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.chebyshev import TimeFunction, TimeGrid
-from framework.motion.law import MotionLaw, orders_of
+from framework.motion.law import MotionLaw, law_derivatives
 from framework.motion.path import time_derivatives
 
 
 class Pass(NamedTuple):
-    """The motion on the nodes with the deflections `function`, and what it causes."""
+    """The motion on the nodes with deflections `function`, its forces, and the deflections they cause."""
 
     law: MotionLaw
-    function: TimeFunction  # (n_e)
-    q_e: Array  # (T, n_e) its values
+    function: TimeFunction  # (n_e) deflections of the motion
+    q_e: Array  # (T, n_e) values of `function` at the nodes
     motion: Motion
     forces: Forces
     caused: Array  # (T, n_e) deflections that the forces cause
 
     @property
     def residual(self) -> Array:
-        """What the deflections lack (T, n_e) to be those that their forces cause."""
+        """Caused deflections less those of the motion (T, n_e); zero in balance."""
         return self.caused - self.q_e
 
 
-def one_pass(
-    branch: Branch, grid: TimeGrid, law: MotionLaw, function: TimeFunction, before: Pass | None
+def evaluate_pass(
+    branch: Branch, grid: TimeGrid, law: MotionLaw, function: TimeFunction, neighbour: Pass | None
 ) -> Pass:
-    """The pass with these deflections; `before` is one near it, if any.
+    """Compute motion and forces with deflections `function`, and the deflections -force/K that follow.
+
+    Loops are closed from the configurations of `neighbour`, a pass with similar deflections, if there is one.
 
     Raises:
         NotAssembled: the deflections tear the loops.
     """
-    q_e, motion = moving(branch, grid, law, function, before)
+    q_e, motion = evaluate_deflected_motion(branch, grid, law, function, neighbour)
     forces = joint_forces(branch.robot, motion)
     caused = -forces.spring_force / branch.robot.stiffness  # Eq. (3b) with linear springs
     return Pass(law, function, q_e, motion, forces, caused)
 
 
-def moving(
-    branch: Branch, grid: TimeGrid, law: MotionLaw, function: TimeFunction, before: Pass | None
+def evaluate_deflected_motion(
+    branch: Branch, grid: TimeGrid, law: MotionLaw, function: TimeFunction, neighbour: Pass | None
 ) -> tuple[Array, Motion]:
-    """Deflections (T, n_e) and all coordinates at the nodes."""
-    values = grid.values(function)
-    return values[0], moving_with(branch, grid.times, law, values, before)
+    """Compute deflections (T, n_e) and the motion of all joints at the nodes of the grid."""
+    deflections = grid.values(function)
+    return deflections[0], motion_with_deflections(branch, grid.times, law, deflections, neighbour)
 
 
-def moving_with(
+def motion_with_deflections(
     branch: Branch,
     times: Array,
     law: MotionLaw,
     deflections: tuple[Array, Array, Array],
-    before: Pass | None = None,
+    neighbour: Pass | None = None,
 ) -> Motion:
-    """Compute all coordinates at instants (T,) for deflections (T, n_e) and their two time derivatives."""
-    robot, (q_e, *rates) = branch.robot, deflections
-    s = orders_of(law, times)
+    """Compute the motion of all joints at instants (T,) with given deflections.
+
+    `deflections` are values, first and second time derivatives, each (T, n_e).
+    """
+    robot, (q_e, *deflection_rates) = branch.robot, deflections
+    s = law_derivatives(law, times)
     x, dx, ddx = time_derivatives(branch.path, s)
-    if before is None:
-        near = integrate_columns(robot, branch.guess(s[0]), robot.elastic, q_e)
-    else:  # along the tangent, by the factors that are there already
-        linearised = before.motion.linearised
-        ahead = -robot.platform.residual(linearised.frames, x)
-        near = integrate(robot, before.motion.q, joint_rates(robot, linearised, ahead, q_e - before.q_e))
-    closed = close_loops(robot, x, near)
-    return branch.load_motion(motion_at(robot, closed, dx, ddx, *rates), s[0])
+    if neighbour is None:
+        guess = integrate_columns(robot, branch.guess(s[0]), robot.elastic, q_e)
+    else:  # a tangent step from the neighbour, whose factored equations cost nothing
+        linearised = neighbour.motion.linearised
+        dx_step = -robot.platform.residual(linearised.frames, x)
+        step = joint_rates(robot, linearised, dx_step, q_e - neighbour.q_e)
+        guess = integrate(robot, neighbour.motion.q, step)
+    closed = close_loops(robot, x, guess)
+    return branch.load_motion(motion_at(robot, closed, dx, ddx, *deflection_rates), s[0])
 
 
 def spring_scale(robot: ParallelRobot) -> Array:
-    """Length of the robot for springs that stretch, 1 for those that turn (n_e,)."""
+    """Return the robot's length for springs that stretch, 1 for springs that turn (n_e,)."""
     return robot.column_scale[robot.elastic]

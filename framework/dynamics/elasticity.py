@@ -30,7 +30,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from framework.arrays import Array
-from framework.dynamics.elastic_pass import Pass, moving, moving_with, one_pass, spring_scale
+from framework.dynamics.elastic_pass import (
+    Pass,
+    evaluate_deflected_motion,
+    evaluate_pass,
+    motion_with_deflections,
+    spring_scale,
+)
 from framework.dynamics.forces import Forces
 from framework.dynamics.known_deflections import KnownDeflections
 from framework.dynamics.loaded_balance import forces_in_balance
@@ -104,7 +110,7 @@ def solve_deflections(
     robot = branch.robot
     if geometry == "rigid" or start is None:
         rest = TimeFunction(grid.edges, np.zeros((len(grid.edges) - 1, grid.size, robot.n_e)))
-        current = one_pass(branch, grid, before, rest, None)
+        current = evaluate_pass(branch, grid, before, rest, None)
         if geometry == "rigid":
             return _small_displacements(branch, grid, current)
         _check_stiffness(robot, grid, current)
@@ -114,7 +120,7 @@ def solve_deflections(
             )
     else:
         function = grid.fit_truncated(start(grid.times))
-        current = one_pass(branch, grid, choose_law(function, before), function, None)
+        current = evaluate_pass(branch, grid, choose_law(function, before), function, None)
     return _Iteration(branch, grid, choose_law, tolerance).run(current)
 
 
@@ -127,7 +133,7 @@ def assess_deflections(
         NotAssembled: the deflections tear the loops.
     """
     deflections = known(grid.times)
-    motion = moving_with(branch, grid.times, law, deflections)
+    motion = motion_with_deflections(branch, grid.times, law, deflections)
     forces, change = forces_in_balance(branch.robot, motion, deflections[0])
     caused = -forces.spring_force / branch.robot.stiffness
     return DeflectionSolution(grid, law, motion, forces, grid.fit(deflections[0]), caused, change=change)
@@ -136,7 +142,7 @@ def assess_deflections(
 def _small_displacements(branch: Branch, grid: TimeGrid, current: Pass) -> DeflectionSolution:
     deflections, motion = grid.fit(current.caused), current.motion
     if branch.robot.n_e:
-        motion = moving(branch, grid, current.law, deflections, current)[1]
+        motion = evaluate_deflected_motion(branch, grid, current.law, deflections, current)[1]
     return DeflectionSolution(grid, current.law, motion, current.forces, deflections, current.caused)
 
 
@@ -293,7 +299,9 @@ class _Iteration:
         largest = float(np.abs(self.grid.values(function)[0] / spring_scale(self.branch.robot)).max())
         if not largest <= MAX_DEFLECTION:
             raise NotConverged(f"deflections of {largest:.3g} rad or robot lengths", residual=largest)
-        return one_pass(self.branch, self.grid, self.choose_law(function, current.law), function, current)
+        return evaluate_pass(
+            self.branch, self.grid, self.choose_law(function, current.law), function, current
+        )
 
     def _split_residual(self, current: Pass, count: int) -> tuple[float, float]:
         """Measure the residual of a pass in the first coefficients, and in the others."""

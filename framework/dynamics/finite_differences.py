@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array
-from framework.dynamics.elastic_pass import moving_with
+from framework.dynamics.elastic_pass import motion_with_deflections
 from framework.dynamics.forces import joint_forces
 from framework.dynamics.inverse_dynamics import checked_geometry
 from framework.errors import InvalidInput
@@ -60,20 +60,24 @@ def finite_difference_torques(
     branch = track_path(robot, path) if branch is None else branch
     times = np.linspace(0.0, law.duration, samples)
     q_e = np.zeros((samples, robot.n_e))
-    motion = moving_with(branch, times, law, (q_e, q_e, q_e))  # at rest
+    motion = motion_with_deflections(branch, times, law, (q_e, q_e, q_e))  # springs at rest
     forces = joint_forces(robot, motion)
-    for done in range(passes if robot.n_e and geometry == "deformed" else min(robot.n_e, 1)):
+    # with rigid geometry one pass moves the motors by the deflections, and forces stay those of the rigid
+    # robot
+    pass_count = passes if robot.n_e and geometry == "deformed" else min(robot.n_e, 1)
+    for k in range(pass_count):
         q_e = -forces.spring_force / robot.stiffness
-        motion = moving_with(branch, times, law, (q_e, *_differences(q_e, times)))
-        if geometry == "deformed" and done < passes - 1:
+        motion = motion_with_deflections(branch, times, law, (q_e, *_differentiate_twice(q_e, times)))
+        if geometry == "deformed" and k < passes - 1:
             forces = joint_forces(robot, motion)
     angle = robot.gear_ratio * robot.actuated_coordinates(motion.q)
-    _, acceleration = _differences(angle, times)
+    _, acceleration = _differentiate_twice(angle, times)
     torque = robot.rotor_inertia * acceleration + forces.joint_torque / robot.gear_ratio
     return FiniteDifferenceTorques(times, torque, angle, q_e, motion)
 
 
-def _differences(values: Array, times: Array) -> tuple[Array, Array]:
+def _differentiate_twice(values: Array, times: Array) -> tuple[Array, Array]:
+    """Return first and second time derivatives of values (T, k) by differences of second order."""
     if not values.size:
         return values, values
     first = np.gradient(values, times, axis=0, edge_order=2)

@@ -28,7 +28,7 @@ from framework.linalg.ordered_sums import cross
 
 
 class ForceSlopes(NamedTuple):
-    """Derivatives (T, nv, nv) of the forces of the open tree, less forces of the world."""
+    """Derivatives (T, nv, nv) of the forces r of the open tree (`tree_forces`)."""
 
     by_q: Array  # along pinocchio's tangent at q
     by_v: Array
@@ -51,21 +51,26 @@ def force_slopes(robot: ParallelRobot, motion: Motion) -> ForceSlopes:
 
 
 def wrench_slope(robot: ParallelRobot, screws: Array, applied: AppliedWrench) -> Array:
-    """Compute the derivative (T, nv, nv) of the joint forces S_j . w of a wrench of the world.
+    """Compute the derivative (T, nv, nv) by q of the joint forces S_j . w of a wrench of the world.
 
-    With w = (f, m + p x f) about the base's origin, a column i before j turns S_j by [S_i, S_j]. Every i that
-    moves the frame changes w: on base axes through p alone, by d_i, S_j . (0, d_i x f); on axes of the frame
-    as a whole, -[S_i, S_j] . w.
+    S_j is the screw of joint column j, and w = (f, m + p x f) acts about the base's origin, with p the
+    frame's origin. A step of column i changes
+
+    * S_j by the Lie bracket [S_i, S_j], if i comes before j on the way to the frame;
+    * w by (0, d_i x f) if its components are constant on base axes, where d_i is the step of p;
+    * w with its frame, so that S_j . w changes by -[S_i, S_j] . w, if it turns with the frame.
+
+    Columns that do not move the frame have zero entries.
     """
     columns, w = tree_columns(robot), applied.wrench
     carried = columns.carried[applied.joint]
-    turned = np.einsum("tijs,ts->tji", bracket(screws[:, :, None], screws[:, None]), w)
+    screw_change = np.einsum("tijs,ts->tji", bracket(screws[:, :, None], screws[:, None]), w)
     if applied.turns:
-        moved = -turned
+        wrench_change = -screw_change
     else:
-        slide = screws[..., :3] + cross(screws[..., 3:], applied.origin[:, None])  # (T, nv, 3) of the frame
-        moved = screws[..., 3:] @ cross(slide, w[:, None, :3]).swapaxes(1, 2)
-    return (turned * columns.before.T + moved) * carried * carried[:, None]
+        origin_steps = screws[..., :3] + cross(screws[..., 3:], applied.origin[:, None])  # (T, nv, 3) d_i
+        wrench_change = screws[..., 3:] @ cross(origin_steps, w[:, None, :3]).swapaxes(1, 2)
+    return (screw_change * columns.before.T + wrench_change) * carried * carried[:, None]
 
 
 def force_changes(
@@ -75,8 +80,11 @@ def force_changes(
     multipliers: Array,
     changes: MotionChanges,
 ) -> Array:
-    """Compute d(r - J' lambda) (T, k, nv) for multipliers (T, m) of the independent loop equations."""
-    curved = loop_curvature(robot, robot.loops, motion.linearised.frames, multipliers)
+    """Compute d(r - J' lambda) (T, k, nv) for k changes of the motion.
+
+    `multipliers` (T, m) are the constant lambda of the independent loop equations.
+    """
+    curvature = loop_curvature(robot, robot.loops, motion.linearised.frames, multipliers)
     dq, dv, da = changes
-    by_q = (slopes.by_q - curved).swapaxes(1, 2)
+    by_q = (slopes.by_q - curvature).swapaxes(1, 2)
     return dq @ by_q + dv @ slopes.by_v.swapaxes(1, 2) + da @ slopes.mass

@@ -50,18 +50,18 @@ class JointMotion(Protocol):
 
 
 def tree_forces(robot: ParallelRobot, motion: JointMotion) -> Array:
-    """Compute the forces (T, nv) of the open tree: RNEA with armature, springs and damping of its own joints.
+    """Compute the generalised forces r (T, nv) of the open tree: inverse dynamics less wrenches of the world.
 
-    The forces of the world are subtracted. A robot without `elastic_inertia` has the rates of its platform's
-    motion alone.
+    Included are gravity, armature, and springs and damping of the joints. Without `elastic_inertia` the rates
+    of deflections cause no forces.
     """
-    felt = _as_felt(robot, motion)
-    forces = _rnea(robot, robot.model, felt)
+    inertial = _inertial_motion(robot, motion)
+    forces = _rnea(robot, robot.model, inertial)
     if robot.joint_stiffness.any():
-        forces += spring_torques(robot, felt.q, robot.joint_stiffness)
+        forces += spring_torques(robot, inertial.q, robot.joint_stiffness)
     if robot.is_damped:
-        forces += robot.joint_damping * felt.v
-    return _less(forces, motion.wrenches)
+        forces += robot.joint_damping * inertial.v
+    return _subtract_wrenches(forces, motion.wrenches)
 
 
 def static_forces(robot: ParallelRobot, q: Array, wrenches: tuple[AppliedWrench, ...] = ()) -> Array:
@@ -72,34 +72,40 @@ def static_forces(robot: ParallelRobot, q: Array, wrenches: tuple[AppliedWrench,
         forces[k] = pin.computeGeneralizedGravity(robot.model, data, q[k])
     if robot.joint_stiffness.any():
         forces += spring_torques(robot, q, robot.joint_stiffness)
-    return _less(forces, wrenches)
+    return _subtract_wrenches(forces, wrenches)
 
 
-def _less(forces: Array, wrenches: tuple[AppliedWrench, ...]) -> Array:
-    """Subtract the joint forces of the wrenches of the world from forces (T, nv), in place."""
+def _subtract_wrenches(forces: Array, wrenches: tuple[AppliedWrench, ...]) -> Array:
+    """Subtract the generalised forces of wrenches of the world from forces (T, nv), in place."""
     for wrench in wrenches:
         forces -= wrench.generalised
     return forces
 
 
 def inertial_forces(robot: ParallelRobot, motion: JointMotion) -> Array:
-    """Compute the share of `tree_forces` (T, nv) that accelerates the bodies and the armature.
+    """Compute the share of `tree_forces` (T, nv) that accelerates bodies and armature.
 
-    It is linear in the accelerations and quadratic in the rates, so its coefficients can be computed at any
-    speed. As differences of `tree_forces` they would lose digits against gravity for a small or quick robot.
+    It is linear in accelerations and quadratic in rates. Differences of `tree_forces` with and without motion
+    would lose digits against gravity for a small or fast robot.
     """
-    return _rnea(robot, robot.weightless, _as_felt(robot, motion))
+    return _rnea(robot, robot.weightless, _inertial_motion(robot, motion))
 
 
-def _as_felt(robot: ParallelRobot, motion: JointMotion) -> JointMotion:
-    """Return the motion whose rates and accelerations cause forces, see `ParallelRobot.elastic_inertia`."""
+def _inertial_motion(robot: ParallelRobot, motion: JointMotion) -> JointMotion:
+    """Return the motion whose rates cause inertial forces: without rates of deflections if so modelled.
+
+    See `ParallelRobot.elastic_inertia`.
+    """
     if robot.n_e and not robot.elastic_inertia:
         return freeze_deflections(robot, motion.q, motion.v, motion.a)
     return motion
 
 
 def _rnea(robot: ParallelRobot, model: pin.Model, motion: JointMotion) -> Array:
-    """Compute forces (T, nv) of the open tree's bodies, of `robot.model` or its copy without gravity."""
+    """Compute the inverse dynamics (T, nv) of the tree's bodies by the recursive Newton-Euler algorithm.
+
+    `model` is the robot's model or its copy without gravity.
+    """
     data = scratch_of(robot).data
     forces: Array = np.empty((len(motion.q), model.nv))
     for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
@@ -108,7 +114,7 @@ def _rnea(robot: ParallelRobot, model: pin.Model, motion: JointMotion) -> Array:
 
 
 def spring_torques(robot: ParallelRobot, q: Array, stiffness: Array) -> Array:
-    """Compute torques (T, nv) of springs of a stiffness (nv,) at q (T, nq)."""
+    """Compute the torques (T, nv) that hold springs of stiffness (nv,) at q (T, nq): K (q - rest)."""
     offset = difference(robot, robot.neutral, q)
     return forces_on_joints(robot, robot.neutral, q, stiffness * (offset - robot.joint_rest))
 
@@ -121,26 +127,27 @@ def joint_forces(robot: ParallelRobot, motion: Motion) -> Forces:
 def balanced_forces(robot: ParallelRobot, linearised: LinearisedLoops, r: Array) -> Forces:
     """Compute the forces of motors and springs that balance forces r (T, nv) of the open tree.
 
-    The loops close with the platform held by a wrench w and free motors, or by the motors alone:
+    First a wrench w on the platform balances r with free motors, then the same wrench balances unit torques
+    of each motor; the torques tau follow from equal wrenches:
 
-        F' [w; lambda_0] = r        F' [M; ...] = unit torques of the motors        M tau = w
+        F' [w; lambda_0] = r        F' [M; Lambda] = unit torques of the motors        M tau = w
 
-    with F = d[platform ; closures]/dq along the joints that follow, regular at Type 2 and already factored,
-    and M (n, n_a) = (dq_a/dx)', singular at Type 2. With redundant motors the sum of squares of
-    tau_joint / gear ratio is least. An instant exactly on a Type 2 singularity divides 0 by 0 and is
-    infinite.
+    F = d[platform ; closures]/dq along actuated and passive joints is regular at Type 2 and already factored.
+    M (n, n_a) = (dq_a/dx)' is singular at Type 2: exactly there 0 is divided by 0 and the torque is infinite.
+    With redundant motors the sum of squares of tau_joint / gear ratio is least. The loop forces are
+    lambda = lambda_0 - Lambda tau, and the springs take r_e - J_e' lambda.
     """
     columns = robot.moving  # the actuated ones first
-    loads = np.zeros((1 + robot.n_a, len(r), len(columns)))
-    loads[0] = r.take(columns, axis=1)
-    loads[1:, :, : robot.n_a] = np.eye(robot.n_a)[:, None]
-    carried = linearised.factors.solve_transposed(loads)
-    wrench, matrix = carried[0, :, : robot.n], carried[1:, :, : robot.n].transpose(1, 2, 0)
-    torque = _motor_share(robot, matrix, wrench)
+    right_sides = np.zeros((1 + robot.n_a, len(r), len(columns)))
+    right_sides[0] = r.take(columns, axis=1)
+    right_sides[1:, :, : robot.n_a] = np.eye(robot.n_a)[:, None]
+    balancing = linearised.factors.solve_transposed(right_sides)
+    w, M = balancing[0, :, : robot.n], balancing[1:, :, : robot.n].transpose(1, 2, 0)
+    torque = _solve_motor_torques(robot, M, w)
     if not robot.n_e:
         return Forces(torque, np.zeros((len(r), 0)))
-    with np.errstate(invalid="ignore"):  # an infinite torque leaves no number
-        multipliers = carried[0] - np.einsum("atk,ta->tk", carried[1:], torque)
+    with np.errstate(invalid="ignore"):  # an infinite torque makes NaN
+        multipliers = balancing[0] - np.einsum("atk,ta->tk", balancing[1:], torque)
     multipliers[:, : robot.n] = 0.0  # no wrench on the platform
     loops = linearised.equations.elastic.transposed_times(linearised.entries, multipliers)
     return Forces(torque, r[:, robot.elastic] - loops)
@@ -149,32 +156,33 @@ def balanced_forces(robot: ParallelRobot, linearised: LinearisedLoops, r: Array)
 def loop_multipliers(
     robot: ParallelRobot, linearised: LinearisedLoops, r: Array, joint_torque: Array
 ) -> Array:
-    """Solve r - S tau_joint = [X; J]' multipliers (T, n + m) for forces r (T, nv).
+    """Solve r - S' tau_joint = X' w + J' lambda for [w; lambda] (T, n + m), with forces r (T, nv).
 
-    They are the wrench that would have to hold the platform, and lambda of the independent loop equations.
+    w is the wrench that would have to hold the platform, lambda the forces of the independent loop equations.
     """
-    rest = r.take(robot.moving, axis=1)
-    rest[:, : robot.n_a] -= joint_torque
-    return linearised.factors.solve_transposed(rest)
+    right_side = r.take(robot.moving, axis=1)
+    right_side[:, : robot.n_a] -= joint_torque
+    return linearised.factors.solve_transposed(right_side)
 
 
-def _motor_share(robot: ParallelRobot, matrix: Array, wrench: Array) -> Array:
-    """Solve matrix (T, n, n_a) @ torque = wrench (T, n) for joint torques (T, n_a)."""
+def _solve_motor_torques(robot: ParallelRobot, M: Array, w: Array) -> Array:
+    """Solve M (T, n, n_a) tau = w (T, n) for joint torques tau (T, n_a); least motor torques if redundant."""
     if robot.n_a > robot.n:
-        geared = matrix * robot.gear_ratio
-        return robot.gear_ratio * least_motor_torques(robot, geared, wrench[..., None])[..., 0]
-    return solve(matrix, wrench)
+        geared = M * robot.gear_ratio
+        return robot.gear_ratio * least_motor_torques(robot, geared, w[..., None])[..., 0]
+    return solve(M, w)
 
 
 def least_motor_torques(robot: ParallelRobot, matrix: Array, wrenches: Array) -> Array:
-    """Solve matrix (T, n, n_a) @ torques = wrenches (T, n, k) for least torques (T, n_a, k), motor side.
+    """Solve matrix (T, n, n_a) @ torques = wrenches (T, n, k) for the least torques (T, n_a, k).
 
-    Equations of forces are multiplied by the robot's length first, so that all are couples: forces of a small
-    robot would lose digits beside its moments.
+    With matrix' = Q R the solution of least norm is Q R'^-1 wrenches. Rows of forces are multiplied by the
+    robot's length, so that all rows are moments: forces of a small robot would lose digits beside its
+    moments.
     """
-    arm = robot.platform_scale[:, None]
-    directions, triangle = np.linalg.qr((arm * matrix).swapaxes(1, 2))  # of the torques that hold a wrench
-    return directions @ solve(triangle.swapaxes(1, 2), arm * wrenches)
+    scale = robot.platform_scale[:, None]
+    Q, R = np.linalg.qr((scale * matrix).swapaxes(1, 2))
+    return Q @ solve(R.swapaxes(1, 2), scale * wrenches)
 
 
 def motor_torque(robot: ParallelRobot, motion: Motion, joint_torque: Array) -> Array:

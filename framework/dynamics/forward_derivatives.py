@@ -78,21 +78,23 @@ def forward_derivatives(
         )
     motion = instant._motion
     motion = motion.with_wrenches(tuple(one._replace(turns=one.frame in turning) for one in motion.wrenches))
-    x = platform_rates_of(robot, motion)
-    changes = motion_changes(robot, motion, coordinate_steps(robot, x, _other_columns(robot)))
-    changed = _force_changes(robot, motion, np.atleast_2d(instant.joint_torque), changes)
-    rates = _unit_rates(robot, motion)
-    by_y, by_dy, inertia = np.split(rates @ changed.swapaxes(1, 2), 3, axis=2)
+    x, dx, ddx = platform_rates_of(robot, motion)
+    steps = coordinate_steps(robot, (x, dx, ddx), _undetermined_columns(robot))
+    changes = motion_changes(robot, motion, steps)
+    force_change = _force_changes(robot, motion, np.atleast_2d(instant.joint_torque), changes)
+    unit_rates = _unit_rates(robot, motion)  # T'
+    by_y, by_dy, inertia = np.split(unit_rates @ force_change.swapaxes(1, 2), 3, axis=2)
     d = robot.n + robot.n_e
-    drive = robot.gear_ratio * rates[..., robot.actuated]
-    slopes = np.linalg.solve(inertia, np.concatenate([-by_y[..., :d], -by_dy[..., :d], drive], axis=2))
+    by_torque = robot.gear_ratio * unit_rates[..., robot.actuated]
+    right_side = np.concatenate([-by_y[..., :d], -by_dy[..., :d], by_torque], axis=2)
+    slopes = np.linalg.solve(inertia, right_side)
     motor = _motor_slopes(changes.a[..., robot.actuated], slopes, d)
-    entry, slopes = entry_of(q), slopes[:, :d]
+    entry, y_slopes = entry_of(q), slopes[:, :d]  # without idle joints
     return ForwardDerivatives(
-        acceleration=np.concatenate([x[2], motion.a[:, robot.elastic]], axis=1)[entry],
-        acceleration_y=slopes[entry, ..., :d],
-        acceleration_dy=slopes[entry, ..., d : 2 * d],
-        acceleration_torque=slopes[entry, ..., 2 * d :],
+        acceleration=np.concatenate([ddx, motion.a[:, robot.elastic]], axis=1)[entry],
+        acceleration_y=y_slopes[entry, ..., :d],
+        acceleration_dy=y_slopes[entry, ..., d : 2 * d],
+        acceleration_torque=y_slopes[entry, ..., 2 * d :],
         motor=motion.a[entry, ..., robot.actuated],
         motor_y=motor[entry, ..., :d],
         motor_dy=motor[entry, ..., d : 2 * d],
@@ -101,9 +103,10 @@ def forward_derivatives(
 
 
 def _motor_slopes(changes: Array, slopes: Array, d: int) -> Array:
-    """Compute derivatives (T, n_a, 2 d + n_a) of motor accelerations from `slopes` of y".
+    """Compute derivatives (T, n_a, 2 d + n_a) of motor accelerations by y, dy and torque.
 
-    `changes` (T, 3 k, n_a) are those by unit steps of positions, rates and accelerations.
+    The total derivative along p is the partial one plus d(motor)/d(y") dy"/dp, with dy"/dp in `slopes`.
+    `changes` (T, 3 k, n_a) are the partial ones, by unit steps of positions, rates and accelerations.
     """
     by_y, by_dy, by_ddy = np.split(changes.swapaxes(1, 2), 3, axis=2)
     motor = by_ddy @ slopes
@@ -112,8 +115,8 @@ def _motor_slopes(changes: Array, slopes: Array, d: int) -> Array:
     return motor
 
 
-def _other_columns(robot: ParallelRobot) -> IntArray:
-    """Return the deflections and idle joints, which the platform does not determine."""
+def _undetermined_columns(robot: ParallelRobot) -> IntArray:
+    """Return the columns of deflections and idle joints, which the platform does not determine."""
     return np.concatenate([robot.elastic, robot.structure.idle])
 
 
@@ -130,22 +133,28 @@ def _force_changes(
 
 
 def _unit_rates(robot: ParallelRobot, motion: Motion) -> Array:
-    """Compute joint rates (T, k, nv) for unit twists of the platform, then unit rates of `_other_columns`."""
-    others, n = _other_columns(robot), robot.n
-    size = n + len(others)
+    """Compute joint rates T' (T, k, nv) for unit twists of the platform, then unit rates of others.
+
+    The others are `_undetermined_columns`.
+    """
+    columns, n = _undetermined_columns(robot), robot.n
+    size = n + len(columns)
     units = np.broadcast_to(np.eye(size), (len(motion.q), size, size))
-    right = np.zeros((*units.shape[:2], motion.linearised.residual.shape[1]))
-    right[..., :n] = units[..., :n]
-    return solve_rates(robot, motion.linearised, right, others, units[..., n:])
+    right_side = np.zeros((*units.shape[:2], motion.linearised.residual.shape[1]))
+    right_side[..., :n] = units[..., :n]
+    return solve_rates(robot, motion.linearised, right_side, columns, units[..., n:])
 
 
 def platform_rates_of(robot: ParallelRobot, motion: Motion) -> CoordinateRates:
-    """Compute x, dx, ddx (T, n) of a motion."""
+    """Compute the platform's coordinates x and their derivatives dx, ddx, each (T, n), of a motion.
+
+    The twist is v = E(x) dx, and its rate E ddx + E' dx: solve both with E.
+    """
     platform = robot.platform
     x = platform.coordinates(motion.linearised.frames)
     twist, twist_rate = platform_twists(robot, motion)
-    by_rates = platform.rate_matrix(x)
-    dx = np.asarray(np.linalg.solve(by_rates, twist[..., None])[..., 0])
-    quadratic = platform.twist(x, dx)[1]
-    ddx = np.asarray(np.linalg.solve(by_rates, (twist_rate - quadratic)[..., None])[..., 0])
+    E = platform.rate_matrix(x)
+    dx = np.asarray(np.linalg.solve(E, twist[..., None])[..., 0])
+    quadratic_terms = platform.twist(x, dx)[1]
+    ddx = np.asarray(np.linalg.solve(E, (twist_rate - quadratic_terms)[..., None])[..., 0])
     return x, dx, ddx

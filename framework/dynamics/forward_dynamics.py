@@ -40,10 +40,10 @@ def forward_dynamics(
 
         M a + c + g + K (q - rest) = S' n tau + f + J' lambda,        J a + drift = 0
 
-    in all coordinates, so that nothing is singular at Type 2. For rigid robots it inverts `dynamics_at`. That
-    takes springs for rigid, while this counts the forces of their deflections in q. `a` of the result is NaN
-    for a motion without mass (an elastic robot of massless links), `torque` the argument, `spring_force` that
-    of the deflections.
+    in all coordinates, so that nothing is singular at Type 2. For rigid robots it inverts `dynamics_at`. For
+    elastic robots `dynamics_at` takes springs as rigid, while here their deflections in q cause forces. In
+    the result `a` is NaN for a motion without mass (an elastic robot of massless links), `torque` is the
+    argument, and `spring_force` is -K times the deflections.
 
     Args:
         q: assembled, of `assemble` or `forward_kinematics`; or a stack of T states (T, nq), and all results
@@ -54,8 +54,8 @@ def forward_dynamics(
         wrenches: of the world, as for `dynamics_at`.
 
     Raises:
-        InvalidInput: q or v opens the loops; an argument of the wrong shape, or a frame that is not there;
-            parts without mass out of balance, or without mass and spring. Of a stack it names the row.
+        InvalidInput: q or v opens the loops; an argument of the wrong shape, or an unknown frame; parts
+            without mass out of balance, or without mass and spring. In a stack the message names the row.
     """
     expect_robot(robot)
     closed = assembled_at(robot, q, stacks=True)
@@ -63,15 +63,16 @@ def forward_dynamics(
     rates = stacked_rows("v", v, nv, count)
     torques = stacked_rows(f"torque ({', '.join(robot.actuator_names)})", torque, robot.n_a, count)
     _check_rates(robot, closed, rates)
-    at_rest = Motion(closed.q, rates.copy(), np.zeros((count, nv)), closed.linearised)
-    at_rest = apply_wrenches(robot, at_rest, stack_wrenches(robot, wrenches, count))
-    applied = sum((wrench.generalised for wrench in at_rest.wrenches), start=np.zeros((count, nv)))
+    unaccelerated = Motion(closed.q, rates.copy(), np.zeros((count, nv)), closed.linearised)
+    unaccelerated = apply_wrenches(robot, unaccelerated, stack_wrenches(robot, wrenches, count))
+    applied = sum((wrench.generalised for wrench in unaccelerated.wrenches), start=np.zeros((count, nv)))
     solution = accelerations(_equations_of(robot, threading.get_ident()), closed.q, rates, torques, applied)
-    motion = replace(at_rest, a=solution.a)
-    rotors = (robot.rotors * solution.a)[:, robot.actuated]
+    motion = replace(unaccelerated, a=solution.a)
+    rotor_torque = (robot.rotors * solution.a)[:, robot.actuated]
+    deflections = robot.coordinates.positions(closed.q)[:, robot.elastic]
     forces = Forces(
-        robot.gear_ratio * torques - rotors,
-        -robot.stiffness * robot.coordinates.positions(closed.q)[:, robot.elastic],
+        joint_torque=robot.gear_ratio * torques - rotor_torque,
+        spring_force=-robot.stiffness * deflections,
     )
     entry = entry_of(q)
     instant = instant_of(robot, motion, tree_forces(robot, motion), forces, entry)
@@ -79,19 +80,20 @@ def forward_dynamics(
     return replace(instant, torque=torques[entry], a=determined[entry])
 
 
-@lru_cache(maxsize=16)  # megabytes each; their working memory serves one thread
+@lru_cache(maxsize=16)  # megabytes each
 def _equations_of(robot: ParallelRobot, thread: int) -> EquationsOfMotion:
+    """Return the equations of a robot for one thread: they have working memory."""
     return EquationsOfMotion.of(robot)
 
 
 def _check_rates(robot: ParallelRobot, closed: ClosedStack, v: Array) -> None:
-    """Refuse joint rates (T, nv) under which the loop equations open."""
+    """Refuse joint rates (T, nv) that open the loops: J v must be zero but for rounding."""
     speeds = v / robot.column_scale
-    opening = np.abs(matvec(scaled_loops(robot, closed.linearised), speeds)).max(axis=1, initial=0.0)
-    wrong = np.flatnonzero(opening > FILE_ROUNDING * np.abs(speeds).max(axis=1, initial=0.0))
-    if len(wrong):
-        row = f", row {wrong[0]}" if len(v) > 1 else ""
+    loop_rates = np.abs(matvec(scaled_loops(robot, closed.linearised), speeds)).max(axis=1, initial=0.0)
+    opening = np.flatnonzero(loop_rates > FILE_ROUNDING * np.abs(speeds).max(axis=1, initial=0.0))
+    if len(opening):
+        row = f", row {opening[0]}" if len(v) > 1 else ""
         raise InvalidInput(
-            f"v{row}: the loops of {robot.name} open with {opening[wrong[0]]:.3g} rad/s or robot lengths/s; "
-            f"see `dynamics_at`"
+            f"v{row}: the loops of {robot.name} open with {loop_rates[opening[0]]:.3g} rad/s or robot "
+            f"lengths/s; see `dynamics_at`"
         )

@@ -67,9 +67,9 @@ from framework.tolerances import (
 
 GEOMETRIES = ("rigid", "deformed")
 SIZES = (64, 128, 256, 512)  # nodes a panel, tried in turn
-FEW = 20  # nodes of a panel that the law itself asks for, tried first
-UNSETTLED = 1e-2  # change of the deflections, over the largest one, of which nothing can be told
-STALLED = 0.5  # share of the change of the deflections that a finer grid leaves at least if it is no help
+FEW = 20  # nodes of a panel of the law's own, tried first
+UNSETTLED = 1e-2  # change of the deflections over the largest one, from which on they are not used
+STALLED = 0.5  # change of the deflections over that of the grid before, from which on a finer grid is no help
 
 
 def inverse_dynamics(
@@ -82,7 +82,7 @@ def inverse_dynamics(
     friction: str = FRICTIONS[0],
     wrenches: Mapping[str, Any] | None = None,
 ) -> InverseDynamics:
-    """Torques for a path under any law that a user brings.
+    """Compute the torques along a path under any motion law, with their certificate.
 
     Args:
         law: `law(t, order)` with `duration` [s] and values in [0, 1]; smooth between path knots.
@@ -113,7 +113,7 @@ def inverse_dynamics(
 def resolve_law(
     searched: SearchedPath, law: MotionLaw, *, geometry: str, tolerance: float, friction: str
 ) -> InverseDynamics:
-    """`resolve` a law as it is, with its deflections from `restoration` where the passes do not find them."""
+    """Call `resolve` with a given law; where passes find no deflections, with those of `restoration`."""
 
     def with_deflections(known: KnownDeflections | None) -> InverseDynamics:
         return resolve(
@@ -128,12 +128,16 @@ def resolve_law(
         try:
             return with_deflections(deflections_of(searched.branch, law))
         except NoAnswer:
-            pass  # what was said first says more
+            pass  # the first error tells more
         raise
 
 
 def checked_geometry(robot: ParallelRobot, geometry: str | None) -> str:
-    """The geometry to use: deformed by default when the robot has springs."""
+    """Return the geometry to use: "deformed" by default, "rigid" for a robot without springs.
+
+    Raises:
+        InvalidInput: the geometry is unknown.
+    """
     expect_robot(robot)
     if geometry is None:
         return "deformed" if robot.n_e else "rigid"
@@ -143,7 +147,7 @@ def checked_geometry(robot: ParallelRobot, geometry: str | None) -> str:
 
 
 def check_tolerance(tolerance: float) -> None:
-    """Raise InvalidInput unless the tolerance tells a resolved torque from a pole."""
+    """Raise InvalidInput unless a tail below the tolerance excludes a pole (at most RESOLVABLE_TAIL)."""
     if not (is_number(tolerance) and 0 < tolerance <= RESOLVABLE_TAIL):
         raise InvalidInput(f"tolerance: must lie in (0, {RESOLVABLE_TAIL:g}], got {tolerance!r}")
 
@@ -263,7 +267,7 @@ def _planned_friction(result: InverseDynamics, friction: str) -> PlannedFriction
 
 
 def is_stalled(changes: list[float]) -> bool:
-    """Return whether each of two finer grids leaves more than the share STALLED of the change."""
+    """Return whether the last two grids have changes above STALLED times that of the grid before them."""
     return len(changes) > 2 and min(changes[-2:]) > STALLED * changes[-3]
 
 
@@ -281,17 +285,21 @@ def check_law(law: MotionLaw) -> None:
 
 
 def _law_is_resolved(law: MotionLaw, grid: TimeGrid) -> bool:
-    """Whether the law is what its values on the nodes say, looked at 16 times as finely."""
+    """Return whether the series through the law's values at nodes is the law, on 16 times as many instants.
+
+    Raises:
+        InvalidInput: a derivative of the law is not that of the series.
+    """
     if isinstance(law, PlannedLaw):
-        return True  # right by construction; between the nodes the closure error looks at it too
+        return True  # by construction; the closure error between nodes checks the law, too
     times = np.linspace(0.0, law.duration, 16 * len(grid.times))
     values = np.asarray(law(grid.times))[:, None]
-    through_nodes = grid.fit(values)(times)[:, 0]
-    if np.abs(law(times) - through_nodes).max() > SAME_PLACE:
+    series_values = grid.fit(values)(times)[:, 0]
+    if np.abs(law(times) - series_values).max() > SAME_PLACE:
         return False
-    for order, derived in enumerate(grid.differentiate(values), start=1):
-        difference = np.abs(np.asarray(law(grid.times, order)) - derived[:, 0]).max()
-        if not difference <= WRONG_DERIVATIVE * max(float(np.abs(derived).max()), law.duration**-order):
+    for order, derivative in enumerate(grid.differentiate(values), start=1):
+        difference = np.abs(np.asarray(law(grid.times, order)) - derivative[:, 0]).max()
+        if not difference <= WRONG_DERIVATIVE * max(float(np.abs(derivative).max()), law.duration**-order):
             raise InvalidInput(f"law: law(t, {order}) is not the derivative of law(t) of that order")
     return True
 
@@ -303,28 +311,30 @@ def _result(
     crossings: tuple[SingularityCrossing, ...],
     passes: int,
 ) -> InverseDynamics:
+    """Return the result of a motion on one grid, its residuals and friction not yet computed.
+
+    Configurations are stored as tangent offsets from the branch's origin, smooth functions of time.
+    """
     robot, grid = branch.robot, state.grid
     torques = grid.fit(motor_torque(robot, state.motion, state.forces.joint_torque))
     q, s = state.motion.q, state.law(grid.times)
-    if not branch.is_continued(s).any():  # a continuation is smooth as it is
+    if not branch.is_continued(s).any():  # continued configurations have a smooth spin already
         q = remove_idle_spin(robot, branch.origin, q, branch.path(s))
-    u = difference(robot, branch.origin, q)
-    offsets = grid.fit(u)
-    turned = difference(robot, robot.neutral, branch.origin[None]) + u
-    motor = grid.fit(robot.gear_ratio * turned[:, robot.actuated])
-    deflections = state.deflections
+    offsets = difference(robot, branch.origin, q)
+    joint_positions = difference(robot, robot.neutral, branch.origin[None]) + offsets
+    motor_angles = grid.fit(robot.gear_ratio * joint_positions[:, robot.actuated])
     return InverseDynamics(
         robot=robot,
         path=branch.path,
         law=state.law,
         geometry=geometry,
         torques=torques,
-        motor_angles=motor,
-        deflections=deflections,
+        motor_angles=motor_angles,
+        deflections=state.deflections,
         deflection_rates=tuple(
             grid.fit(rates[:, robot.elastic]) for rates in (state.motion.v, state.motion.a)
         ),
-        offsets=offsets,
+        offsets=grid.fit(offsets),
         origin=branch.origin,
         crossings=crossings,
         wrenches=branch.wrenches,
@@ -343,7 +353,7 @@ def _result(
 
 
 def _tail(function: TimeFunction, rounding: Array) -> float:
-    """The tail of the components (k,) that are more than rounding."""
+    """Return the tail of the components (k,) whose largest coefficient is above `rounding` (k,)."""
     size = np.abs(function.coefficients).max(axis=(0, 1))
     return TimeFunction(function.edges, function.coefficients[..., size > rounding]).tail
 
@@ -351,20 +361,18 @@ def _tail(function: TimeFunction, rounding: Array) -> float:
 def _tails(
     robot: ParallelRobot, grid: TimeGrid, here: Pass | DeflectionSolution, torques: TimeFunction
 ) -> float:
-    """The tail of the motors' torques, or of the deflections that the forces cause if that is larger."""
-    # what rounding makes of motor torques (n_a,) [N m] that are zero, as at constant speed
-    rounding = 1e-15 * robot.mass * (robot.length / here.law.duration) ** 2 / np.abs(robot.gear_ratio)
-    return max(
-        _tail(torques, rounding),
-        _tail(grid.fit(here.caused), 1e-14 * robot.column_scale[robot.elastic]),
-    )
+    """Return the tail of motor torques, or of the deflections that forces cause if that is larger."""
+    # rounding of motor torques (n_a,) [N m] that are zero, as at constant speed
+    torque_rounding = 1e-15 * robot.mass * (robot.length / here.law.duration) ** 2 / np.abs(robot.gear_ratio)
+    deflection_rounding = 1e-14 * robot.column_scale[robot.elastic]
+    return max(_tail(torques, torque_rounding), _tail(grid.fit(here.caused), deflection_rounding))
 
 
 def _end_speed(robot: ParallelRobot, state: DeflectionSolution) -> float:
-    """Largest motor speed at both ends of the motion over the largest one on the way."""
+    """Return the largest motor speed at both ends of the motion over the largest of the motion."""
     speeds = np.abs(robot.gear_ratio * state.motion.v[:, robot.actuated])
-    quickest = float(speeds.max(initial=0.0))
-    return float(speeds[[0, -1]].max(initial=0.0)) / quickest if quickest > 0 else 0.0
+    peak = float(speeds.max(initial=0.0))
+    return float(speeds[[0, -1]].max(initial=0.0)) / peak if peak > 0 else 0.0
 
 
 __all__ = ["InverseDynamics", "SingularityCrossing", "inverse_dynamics"]

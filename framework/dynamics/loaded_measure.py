@@ -17,7 +17,7 @@ from framework.arrays import Array
 from framework.dynamics.loaded_balance import Course, balance_along, slopes_along, spring_units
 from framework.dynamics.result import InverseDynamics
 from framework.errors import NoAnswer
-from framework.motion.law import orders_of
+from framework.motion.law import law_derivatives
 from framework.motion.path import time_derivatives
 from framework.singularity.bordered_system import root_of_g
 from framework.tolerances import SAME_PLACE
@@ -43,7 +43,7 @@ def loaded_tangent(result: InverseDynamics, t: Array) -> Array:
         NotAssembled: a small deflection tears the loops.
     """
     robot, law = result.robot, result.law
-    s = orders_of(law, t)
+    s = law_derivatives(law, t)
     course = Course(
         s[0], *time_derivatives(result.path, s), *(result.deflection(t, order) for order in range(3))
     )

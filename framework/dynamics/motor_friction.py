@@ -28,7 +28,7 @@ def motor_friction(robot: ParallelRobot, friction: str) -> Array:
     return robot.joint_friction[robot.actuated] / np.abs(robot.gear_ratio)
 
 
-def signs(speeds: Array) -> Array:
+def speed_signs(speeds: Array) -> Array:
     """Return the signs (T, n_a) of motor speeds (T, n_a), zero at a standstill."""
     size = np.abs(speeds)
     return np.where(size > AT_REST * size.max(initial=0.0), np.sign(speeds), 0.0)
@@ -36,11 +36,11 @@ def signs(speeds: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class PlannedFriction(ReadOnlyArrays):
-    """The torque of dry friction as a function of time.
+    """The torque of dry friction as a function of time, constant on intervals.
 
-    instants: for each motor the ascending instants (k,) between which its sign is constant: both ends of the
-        motion, and where it reverses, stops or starts [s].
-    between: for each motor the torque (k - 1,) between them, motor side [N m or N].
+    instants: for each motor the ascending ends (k,) [s] of its intervals: both ends of the motion, and where
+        the motor reverses, stops or starts.
+    between: for each motor the torque (k - 1,) on its intervals, motor side [N m or N].
     """
 
     instants: tuple[Array, ...]
@@ -48,34 +48,36 @@ class PlannedFriction(ReadOnlyArrays):
 
     @staticmethod
     def from_speed(size: Array, speed: Callable[[Array], Array], duration: float) -> PlannedFriction | None:
-        """Return friction of a size (n_a,) for motor speeds (T, n_a) at t (T,); None for zero."""
+        """Return friction of `size` (n_a,) along motor speeds (T, n_a) at t (T,); None without friction."""
         if not size.any():
             return None
         t = np.linspace(0.0, duration, SPEED_SAMPLES)
-        sampled = signs(speed(t))
+        sampled_signs = speed_signs(speed(t))
         instants, between = [], []
         for k, friction in enumerate(size):
-            edges, constant = _intervals(t, sampled[:, k], speed, k)
-            instants.append(edges)
-            between.append(friction * constant)
+            ends, interval_signs = _constant_sign_intervals(t, sampled_signs[:, k], speed, k)
+            instants.append(ends)
+            between.append(friction * interval_signs)
         return PlannedFriction(tuple(instants), tuple(between))
 
     def __call__(self, t: ArrayLike) -> Array:
-        """Return the torque (T, n_a) at t (T,), (n_a,) at a scalar; 0 at the instants themselves."""
+        """Return the torque (T, n_a) at t (T,), (n_a,) at a scalar; 0 at the ends of intervals."""
         times = np.asarray(t, dtype=float)
         values = []
         for instants, between in zip(self.instants, self.between, strict=True):
-            after = np.clip(np.searchsorted(instants, times, side="right") - 1, 0, len(between) - 1)
+            interval = np.clip(np.searchsorted(instants, times, side="right") - 1, 0, len(between) - 1)
             outside = (times <= instants[0]) | (times >= instants[-1])
-            values.append(np.where(outside | np.isin(times, instants), 0.0, between[after]))
+            values.append(np.where(outside | np.isin(times, instants), 0.0, between[interval]))
         return np.stack(values, axis=-1)
 
 
-def _intervals(t: Array, sign: Array, speed: Callable[[Array], Array], motor: int) -> tuple[Array, Array]:
-    """Return instants (k,) and the constant sign (k - 1,) of each interval, from samples of the sign.
+def _constant_sign_intervals(
+    t: Array, sign: Array, speed: Callable[[Array], Array], motor: int
+) -> tuple[Array, Array]:
+    """Return the ends (k,) [s] of intervals of constant sign, and the signs (k - 1,), from samples at t.
 
-    A motion starts and stops so gently that its first and last samples may have no sign; they take that of
-    their neighbours. So does a single sample, a zero of the speed; several are a standstill.
+    The first and last samples, where the motion starts and stops smoothly, may be zero: they belong to their
+    neighbours' interval. So does a single zero sample; two and more are a standstill of sign 0.
     """
     from scipy.optimize import brentq  # takes time to import, and most robots have no dry friction
 
@@ -85,12 +87,12 @@ def _intervals(t: Array, sign: Array, speed: Callable[[Array], Array], motor: in
     moving = np.flatnonzero(sign)
     if not len(moving):
         return t[[0, -1]], np.zeros(1)
-    instants, between = [t[0]], [sign[moving[0]]]
+    ends, signs = [t[0]], [sign[moving[0]]]
     for i, j in pairwise(moving):
-        if j - i > 2:
-            instants += [t[i + 1], t[j - 1]]
-            between += [0.0, sign[j]]
+        if j - i > 2:  # a standstill between samples i and j
+            ends += [t[i + 1], t[j - 1]]
+            signs += [0.0, sign[j]]
         elif sign[i] != sign[j]:
-            instants.append(brentq(motor_speed, t[i], t[j], xtol=1e-15 * t[-1]))
-            between.append(sign[j])
-    return np.array([*instants, t[-1]]), np.array(between)
+            ends.append(brentq(motor_speed, t[i], t[j], xtol=1e-15 * t[-1]))
+            signs.append(sign[j])
+    return np.array([*ends, t[-1]]), np.array(signs)

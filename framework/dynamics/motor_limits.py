@@ -19,9 +19,9 @@ def motor_limits(robot: ParallelRobot, name: str, stated: Limit) -> Array:
 
     Args:
         name: `torque_limit` [N m, or N where a motor slides] or `speed_limit` [rad/s, m/s].
-        stated: one positive number for all motors; one for each, in the order of `robot.actuator_names`; or
-            by joint, the others as in the robot file. None or infinite: that motor has no limit. None alone:
-            the limits of the robot file.
+        stated: one positive number for all motors; or one for each in the order of `robot.actuator_names`; or
+            some by joint, the others as in the robot file; or None for the limits of the robot file. A motor
+            whose entry is None or infinite has no limit.
 
     Raises:
         InvalidInput: another number of limits, a joint without a motor, or a limit that is not positive.
@@ -41,8 +41,8 @@ def motor_limits(robot: ParallelRobot, name: str, stated: Limit) -> Array:
         numbers = _unlimited_where_none(values)
     except (TypeError, ValueError):
         numbers = np.empty(0)
-    are_truths = any(isinstance(value, bool) for value in values)
-    if are_truths or len(numbers) not in (1, robot.n_a) or not np.all(numbers > 0):
+    has_bool = any(isinstance(value, bool) for value in values)
+    if has_bool or numbers.shape not in ((1,), (robot.n_a,)) or not np.all(numbers > 0):
         raise InvalidInput(
             f"{name}: needs one positive number, or one for each motor ({', '.join(robot.actuator_names)}), "
             f"None where there is no limit, or some by joint, got {short(stated)}"

@@ -13,9 +13,9 @@ import numpy as np
 from framework.arrays import Array
 from framework.dynamics.elasticity import DeflectionSolution
 from framework.dynamics.forces import joint_forces
-from framework.dynamics.residuals import checked_motion
+from framework.dynamics.residuals import evaluate_motion
 from framework.dynamics.result import InverseDynamics
-from framework.dynamics.singularity_crossings import instants
+from framework.dynamics.singularity_crossings import find_instants
 from framework.kinematics.loop_matrices import type2_matrix
 from framework.singularity.piecewise_measure import extremum_near
 from framework.singularity.points_on_path import SearchedPath
@@ -28,36 +28,40 @@ def unseen_near_miss(
 ) -> NearMiss | None:
     """Return the first near miss where the torques differ from their series, else None."""
     for miss in searched.near_misses:
-        if miss.s in (0.0, 1.0):  # the motion rests, and nodes are densest
+        if miss.s in (0.0, 1.0):  # the motion is at rest, and nodes are densest
             continue
-        for t in instants(state.law, state.grid.edges, miss.s):
-            if not _is_seen(searched, state, result, miss, t):
+        for t in find_instants(state.law, state.grid.edges, miss.s):
+            if not _is_resolved_near(searched, state, result, miss, t):
                 return miss
     return None
 
 
-def _is_seen(
-    searched: SearchedPath, state: DeflectionSolution, result: InverseDynamics, miss: NearMiss, near: float
+def _is_resolved_near(
+    searched: SearchedPath, state: DeflectionSolution, result: InverseDynamics, miss: NearMiss, instant: float
 ) -> bool:
+    """Whether the series of the torques is right at a near miss that the law passes at `instant` [s].
+
+    Torques are computed at the least |g| and where |g| is twice as large on both sides.
+    """
     robot, edges = searched.branch.robot, state.grid.edges
     start, duration = edges[0], edges[-1] - edges[0]
 
     def matrices(share: Array) -> Array:
         times = start + share * duration
-        return type2_matrix(robot, checked_motion(searched.branch, result, times)[1].linearised)
+        return type2_matrix(robot, evaluate_motion(searched.branch, result, times)[1].linearised)
 
-    # with its deflections the robot is nearest to the singularity somewhat earlier or later
-    turning = extremum_near(matrices, (edges - start) / duration, (near - start) / duration, miss.size)
-    times = start + duration * np.array([turning.s, *turning.bracket(2 * abs(turning.g))])
-    motion = checked_motion(searched.branch, result, times)[1]
+    # deflections move the instant of the least |g|
+    closest = extremum_near(matrices, (edges - start) / duration, (instant - start) / duration, miss.size)
+    times = start + duration * np.array([closest.s, *closest.bracket(2 * abs(closest.g))])
+    motion = evaluate_motion(searched.branch, result, times)[1]
     computed = joint_forces(robot, motion).joint_torque
     expected = state.grid.fit(state.forces.joint_torque)(times)
-    allowed = RESOLVABLE_TAIL + turning.rounding / max(abs(turning.g), turning.rounding)
+    allowed = RESOLVABLE_TAIL + closest.rounding / max(abs(closest.g), closest.rounding)
     return bool(np.abs(computed - expected).max() <= allowed * np.abs(state.forces.joint_torque).max())
 
 
 def describe_near_miss(searched: SearchedPath, miss: NearMiss) -> str:
-    """Return the sentence about a near miss: its place, its distance and the remedy."""
+    """Return the advice about a near miss: its place, |g| and a remedy."""
     robot, x = searched.branch.robot, searched.branch.path(miss.s)
     return (
         f"at s = {miss.s:.9g}, {robot.place(x)} the path misses a singularity by "

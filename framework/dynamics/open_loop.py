@@ -31,15 +31,15 @@ MIN_EXPONENT, MAX_EXPONENT = 1e-4, 300.0
 
 
 class ErrorDynamics(NamedTuple):
-    """The acceleration of a platform's error at T instants: matrices (T, n, n)."""
+    """The matrices (T, n, n) of d" = forced (W - G' tau) + damped d' + own d at T instants."""
 
-    forced: Array  # times a wrench that the torques lack, -M^-1
-    damped: Array  # times the rate of the error
-    own: Array  # times the error
+    forced: Array  # -M^-1
+    damped: Array  # -M^-1 dW/d(dx/dt)
+    own: Array  # -M^-1 d(W - G' tau)/dx
 
 
 def error_dynamics(result: InverseDynamics, times: Array) -> ErrorDynamics:
-    """Compute the dynamics of the platform's error at t (T,), at constant deflections.
+    """Compute the dynamics of the platform's error at t (T,), at constant deflections, by differences.
 
     Raises:
         NotAssembled: the loops do not close beside the path.
@@ -49,19 +49,22 @@ def error_dynamics(result: InverseDynamics, times: Array) -> ErrorDynamics:
     guess, torque = result.configuration(times), result.torque_without_friction(times)
     s, on_path = result.law(times), close_loops(robot, x, guess)
 
-    def lacking(closed: ClosedStack, dx: Array, ddx: Array) -> Array:
+    def missing_wrench(closed: ClosedStack, dx: Array, ddx: Array) -> Array:
         """Compute W - G' tau (T, n)."""
         world = result.wrenches.evaluate(robot, closed.linearised.frames, s)
-        return platform_wrench(robot, motion_at(robot, closed, dx, ddx).with_wrenches(world)).lacking(torque)
+        motion = motion_at(robot, closed, dx, ddx).with_wrenches(world)
+        return platform_wrench(robot, motion).missing_wrench(torque)
 
+    def close_beside_path(step: Array) -> ClosedStack:
+        return close_loops(robot, x + step, guess)
+
+    # W is linear in d2x/dt2 and quadratic in dx/dt: steps of any size are exact
     steps, rates = DIFFERENCE_STEP * robot.platform_scale, robot.platform_scale / result.duration
-    inertia = _central_slopes(lambda step: lacking(on_path, dx, ddx + step), np.ones(robot.n))
+    inertia = _central_slopes(lambda step: missing_wrench(on_path, dx, ddx + step), np.ones(robot.n))
     forced = np.asarray(-np.linalg.inv(inertia))
-    return ErrorDynamics(
-        forced,
-        forced @ _central_slopes(lambda step: lacking(on_path, dx + step, ddx), rates),
-        forced @ _central_slopes(lambda step: lacking(close_loops(robot, x + step, guess), dx, ddx), steps),
-    )
+    by_rate = _central_slopes(lambda step: missing_wrench(on_path, dx + step, ddx), rates)
+    by_x = _central_slopes(lambda step: missing_wrench(close_beside_path(step), dx, ddx), steps)
+    return ErrorDynamics(forced=forced, damped=forced @ by_rate, own=forced @ by_x)
 
 
 def _central_slopes(function: Callable[[Array], Array], sizes: Array) -> Array:
@@ -73,6 +76,8 @@ def _central_slopes(function: Callable[[Array], Array], sizes: Array) -> Array:
 def repelling_rates(result: InverseDynamics, times: Array) -> Array:
     """Compute the largest growth rate (T,) [1/s] of an error of the platform; 0 if none grows.
 
+    Solutions e^(rt) of d" = own d have r^2 an eigenvalue of `own`.
+
     Raises:
         NotAssembled: the loops do not close beside the path.
     """
@@ -81,30 +86,32 @@ def repelling_rates(result: InverseDynamics, times: Array) -> Array:
 
 
 def open_loop_error(dynamics: ErrorDynamics, times: Array, lacking: Array) -> Array:
-    """Compute the platform's error (T, n) [m, rad] under torques that lack a wrench (T, n).
+    """Compute the platform's error (T, n) [m, rad] under torques that miss a wrench W - G' tau (T, n).
 
-    It is integrated by the trapezoidal rule, from rest on the path.
+    The state (d, d') follows y' = A y + f from rest on the path. It is integrated by the trapezoidal rule,
+    (1 - h A_k / 2) y_k = (1 + h A_(k-1) / 2) y_(k-1) + h (f_(k-1) + f_k) / 2.
 
     Args:
         dynamics: at the instants `times` (T,) [s], equidistant.
         lacking: W - G' tau at these instants [N, N m].
     """
     count, n = lacking.shape
-    half = 0.5 * float(times[1] - times[0])
-    forces, matrix = np.zeros((count, 2 * n)), np.zeros((count, 2 * n, 2 * n))
-    forces[:, n:] = half * np.einsum("tij,tj->ti", dynamics.forced, lacking)
-    matrix[:, :n, n:], matrix[:, n:, :n], matrix[:, n:, n:] = np.eye(n), dynamics.own, dynamics.damped
-    explicit, implicit = np.eye(2 * n) + half * matrix, np.linalg.inv(np.eye(2 * n) - half * matrix)
-    state = np.zeros((count, 2 * n))  # error and its rate
+    half_step = 0.5 * float(times[1] - times[0])
+    forces, A = np.zeros((count, 2 * n)), np.zeros((count, 2 * n, 2 * n))
+    forces[:, n:] = half_step * np.einsum("tij,tj->ti", dynamics.forced, lacking)
+    A[:, :n, n:], A[:, n:, :n], A[:, n:, n:] = np.eye(n), dynamics.own, dynamics.damped
+    explicit, implicit = np.eye(2 * n) + half_step * A, np.linalg.inv(np.eye(2 * n) - half_step * A)
+    state = np.zeros((count, 2 * n))
     for k in range(1, count):
         state[k] = implicit[k] @ (explicit[k - 1] @ state[k - 1] + forces[k - 1] + forces[k])
     return state[:, :n]
 
 
 def open_loop_growth(result: InverseDynamics) -> float:
-    """Compute the error at the end of a motion under a constant push, over that of a free mass.
+    """Compute the error at the end of a motion under a constant force, over the error of a free mass.
 
-    2 (cosh L - 1) / L^2 with L the integral of the repelling rate over the motion; 1 if no error grows.
+    It is 2 (cosh L - 1) / L^2 with L the integral of the repelling rate over the motion, and 1 if no error
+    grows: d" = r^2 d + f gives d = f (cosh rt - 1) / r^2, a free mass f t^2 / 2.
 
     Raises:
         NotAssembled: the loops do not close beside the path.

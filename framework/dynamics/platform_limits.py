@@ -34,22 +34,22 @@ from framework.linalg.polytope import Polytope, slabs, zonotope
 
 @dataclass(frozen=True, eq=False)
 class PlatformLimits(ReadOnlyArrays):
-    """The admissible wrenches and speeds at one pose, on the coordinates of the platform velocity v.
+    """The admissible wrenches U and speeds v of the platform at one pose.
 
-    A wrench has one component for each, force [N] or moment [N m] with a power U . v; for a platform of
+    Components of U are forces [N] and moments [N m] along those of v: the power is U . v. For a platform of
     joints they are the joints' forces and torques.
     """
 
     robot: ParallelRobot
     wrenches: Polytope | None  # U that motors at rest can give; None: a motor has no torque limit
     speeds: Polytope | None  # v [m/s, rad/s]; None: a motor has no speed limit
-    weight: Array  # (n,) W_g
+    weight: Array  # (n,) W_g, the wrench that holds the weight
 
     @property
     def polytopes(self) -> dict[str, Polytope]:
-        """The polytopes that exist, by `wrench` and `speed`."""
-        both = {"wrench": self.wrenches, "speed": self.speeds}
-        return {name: polytope for name, polytope in both.items() if polytope is not None}
+        """The polytopes that exist, under the keys "wrench" and "speed"."""
+        polytopes = {"wrench": self.wrenches, "speed": self.speeds}
+        return {name: polytope for name, polytope in polytopes.items() if polytope is not None}
 
 
 def platform_limits(
@@ -61,6 +61,9 @@ def platform_limits(
 ) -> PlatformLimits:
     """Compute the admissible wrenches and speeds of the platform at an assembled configuration q (nq,).
 
+    Wrenches are U = G' tau - W_g for torques tau within their limits; speeds are all v with G v within
+    theirs.
+
     Args:
         q: as `assemble` or `forward_kinematics` give it.
         torque_limit: motor side [N m], as `motor_limits` takes it; that of the robot file by default.
@@ -69,7 +72,7 @@ def platform_limits(
     Raises:
         InvalidInput: q leaves the loops open; limits of the wrong length, or not positive; a platform that
             does not determine the joints.
-        NotAssembled: it does not at this pose (Type 1).
+        NotAssembled: the platform does not determine the joints at this pose (Type 1).
     """
     expect_robot(robot)
     require_square(robot)
@@ -80,19 +83,19 @@ def platform_limits(
     rest = np.zeros((1, robot.n))
     motion = motion_at(robot, closed, rest, rest)
     weight = (tree_forces(robot, motion) @ rates[0])[0]
-    size = robot.platform_scale  # forces times lengths, speeds over lengths
+    scale = robot.platform_scale  # in units of scale * U and v / scale the polytopes are well conditioned
     wrenches = speeds = None
     if np.isfinite(torque).all():
-        forces = zonotope(-weight * size, torque[:, None] * G[0] * size)
-        wrenches = _scale_polytope(forces, size)
+        scaled_wrenches = zonotope(-weight * scale, torque[:, None] * G[0] * scale)
+        wrenches = _unscale_polytope(scaled_wrenches, scale)
     if np.isfinite(speed).all():
-        speeds = _scale_polytope(slabs(G[0] * size, speed), 1.0 / size)
+        speeds = _unscale_polytope(slabs(G[0] * scale, speed), 1.0 / scale)
     return PlatformLimits(robot, wrenches, speeds, weight)
 
 
-def _scale_polytope(scaled: Polytope, size: Array) -> Polytope:
-    """Convert a polytope of y * size to one of y."""
-    normals = scaled.normals * size
+def _unscale_polytope(scaled: Polytope, scale: Array) -> Polytope:
+    """Convert a polytope of scale * y to one of y, with unit normals and orthonormal free directions."""
+    normals = scaled.normals * scale
     lengths = np.linalg.norm(normals, axis=1)
-    free = np.linalg.qr((scaled.free / size).T)[0].T if len(scaled.free) else scaled.free
-    return Polytope(normals / lengths[:, None], scaled.offsets / lengths, scaled.vertices / size, free)
+    free = np.linalg.qr((scaled.free / scale).T)[0].T if len(scaled.free) else scaled.free
+    return Polytope(normals / lengths[:, None], scaled.offsets / lengths, scaled.vertices / scale, free)

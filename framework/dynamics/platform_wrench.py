@@ -26,9 +26,9 @@ from framework.kinematics.parallel_robot import ParallelRobot
 
 
 class PlatformWrench(NamedTuple):
-    """The wrench W = G' tau on the platform at T instants, tau the motor torques."""
+    """The required wrench W on the platform and the matrix G of W = G' tau, at T instants."""
 
-    required: Array  # (T, n) W [N, N m] on the platform's axes, inertia and weight of all bodies and rotors
+    required: Array  # (T, n) W [N, N m] on the platform's axes: inertia and weight of all bodies and rotors
     motor_speed: Array  # (T, n_a, n) G: motor speeds [rad/s] for unit twists along the platform's axes
     rotors: Array  # (T, n) share of the rotors in W
 
@@ -36,66 +36,65 @@ class PlatformWrench(NamedTuple):
         """Compute the required force (T,) along a twist (n,) or (T, n)."""
         return np.sum(self.required * twist, axis=1)
 
-    def lacking(self, torque: Array) -> Array:
-        """Compute the wrench W - G' tau (T, n) that motor torques (T, n_a) lack."""
+    def missing_wrench(self, torque: Array) -> Array:
+        """Compute the difference W - G' tau (T, n) of the required wrench from that of torques (T, n_a)."""
         return self.required - np.einsum("tan,ta->tn", self.motor_speed, torque)
 
     def reach(self, twist: Array, torque_limit: Array) -> Array:
-        """Return the largest force (T,) along a twist (n,) or (T, n), torques within limits (n_a,)."""
+        """Return the largest force (T,) of motors along a twist t (n,) or (T, n): |G t| . limits (n_a,)."""
         speeds = np.einsum("tan,tn->ta", self.motor_speed, np.broadcast_to(twist, self.required.shape))
         return np.abs(speeds) @ torque_limit
 
     def band(self, twist: Array, torque_limit: Array) -> Array:
-        """Return the least and the largest force (T, 2) on the bodies along a twist.
+        """Return the least and the largest force (T, 2) that motors exert on the bodies along a twist.
 
-        Motor torques are up to limits (n_a,), and their rotors move as the motion requires: the band contains
-        t_s . W_p of `wrench_curves` wherever motors within their limits can continue the motion.
+        From torques up to the limits (n_a,) the share of the rotors is subtracted. Where motors within their
+        limits can continue the motion, the band contains t_s . W_p of `wrench_curves`.
         """
         reach, rotor_force = self.reach(twist, torque_limit), np.sum(self.rotors * twist, axis=1)
         return np.column_stack([-reach - rotor_force, reach - rotor_force])
 
     def vertices(self, torque_limit: Array) -> Array:
-        """Return wrenches (T, 2^n_a, n) of all motors at plus or minus their limits (n_a,).
+        """Return the wrenches (T, 2^n_a, n) of all motors at plus or minus their limits (n_a,).
 
-        The motors can exert every wrench in the convex hull.
+        Their convex hull is the set of wrenches that the motors can exert.
         """
         corners = np.array(list(product((-1.0, 1.0), repeat=len(torque_limit)))) * torque_limit
         return np.einsum("ca,tan->tcn", corners, self.motor_speed)
 
 
 def motor_speeds(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array, Array]:
-    """Compute G (T, n_a, n), and the joint rates (T, nv, n) for unit twists along the platform's axes."""
+    """Compute G (T, n_a, n), and the joint rates (T, nv, n), for unit twists along the platform's axes."""
     count = len(linearised.residual)
-    units = np.broadcast_to(np.eye(robot.n)[:, None], (robot.n, count, robot.n))
-    rates = joint_rates(robot, linearised, units, np.zeros((count, robot.n_e))).transpose(1, 2, 0)
+    unit_twists = np.broadcast_to(np.eye(robot.n)[:, None], (robot.n, count, robot.n))
+    rates = joint_rates(robot, linearised, unit_twists, np.zeros((count, robot.n_e))).transpose(1, 2, 0)
     return robot.gear_ratio[:, None] * rates[:, robot.actuated], rates
 
 
 def platform_wrench(robot: ParallelRobot, motion: Motion) -> PlatformWrench:
-    """Compute the wrench on the platform that a motion requires, and the motors' share.
+    """Compute the wrench W on the platform that a motion requires, and G.
 
     Raises:
         NotAssembled: the platform does not determine the joints at some instant (Type 1).
     """
     G, rates = motor_speeds(robot, motion.linearised)
-    rotors = robot.rotor_inertia * robot.gear_ratio * motion.a[:, robot.actuated]  # (T, n_a) motor side
-    rotor_wrench = np.einsum("tan,ta->tn", G, rotors)
-    return PlatformWrench(
-        np.einsum("tvn,tv->tn", rates, tree_forces(robot, motion)) + rotor_wrench, G, rotor_wrench
-    )
+    rotor_torque = robot.rotor_inertia * robot.gear_ratio * motion.a[:, robot.actuated]  # (T, n_a)
+    rotor_wrench = np.einsum("tan,ta->tn", G, rotor_torque)
+    body_wrench = np.einsum("tvn,tv->tn", rates, tree_forces(robot, motion))
+    return PlatformWrench(required=body_wrench + rotor_wrench, motor_speed=G, rotors=rotor_wrench)
 
 
 class Hold(NamedTuple):
     """The torques of motors at rest that hold a platform wrench."""
 
     motor_speed: Array  # (n_a, n) G, as in PlatformWrench
-    torque: Array | None  # (n_a,) [N m] motor side; None: no torque holds the wrench, or several
+    torque: Array | None  # (n_a,) [N m] motor side; None if no torque, or more than one, holds the wrench
 
 
 def hold_at(robot: ParallelRobot, q: Array, wrench: Array) -> Hold:
-    """Compute G at an assembled configuration q (nq,), and the motor torques that hold a wrench (n,).
+    """Compute G at an assembled configuration q (nq,), and the motor torques tau that hold a wrench (n,).
 
-    W = G' tau has one solution tau if the motors are as many as the platform's freedoms and hold it.
+    W = G' tau has one solution if G is square and regular.
 
     Raises:
         InvalidInput: q is not assembled.

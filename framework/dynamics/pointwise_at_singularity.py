@@ -52,6 +52,9 @@ def forces_through_singularity(
 ) -> Forces:
     """Compute joint torques (1, n_a) and spring forces (1, n_e) of a motion on a Type 2 singularity.
 
+    The motion is continued in time by its Taylor polynomial of third order. Torques beside the singularity
+    are regular; their interpolation at t = 0 is the limit.
+
     Args:
         closed: the singular configuration, T = 1.
         rates: first, second and third time derivatives of the platform coordinates, each (n,).
@@ -68,20 +71,21 @@ def forces_through_singularity(
         reason = UNCROSSABLE.get(uncontrolled.kind, several)
         raise SingularPose(f"{place} the robot is in {reason}: its torque has no limit", platform=closed.x[0])
     singular = motion_at(robot, closed, rates[0][None], rates[1][None])
-    half = _half_panel(robot, singular, rates[2])
-    if not np.isfinite(half):
+    half_panel = _half_panel_duration(robot, singular, rates[2])
+    if not np.isfinite(half_panel):
         raise SingularPose(
             f"{place} the motion stands still on a Type 2 singularity: a stop there can never be crossed",
             platform=closed.x[0],
         )
 
-    def motion_beside(t: Array) -> Motion:
-        return apply_wrenches(robot, _taylor_motion(robot, singular, closed.x, np.array(rates), t), wrenches)
+    def motion_at_times(t: Array) -> Motion:
+        motion = _taylor_motion(robot, singular, closed.x, np.array(rates), t)
+        return apply_wrenches(robot, motion, wrenches)
 
-    instant = _crossing_instant(robot, motion_beside, half, place, closed.x[0])
-    crossing = motion_beside(np.array([instant]))
+    instant = _crossing_instant(robot, motion_at_times, half_panel, place, closed.x[0])
+    crossing = motion_at_times(np.array([instant]))
     _check_condition(robot, crossing, tree_forces(robot, crossing)[0], place)
-    torques, least_tail = _interpolate_torques(robot, motion_beside, half)
+    torques, least_tail = _interpolate_torques(robot, motion_at_times, half_panel)
     if torques is None:
         raise SingularPose(
             f"{place} the torques near the Type 2 singularity are not resolved (tail {least_tail:.2g}): "
@@ -92,7 +96,11 @@ def forces_through_singularity(
 
 
 def _taylor_motion(robot: ParallelRobot, singular: Motion, x: Array, rates: Array, t: Array) -> Motion:
-    """Compute the motion at t (T,) from a singular one at x (1, n) with `rates` (3, n)."""
+    """Compute the motion at t (T,) [s] with the Taylor polynomial of the platform about the singular pose.
+
+    `rates` (3, n) are its time derivatives at t = 0, where the platform is at x (1, n). The loops are closed
+    from a guess of second order for all joints.
+    """
     powers = np.stack([t, t**2 / 2, t**3 / 6], axis=1)
     dx = rates[0] + powers[:, :2] @ rates[1:]
     ddx = rates[1] + powers[:, :1] @ rates[2:]
@@ -102,55 +110,69 @@ def _taylor_motion(robot: ParallelRobot, singular: Motion, x: Array, rates: Arra
 
 
 def _interpolate_torques(
-    robot: ParallelRobot, motion_beside: Callable[[Array], Motion], half: float
+    robot: ParallelRobot, motion_at_times: Callable[[Array], Motion], half_panel: float
 ) -> tuple[Forces | None, float]:
-    """Interpolate joint torques to t = 0 on panels of +-`half` [s] and less; return the least tail, too."""
-    least = np.inf
+    """Interpolate torques and spring forces at t = 0; return None if unresolved, and the least tail.
+
+    The panel from -half_panel to half_panel [s] is halved until the series is resolved.
+    """
+    least_tail = np.inf
     for _ in range(MAX_HALVINGS):
-        grid = TimeGrid(np.array([-half, half]), PANEL_NODES)
-        half *= 0.5
+        grid = TimeGrid(np.array([-half_panel, half_panel]), PANEL_NODES)
+        half_panel *= 0.5
         try:
-            motion = motion_beside(grid.times)
+            motion = motion_at_times(grid.times)
         except NotAssembled:
             continue  # a shorter motion stays within reach
         forces = balanced_forces(robot, motion.linearised, tree_forces(robot, motion))
         series = coefficients(np.concatenate(forces, axis=1))
-        least = min(least, tail(series))
+        least_tail = min(least_tail, tail(series))
         if tail(series) <= TORQUE_TAIL:
             value = evaluate(np.zeros(1), series)
-            return Forces(value[:, : robot.n_a], value[:, robot.n_a :]), least
-    return None, least
+            return Forces(value[:, : robot.n_a], value[:, robot.n_a :]), least_tail
+    return None, least_tail
 
 
-def _half_panel(robot: ParallelRobot, motion: Motion, jerk: Array) -> float:
-    """Return the time [s] in which no joint moves more than MAX_JOINT_TRAVEL; infinite at rest."""
-    lengths = robot.platform_scale
-    sizes = [motion.v[0] / robot.column_scale, motion.a[0] / robot.column_scale, jerk / lengths]
-    if not np.any(sizes[0]):
+def _half_panel_duration(robot: ParallelRobot, motion: Motion, jerk: Array) -> float:
+    """Return the time t [s] in which no joint moves more than MAX_JOINT_TRAVEL; infinite at rest.
+
+    |v| t, |a| t^2/2 and |jerk| t^3/6 are each at most that travel. The jerk is the platform's.
+    """
+    scale = robot.column_scale
+    scaled = [motion.v[0] / scale, motion.a[0] / scale, jerk / robot.platform_scale]
+    if not np.any(scaled[0]):
         return float("inf")
-    largest = [float(np.abs(size).max(initial=0.0)) for size in sizes]
+    largest = [float(np.abs(values).max(initial=0.0)) for values in scaled]
     return min(
-        (factorial(order) * MAX_JOINT_TRAVEL / size) ** (1 / order)
-        for order, size in enumerate(largest, start=1)
-        if size > 0
+        (factorial(order) * MAX_JOINT_TRAVEL / value) ** (1 / order)
+        for order, value in enumerate(largest, start=1)
+        if value > 0
     )
 
 
 def _crossing_instant(
-    robot: ParallelRobot, motion_beside: Callable[[Array], Motion], half: float, place: str, x: Array
+    robot: ParallelRobot,
+    motion_at_times: Callable[[Array], Motion],
+    half_panel: float,
+    place: str,
+    x: Array,
 ) -> float:
-    """Find the instant [s] at which g vanishes, off zero by rounding of the pose."""
+    """Find the instant [s] at which g is zero: t = 0 but for the rounding of the pose.
+
+    Raises:
+        SingularPose: g does not change sign there, or the motors do not hold the robot on both sides.
+    """
     if robot.n_a > robot.n:
         return 0.0  # g of redundant motors has a double root
 
     def matrices(t: Array) -> Array:
-        return type2_matrix(robot, motion_beside(t).linearised)
+        return type2_matrix(robot, motion_at_times(t).linearised)
 
-    root = root_of_g(matrices, 0.0, low=-half, high=half)
-    both_sides = matrices(np.array([-SIDE_OFFSET, SIDE_OFFSET]) * half)
+    root = root_of_g(matrices, 0.0, low=-half_panel, high=half_panel)
+    both_sides = matrices(np.array([-SIDE_OFFSET, SIDE_OFFSET]) * half_panel)
     changes_sign = np.prod(np.linalg.slogdet(both_sides)[0]) < 0
     is_regular = np.linalg.svd(both_sides, compute_uv=False).min() > RANK_LOST
-    is_at_root = root.converged and abs(root.place) <= MAX_ROOT_OFFSET * half
+    is_at_root = root.converged and abs(root.place) <= MAX_ROOT_OFFSET * half_panel
     if not (is_at_root and changes_sign and is_regular):
         raise SingularPose(
             f"{place} the motion does not cross the Type 2 singularity but runs along or touches it: torque "
@@ -161,13 +183,17 @@ def _crossing_instant(
 
 
 def _check_condition(robot: ParallelRobot, motion: Motion, forces: Array, place: str) -> None:
-    """Refuse a motion (T = 1) that violates condition (8), with the forces (nv,) of its open tree."""
+    """Raise SingularPose if a motion (T = 1) violates condition (8), eta . r = 0.
+
+    `forces` (nv,) are r of the open tree, eta the uncontrolled motion.
+    """
     uncontrolled = uncontrolled_motion(robot, motion.linearised)
     terms = forces * uncontrolled.motion
-    # the terms of a motion without forces are rounding: compare with centripetal forces, too
-    rate, escape = (float(np.abs(v / robot.column_scale).max()) for v in (motion.v, uncontrolled.motion))
-    turning = robot.mass * robot.length**2 * rate**2 * escape
-    size = max(float(np.abs(terms).sum()), turning)
+    rate = float(np.abs(motion.v / robot.column_scale).max())
+    escape_rate = float(np.abs(uncontrolled.motion / robot.column_scale).max())
+    # without forces all terms are rounding: count at least the centripetal force of the whole robot
+    centripetal = robot.mass * robot.length**2 * rate**2 * escape_rate
+    size = max(float(np.abs(terms).sum()), centripetal)
     wrench = float(terms.sum())
     if abs(wrench) > CONDITION_RESIDUAL * size:
         unit = "N" if np.any(uncontrolled.twist[robot.translations]) else "N m"

@@ -47,8 +47,8 @@ from framework.tolerances import RANK_LOST
 class Instant(ReadOnlyArrays):
     """State and loads of a robot at one instant; wrenches are (force, moment) (6,) in base axes [N, N m].
 
-    At a stack of T instants the first axis of every array is T. Springs keep the deflections of q;
-    `spring_force` is the force necessary for that.
+    At a stack of T instants the first axis of every array is T. Springs have the deflections of q;
+    `spring_force` is the force that balance needs at these deflections.
     """
 
     robot: ParallelRobot
@@ -59,7 +59,7 @@ class Instant(ReadOnlyArrays):
     joint_torque: Array  # (n_a,) joint side, rotors not included [N m, N]
     spring_force: Array  # (n_e,) [N, N m]
     _motion: Motion = field(repr=False)  # of T instants, T = 1 for one
-    _forces: Array = field(repr=False)  # (T, nv) of the open tree, less the loads
+    _forces: Array = field(repr=False)  # (T, nv) r of `tree_forces`
 
     @cached_property
     def clearance(self) -> Array | float:
@@ -69,21 +69,21 @@ class Instant(ReadOnlyArrays):
 
     @cached_property
     def loop_forces(self) -> Mapping[str, Array]:
-        """By closure with frames [a, b] the wrench BY b's body ON a's, at a's origin; NaN if undetermined."""
+        """Wrench of each closure [a, b], BY b's body ON a's body at a's origin; NaN if undetermined."""
         return self._unstack_each(closure_wrenches(self.robot, self._loops))
 
     @cached_property
     def coupling_torques(self) -> Mapping[str, Array | float]:
-        """By coupling the torque ON its first joint [N m, N], minus `ratio` times that on its second.
+        """Torque of each coupling ON its first joint [N m, N]; NaN if undetermined.
 
-        NaN where undetermined.
+        It is minus `ratio` times the torque on the second joint.
         """
         torques = coupling_torques(self.robot, self._loops)
         return MappingProxyType({name: self._unstack(torque) for name, torque in torques.items()})
 
     @cached_property
     def reactions(self) -> Mapping[str, Array]:
-        """By joint the wrench BY the parent body ON the child body, at its origin; NaN if undetermined.
+        """Wrench of each joint, BY the parent body ON the child body at its origin; NaN if undetermined.
 
         The part along the joint's axis comes from a motor (rotor not included), a spring, damping or a
         coupling.
@@ -92,30 +92,34 @@ class Instant(ReadOnlyArrays):
 
     @cached_property
     def platform_inertia(self) -> Array:
-        """The inertia of all bodies and rotors, along the platform's twist on its axes, (n, n)."""
+        """Inertia M_x (n, n) of all bodies and rotors along the platform's twist v.
+
+        The kinetic energy is v' M_x v / 2.
+        """
         return self._unstack(_platform_inertia(self.robot, self._motion))
 
     @cached_property
     def motor_inertia(self) -> Array:
-        """The inertia of all bodies and rotors, along the motors' joints, (n_a, n_a).
+        """Inertia (n_a, n_a) of all bodies and rotors along the motors' joints.
 
-        NaN with redundant motors, and at Type 2, where some motion of the platform moves no motor.
+        It is S' M_x S with S = dx/dq_a and M_x = `platform_inertia`. NaN with redundant motors, and at Type
+        2, where some motion of the platform moves no motor.
         """
         robot = self.robot
         inertia = np.full((len(self._motion.v), robot.n_a, robot.n_a), np.nan)
-        moving = np.atleast_1d(self.clearance) >= RANK_LOST
+        regular = np.atleast_1d(self.clearance) >= RANK_LOST
         if robot.n_a == robot.n:
-            speeds = motor_speeds(robot, self._motion.linearised)[1][:, robot.actuated]
-            to_platform = np.linalg.inv(speeds[moving])
-            along_platform = np.atleast_3d(self.platform_inertia.T).T[moving]
-            inertia[moving] = to_platform.swapaxes(1, 2) @ along_platform @ to_platform
+            joint_rates_per_twist = motor_speeds(robot, self._motion.linearised)[1]
+            S = np.linalg.inv(joint_rates_per_twist[:, robot.actuated][regular])
+            M_x = self.platform_inertia.reshape(-1, robot.n, robot.n)[regular]
+            inertia[regular] = S.swapaxes(1, 2) @ M_x @ S
         return self._unstack(inertia)
 
     @cached_property
     def platform_velocity(self) -> Array:
-        """v (n,), see `kinematics.platform`: (linear, angular) of a frame.
+        """Twist v (n,) of the platform, see `kinematics.platform`: (linear, angular) of its frame.
 
-        It is not dx if the frame turns freely.
+        It is not dx if the frame turns about several axes.
         """
         return self._unstack(platform_twists(self.robot, self._motion)[0])
 
@@ -181,19 +185,19 @@ def dynamics_at(
             T as their first axis.
         dx, ddx: rates (n,) and accelerations (n,) of the platform coordinates, 0 by default; or (T, n).
         wrenches: of the world, by URDF link or joint: ON its body, at its origin, (force, moment) (6,) in
-            base axes [N, N m]; or (T, 6). They are taken for constant.
-        dddx: third derivatives (n,), or (T, n), which count on a Type 2 singularity alone.
+            base axes [N, N m]; or (T, 6). They are assumed constant.
+        dddx: third derivatives (n,), or (T, n), used only on a Type 2 singularity.
 
     Raises:
         InvalidInput: q leaves the loops open; an argument of the wrong shape, or an unknown frame; a platform
             that does not determine the joints.
         NotAssembled: the platform does not determine the joints at this pose (Type 1).
-        SingularPose: the motors do not hold the robot (Type 2). The torque is then a limit, which is computed
-            if the motion is known to third order, dddx, crosses the locus and meets condition (8).
+        SingularPose: the motors do not hold the robot (Type 2). There the torque is a limit. It is computed
+            if dddx is given and the motion crosses the locus and meets condition (8).
     """
     prescribed = prescribed_motion(robot, q, dx=dx, ddx=ddx, wrenches=wrenches)
     motion, count = prescribed.motion, len(prescribed.x)
-    third = stack_rates("dddx", dddx, robot.n, count)
+    jerk = stack_rates("dddx", dddx, robot.n, count)
     r = tree_forces(robot, motion)
     forces = balanced_forces(robot, motion.linearised, r)
     for k in map(int, find_near_type2(robot, motion.linearised, RANK_LOST)):
@@ -206,7 +210,7 @@ def dynamics_at(
         limit = forces_through_singularity(
             robot,
             ClosedStack(motion.q[k : k + 1], prescribed.x[k : k + 1], motion.linearised.select(k)),
-            rates=(prescribed.dx[k], prescribed.ddx[k], third[k]),
+            rates=(prescribed.dx[k], prescribed.ddx[k], jerk[k]),
             wrenches={frame: wrench[k] for frame, wrench in prescribed.wrenches.items()},
         )
         for stack, value in zip(forces, limit, strict=True):
@@ -215,14 +219,14 @@ def dynamics_at(
 
 
 class PrescribedMotion(NamedTuple):
-    """The prescribed motion of T instants, with the wrenches of the world."""
+    """The prescribed motion at T instants, with the wrenches of the world."""
 
     x: Array  # (T, n)
     dx: Array  # (T, n)
     ddx: Array  # (T, n)
     motion: Motion
     wrenches: Wrenches
-    entry: int | slice  # of the results: 0 for one configuration, all of a stack
+    entry: int | slice  # index of results: 0 for one configuration, all for a stack
 
 
 def prescribed_motion(
@@ -254,14 +258,14 @@ def entry_of(q: ArrayLike) -> int | slice:
 
 
 def require_hold(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> None:
-    """Raise SingularPose if the motors do not hold the robot at one of T platforms x (T, n)."""
+    """Raise SingularPose if the motors do not hold the robot at one of the platform's poses x (T, n)."""
     singular = find_near_type2(robot, linearised, RANK_LOST)
     if len(singular):
         raise type2_pose(robot, x[int(singular[0])], "and its derivatives have a pole there")
 
 
 def type2_pose(robot: ParallelRobot, x: Array, torque: str) -> SingularPose:
-    """Return the error for a platform x (n,) that the motors do not hold; `torque` ends its sentence."""
+    """Return the error of a pose x (n,) at Type 2; `torque` ends the sentence "torque ..." of its message."""
     return SingularPose(
         f"{robot.name}: at {robot.place(x)} the motors do not hold the robot (Type 2): torque {torque}",
         platform=x,
@@ -269,7 +273,7 @@ def type2_pose(robot: ParallelRobot, x: Array, torque: str) -> SingularPose:
 
 
 def instant_of(robot: ParallelRobot, motion: Motion, r: Array, forces: Forces, entry: int | slice) -> Instant:
-    """Return the instant, or the stack of instants, of a motion with its forces."""
+    """Return the record of a motion with forces r (T, nv) of the open tree and the forces that balance r."""
     freeze((motion, r))
     return Instant(
         robot=robot,
@@ -285,15 +289,18 @@ def instant_of(robot: ParallelRobot, motion: Motion, r: Array, forces: Forces, e
 
 
 def stack_rates(name: str, values: ArrayLike | None, width: int, count: int) -> Array:
-    """Return numbers (count, width), see `stacked_rows`; zeros by default."""
+    """Return rates (count, width), see `stacked_rows`; zeros by default."""
     return np.zeros((count, width)) if values is None else stacked_rows(name, values, width, count)
 
 
 def _platform_inertia(robot: ParallelRobot, motion: Motion) -> Array:
-    """Compute the inertia (T, n, n) of bodies and rotors along the platform's twist."""
+    """Compute the inertia (T, n, n) of bodies and rotors along the platform's twist.
+
+    It is R' (M + rotors) R with the joint rates R (T, nv, n) of unit twists.
+    """
     model, data = robot.model, scratch_of(robot).data
-    upper = np.triu([pin.crba(model, data, q) for q in motion.q])
+    upper = np.triu([pin.crba(model, data, q) for q in motion.q])  # pinocchio fills the upper triangle
     mass = upper + np.triu(upper, 1).swapaxes(1, 2)
     mass += np.diag(robot.rotors)
-    rates = motor_speeds(robot, motion.linearised)[1]  # (T, nv, n)
+    rates = motor_speeds(robot, motion.linearised)[1]
     return rates.swapaxes(1, 2) @ mass @ rates

@@ -39,13 +39,13 @@ from framework.tolerances import RANK_ROUNDING
 
 
 class LoopLoads(NamedTuple):
-    """All loop equations as wrenches, with their multipliers."""
+    """All loop equations as unit wrenches, with their multipliers."""
 
-    wrench: Array  # (T, rows, 6) on the second body, at the origin of the second frame
+    wrench: Array  # (T, rows, 6) of a unit multiplier on the second body, at the second frame's origin
     position: Array  # (T, rows, 3) of that origin
     displacement: Array  # (T, rows, 3) from the origin of the first frame to that of the second
-    multipliers: Array  # (T, rows) the smallest that balance the robot
-    free: Array  # (T, rows, rows) multipliers without an effect on the balance; zero rows are none
+    multipliers: Array  # (T, rows) of least norm that balance the robot
+    free: Array  # (T, rows, rows) each row a vector of multipliers in the null space of J', or zeros
 
 
 Wrenches = Mapping[str, Array]  # by URDF link or joint (T, 6): ON its body, at its frame's origin, base axes
@@ -67,10 +67,10 @@ def stack_wrenches(robot: ParallelRobot, wrenches: Mapping[str, ArrayLike] | Non
 
 
 def stacked_rows(name: str, entries: ArrayLike, width: int, count: int) -> Array:
-    """Return numbers, (width,) for all or (count, width), as an array (count, width).
+    """Return numbers (count, width) from as many or from one row (width,) for all.
 
     Raises:
-        InvalidInput: they are not finite numbers, or not as many.
+        InvalidInput: numbers are not finite, or their shape is another.
     """
     values = finite_numbers(name, entries, width, stacks=True)
     if values.ndim == 2 and len(values) != count:
@@ -79,52 +79,63 @@ def stacked_rows(name: str, entries: ArrayLike, width: int, count: int) -> Array
 
 
 def apply_wrenches(robot: ParallelRobot, motion: Motion, wrenches: Wrenches) -> Motion:
-    """Return the motion under wrenches of the world, (6,) or (T, 6) each."""
+    """Return the motion with wrenches of the world, (6,) or (T, 6) each, as its load."""
     frames = motion.linearised.frames
-    return motion.with_wrenches(
-        tuple(applied_wrench(robot, frames, frame, wrench) for frame, wrench in wrenches.items())
-    )
+    applied = (applied_wrench(robot, frames, frame, wrench) for frame, wrench in wrenches.items())
+    return motion.with_wrenches(tuple(applied))
 
 
 def loop_loads(robot: ParallelRobot, linearised: LinearisedLoops, r: Array, joint_torque: Array) -> LoopLoads:
-    """Solve r = S tau + J' lambda for all rows of J; r (T, nv), tau (T, n_a)."""
+    """Solve r = S' tau_joint + J' lambda for all rows of J, with r (T, nv) and tau_joint (T, n_a).
+
+    The row of J for a loop equation is the power of its unit wrench along the screws of the joints that move
+    one of its bodies: positive for the second body, negative for the first.
+    """
     rows, columns, frames = robot.rows, robot.moving, linearised.frames
     wrench, position = linearised.loops.wrench, frames.position[:, rows.second]
     signs = frames.carried[rows.second] - frames.carried[rows.first]
     screws = frames.screws.swapaxes(1, 2)[:, :, columns]
     jacobian = matmul(move_wrench(wrench, position), screws) * signs[:, columns]
     jacobian = jacobian + rows.coupling_jacobian(robot.model.nv)[:, columns]
-    rest = r[:, columns].copy()
-    rest[:, : robot.n_a] -= joint_torque
+    loop_forces = r[:, columns].copy()
+    loop_forces[:, : robot.n_a] -= joint_torque
     scale, lengths = robot.column_scale[columns], robot.row_lengths  # radians and robot lengths
-    multipliers, free = _least_multipliers(jacobian * scale / lengths[:, None], rest * scale)
+    multipliers, free = _least_multipliers(jacobian * scale / lengths[:, None], loop_forces * scale)
     displacement = position - frames.position[:, rows.first]
     return LoopLoads(wrench, position, displacement, multipliers / lengths, free / lengths)
 
 
 def _least_multipliers(J: Array, forces: Array) -> tuple[Array, Array]:
-    """Solve J' lambda = forces (T, f) for the least lambda (T, rows), and span the null space of J'."""
-    left, sizes, right = np.linalg.svd(J)
-    count = sizes.shape[1]
-    sound = sizes > RANK_ROUNDING * sizes.max(axis=1, initial=0.0)[:, None]
-    parts = matvec(right[:, :count], forces)
-    parts = np.where(sound, parts / np.where(sound, sizes, 1.0), 0.0)
-    free = left.swapaxes(1, 2).copy()
-    free[:, :count] *= ~sound[:, :, None]
-    return matvec(left[:, :, :count], parts), free
+    """Solve J' lambda = forces (T, f) for lambda (T, rows) of least norm, and span the null space of J'.
+
+    With J = U S V' it is U S^-1 V forces over the nonzero singular values. The other columns of U span the
+    null
+    space: they are the rows of the second array (T, rows, rows), in which the other rows are zero.
+    """
+    U, singular_values, V_rows = np.linalg.svd(J)
+    count = singular_values.shape[1]
+    nonzero = singular_values > RANK_ROUNDING * singular_values.max(axis=1, initial=0.0)[:, None]
+    components = matvec(V_rows[:, :count], forces)
+    components = np.where(nonzero, components / np.where(nonzero, singular_values, 1.0), 0.0)
+    null_space = U.swapaxes(1, 2).copy()
+    null_space[:, :count] *= ~nonzero[:, :, None]
+    return matvec(U[:, :, :count], components), null_space
 
 
 def closure_wrenches(robot: ParallelRobot, loops: LoopLoads) -> dict[str, Array]:
     """Compute the wrench (T, 6) of each closure, by its name; NaN: indeterminate.
 
-    Of a closure with frames [a, b] it is exerted BY b's body ON a's body, at a's origin.
+    A closure of frames [a, b] exerts its wrench BY b's body ON a's body, at a's origin: minus the sum of the
+    unit wrenches of its rows times their multipliers.
     """
-    at_first, wrenches, first = move_wrench(loops.wrench, loops.displacement), {}, 0
+    unit_wrenches = move_wrench(loops.wrench, loops.displacement)  # at the origins of the first frames
+    wrenches, first_row = {}, 0
     for closure in robot.description.closures:
-        rows = slice(first, first + len(closure.axes))
-        first = rows.stop
-        wrench = -matvec(at_first[:, rows].swapaxes(1, 2), loops.multipliers[:, rows])
-        wrenches[closure.name] = _determinate(robot, wrench, loops.free[:, :, rows] @ at_first[:, rows])
+        rows = slice(first_row, first_row + len(closure.axes))
+        first_row = rows.stop
+        wrench = -matvec(unit_wrenches[:, rows].swapaxes(1, 2), loops.multipliers[:, rows])
+        free = loops.free[:, :, rows] @ unit_wrenches[:, rows]
+        wrenches[closure.name] = _mark_indeterminate(robot, wrench, free)
     return wrenches
 
 
@@ -143,25 +154,28 @@ def coupling_torques(robot: ParallelRobot, loops: LoopLoads) -> dict[str, Array]
 def joint_reactions(robot: ParallelRobot, motion: Motion, loops: LoopLoads) -> dict[str, Array]:
     """Compute the wrench (T, 6) in each joint, by its name; NaN: indeterminate.
 
-    It is exerted BY the parent body of the joint ON the child body, at the joint's origin.
+    It is exerted BY the parent body of the joint ON the child body, at the joint's origin: the wrench in the
+    open tree less the wrenches of loops and world on all bodies that the joint carries.
     """
     model = robot.model
     reactions, position = _tree_reactions(robot, motion)
-    carrying = tree_columns(robot).carried  # by body and column
-    columns = [model.joints[j].idx_v for j in range(1, model.njoints)]
-    carrying = np.insert(carrying[:, columns], 0, 1.0, axis=1)  # by body and joint; the base carries all
-    bodies = scratch_of(robot).bodies
-    signs = carrying[bodies[robot.rows.second]] - carrying[bodies[robot.rows.first]]  # (rows, joints)
+    first_columns = [model.joints[j].idx_v for j in range(1, model.njoints)]
+    carried_by_joint = tree_columns(robot).carried[:, first_columns]
+    carried_by_joint = np.insert(carried_by_joint, 0, 1.0, axis=1)  # (bodies, joints): the base carries all
+    bodies, rows = scratch_of(robot).bodies, robot.rows
+    signs = carried_by_joint[bodies[rows.second]] - carried_by_joint[bodies[rows.first]]  # (rows, joints)
+    # sum the wrenches of each joint about the base's origin, then move the sums to the joints' origins
     about_base = move_wrench(loops.wrench, loops.position)
-    # wrenches about the base's origin, summed for each joint and moved to its origin
     loads = matmul(signs.T, loops.multipliers[:, :, None] * about_base)
     for load in motion.wrenches:
-        loads += carrying[load.joint][:, None] * load.wrench[:, None]
+        loads += carried_by_joint[load.joint][:, None] * load.wrench[:, None]
     reactions -= move_wrench(loads, -position)
     free = np.einsum("mj,tkm,tmi->tjki", signs, loops.free, about_base)
     free = move_wrench(free, -position[:, :, None])
-    names = list(map(str, model.names))
-    return {names[j]: _determinate(robot, reactions[:, j], free[:, j]) for j in range(1, model.njoints)}
+    return {
+        str(model.names[j]): _mark_indeterminate(robot, reactions[:, j], free[:, j])
+        for j in range(1, model.njoints)
+    }
 
 
 def _tree_reactions(robot: ParallelRobot, motion: Motion) -> tuple[Array, Array]:
@@ -177,11 +191,12 @@ def _tree_reactions(robot: ParallelRobot, motion: Motion) -> tuple[Array, Array]
     return on_base_axes.reshape(forces.shape), poses[..., 9:]
 
 
-def _determinate(robot: ParallelRobot, wrench: Array, free: Array) -> Array:
+def _mark_indeterminate(robot: ParallelRobot, wrench: Array, free: Array) -> Array:
     """Replace indeterminate components of wrenches (T, 6) by NaN.
 
-    `free` (T, k, 6) are the wrenches of unit multipliers in the null space of J'.
+    `free` (T, k, 6) are the wrenches of unit multipliers in the null space of J': a component that one of
+    them changes is indeterminate.
     """
-    lever = np.repeat([1.0, robot.length], 3)
-    freedom = np.abs(free / lever).max(axis=1, initial=0.0) * robot.length
+    moment_arms = np.repeat([1.0, robot.length], 3)  # moments are compared as forces
+    freedom = np.abs(free / moment_arms).max(axis=1, initial=0.0) * robot.length
     return np.where(freedom > RANK_ROUNDING, np.nan, wrench)

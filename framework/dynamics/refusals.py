@@ -1,4 +1,4 @@
-"""The errors for a motion without deflections or resolved torques, with a remedy."""
+"""The errors for deflections that do not converge and for torques that no grid resolves, with remedies."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from framework.dynamics.near_misses import describe_near_miss
 from framework.dynamics.result import InverseDynamics
 from framework.errors import NotConverged, round_up
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.motion.path import PointPath
 from framework.singularity.points_on_path import SearchedPath
 from framework.singularity.rank_deficiency import NearMiss
 from framework.tolerances import RESOLVABLE_TAIL
@@ -46,7 +47,7 @@ def unresolved_error(
     `enough` is the least tail and change of all grids, `unseen` a near miss that no grid resolved.
     """
     robot, certificate = searched.branch.robot, result.certificate
-    missed = unseen or min(searched.near_misses, key=lambda miss: miss.width, default=None)
+    near_miss = unseen or min(searched.near_misses, key=lambda miss: miss.width, default=None)
     if certificate.tail > tolerance:
         problem = f"the torques are not resolved (tail {certificate.tail:.2g}, tolerance {tolerance:.2g})"
     elif certificate.change > tolerance:
@@ -60,8 +61,10 @@ def unresolved_error(
         gap = certificate.max_closure_error
         problem = f"the motion is not resolved (loops open by {gap:.2g} m or rad between nodes)"
     advice = "is the law smooth, is the path far from other singularities?"
-    if missed is not None:
-        advice = describe_near_miss(searched, missed)
+    if not isinstance(searched.branch.path, PointPath):
+        advice = f"is every s at which the pieces of the path join among its `knots`, {advice}"
+    if near_miss is not None:
+        advice = describe_near_miss(searched, near_miss)
     elif len(searched.points) > 1:
         first, second = min(pairwise(searched.points), key=lambda pair: pair[1].s - pair[0].s)
         apart = second.s - first.s
@@ -71,6 +74,6 @@ def unresolved_error(
     return NotConverged(
         f"{robot.name}: {problem} by {size} nodes a panel: {advice}",
         residual=max(certificate.tail, certificate.change),
-        s=None if missed is None else missed.s,
-        platform=None if missed is None else searched.branch.path(missed.s),
+        s=None if near_miss is None else near_miss.s,
+        platform=None if near_miss is None else searched.branch.path(near_miss.s),
     )

@@ -33,15 +33,13 @@ from framework.kinematics.placements import carried_axis
 from framework.kinematics.rounded_loops import rounded_gap
 from framework.kinematics.tree_model import is_ball
 from framework.motion.chebyshev import evaluate_together
-from framework.motion.law import orders_of
+from framework.motion.law import law_derivatives
 from framework.motion.path import time_derivatives
 from framework.tolerances import EXPORT_ROUNDING, HELD_IDLE, LOOP_GAP
 
 
 def measure_residuals(branch: Branch, state: DeflectionSolution, result: InverseDynamics) -> Certificate:
-    """Measure all loop equations and residual torques of a motion, on nodes and half-way between.
-
-    Return the certificate with these numbers.
+    """Return the certificate with the largest loop gap and residual torque, on nodes and half-way between.
 
     Raises:
         NotAssembled: a loop equation that was dropped at the reference is open on a node.
@@ -50,8 +48,9 @@ def measure_residuals(branch: Branch, state: DeflectionSolution, result: Inverse
     on_nodes = state.motion.linearised.loops.residual
     _check_dropped_rows(robot, nodes, on_nodes, state.motion.q)
     times = _instants(robot, nodes)
-    closed, motion = checked_motion(branch, result, times)
-    gaps = (on_nodes, closed.linearised.loops.residual, closed.linearised.residual[:, : robot.n])
+    closed, motion = evaluate_motion(branch, result, times)
+    platform_gap = closed.linearised.residual[:, : robot.n]
+    gaps = (on_nodes, closed.linearised.loops.residual, platform_gap)
     residual = _residual_torques(robot, motion, _joint_torques(state, times))
     residual[:, robot.structure.idle] = 0.0  # see `check_idle_joints`
     return replace(
@@ -64,6 +63,8 @@ def measure_residuals(branch: Branch, state: DeflectionSolution, result: Inverse
 
 def _rounded_gap(robot: ParallelRobot, q: Array) -> float:
     """Compute the largest gap of rounded loops along q (T, nq) [m or rad].
+
+    A rounded loop repeats other loop equations at the reference but for the rounding of its file.
 
     Raises:
         NotAssembled: the gap is larger than rounding explains.
@@ -81,9 +82,9 @@ def _rounded_gap(robot: ParallelRobot, q: Array) -> float:
 
 
 def check_idle_joints(branch: Branch, state: DeflectionSolution, result: InverseDynamics) -> float:
-    """Return the largest torque [N m or N] that would hold the idle joints to their planned motion.
+    """Return the largest torque [N m or N] that the planned motion needs at an idle joint.
 
-    Free joints would turn under that torque, and change the torques of the motors by its order.
+    No motor gives it. The joint would turn, and motor torques would change by the same order of size.
 
     Raises:
         LoadedJoint: the torque is more than HELD_IDLE of a motor's largest torque on the joint side.
@@ -92,13 +93,14 @@ def check_idle_joints(branch: Branch, state: DeflectionSolution, result: Inverse
     if not len(idle):
         return 0.0
     times, scale = _instants(robot, state.grid.times), robot.column_scale
-    motion = checked_motion(branch, result, times)[1]
+    motion = evaluate_motion(branch, result, times)[1]
     torques = _joint_torques(state, times)
     loads = _residual_torques(robot, motion, torques)[:, idle]
     worst = int(np.argmax(np.abs(loads * scale[idle])))
     instant, k = divmod(worst, len(idle))
     load, column = float(loads[instant, k]), int(idle[k])
-    if abs(load) * scale[column] <= HELD_IDLE * float(np.abs(torques * scale[robot.actuated]).max()):
+    largest_torque = float(np.abs(torques * scale[robot.actuated]).max())
+    if abs(load) * scale[column] <= HELD_IDLE * largest_torque:
         return float(np.abs(loads).max())
     joint = robot.coordinates.name_of(column)
     raise LoadedJoint(
@@ -112,7 +114,7 @@ def check_idle_joints(branch: Branch, state: DeflectionSolution, result: Inverse
 
 
 def _remedy(robot: ParallelRobot, column: int) -> str:
-    """Return advice on holding this coordinate, or on taking its load away."""
+    """Return advice: how to hold this idle coordinate, or how to remove its load."""
     model = robot.model
     joint = carried_axis(robot, column).joint
     if not is_ball(model.joints[joint]):
@@ -132,17 +134,21 @@ def _remedy(robot: ParallelRobot, column: int) -> str:
 
 
 def _instants(robot: ParallelRobot, nodes: Array) -> Array:
-    """Return the instants half-way between the nodes; with idle joints the nodes too."""
+    """Return the instants half-way between the nodes; with idle joints the nodes too.
+
+    Idle joints are not solved for, so the nodes are no check of all other joints but one of these.
+    """
     middle = 0.5 * (nodes[1:] + nodes[:-1])
     return np.sort(np.concatenate([nodes, middle])) if len(robot.structure.idle) else middle
 
 
-def checked_motion(branch: Branch, result: InverseDynamics, times: Array) -> tuple[ClosedStack, Motion]:
-    """Evaluate the coordinates as functions of time, with nothing solved, and the motion of the forces.
+def evaluate_motion(branch: Branch, result: InverseDynamics, times: Array) -> tuple[ClosedStack, Motion]:
+    """Evaluate the result's series at instants (T,): configurations, and the motion that causes the forces.
 
-    With rigid geometry the latter is the motion without deflections.
+    Nothing is solved, so both show the errors of the series. With rigid geometry the forces are those of the
+    motion without deflections.
     """
-    robot, s = branch.robot, orders_of(result.law, times)
+    robot, s = branch.robot, law_derivatives(result.law, times)
     x, dx, ddx = time_derivatives(branch.path, s)
     offsets, *rates = evaluate_together((result.offsets, *result.deflection_rates), times)
     q = integrate(robot, result.origin, offsets)
@@ -160,7 +166,10 @@ def _joint_torques(state: DeflectionSolution, times: Array) -> Array:
 
 
 def _check_dropped_rows(robot: ParallelRobot, times: Array, residual: Array, q: Array) -> None:
-    """Raise NotAssembled if a dropped loop equation is open, of all residuals (T, rows)."""
+    """Raise NotAssembled if a loop equation that was dropped at the reference is open on a node.
+
+    `residual` (T, rows) holds the values of all loop equations.
+    """
     scale, dropped = robot.row_lengths, robot.structure.dropped
     if not len(dropped):
         return
@@ -180,17 +189,17 @@ def _check_dropped_rows(robot: ParallelRobot, times: Array, residual: Array, q: 
 
 
 def _residual_torques(robot: ParallelRobot, motion: Motion, torque: Array) -> Array:
-    """Compute the forces (T, nv) missing for balance beside the joint torques (T, n_a) of the motors.
+    """Compute the forces (T, nv) missing for balance with joint torques (T, n_a) of the motors.
 
-    A wrench on the platform is exerted by the joints that carry it; springs are left out.
+    They are X' w along the actuated and passive joints, and r - J' lambda along idle ones, as in the module's
+    docstring. Elastic columns stay zero.
     """
     forces, columns, idle = tree_forces(robot, motion), robot.moving, robot.structure.idle
-    multipliers = loop_multipliers(robot, motion.linearised, forces, torque)  # w and lambda
+    multipliers = loop_multipliers(robot, motion.linearised, forces, torque)
+    w, loop_force = multipliers[:, : robot.n], multipliers[:, robot.n :]
     residual = np.zeros_like(forces)
-    residual[:, columns] = np.einsum(
-        "tn,tnv->tv", multipliers[:, : robot.n], motion.linearised.platform[:, :, columns]
-    )
+    residual[:, columns] = np.einsum("tn,tnv->tv", w, motion.linearised.platform[:, :, columns])
     if len(idle):
-        loops = np.einsum("tm,tmv->tv", multipliers[:, robot.n :], motion.linearised.closures[:, :, idle])
+        loops = np.einsum("tm,tmv->tv", loop_force, motion.linearised.closures[:, :, idle])
         residual[:, idle] = forces[:, idle] - loops
     return residual

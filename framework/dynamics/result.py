@@ -15,7 +15,7 @@ from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.chebyshev import TimeFunction
-from framework.motion.law import MotionLaw, orders_of
+from framework.motion.law import MotionLaw, law_derivatives
 from framework.motion.path import HIGHEST_ORDER, Path, time_derivatives
 
 
@@ -26,22 +26,21 @@ class Certificate:
     nodes: Chebyshev nodes in time, all panels together.
     tail: largest of the last Chebyshev coefficients of torques and deflections over the largest one.
         A pole leaves coefficients of the size of its residue, which do not fall with more nodes.
-    passes: evaluations of forces and deflections in turn, on all grids together.
-    change: change of the deflections or the spring forces by one more pass, over the largest of them; 0 with
-        rigid geometry, which neglects it.
+    passes: evaluations of forces at given deflections, on all grids together.
+    change: change of deflections or spring forces by one more pass, over the largest; 0 with rigid geometry,
+        which has no iteration.
     max_closure_error: largest loop or platform equation of the coordinates as functions of time [m or rad],
         on the nodes and half-way between them, redundant loop equations included.
     max_residual_torque: largest torque beside motors and springs that the planned motion would need in a
-        joint, half-way between the nodes [N m or N]; idle joints are counted apart.
-    max_held_torque: largest torque that would hold idle joints, such as a rod's spin about its own line, to
-        their planned motion: at rest, or driven by damping or armature of balls [N m or N]. The motors'
-        torques are wrong by its order. 0 without idle joints; at most `tolerances.HELD_IDLE` of a motor's
-        largest torque on the joint side.
-    end_speed: largest motor speed at both ends over the largest one on the way. Zero when the law is
+        joint, half-way between the nodes [N m or N]; without idle joints.
+    max_held_torque: largest torque that the planned motion would need in an idle joint, such as the spin of a
+        rod about its own line [N m or N]. Torques of motors have errors of the same order of size. 0 without
+        idle joints; at most `tolerances.HELD_IDLE` of a motor's largest torque on the joint side.
+    end_speed: largest motor speed at both ends over the largest one of the motion. Zero when the law is
         smooth enough; an elastic robot whose springs carry inertia needs more smoothness than its default.
-    monotone: the law advances at all instants between its ends.
-    rounded_gap: largest of the loop equations set aside because they repeat others but for rounding [m or
-        rad]; 0 without such.
+    monotone: s' > 0 at all instants between the ends.
+    rounded_gap: largest gap [m or rad] of loop equations that are left out because they repeat others but for
+        rounding; 0 without such.
     """
 
     nodes: int
@@ -124,7 +123,7 @@ class InverseDynamics(ReadOnlyArrays):
     def motor_angle(self, t: ArrayLike, order: int = 0) -> Array:
         """Evaluate motor angles [rad] (gear ratio times joint angle) or their time derivatives, (T, n_a).
 
-        Accelerations are those of `motion`: a series that is differentiated twice loses digits at its ends.
+        Accelerations are computed by `motion`, as a second derivative of a series loses digits at its ends.
         """
         if order != 2:
             return self.motor_angles(t, order)
@@ -140,19 +139,19 @@ class InverseDynamics(ReadOnlyArrays):
         """Evaluate platform coordinates [m, rad] or their time derivatives up to order 4, (T, n)."""
         check_order(order, HIGHEST_ORDER)
         times = np.asarray(t, dtype=float)
-        return time_derivatives(self.path, orders_of(self.law, times, order + 1))[order]
+        return time_derivatives(self.path, law_derivatives(self.law, times, order + 1))[order]
 
     def configuration(self, t: ArrayLike) -> Array:
         """Evaluate all joint coordinates q (T, nq) at t (T,), deflections included."""
         return integrate(self.robot, self.origin, self.offsets(np.atleast_1d(t)))
 
     def motion(self, t: ArrayLike) -> Motion:
-        """Compute positions and their two derivatives of all joints at t (T,), loops closed to rounding.
+        """Compute positions, rates and accelerations of all joints at t (T,), with the wrenches of the world.
 
-        Under the wrenches of the world.
+        The loops are closed to rounding.
         """
         times = np.atleast_1d(np.asarray(t, dtype=float))
-        s = orders_of(self.law, times)
+        s = law_derivatives(self.law, times)
         x, dx, ddx = time_derivatives(self.path, s)
         closed = close_loops(self.robot, x, self.configuration(times))
         rates = self.deflection(times, 1), self.deflection(times, 2)
@@ -163,5 +162,5 @@ class InverseDynamics(ReadOnlyArrays):
         """Evaluate joint velocities (order 1) or accelerations (order 2), (T, nv)."""
         if order == 1 and self.robot.model.nq == self.robot.model.nv:
             return self.offsets(np.atleast_1d(t), order)
-        motion = self.motion(t)  # the rate of a ball's offset is no angular velocity
+        motion = self.motion(t)  # the derivative of a ball's offset is no angular velocity
         return motion.v if order == 1 else motion.a

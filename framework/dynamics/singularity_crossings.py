@@ -18,24 +18,26 @@ from framework.kinematics.modes import mode_signs
 from framework.kinematics.motion_rates import motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.chebyshev import TimeGrid, real_roots
-from framework.motion.law import MotionLaw, PlannedLaw, orders_of
+from framework.motion.law import MotionLaw, PlannedLaw, law_derivatives
 from framework.motion.path import time_derivatives
 from framework.singularity.bordered_system import root_of_g
 from framework.singularity.points_on_path import SingularPoint
 from framework.singularity.type2 import UNCROSSABLE, escaping_motions, uncontrolled_motion
 from framework.tolerances import SAME_PLACE, STOP_AT_CROSSING
 
-LAW_ROOT_ROUNDING = 1e-12  # in s, of what a law leaves at its roots
-MAX_POLISHINGS, ROOT_LEFT = 3, 1e-15  # Newton steps to a root of the law, and residual in s that ends them
+LAW_ROOT_ROUNDING = 1e-12  # residual in s of a root of the law
+MAX_NEWTON_STEPS = 3  # to a root of the law
+NEWTON_RESIDUAL = 1e-15  # in s, that ends the steps
 SAMPLES = 17  # of a motion, for the size of its forces
 EDGE_CLEARANCE = 0.1  # of a panel: an edge nearer to a crossing is moved, as edges are nodes
 
 
 def panel_edges(branch: Branch, law: MotionLaw, clear_of: Iterable[float] = ()) -> Array:
-    """Return the ends of the motion and of the law's panels, and the instants of the branch's knots.
+    """Return the edges [s] of panels on which all functions of time are smooth, ascending.
 
-    Every edge is a node. A panel of the law that ends on one of the instants `clear_of` [s] is made to end
-    beside it, as the law is smooth there.
+    They are the ends of the motion and of the law's panels, and the instants of the branch's knots. Every
+    edge is a node, and no node may be at an instant of `clear_of` [s]: an edge of the law near such an
+    instant is moved beside it.
     """
     ends = np.array([0.0, law.duration])
     if isinstance(law, PlannedLaw) and len(law.edges):
@@ -48,11 +50,14 @@ def panel_edges(branch: Branch, law: MotionLaw, clear_of: Iterable[float] = ()) 
     knots = branch.knots
     if not len(knots):
         return ends
-    return np.unique(np.concatenate([ends, *(instants(law, ends, knot) for knot in knots)]))
+    return np.unique(np.concatenate([ends, *(find_instants(law, ends, knot) for knot in knots)]))
 
 
-def instants(law: MotionLaw, edges: Array, s: float) -> Array:
-    """Find all t (k,) with law(t) = s, ascending; `edges` bound the panels on which the law is smooth."""
+def find_instants(law: MotionLaw, edges: Array, s: float) -> Array:
+    """Find all t (k,) [s] with law(t) = s, ascending; `edges` bound the panels on which the law is smooth.
+
+    Roots of the law's Chebyshev series are improved by Newton's method on the law itself.
+    """
     grid = TimeGrid(edges, 65)
     function = grid.fit(np.asarray(law(grid.times))[:, None])
     roots = []
@@ -61,17 +66,17 @@ def instants(law: MotionLaw, edges: Array, s: float) -> Array:
         shifted[0] -= s
         t = start + 0.5 * (end - start) * (real_roots(shifted) + 1.0)
         residual = np.asarray(law(t)) - s
-        for _ in range(MAX_POLISHINGS if len(t) else 0):
+        for _ in range(MAX_NEWTON_STEPS if len(t) else 0):
             slope = np.asarray(law(t, 1))
             step = np.divide(residual, slope, out=np.zeros_like(t), where=slope != 0.0)
             t = np.clip(t - step, start, end)
             residual = np.asarray(law(t)) - s
-            if np.abs(residual).max() < ROOT_LEFT:
+            if np.abs(residual).max() < NEWTON_RESIDUAL:
                 break
-        roots.append(t[np.abs(residual) < LAW_ROOT_ROUNDING])  # no near misses
+        roots.append(t[np.abs(residual) < LAW_ROOT_ROUNDING])  # a minimum just above s is no root
     times = np.sort(np.concatenate(roots))
-    keep = np.concatenate(([True], np.diff(times) > SAME_PLACE * (edges[-1] - edges[0])))
-    return times[keep[: len(times)]]
+    is_new = np.concatenate(([True], np.diff(times) > SAME_PLACE * (edges[-1] - edges[0])))
+    return times[is_new[: len(times)]]
 
 
 def rigid_crossings(
@@ -85,11 +90,11 @@ def rigid_crossings(
     for singular in points:
         check_kind(branch.robot, singular)
     edges = panel_edges(branch, law)
-    crossed = [(t, singular) for singular in points for t in map(float, instants(law, edges, singular.s))]
+    crossed = [(float(t), point) for point in points for t in find_instants(law, edges, point.s)]
     if not crossed:
         return ()
     times = np.concatenate([[t for t, _ in crossed], np.linspace(0.0, law.duration, SAMPLES)])
-    s = orders_of(law, times)
+    s = law_derivatives(law, times)
     stopping = np.abs(s[1][:-SAMPLES]) <= STOP_AT_CROSSING * np.abs(s[1]).max()
     if stopping.any():
         t, singular = crossed[int(stopping.argmax())]
@@ -97,12 +102,13 @@ def rigid_crossings(
             f"{branch.robot.name}: the motion stands still on a Type 2 singularity at t = {t:.6g} s, s = "
             f"{singular.s:.6g}: a stop on the locus can never be crossed; shift the path's end or the law"
         )
-    # a guess is enough for the size of the forces at samples
+    # samples along the motion give the size of the forces: a guess of their configurations is enough
     q = np.concatenate([*(singular.q[None] for _, singular in crossed), branch.guess(s[0][-SAMPLES:])])
     forces = _undeformed_forces(branch, q, s)
+    at_crossings, at_samples = np.split(forces, [len(crossed)])
     return tuple(
-        _rigid_crossing(branch.robot, law.duration, t, singular, np.vstack([force, forces[-SAMPLES:]]))
-        for (t, singular), force in zip(crossed, forces, strict=False)
+        _rigid_crossing(branch.robot, law.duration, t, singular, np.vstack([force, at_samples]))
+        for (t, singular), force in zip(crossed, at_crossings, strict=True)
     )
 
 
@@ -117,8 +123,8 @@ def check_kind(robot: ParallelRobot, singular: SingularPoint) -> None:
     """Refuse singular points to which condition (8) does not apply.
 
     Raises:
-        UncontrolledMotions: several motions are uncontrolled at once, not all of the platform or not all of
-            them let go transversally.
+        UncontrolledMotions: several motions are uncontrolled at once, and the singularity is not of Type 2 or
+            the path only touches it.
         NoLaw: the singularity is not of Type 2.
     """
     if singular.corank > 1 and (singular.kind != "type_2" or singular.contact == "tangential"):
@@ -131,19 +137,20 @@ def check_kind(robot: ParallelRobot, singular: SingularPoint) -> None:
 def _rigid_crossing(
     robot: ParallelRobot, duration: float, t: float, singular: SingularPoint, forces: Array
 ) -> SingularityCrossing:
-    """Compute t_s . W_p when the undeformed robot passes a singular point at time t.
+    """Compute t_s . W_p = eta . r when the undeformed robot passes a singular point at time t.
 
-    `forces` (1 + SAMPLES, nv) are those of the open tree at the point, then along the motion.
+    `forces` (1 + SAMPLES, nv) are r of the open tree at the point, then along the motion. Of several escaping
+    motions eta, the one with the largest relative t_s . W_p is reported.
     """
     escape = singular.motion[None]
     if singular.corank > 1:
         linearised = linearised_at(robot, singular.q[None], singular.platform[None])
         escape = escaping_motions(robot, linearised, at_least=singular.corank).motions
-    force = robot.mass * robot.length / duration**2
-    least = force * robot.length * np.abs(escape / robot.column_scale).max(axis=1)
-    parts = forces[:, None] * escape  # (T, corank, nv)
-    scale = np.maximum(np.abs(parts).sum(axis=2).max(axis=0), least)
-    wrench = parts[0].sum(axis=1)
+    inertial_force = robot.mass * robot.length / duration**2
+    least_scale = inertial_force * robot.length * np.abs(escape / robot.column_scale).max(axis=1)
+    terms = forces[:, None] * escape  # (T, corank, nv)
+    scale = np.maximum(np.abs(terms).sum(axis=2).max(axis=0), least_scale)
+    wrench = terms[0].sum(axis=1)
     worst = int(np.argmax(np.abs(wrench) / np.where(scale > 0.0, scale, 1.0)))
     return SingularityCrossing(
         t,
@@ -157,22 +164,25 @@ def _rigid_crossing(
 
 
 def deformed_crossing(result: InverseDynamics, near: SingularityCrossing) -> SingularityCrossing:
-    """Find the same crossing in the deformed robot: the root of g in time, with t_s . W_p."""
+    """Find a crossing of the deformed robot, from `near` of the undeformed one: the root of g in time.
+
+    The sign of its twist is that of the undeformed crossing's.
+    """
     robot = result.robot
 
-    def passive(t: Array) -> Array:
+    def passive_columns(t: Array) -> Array:
         return type2_matrix(robot, linearised_at(robot, result.configuration(t), result.platform(t)))
 
-    t = root_of_g(passive, near.time, high=result.duration).place
+    t = root_of_g(passive_columns, near.time, high=result.duration).place
     motion = result.motion(t)
     uncontrolled = uncontrolled_motion(robot, motion.linearised)
-    along_path = -1.0 if np.dot(uncontrolled.twist, near.twist) < 0 else 1.0
-    wrench = float(tree_forces(robot, motion)[0] @ uncontrolled.motion) * along_path
+    sign = -1.0 if np.dot(uncontrolled.twist, near.twist) < 0 else 1.0
+    wrench = float(tree_forces(robot, motion)[0] @ uncontrolled.motion) * sign
     return SingularityCrossing(
         time=t,
         s=float(result.law(np.array([t]))[0]),
         platform=result.platform(t),
-        twist=along_path * uncontrolled.twist,
+        twist=sign * uncontrolled.twist,
         kind=uncontrolled.kind,
         wrench=wrench,
         scale=near.scale,
@@ -199,9 +209,9 @@ def check_bounded(robot: ParallelRobot, crossings: tuple[SingularityCrossing, ..
 def check_crossings(
     robot: ParallelRobot, state: DeflectionSolution, geometry: str, crossings: tuple[SingularityCrossing, ...]
 ) -> None:
-    """Check that the assembly mode changes exactly at the crossings.
+    """Raise NoLaw if the assembly mode changes between two nodes without a crossing.
 
-    With rigid geometry the deflections only move the motors afterwards, and `motion` proves nothing.
+    With rigid geometry of an elastic robot there is no check: the forces are those of the undeformed robot.
     """
     if geometry == "rigid" and robot.n_e:
         return

@@ -29,14 +29,14 @@ from framework.linalg.ordered_sums import matmul, matvec, solve
 
 
 class Load(NamedTuple):
-    """The load on T configurations, with the acting share of each."""
+    """The load on T configurations, each under its own share of weight and wrench."""
 
     w: Array  # (n,) wrench of the world ON the platform, on its axes
     share: Array  # (T,) of weight and w, 0 .. 1
-    preload: Array  # (T, nv) forces of springs that balance without load
+    preload: Array  # (T, nv) spring forces at which the unloaded configuration is in balance
 
     def select(self, which: IntArray) -> Load:
-        """Return the load on some of the configurations."""
+        """Return the load on the configurations `which` (k,)."""
         return Load(self.w, self.share[which], self.preload[which])
 
 
@@ -45,10 +45,10 @@ class Balance(NamedTuple):
 
     gap: Array  # (T,) largest error of a loop equation
     closing: Array  # (T, f) the least step that closes the loops, to first order
-    null: Array  # (T, f, d) orthonormal: steps that keep the loops closed
-    slope: Array  # (T, d) of the energy along `null`, after the closing step
+    null: Array  # (T, f, d) orthonormal steps Z that leave the loops closed
+    slope: Array  # (T, d) derivative of the energy along Z, after the closing step
     drive: Array  # (T, d) derivative of the slope with respect to the share of the load
-    H: Array  # (T, d, d) tangent stiffness along `null`
+    H: Array  # (T, d, d) tangent stiffness along Z
     linearised: LinearisedLoops
 
 
@@ -65,30 +65,34 @@ def check_wrench(robot: ParallelRobot, wrench: ArrayLike | None) -> Array:
 
 
 def moving_columns(robot: ParallelRobot) -> IntArray:
-    """Return the columns (f,) of the velocity vector that move with locked motors: elastic, then passive."""
+    """Return the velocity indices (f,) of joints that move with locked motors: elastic, then passive."""
     return np.concatenate([robot.elastic, robot.following])
 
 
 def balance(robot: ParallelRobot, q: Array, load: Load) -> Balance:
-    """Compute the distance of configurations q (T, nq), with loops open or closed, from balance."""
+    """Compute the distance of configurations q (T, nq), with loops open or closed, from balance.
+
+    With J' = Q R the least step that closes the loops is -Q R'^-1 residual. The stiffness is computed along
+    [Z, closing]: its last column is the change of the slope by the closing step.
+    """
     columns = moving_columns(robot)
     lengths = robot.column_scale[columns]
     linearised = linearised_at(robot, q, robot.platform.coordinates(frames_at(robot, q)))
     J = scaled_loops(robot, linearised)[:, :, columns]
     residual = linearised.residual[:, robot.n :] * (1.0 / robot.loop_lengths)
-    range_, R, null = factor_transposed(J)
-    closing = -matvec(range_, solve(R.swapaxes(1, 2), residual))
+    Q, R, null = factor_transposed(J)
+    closing = -matvec(Q, solve(R.swapaxes(1, 2), residual))
     steps = np.concatenate([null, closing[:, :, None]], axis=2)
-    at_rest, drive = _forces(robot, linearised, q, load)
-    forces = at_rest + load.share[:, None] * drive
+    spring_forces, load_forces = _forces(robot, linearised, q, load)
+    forces = spring_forces + load.share[:, None] * load_forces
     H = tangent_stiffness(robot, linearised, q, steps * lengths[:, None], load)
-    along = null.swapaxes(1, 2)
+    null_rows = null.swapaxes(1, 2)
     return Balance(
         gap=np.abs(residual).max(axis=1, initial=0.0),
         closing=closing,
         null=null,
-        slope=matvec(along, forces[:, columns] * lengths) + H[:, :-1, -1],
-        drive=matvec(along, drive[:, columns] * lengths),
+        slope=matvec(null_rows, forces[:, columns] * lengths) + H[:, :-1, -1],
+        drive=matvec(null_rows, load_forces[:, columns] * lengths),
         H=H[:, :-1, :-1],
         linearised=linearised,
     )
@@ -97,30 +101,37 @@ def balance(robot: ParallelRobot, q: Array, load: Load) -> Balance:
 def tangent_stiffness(
     robot: ParallelRobot, linearised: LinearisedLoops, q: Array, steps: Array, load: Load
 ) -> Array:
-    """Compute d2V/dq2 - lambda . d2c/dq2 - w . d2x/dq2 (T, p, p) along `steps` (T, f, p) at q (T, nq)."""
+    """Compute d2V/dq2 - lambda . d2c/dq2 - w . d2x/dq2 (T, p, p) along `steps` (T, f, p) at q (T, nq).
+
+    The multipliers lambda balance the forces in the least squares: J' lambda = forces.
+    """
     model, data, columns = robot.model, scratch_of(robot).data, moving_columns(robot)
     J = scaled_loops(robot, linearised)[:, :, columns]
-    at_rest, drive = _forces(robot, linearised, q, load)
-    forces = (at_rest + load.share[:, None] * drive)[:, columns] * robot.column_scale[columns]
-    range_, R, _ = factor_transposed(J)
-    multipliers = solve(R, matvec(range_.swapaxes(1, 2), forces)) * (1.0 / robot.loop_lengths)
-    weight = np.array([pin.computeGeneralizedGravityDerivatives(model, data, row) for row in q])
-    weight = 0.5 * (weight + weight.swapaxes(1, 2))[:, columns[:, None], columns] * load.share[:, None, None]
-    force_changes = robot.all_stiffness[columns][:, None] * steps + matmul(weight, steps)
+    spring_forces, load_forces = _forces(robot, linearised, q, load)
+    forces = (spring_forces + load.share[:, None] * load_forces)[:, columns] * robot.column_scale[columns]
+    Q, R, _ = factor_transposed(J)
+    multipliers = solve(R, matvec(Q.swapaxes(1, 2), forces)) * (1.0 / robot.loop_lengths)
+    gradient = np.array([pin.computeGeneralizedGravityDerivatives(model, data, row) for row in q])
+    symmetric = 0.5 * (gradient + gradient.swapaxes(1, 2))
+    gravity_stiffness = symmetric[:, columns[:, None], columns] * load.share[:, None, None]
+    force_changes = robot.all_stiffness[columns][:, None] * steps + matmul(gravity_stiffness, steps)
     curvature = _curvature(robot, linearised.frames, steps, multipliers, load.share[:, None] * load.w)
     return matmul(steps.swapaxes(1, 2), force_changes) - curvature
 
 
 def _curvature(robot: ParallelRobot, frames: FrameStack, steps: Array, multipliers: Array, w: Array) -> Array:
-    """Compute lambda . d2c/dq2 + w . d2x/dq2 (T, p, p) along `steps` (T, f, p), by polarisation."""
-    first, second = np.triu_indices(steps.shape[2])
-    v = np.zeros((len(steps), len(first), robot.model.nv))
-    v[:, :, moving_columns(robot)] = (steps[:, :, first] + steps[:, :, second]).swapaxes(1, 2)
-    drift = _drift(robot, frames, v, multipliers, w)
-    diagonal = drift[:, first == second] / 4.0  # of a + a: twice a has four times the drift of a
+    """Compute lambda . d2c/dq2 + w . d2x/dq2 (T, p, p) along `steps` (T, f, p), by polarisation.
+
+    The quadratic form D of `_drift` gives its bilinear form by B(a, b) = (D(a + b) - D(a) - D(b)) / 2.
+    """
+    i, j = np.triu_indices(steps.shape[2])
+    sums = np.zeros((len(steps), len(i), robot.model.nv))
+    sums[:, :, moving_columns(robot)] = (steps[:, :, i] + steps[:, :, j]).swapaxes(1, 2)
+    drift = _drift(robot, frames, sums, multipliers, w)
+    diagonal = drift[:, i == j] / 4.0  # D(a) = D(a + a) / 4
     curvature = np.zeros((len(steps), steps.shape[2], steps.shape[2]))
-    curvature[:, first, second] = 0.5 * (drift - diagonal[:, first] - diagonal[:, second])
-    curvature[:, second, first] = curvature[:, first, second]
+    curvature[:, i, j] = 0.5 * (drift - diagonal[:, i] - diagonal[:, j])
+    curvature[:, j, i] = curvature[:, i, j]
     return curvature
 
 
@@ -132,7 +143,10 @@ def factor_transposed(J: Array) -> tuple[Array, Array, Array]:
 
 
 def _forces(robot: ParallelRobot, linearised: LinearisedLoops, q: Array, load: Load) -> tuple[Array, Array]:
-    """Compute the forces (T, nv) of springs on the closures, and of the full load."""
+    """Compute forces (T, nv): of springs less their preload, and of the full load.
+
+    Their sum with the full share, springs + weight - wrench, is dV/dq - w . dx/dq.
+    """
     model, data = robot.model, scratch_of(robot).data
     weight = np.array([pin.computeGeneralizedGravity(model, data, row) for row in q])
     wrench = matvec(linearised.platform.swapaxes(1, 2), np.broadcast_to(load.w, (len(q), robot.n)))
@@ -140,9 +154,12 @@ def _forces(robot: ParallelRobot, linearised: LinearisedLoops, q: Array, load: L
 
 
 def _drift(robot: ParallelRobot, frames: FrameStack, v: Array, multipliers: Array, w: Array) -> Array:
-    """Compute v' (lambda . c" + w . x") v (T, p) for joint rates v (T, p, nv)."""
-    stack = frames.select(np.repeat(np.arange(len(v)), v.shape[1]))
-    motions = frame_motions(robot, stack, stack.q, v.reshape(-1, v.shape[2]))
-    loops = closure_drift(robot.loops, stack, motions).reshape(*v.shape[:2], -1)
-    platform = robot.platform.drift(stack, motions).reshape(*v.shape[:2], -1)
+    """Compute the quadratic form v' (lambda . c" + w . x") v (T, p) of joint rates v (T, p, nv).
+
+    The drift of an equation is its second time derivative without the accelerations: v' c" v.
+    """
+    repeated = frames.select(np.repeat(np.arange(len(v)), v.shape[1]))
+    motions = frame_motions(robot, repeated, repeated.q, v.reshape(-1, v.shape[2]))
+    loops = closure_drift(robot.loops, repeated, motions).reshape(*v.shape[:2], -1)
+    platform = robot.platform.drift(repeated, motions).reshape(*v.shape[:2], -1)
     return matvec(loops, multipliers) + matvec(platform, w)

@@ -17,14 +17,14 @@ from framework.singularity.type2 import sign_along, singularity_measure, twist_n
 
 
 class WrenchCurves(NamedTuple):
-    """The force of a motion along the twist that its motors hold least, at T instants.
+    """The force that a motion requires along t_s, the twist that its motors hold least, at T instants.
 
-    t_s is continued smoothly away from the singularity; where |g| is least it has unit size and points along
-    the motion. `power` is eta . r with eta the joint rates of t_s: at a singularity it is t_s . W_p for legs
-    of any mass, away from it for massless legs.
+    t_s is continued smoothly away from the singularity. Where |g| is least it has unit size and points along
+    the motion. `power` is eta . r, with eta the joint rates of t_s and r the forces of the open tree. It
+    equals t_s . W_p at a singularity; elsewhere only if the legs have no mass.
     """
 
-    g: Array  # (T,) the measure of singularity
+    g: Array  # (T,) measure, zero at Type 2
     twist: Array  # (T, n) t_s
     wrench: Array  # (T, n) W_p = (dq/dv)' r: inertia and weight less wrenches of the world, all bodies
     power: Array  # (T,) [N, or N m for a pure turn]
@@ -37,9 +37,10 @@ def wrench_curves(robot: ParallelRobot, motion: Motion) -> WrenchCurves:
     measure = singularity_measure(robot, motion.linearised)
     twist = np.einsum("tnv,tv->tn", motion.linearised.platform, measure.motion)
     nearest = int(np.argmin(np.abs(measure.g)))
-    size = twist_norm(robot, twist[nearest]) or 1.0
-    size *= sign_along(twist[nearest], motion.linearised.platform[nearest] @ motion.v[nearest])
-    return WrenchCurves(measure.g, twist / size, wrench, np.sum(forces * measure.motion, axis=1) / size)
+    signed_norm = twist_norm(robot, twist[nearest]) or 1.0
+    signed_norm *= sign_along(twist[nearest], motion.linearised.platform[nearest] @ motion.v[nearest])
+    power = np.sum(forces * measure.motion, axis=1) / signed_norm
+    return WrenchCurves(measure.g, twist / signed_norm, wrench, power)
 
 
 def wrench_along(result: InverseDynamics, t: Array) -> tuple[Array, Array]:
@@ -52,14 +53,14 @@ def wrench_along(result: InverseDynamics, t: Array) -> tuple[Array, Array]:
 
 
 class MeasureAlongPath(NamedTuple):
-    """g (see `singularity_measure`) as a function of s, springs at rest, and of t, deflected."""
+    """The measure g along a motion: as a function of s with springs at rest, and of t with deflections."""
 
     result: InverseDynamics
     at_rest: SearchedPath
 
     @staticmethod
-    def of(result: InverseDynamics) -> MeasureAlongPath:
-        """Follow the path of a motion again, springs at rest."""
+    def from_motion(result: InverseDynamics) -> MeasureAlongPath:
+        """Follow the path of a motion with springs at rest, and locate its singular points."""
         return MeasureAlongPath(result, search_path(result.robot, result.path))
 
     def evaluate_at_rest(self, s: Array) -> Array:
@@ -71,5 +72,5 @@ class MeasureAlongPath(NamedTuple):
         return singularity_measure(self.result.robot, self.result.motion(t).linearised).g
 
     def nearest_at_rest(self, s: float) -> float:
-        """Return the singular point at rest that is nearest to path coordinate s."""
+        """Return s of the singular point of the undeflected robot that is nearest to s."""
         return min((point.s for point in self.at_rest.points), key=lambda place: abs(place - s))

@@ -1,8 +1,8 @@
-"""The level of fidelity to plan a motion with: the level that its scene keeps, or a prediction.
+"""The level of fidelity to plan a motion with: the level stated in its scene, or a prediction.
 
-A scene keeps the level that a study found by simulation (`fidelity_study`). For any other motion the
-indicators (`fidelity_indicators`) choose from the plans of the two levels without springs; nothing is
-simulated.
+A scene may state the level that a study found by simulation (`fidelity_study`). For other motions the
+indicators (`fidelity_indicators`) predict the level from the plans of the two levels without springs, without
+simulation.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ from framework.model.description import FLEXIBILITIES, RobotDescription
 from framework.model.fidelity_levels import LEVELS, LEVELS_BY_NAME
 from framework.motion.path import Path
 
-TOLERANCE = 0.01  # share of the path and of the peak torque that a level may be off, where none is given
+TOLERANCE = 0.01  # default: error of a level as a share of the path's length and of the peak torque
 
 
 class ChosenLevel(NamedTuple):
-    """The least level that is enough for a motion, and how sure that is.
+    """The least level that is enough for a motion, with its evidence.
 
     level: its name.
-    tolerance: share of the path's length and of the peak torque that it may be off.
-    simulated: whether a study found it by simulation; else it is predicted.
-    error: how far it is predicted to be off, a share; None where it was simulated, and of the fullest model,
-        with which all are compared.
+    tolerance: allowed error as a share of the path's length and of the peak torque.
+    simulated: whether a study found the level by simulation; else it is predicted.
+    error: predicted error, a share; None if the level was simulated or is the highest, which is the
+        reference.
     """
 
     level: str
@@ -42,7 +42,7 @@ class ChosenLevel(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """The level and its evidence, in words."""
+        """The sentence about the level and its evidence."""
         percent = f"{100 * self.tolerance:g} %"
         if self.simulated:
             return f"{self.level} is enough for {percent}, as the scene keeps"
@@ -54,7 +54,7 @@ class ChosenLevel(NamedTuple):
 
 
 def scene_level(description: RobotDescription, scene: str) -> ChosenLevel | None:
-    """Return the level that a scene keeps; None without a level or without such a scene."""
+    """Return the level that a scene states; None without a level or without such a scene."""
     stated = description.scenes.get(scene)
     if stated is None or stated.fidelity is None:
         return None
@@ -64,12 +64,12 @@ def scene_level(description: RobotDescription, scene: str) -> ChosenLevel | None
 def predict_level(
     description: RobotDescription, path: Path | str, *, tolerance: float = TOLERANCE, **options: Any
 ) -> ChosenLevel:
-    """Compute the least level that the indicators predict to be enough for a motion.
+    """Predict the least level that is enough for a motion, from the indicators.
 
     Args:
         path: to follow, or the name of a scene.
-        tolerance: share of the path's length and of the peak torque that it may be off.
-        options: of `plan_crossing`, but no geometry, for each level has its own.
+        tolerance: allowed error as a share of the path's length and of the peak torque.
+        options: of `plan_crossing` without geometry, as each level has its own.
 
     Raises:
         InvalidInput: an option that cannot be right.
@@ -98,7 +98,7 @@ def predict_errors(description: RobotDescription, path: Path | str, **options: A
 
 
 def request_without_geometry(robot: ParallelRobot, path: Path | str, **options: Any) -> Request:
-    """Return the request of a path or of a scene by its name, in the geometry of the robot's level.
+    """Return the request for a path, or for a scene by its name, without a geometry option.
 
     Raises:
         InvalidInput: a geometry is among the options, or one of them cannot be right.
@@ -113,7 +113,7 @@ def request_without_geometry(robot: ParallelRobot, path: Path | str, **options: 
 def options_of_level(description: RobotDescription, name: str) -> dict[str, Any]:
     """Return the options that plan with a level: flexibility, geometry, smoothness.
 
-    Levels below `rigid` are planned with all bodies: leaving them out saves nothing.
+    Levels below `rigid` are planned with all bodies, as planning with fewer bodies takes no less time.
     """
     level = LEVELS_BY_NAME[name]
     flexibility = description.least_flexibility(level.flexibility)

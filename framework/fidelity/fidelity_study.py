@@ -1,13 +1,13 @@
 """The least model of a robot that is enough for a motion: each level of fidelity against the highest.
 
-A level plans the motion. Its torques then drive the forward simulation of the highest model that the robot's
-file can express, from rest at the start of the path and without correction. The level is enough if the
-platform stays near its plan, within the tolerance of the path's length, and the torques near those of the
-highest level, within the tolerance of their peak. Comparing neighbours would not do: where legs have no mass
-two levels agree exactly, which says nothing of the springs above.
+Each level plans the motion. Its torques then drive the forward simulation of the highest model that the
+robot's file can express, from rest at the start of the path and without feedback. The level is enough if two
+errors are within the tolerance: the platform's distance from the level's plan over the path's length, and the
+difference of its torques from those of the highest level over their peak. A comparison with the next level
+would not suffice: where legs have no mass two levels agree exactly, whatever the springs of the levels above.
 
-The effect of the torques of too low a level near a singularity is part of the answer. There the robot cannot
-resist a force along t_s: the rest of t_s . W_p pushes the platform off its path, as the simulation shows.
+The simulation shows what the torques of too low a level do near a singularity. There the robot cannot resist
+a force along t_s, and what remains of t_s . W_p pushes the platform off its path.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ from framework.motion.law import is_number
 from framework.motion.path import Path
 from framework.output import Document, plain
 
-MIN_TOLERANCE = 1e-8  # torques are planned to 1e-10, and the same when they agree to 1e-9
-ERROR_ROUNDING = 1e-12  # of the path or the peak: what is less is no error
+MIN_TOLERANCE = 1e-8  # torques are planned to 1e-10, and count as equal if they agree to 1e-9
+ERROR_ROUNDING = 1e-12  # of the path or the peak, below which an error is rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,10 +62,10 @@ class FidelityStudy(ReadOnlyArrays):
 
     @cached_property
     def neglected_work(self) -> float:
-        """Work of dry friction that no level has, over that of the motors, each taken positive.
+        """Work of the dry friction that no level models, over that of the motors, absolute values of both.
 
-        Its torque has no bound near Type 2, where condition (8) is met without it; its work has. Zero
-        without such friction; infinite where the motors do no work.
+        Work is compared, as the torque against that friction has no bound near Type 2: condition (8) is met
+        without it. Zero without such friction; infinite where the motors do no work.
         """
         plan, friction = self.highest, neglected_friction(self.highest.dynamics)
         if not friction.any():
@@ -85,36 +85,37 @@ class FidelityStudy(ReadOnlyArrays):
 
     @property
     def by_luck(self) -> tuple[str, ...]:
-        """Names of levels that model more than the least that is enough, and are not enough.
+        """Names of the levels above `enough` that are not enough; normally none.
 
-        Errors that add up in them cancel below.
-        Empty where all that model more are enough too, as they should be.
+        Errors that cancel in the lower level do not in these: the lower one is enough by chance.
         """
         if self.enough is None:
             return ()
         above = self.levels[self.levels.index(self.enough) + 1 :]
-        return tuple(one.level.name for one in above if not self.is_enough(one))
+        return tuple(comparison.level.name for comparison in above if not self.is_enough(comparison))
 
     @cached_property
     def indicated(self) -> Comparison:
-        """The level that the indicators alone would choose; of levels with the same torques the lowest."""
-        by_name = {level.level.name: level for level in self.levels}
+        """The level that the indicators predict; of levels with the same torques the lowest."""
+        by_name = {comparison.level.name: comparison for comparison in self.levels}
         chosen = by_name[self.indicators.choose_level(self.tolerance)]
         return by_name[chosen.same_as] if chosen.same_as else chosen
 
     def law_difference(self, comparison: Comparison) -> float:
-        """Return how far the law of a level is from the highest one's, in s; infinite without a plan."""
+        """Return the largest difference in s of a level's law from the highest's; infinite without one."""
         if comparison.plan is None:
             return np.inf
-        laws = [plan.law(np.minimum(self.times, plan.duration)) for plan in (comparison.plan, self.highest)]
-        return float(np.abs(laws[0] - laws[1]).max())
+        s, s_highest = (
+            plan.law(np.minimum(self.times, plan.duration)) for plan in (comparison.plan, self.highest)
+        )
+        return float(np.abs(s - s_highest).max())
 
     def place(self, errors: Array) -> float | None:
-        """Return the s at which errors (T,) are largest; None where all are rounding."""
-        finite = np.nan_to_num(errors)
-        if finite.max() <= ERROR_ROUNDING:
+        """Return s where the error (T,) is largest; None if all errors are rounding."""
+        errors_or_zero = np.nan_to_num(errors)  # nan: after the end of a plan or simulation
+        if errors_or_zero.max() <= ERROR_ROUNDING:
             return None
-        return float(self.highest.law(self.times[np.argmax(finite)]))
+        return float(self.highest.law(self.times[np.argmax(errors_or_zero)]))
 
     @property
     def scene_entry(self) -> Document | None:
@@ -124,7 +125,7 @@ class FidelityStudy(ReadOnlyArrays):
 
     @property
     def refusal(self) -> NoAnswer | None:
-        """The error that says why no model is accurate enough; None if one is."""
+        """The error with the reason why no level is enough; None if one is."""
         if self.enough is not None:
             return None
         if self.neglected_work > self.tolerance:
@@ -133,16 +134,16 @@ class FidelityStudy(ReadOnlyArrays):
                 f"none of them has ({self.highest.neglected_friction}) takes "
                 f"{100 * self.neglected_work:.2g} % of the motors' work"
             )
-        top = self.levels[-1]
-        how = top.reason or f"leave the path by {100 * top.platform:.2g} % of its length"
+        highest = self.levels[-1]
+        failure = highest.reason or f"leave the path by {100 * highest.platform:.2g} % of its length"
         return NoAnswer(
             f"{self.robot.name}: no model is accurate to {100 * self.tolerance:g} %: in the full elastic "
-            f"simulation even the torques of the most detailed one, {top.level.name}, {how}; without "
+            f"simulation even the torques of the most detailed one, {highest.level.name}, {failure}; without "
             f"feedback, errors of rounding and integration grow along this motion"
         )
 
     def to_dict(self) -> Document:
-        """Return the numbers, for JSON."""
+        """Return the study as the document of `--json`."""
         document: Document = plain(
             {
                 "robot": self.robot.name,
@@ -170,6 +171,7 @@ class FidelityStudy(ReadOnlyArrays):
         return document
 
     def _entry(self, comparison: Comparison) -> Document:
+        """Return the entry of one level in `to_dict`."""
         name, spring = comparison.level.name, comparison.deflection
         return {
             "level": name,
@@ -200,17 +202,16 @@ def fidelity_study(
     """Find the least model of a robot that is enough for a motion, with its evidence.
 
     Args:
-        robot: with whatever springs; the levels are made from its description.
+        robot: of any flexibility; the levels are made from its description.
         path: to follow, or the name of a scene.
-        tolerance: share of the path's length, and of the peak torque, that a level may be off.
+        tolerance: allowed error of a level as a share of the path's length and of the peak torque.
         progress: called with the number of levels that are done.
-        options: of `plan_crossing`, but no geometry, for each level has its own. The smoothness is by default
-            that of the highest for all levels.
+        options: of `plan_crossing` without geometry, as each level has its own. The smoothness of all levels
+            is by default that of the highest.
 
     Raises:
         InvalidInput: an option that cannot be right, or a robot that cannot be simulated.
-        NoAnswer: the highest level has no plan, or its simulation does not come to the end: there is nothing
-            to compare with.
+        NoAnswer: the highest level has no plan, or its simulation stops early: there is no reference.
     """
     expect_robot(robot)
     if not (is_number(tolerance) and MIN_TOLERANCE <= tolerance < 1):

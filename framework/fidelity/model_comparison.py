@@ -1,4 +1,4 @@
-"""One level of fidelity compared: its torques in the forward simulation of the highest model."""
+"""The comparison of one level of fidelity: its torques in the forward simulation of the highest model."""
 
 from __future__ import annotations
 
@@ -23,17 +23,19 @@ from framework.model.fidelity_levels import LEVELS, Level, with_bodies
 from framework.simulation import Event, Simulation, simulate
 from framework.tolerances import TORQUE_TAIL
 
-# Path lengths from the plan, and share of the peak torque, or twice the tolerance if that is more: what is so
-# far off is another motion, and not simulated
-EQUAL_TORQUES = 10 * TORQUE_TAIL  # difference over the peak; levels that see one differ by 1e-7 and more
+EQUAL_TORQUES = (
+    10 * TORQUE_TAIL
+)  # difference over the peak; an effect that counts changes torques by 1e-7 and more
+# Error of the platform over the path's length, or of torques over their peak, from which on a level has
+# another motion and is not simulated; twice the tolerance if that is more.
 MAX_ERROR = 0.1
 UNLIMITED: Mapping[str, Any] = {"torque_limit": np.inf, "speed_limit": np.inf}
-METHOD = "stiff"  # quick vibrations that nobody excites cost nothing
-STEP_ERRORS = (1e-3, 1e-5)  # of the tolerance, that a step may leave unresolved, tried in turn
-# of the tolerance: by how much the highest level's own torques may leave the path before shorter steps are
-# tried; what is left with the shortest stands in its row
+METHOD = "stiff"  # takes long steps where fast vibrations are not excited
+STEP_ERRORS = (1e-3, 1e-5)  # error of an integration step over the tolerance, tried in turn
+# Platform error of the highest level's own torques over the tolerance, from which on shorter steps are tried.
+# The error with the shortest steps is reported.
 OWN_ERROR = 0.1
-MIN_STEP_ERROR = 1e-12  # [robot lengths] what planned torques are good for
+MIN_STEP_ERROR = 1e-12  # [robot lengths] the accuracy of planned torques
 MOTION_SAMPLES = 1001  # equidistant instants of a comparison
 NEAR_CROSSING = np.geomspace(1e-6, 0.1, 41)  # of the duration: more instants, where differences may be narrow
 
@@ -42,9 +44,9 @@ NEAR_CROSSING = np.geomspace(1e-6, 0.1, 41)  # of the duration: more instants, w
 class Comparison(ReadOnlyArrays):
     """One level: its plan, and the errors of its torques in the highest model.
 
-    torque_error, platform_error: at the study's instants (T,): the difference from the highest level's
-        torques over their peak, and the distance of the platform from the level's own plan over the path's
-        length. nan where there is no plan, and after that plan or its simulation has ended.
+    torque_error: (T,) difference from the highest level's torques over their peak, at the study's instants.
+    platform_error: (T,) distance of the simulated platform from the level's own plan over the path's length.
+        Both are nan without a plan, and after the end of the plan or its simulation.
     reason: why there is no plan, or where the platform was lost; empty otherwise.
     same_as: the lowest level that gives the same torques; empty if none does.
     """
@@ -68,7 +70,7 @@ class Comparison(ReadOnlyArrays):
 
     @property
     def deflection(self) -> tuple[str, float] | None:
-        """The spring that gives way most, over the robot's length, and by how much [m, rad]."""
+        """The spring with the largest deflection (compared in rad, robot lengths), and that [m, rad]."""
         if self.plan is None or not self.plan.robot.n_e:
             return None
         robot = self.plan.robot
@@ -80,9 +82,9 @@ class Comparison(ReadOnlyArrays):
 
 @dataclass
 class HighestLevel:
-    """The highest level, with which the others are compared: its plan, and that simulated.
+    """The plan of the highest level and its simulation, the reference for all other levels.
 
-    `seconds` is the time that all simulations took.
+    `seconds` is the time of all simulations so far.
     """
 
     plan: CrossingPlan
@@ -90,29 +92,40 @@ class HighestLevel:
     length: float  # of the path, turns multiplied by the robot's length [m]
     times: Array  # (T,) [s]
     peak: Array  # (n_a,) the largest torque of the motors of the same unit
-    step_error: float  # of simulations [robot lengths]
-    own: Comparison
+    step_error: float  # of integration steps [robot lengths]
+    own: Comparison  # of the highest level with its own plan
     seconds: float
 
     @classmethod
     def of(cls, plan: CrossingPlan, tolerance: float) -> HighestLevel:
-        """Simulate a plan of the highest level.
+        """Simulate a plan of the highest level, with shorter steps if it leaves its path.
+
+        The allowed error of a step is STEP_ERRORS times the tolerance times the path's length.
 
         Raises:
-            NoAnswer: its simulation does not come to the end.
+            NoAnswer: the simulation stops early.
             InvalidInput: the robot cannot be simulated.
         """
         robot, duration = plan.robot, plan.duration
         close_instants = [
-            one.time + side * NEAR_CROSSING * duration for one in plan.crossings for side in (-1.0, 1.0)
+            crossing.time + side * NEAR_CROSSING * duration
+            for crossing in plan.crossings
+            for side in (-1.0, 1.0)
         ]
         times = np.unique(np.concatenate([np.linspace(0.0, duration, MOTION_SAMPLES), *close_instants]))
         times = times[(times >= 0.0) & (times <= duration)]
-        peak = largest_by_unit(robot, np.array(list(plan.peak_torque.values())))
-        length = path_length(robot, plan.path)
-        still = np.zeros(len(times))
-        own = Comparison(LEVELS[-1], plan, still, still)
-        highest = cls(plan, tolerance, length, times, peak, 0.0, own, 0.0)
+        no_error = np.zeros(len(times))
+        highest = cls(
+            plan=plan,
+            tolerance=tolerance,
+            length=path_length(robot, plan.path),
+            times=times,
+            peak=largest_by_unit(robot, np.array(list(plan.peak_torque.values()))),
+            step_error=0.0,  # set with the first simulation
+            own=Comparison(LEVELS[-1], plan, torque_error=no_error, platform_error=no_error),
+            seconds=0.0,
+        )
+        length = highest.length
         for step_error in STEP_ERRORS:
             highest.step_error = max(step_error * tolerance * length / robot.length, MIN_STEP_ERROR)
             highest.own = highest._simulate_level(LEVELS[-1], plan)
@@ -122,19 +135,19 @@ class HighestLevel:
 
     @property
     def lost(self) -> float:
-        """Share of path length or peak torque beyond which a motion counts as another one."""
+        """Error over path length or peak torque from which on a level has another motion."""
         return max(MAX_ERROR, 2.0 * self.tolerance)
 
     def compare(self, level: Level, below: list[Comparison]) -> Comparison:
-        """Compare a level after the lower ones; reuse results where robot or torques are equal."""
+        """Compare a level, after those in `below`; reuse a result where robot or torques are equal."""
         description = self.plan.robot.description
         if below and adds_nothing(description, level, below[-1].level):
             return replace(below[-1], level=level, same_as=below[-1].same_as or below[-1].level.name)
         try:
             plan = self.plan if level is LEVELS[-1] else plan_of_level(description, level, self.plan)
         except FrameworkError as refusal:
-            nothing = np.full(len(self.times), np.nan)
-            return Comparison(level, None, nothing, nothing, reason=f"no plan: {refusal}")
+            unknown = np.full(len(self.times), np.nan)
+            return Comparison(level, None, unknown, unknown, reason=f"no plan: {refusal}")
         for lower in below:
             if lower.plan is not None and self._torque_error(plan, lower.plan).max() <= EQUAL_TORQUES:
                 return replace(lower, level=level, plan=plan, same_as=lower.same_as or lower.level.name)
@@ -143,50 +156,57 @@ class HighestLevel:
         return self._simulate_level(level, plan)
 
     def _torque_error(self, plan: CrossingPlan, reference: CrossingPlan) -> Array:
-        """Return how far torques of two plans differ (T,), over the peak, each at rest after its end.
+        """Return the largest difference (T,) of the torques of two plans over their peak.
 
-        Dry friction is the same in both, and left out: it jumps a little earlier in one than in the other.
+        A plan that has ended keeps its last torque. Dry friction, the same in both, is left out: it would
+        jump at slightly different instants.
         """
-        torques = [
+        torque, reference_torque = (
             one.dynamics.torque_without_friction(np.minimum(self.times, one.duration))
             for one in (plan, reference)
-        ]
-        return (np.abs(torques[0] - torques[1]) / self.peak).max(axis=1)
+        )
+        return (np.abs(torque - reference_torque) / self.peak).max(axis=1)
 
     def _simulate_level(self, level: Level, plan: CrossingPlan) -> Comparison:
-        """Simulate the torques of a plan in the highest model.
+        """Return the comparison of a level whose torques drive the highest model.
 
         Raises:
-            NoAnswer: the simulation of the highest level's torques does not come to the end.
+            NoAnswer: the simulation of the highest level's torques stops early.
         """
-        torque, off = self._torque_error(plan, self.plan), np.full(len(self.times), np.nan)
-        if torque.max() > self.lost:
-            return Comparison(level, plan, torque, off, reason="torques of another motion, not simulated")
+        torque_error = self._torque_error(plan, self.plan)
+        platform_error = np.full(len(self.times), np.nan)
+        if torque_error.max() > self.lost:
+            reason = "torques of another motion, not simulated"
+            return Comparison(level, plan, torque_error, platform_error, reason)
         started = time.perf_counter()
         try:
             run = self._run(plan)
         except NoAnswer as failure:
             if plan is self.plan:
                 raise
-            return Comparison(level, plan, torque, off, reason=f"no simulation: {failure}")
+            reason = f"no simulation: {failure}"
+            return Comparison(level, plan, torque_error, platform_error, reason)
         finally:
             self.seconds += time.perf_counter() - started
         reached = self.times <= min(run.duration, plan.duration)
         t = self.times[reached]
-        off[reached] = self._distance(run.configuration(t), plan.platform(t))
+        platform_error[reached] = self._distance(run.configuration(t), plan.platform(t))
         reason = ""
         if run.occurrences:
             s = float(plan.law(run.duration))
             reason = (
                 f"{100 * self.lost:.3g} % off its path, and lost, at t = {run.duration:.4g} s, s = {s:.4g}"
             )
-        return Comparison(level, plan, torque, off, reason)
+        return Comparison(level, plan, torque_error, platform_error, reason)
 
     def _run(self, plan: CrossingPlan) -> Simulation:
-        """Simulate the highest model under the torques of a plan, from its rest at the start of the path."""
+        """Simulate the highest model under the torques of a plan, from rest at the start of the path.
+
+        The simulation ends where the platform's error reaches `lost`.
+        """
         start, robot = self.plan.configuration(0.0), self.plan.robot
 
-        def room(t: float, q: Array, v: Array) -> float:
+        def remaining_distance(t: float, q: Array, v: Array) -> float:
             planned = plan.platform(np.array([min(t, plan.duration)]))
             return float(self.lost - self._distance(q[None], planned)[0])
 
@@ -198,21 +218,22 @@ class HighestLevel:
             start=start,
             start_velocity=np.zeros(robot.model.nv),
             wrenches=self.plan.request.wrenches or {},
-            events=(Event(room, "lost", terminal=True, direction=-1),),
+            events=(Event(remaining_distance, "lost", terminal=True, direction=-1),),
             samples=2,
         )
 
     def _distance(self, q: Array, x: Array) -> Array:
         """Return the distance (T,) of the platform at q (T, nq) from x (T, n), in path lengths."""
         robot = self.plan.robot
-        off = robot.platform.residual(frames_at(robot, q), x) * coordinate_sizes(robot)
-        return np.linalg.norm(off, axis=1) / self.length
+        difference = robot.platform.residual(frames_at(robot, q), x) * coordinate_sizes(robot)
+        return np.linalg.norm(difference, axis=1) / self.length
 
 
 def plan_of_level(description: RobotDescription, level: Level, reference: CrossingPlan) -> CrossingPlan:
-    """Plan with a level, for the duration, and the times and speeds of crossings, of another level's plan.
+    """Plan with a level, with the duration and the times and speeds of crossings of a reference plan.
 
-    A polynomial is compared, not judged: no limits bind it.
+    A polynomial law with these times is planned without limits, as only its torques are compared. An optimal
+    law is optimised again.
 
     Raises:
         As `plan_crossing`.
@@ -246,9 +267,12 @@ def model_of(description: RobotDescription, level: Level) -> ParallelRobot:
 
 
 def adds_nothing(description: RobotDescription, level: Level, below: Level) -> bool:
-    """Whether a robot has none of the effects that a level adds to the level below."""
+    """Whether a robot has none of the effects that a level adds to the level below.
+
+    Another geometry or the inertia of elastic motion is an effect only for a robot with springs.
+    """
     if level.bodies != below.bodies:
         return False
-    springs = [description.active_springs(compared.flexibility) for compared in (level, below)]
-    elastic = (level.geometry, level.elastic_inertia) != (below.geometry, below.elastic_inertia)
-    return springs[0] == springs[1] and not (elastic and springs[0])
+    springs, springs_below = (description.active_springs(one.flexibility) for one in (level, below))
+    same_elasticity = (level.geometry, level.elastic_inertia) == (below.geometry, below.elastic_inertia)
+    return springs == springs_below and (same_elasticity or not springs)

@@ -30,7 +30,8 @@ from framework.tolerances import BRANCHES_MEET, MIN_RANK_GAP
 RANDOM_SETS = 3  # of instants, whose ranks must agree
 ROWS_PER_PARAMETER = 1.5  # of a set
 STEP = 0.5  # [rad, robot lengths] largest move of the platform in a step of a random walk
-STEPS, MAX_STEPS = 16, 36  # of each walk; further, ever shorter ones, for walks that have not moved yet
+STEPS = 16  # of each walk
+MAX_STEPS = 36  # of walks that have not moved yet: each further step is half as long
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,10 +40,10 @@ class BaseParameters(ReadOnlyArrays):
 
     Attributes:
         rank: number of base parameters.
-        gap: the last singular value within the rank over the first beyond it, least of all random sets of
-            instants.
+        gap: least ratio, over all random sets of instants, of the last singular value within the rank to the
+            first beyond it.
         names: of the base parameters, each a combination of `parameters`.
-        without_effect: parameters that no torque depends on.
+        without_effect: parameters on which no torque depends.
         left_out: links without mass in the file, whose parameters are not identified.
     """
 
@@ -59,15 +60,16 @@ class BaseParameters(ReadOnlyArrays):
 
     @property
     def certain(self) -> bool:
-        """Whether the gap leaves no doubt about the rank."""
+        """Whether the gap is large enough for the rank to be certain."""
         return self.gap >= MIN_RANK_GAP
 
 
 def base_parameters(robot: ParallelRobot, *, massless: bool = False, seed: int = 0) -> BaseParameters:
     """Compute the combinations of inertial and motor parameters that motor torques determine.
 
-    They are those of all motions near the reference; a single line determines fewer. The rank is that of the
-    regressor of the closed robot (`parameter_regressor`) at random instants; several sets must agree.
+    They are the combinations that all motions near the reference determine together; a single line determines
+    fewer. Their number is the rank of the closed robot's regressor (`parameter_regressor`) at random
+    instants. Several sets of instants must have the same rank.
 
     Args:
         massless: whether bodies without mass in the file have parameters, too.
@@ -84,7 +86,7 @@ def base_parameters(robot: ParallelRobot, *, massless: bool = False, seed: int =
     sets = []
     for _ in range(RANDOM_SETS):
         matrix = parameter_regressor(robot, random_motion(robot, count, random), described).matrix
-        # equal weights of instants: near a singularity of the inverse kinematics forces are large
+        # equal weights of instants, as forces are large near a singularity of the inverse kinematics
         matrix /= np.linalg.norm(matrix * described.sizes, axis=(1, 2))[:, None, None]
         sets.append(determined_combinations(matrix.reshape(-1, matrix.shape[2]), described.sizes))
     ranks = [combinations.rank for combinations in sets]
@@ -95,7 +97,7 @@ def base_parameters(robot: ParallelRobot, *, massless: bool = False, seed: int =
             f"singular values leave no clear gap",
             residual=1.0 / least.gap,
         )
-    everything = torque_parameters(robot, massless=True).links
+    all_links = torque_parameters(robot, massless=True).links
     return BaseParameters(
         robot=robot,
         rank=least.rank,
@@ -103,7 +105,7 @@ def base_parameters(robot: ParallelRobot, *, massless: bool = False, seed: int =
         names=tuple(combination_text(described.names, row) for row in least.coefficients),
         parameters=described.names,
         without_effect=tuple(described.names[k] for k in least.without_effect),
-        left_out=tuple(link for link in everything if link not in described.links),
+        left_out=tuple(link for link in all_links if link not in described.links),
         values=least.coefficients @ described.values,
         described=described,
         combinations=least,
@@ -111,40 +113,44 @@ def base_parameters(robot: ParallelRobot, *, massless: bool = False, seed: int =
 
 
 def random_motion(robot: ParallelRobot, count: int, random: np.random.Generator) -> Motion:
-    """Draw a motion near the reference at `count` random instants, with inertia forces as large as weight.
+    """Draw poses, rates and accelerations near the reference at `count` random instants.
+
+    Rates are of the size sqrt(g / length), accelerations g: inertial forces are as large as the weight.
 
     Raises:
         InvalidInput: the platform does not determine the joints.
         NotAssembled: the loops close nowhere near the reference.
     """
     require_square(robot)
-    poses = _random_poses(robot, count, random)
+    q, x = _random_poses(robot, count, random)
     rate = np.sqrt(gravity_of(robot) / robot.length)
     dx, ddx = (
         size * robot.platform_scale * random.standard_normal((count, robot.n)) for size in (rate, rate**2)
     )
-    return motion_at(robot, close_loops(robot, poses[1], poses[0]), dx, ddx)
+    return motion_at(robot, close_loops(robot, x, q), dx, ddx)
 
 
 def _random_poses(robot: ParallelRobot, count: int, random: np.random.Generator) -> tuple[Array, Array]:
-    """Draw assembled configurations (count, nq) and their platforms (count, n) by walks from the reference.
+    """Draw assembled configurations (count, nq) and platform coordinates (count, n).
 
-    A step to open loops or to one of their singularities is not taken.
+    Each is the end of a random walk from the reference. Steps at whose end the loops do not close, or are
+    near a singularity, are not taken. After STEPS steps only walks without any step continue, with shorter
+    ones.
     """
     q, x = (np.repeat(start[None], count, axis=0) for start in (robot.reference.q, robot.reference.x))
-    moved = np.zeros(count, dtype=bool)
+    has_moved = np.zeros(count, dtype=bool)
     for k in range(MAX_STEPS):
         step = STEP * robot.platform_scale * random.uniform(-1.0, 1.0, (count, robot.n))
-        ahead = x + step * 0.5 ** max(k - STEPS, 0)
-        closed = close_each(robot, ahead, q, farthest=MAX_NEWTON_STEP)
-        taken = closed.closed.copy()
+        target = x + step * 0.5 ** max(k - STEPS, 0)
+        closed = close_each(robot, target, q, farthest=MAX_NEWTON_STEP)
+        accepted = closed.closed.copy()
         if k >= STEPS:
-            taken &= ~moved
-        regular = linearised_at(robot, closed.q[taken], None)
-        taken[taken] = clearance(robot, regular) > BRANCHES_MEET
-        q[taken], x[taken] = closed.q[taken], ahead[taken]
-        moved |= taken
-        if k + 1 >= STEPS and moved.all():
+            accepted &= ~has_moved
+        linearised = linearised_at(robot, closed.q[accepted], None)
+        accepted[accepted] = clearance(robot, linearised) > BRANCHES_MEET
+        q[accepted], x[accepted] = closed.q[accepted], target[accepted]
+        has_moved |= accepted
+        if k + 1 >= STEPS and has_moved.all():
             return q, x
     raise NotAssembled(
         f"{robot.name}: the loops close at no pose beside the reference",

@@ -1,7 +1,8 @@
 """Calibration of the geometry from motor angles and measured poses, or parts of poses.
 
-Damped Gauss-Newton steps on all poses and parameters at once, with a prior about the robot file and Huber's
-weights against outliers. Directions that the data do not determine stay at the file's values, and are named.
+Damped Gauss-Newton steps solve for all poses and parameters together, with a prior at the robot file's values
+and Huber's weights against outliers. Directions that the data do not determine keep the file's values and are
+reported.
 """
 
 from __future__ import annotations
@@ -35,33 +36,33 @@ from framework.model.robot_file_writer import write_robot_file
 from framework.output import Document, plain
 from framework.tolerances import LOOP_GAP, MAX_NOISE_RATIO, MAX_PRIOR_DEVIATIONS, RANK_ROUNDING
 
-LENGTH_ERROR = 1e-3  # [m] of the file, as a machine shop makes it
-ANGLE_ERROR = float(np.radians(1.0))  # [rad] likewise
+LENGTH_ERROR = 1e-3  # [m] standard deviation of the file's lengths, as of a machine shop
+ANGLE_ERROR = float(np.radians(1.0))  # [rad] standard deviation of the file's angles
 NOISE = {"motor_angle": 3e-5, "joint": 1e-4, "platform": 2e-5}  # standard deviations [rad, m], by kind
-HELD_OUT_EVERY = 4  # instants
+HELD_OUT_EVERY = 4  # instants: one of so many is kept for validation
 MAX_CLOSING_STEPS = 20
 MIN_RESPONSE = 1e-6  # of a measurement to a direction, over its largest motion [robot lengths, rad]
-HUBER = 2.0  # of the usual residual of an instant: larger ones have less weight
-MAX_STEPS, FIRST_DAMPING, MAX_DAMPING = 60, 1e-3, 1e9  # damping is a share of the prior's weight
-CONVERGED = 1e-6  # of the prior: the largest change of a parameter in the last step
-DEVIATIONS = 3.0  # at which Student's distribution and the normal one are compared
-LEAST_NOISE = 1e-3  # of residuals over the assumed noise: rounding
+HUBER = 2.0  # residual of an instant over the median residual, above which its weight falls
+MAX_STEPS, FIRST_DAMPING, MAX_DAMPING = 60, 1e-3, 1e9  # damping is over the prior's weight
+CONVERGED = 1e-6  # largest change of a parameter in the last step, over its prior deviation
+DEVIATIONS = 3.0  # standard deviations at which Student's distribution is compared with the normal one
+LEAST_NOISE = 1e-3  # residuals over the assumed noise that count as rounding
 
 
 @dataclass(frozen=True, eq=False)
 class Calibration(ReadOnlyArrays):
     """A calibrated geometry, validated by poses that were held out.
 
-    Attributes:
-        values, deviations: (p,) of `geometry.names` [m, rad], about the file's, with standard deviations.
-        combinations: of the parameters that the data determine; unseen directions keep the prior.
-        error_before, error_after: (m,) by column of `measured`, root mean square of predictions from the
+    Attributes: values, deviations: (p,) of `geometry.names` [m, rad], about the file's, with standard
+        deviations. combinations: of the parameters that the data determine; other directions keep the prior.
+        error_before, error_after: (m,) by column of `measured`, root mean square error of predictions from
+        the
             motors' angles at instants held out; zero for the motors themselves.
-        noise: residual over the assumed noise; deviations are scaled by it. It is 1, the assumed noise, if
-            the data are too few to estimate it. Else deviations are widened by Student's t for an estimated
-            noise: three of them have the probability of three of a known noise.
-        degrees_of_freedom: equations less the parameters that they determine; noise is estimated from 1
-            upwards.
+        noise: residual over the assumed noise, by which deviations are scaled; 1 if the data are too few to
+            estimate it. If it is estimated, deviations are widened by Student's t, so that an interval of
+            three deviations has the same probability as with known noise.
+        degrees_of_freedom: number of equations less number of parameters that they determine; the noise is
+            estimated if it is at least 1.
     """
 
     robot: ParallelRobot
@@ -135,9 +136,10 @@ def calibrate(
     """Calibrate the origins of joints and closure frames from motor angles and measured poses.
 
     Args:
-        data: motor angles, with coordinates of the platform or angles of other joints; or the file of it.
-        joints: whose origins are calibrated, by default all that lead to the platform and to frames of
-            closures, see `geometry_of`.
+        data: motor angles, with coordinates of the platform or angles of other joints; or the name of its
+            file.
+        joints: whose origins are calibrated; by default all between the base and the frames of the platform
+            and of closures, see `geometry_of`.
         noise: standard deviations of measurements, by kind: `motor_angle`, `joint`, `platform`.
         length_error, angle_error: standard deviations of the file's dimensions [m, rad].
         progress: called with the number of steps tried.
@@ -154,18 +156,18 @@ def calibrate(
     geometry = geometry_of(robot, joints)
     data = recording_of(robot, data)
     measured = measurements_of(geometry, data, {**NOISE, **noise})
-    test = np.arange(len(data)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
-    if not test.any():
+    is_test = np.arange(len(data)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
+    if not is_test.any():
         raise InvalidInput(f"{data.source}: {len(data)} rows; at least {HELD_OUT_EVERY} are needed")
     start = _start(geometry.model, measured)
-    used = measured.rows(~test)
+    used = measured.rows(~is_test)
     prior = np.where(geometry.turning, angle_error, length_error)
-    solver = GaussNewton(geometry.model, used, start[~test], prior)
+    solver = GaussNewton(geometry.model, used, start[~is_test], prior)
     solver.run(robot.name, progress)
     _check_plausible(robot, geometry, solver.values / prior, solver.noise)
-    combinations, at_file = _determine(geometry, used, start[~test], prior)
-    before, after = (
-        _prediction_error(geometry.model, measured.rows(test), start[test], values)
+    combinations, at_file = _determine(geometry, used, start[~is_test], prior)
+    error_before, error_after = (
+        _prediction_error(geometry.model, measured.rows(is_test), start[is_test], values)
         for values in (np.zeros_like(prior), solver.values)
     )
     return Calibration(
@@ -175,12 +177,12 @@ def calibrate(
         values=solver.values,
         deviations=solver.deviations,
         combinations=combinations,
-        unseen=_describe_unseen(geometry, used, start[~test], at_file, combinations),
-        error_before=before,
-        error_after=after,
+        unseen=_describe_unseen(geometry, used, start[~is_test], at_file, combinations),
+        error_before=error_before,
+        error_after=error_after,
         noise=solver.noise,
         degrees_of_freedom=solver.freedom,
-        outliers=tuple(np.flatnonzero(~test)[solver.weights**2 < 0.5].tolist()),
+        outliers=tuple(np.flatnonzero(~is_test)[solver.weights**2 < 0.5].tolist()),
         instants=len(data),
         steps=solver.count,
         seconds=clock.perf_counter() - started,
@@ -197,7 +199,7 @@ def _check_errors(noise: Mapping[str, float], **file_errors: float) -> None:
 
 
 def _start(model: ParallelRobot, measured: Measurements) -> Array:
-    """Return the configurations (T, nq) of the robot file at the measured motor angles."""
+    """Solve the forward kinematics of the file's geometry at the measured motor angles: q (T, nq)."""
     stack = forward_kinematics_stack(model, measured.values[:, : measured.driven])
     for refusal in stack.refused.values():
         raise refusal
@@ -207,15 +209,18 @@ def _start(model: ParallelRobot, measured: Measurements) -> Array:
 def _determine(
     geometry: Geometry, measured: Measurements, q: Array, prior: Array
 ) -> tuple[Combinations, ParameterEquations]:
-    """Compute the combinations that data or loops determine at poses q of the file's geometry."""
+    """Compute the combinations of parameters that data or loops determine at poses q of the file's geometry.
+
+    Also returned are the equations from which they follow.
+    """
     equations = eliminate_poses(geometry.model, measured, q)
-    loops = equations.loop_slopes * LOOP_GAP / measured.noise.min()  # of the size of measurements
-    rows = np.concatenate([rows_of(equations.matrix), rows_of(loops)])
+    loop_rows = equations.loop_slopes * LOOP_GAP / measured.noise.min()  # in units of the noise
+    rows = np.concatenate([rows_of(equations.matrix), rows_of(loop_rows)])
     return determined_combinations(rows, prior), equations
 
 
 def _check_plausible(robot: ParallelRobot, geometry: Geometry, share: Array, noise: float) -> None:
-    """Refuse residuals, and changes over their prior (p,), beyond the assumed errors of the file."""
+    """Raise NotConverged if the noise or a change over its prior, `share` (p,), is implausibly large."""
     if noise > MAX_NOISE_RATIO:
         raise NotConverged(
             f"{robot.name}: what is left of the data is {noise:.3g} times the noise that is assumed; raise "
@@ -233,27 +238,31 @@ def _check_plausible(robot: ParallelRobot, geometry: Geometry, share: Array, noi
 
 
 def _prediction_error(model: ParallelRobot, measured: Measurements, q: Array, values: Array) -> Array:
-    """Compute errors (m,), root mean square, of predictions by motors' angles and parameters (p,)."""
+    """Compute the root mean square errors (m,) of measurements predicted from motors' angles.
+
+    With the parameters (p,) the loops are closed at the measured motor angles by Newton's method, from q.
+    """
     q = integrate_columns(model, q, model.elastic, np.tile(values, (len(q), 1)))
     lengths = model.column_scale[model.joints]
-    sizes = 1.0 / model.row_lengths[model.structure.independent]
+    loop_weights = 1.0 / model.row_lengths[model.structure.independent]
     for _ in range(MAX_CLOSING_STEPS):
         frames = frames_at(model, q)
         loops = loop_equations(model.loops, frames)
         offset, slope = offsets(model, measured, frames)
-        driven = slice(0, measured.driven)
-        matrix = np.concatenate([sizes[:, None] * loops.jacobian, slope[:, driven]], axis=1)
-        right = np.concatenate([sizes * loops.residual, offset[:, driven]], axis=1)
-        inverse = np.linalg.pinv(matrix[:, :, model.joints] * lengths, rcond=RANK_ROUNDING)
-        q = integrate_columns(model, q, model.joints, -lengths * np.einsum("tkr,tr->tk", inverse, right))
-        if np.abs(right).max() < RANK_ROUNDING:
+        motors = slice(0, measured.driven)
+        jacobian = np.concatenate([loop_weights[:, None] * loops.jacobian, slope[:, motors]], axis=1)
+        residual = np.concatenate([loop_weights * loops.residual, offset[:, motors]], axis=1)
+        inverse = np.linalg.pinv(jacobian[:, :, model.joints] * lengths, rcond=RANK_ROUNDING)
+        step = -lengths * np.einsum("tkr,tr->tk", inverse, residual)
+        q = integrate_columns(model, q, model.joints, step)
+        if np.abs(residual).max() < RANK_ROUNDING:
             break
     else:
-        worst = np.abs(right).max(axis=1).argmax()
+        worst = np.abs(residual).max(axis=1).argmax()
         raise NotConverged(
             f"{model.name}: at pose {worst + 1} of those held out the loops do not close at the measured "
             f"motor angles; these data are of another robot, or the file is too far off",
-            residual=float(np.abs(right[worst]).max()),
+            residual=float(np.abs(residual[worst]).max()),
         )
     return np.sqrt(np.mean(offsets(model, measured, frames_at(model, q)).offset ** 2, axis=0))
 
@@ -265,24 +274,28 @@ def _describe_unseen(
     equations: ParameterEquations,
     combinations: Combinations,
 ) -> tuple[str, ...]:
-    """Describe the directions of the parameters that the data do not determine, with a remedy each."""
+    """Describe the directions of parameters that the data do not determine, with a remedy each.
+
+    A direction moves the joints so that all measurements stay the same. Another sensor would show it if the
+    sensor's value changes along this motion.
+    """
     model = geometry.model
-    sensors = {name: slope for name, slope in _sensors(model, q).items() if name not in measured.names}
+    unused = {name: slope for name, slope in _sensors(model, q).items() if name not in measured.names}
     sentences = []
     for direction in combinations.unseen:
         motion = np.zeros((len(q), model.model.nv))
         motion[:, model.joints] = equations.follow @ direction
         motion[:, model.elastic] = direction
         least = MIN_RESPONSE * np.abs(motion / model.column_scale).max()
-        responses = {name: np.abs(np.einsum("tv,tv->t", slope, motion)) for name, slope in sensors.items()}
-        by = next((name for name, response in responses.items() if response.max() > least), None)
-        advice = f"{by} would show it" if by else "no pose or joint angle depends on it"
+        responses = {name: np.abs(np.einsum("tv,tv->t", slope, motion)) for name, slope in unused.items()}
+        sensor = next((name for name, response in responses.items() if response.max() > least), None)
+        advice = f"{sensor} would show it" if sensor else "no pose or joint angle depends on it"
         sentences.append(f"{unseen_text(geometry.names, direction)}; {advice}")
     return tuple(sentences)
 
 
 def _sensors(model: ParallelRobot, q: Array) -> dict[str, Array]:
-    """Return the derivatives (T, nv) of all numbers that may be measured at q (T, nq), by name."""
+    """Return the derivatives (T, nv) along all joints of all measurable quantities at q (T, nq), by name."""
     frames = frames_at(model, q)
     axes = [*(f"platform_{axis}" for axis in "xyz"), *(f"the platform's turn about {axis}" for axis in "xyz")]
     sensors = {axis: frames.jacobian[:, 0, k] for k, axis in enumerate(axes)}
@@ -292,7 +305,11 @@ def _sensors(model: ParallelRobot, q: Array) -> dict[str, Array]:
 
 
 def unseen_text(names: Sequence[str], direction: Array) -> str:
-    """Return a direction that data do not determine, in words."""
+    """Return the text about a direction (p,) of parameters that data do not determine.
+
+    If two parameters change by the same amount, data determine their difference; if by opposite ones, their
+    sum.
+    """
     used = np.flatnonzero(direction)
     if len(used) == 1:
         return f"{names[used[0]]} not at all"
@@ -305,10 +322,13 @@ def unseen_text(names: Sequence[str], direction: Array) -> str:
 
 
 class GaussNewton:
-    """Damped Gauss-Newton steps for parameters and poses.
+    """Damped Gauss-Newton method for parameters and poses.
 
-    values, deviations: (p,) of the parameters about the file's, and their standard deviations.
-    weights: (T,) roots of Huber's weights of the instants.
+    The cost is the sum of squared residuals over the noise, weighted by instant, plus the squared values over
+    their prior deviations.
+
+    values, deviations: (p,) differences of the parameters from the file's, and their standard deviations.
+    weights: (T,) square roots of Huber's weights of the instants.
     noise: residual over the assumed noise; freedom: degrees of freedom of this estimate.
     """
 
@@ -319,24 +339,29 @@ class GaussNewton:
         self.deviations = prior
 
     def run(self, name: str, progress: Callable[[int], None]) -> None:
-        """Take steps until the parameters rest."""
+        """Iterate until no parameter changes; name is the robot's.
+
+        A step that raises the cost is repeated with ten times the damping. Poses follow the parameters
+        linearly.
+        """
         damping, equations = FIRST_DAMPING, eliminate_poses(self.model, self.measured, self.q)
         cost = self._weigh(equations)
+        columns = np.concatenate([self.model.joints, self.model.elastic])
         for self.count in range(1, MAX_STEPS + 1):
             progress(self.count)
             change = self._change(equations, damping)
-            joints = equations.step + equations.follow @ change
-            parameters = np.tile(change, (len(joints), 1))
-            columns = np.concatenate([self.model.joints, self.model.elastic])
-            q = integrate_columns(self.model, self.q, columns, np.concatenate([joints, parameters], axis=1))
-            stepped = eliminate_poses(self.model, self.measured, q)
-            stepped_cost = self._cost(stepped, self.values + change)
-            if not stepped_cost <= cost * (1.0 + RANK_ROUNDING) + RANK_ROUNDING:
+            joint_step = equations.step + equations.follow @ change
+            parameter_step = np.tile(change, (len(joint_step), 1))
+            step = np.concatenate([joint_step, parameter_step], axis=1)
+            q = integrate_columns(self.model, self.q, columns, step)
+            next_equations = eliminate_poses(self.model, self.measured, q)
+            next_cost = self._cost(next_equations, self.values + change)
+            if not next_cost <= cost * (1.0 + RANK_ROUNDING) + RANK_ROUNDING:
                 damping *= 10.0
                 if damping > MAX_DAMPING:
                     break
                 continue
-            self.q, self.values, equations = q, self.values + change, stepped
+            self.q, self.values, equations = q, self.values + change, next_equations
             damping = max(0.1 * damping, 1e-12)
             cost = self._weigh(equations)
             if np.abs(change / self.prior).max() < CONVERGED:
@@ -349,7 +374,7 @@ class GaussNewton:
         )
 
     def _system(self, equations: ParameterEquations) -> tuple[Array, Array]:
-        """Return rows on scaled parameters, of unit noise, and their right sides; the prior left out."""
+        """Return rows on parameters over their prior deviations, of unit noise, and their residuals."""
         weights = self.weights[:, None] / self.noise
         matrix = np.concatenate(
             [rows_of(weights[..., None] * equations.matrix), rows_of(equations.loop_slopes)]
@@ -358,44 +383,50 @@ class GaussNewton:
         return matrix * self.prior, right
 
     def _change(self, equations: ParameterEquations, damping: float) -> Array:
-        matrix, right = self._system(equations)
-        damped = np.sqrt(damping) * np.eye(len(self.prior))
-        rows = np.concatenate([matrix, np.eye(len(self.prior)), damped])
-        targets = np.concatenate([right, self.values / self.prior, np.zeros(len(self.prior))])
-        q, r = np.linalg.qr(rows)
-        return -self.prior * np.linalg.solve(r, q.T @ targets)
+        """Return the damped Gauss-Newton step (p,) by least squares on data, prior and damping."""
+        matrix, residual = self._system(equations)
+        identity = np.eye(len(self.prior))
+        rows = np.concatenate([matrix, identity, np.sqrt(damping) * identity])
+        residuals = np.concatenate([residual, self.values / self.prior, np.zeros(len(self.prior))])
+        Q, R = np.linalg.qr(rows)
+        return -self.prior * np.linalg.solve(R, Q.T @ residuals)
 
     def _cost(self, equations: ParameterEquations, values: Array) -> float:
-        right = self._system(equations)[1]
-        return float(right @ right + np.sum((values / self.prior) ** 2))
+        """Return the cost of equations at parameters `values` (p,), see the class."""
+        residual = self._system(equations)[1]
+        return float(residual @ residual + np.sum((values / self.prior) ** 2))
 
     def _weigh(self, equations: ParameterEquations) -> float:
-        """Set noise and Huber's weights by the usual instant; return the cost."""
-        ranks = equations.right.shape[1] - self.measured.driven
-        size = np.sqrt(np.sum(equations.right**2, axis=1) / max(ranks, 1))
-        self._set_noise(equations, np.median(size))
-        self.weights = np.sqrt(np.minimum(1.0, HUBER * self.noise / np.maximum(size, RANK_ROUNDING)))
+        """Set the noise by the median residual of instants, and Huber's weights; return the cost."""
+        rank_per_instant = equations.right.shape[1] - self.measured.driven
+        sizes = np.sqrt(np.sum(equations.right**2, axis=1) / max(rank_per_instant, 1))
+        self._set_noise(equations, np.median(sizes))
+        self.weights = np.sqrt(np.minimum(1.0, HUBER * self.noise / np.maximum(sizes, RANK_ROUNDING)))
         return self._cost(equations, self.values)
 
     def _finish(self, equations: ParameterEquations) -> None:
-        """Set the noise of all instants, and the deviations."""
+        """Set the noise by all weighted residuals, and the standard deviations of the parameters.
+
+        With R'R = the normal matrix of data and prior, deviations are the norms of the rows of R^-1.
+        """
         from scipy.special import ndtr, stdtrit  # takes time to import
 
-        right = self.weights[:, None] * equations.right
+        residual = self.weights[:, None] * equations.right
         count = equations.right.size - self.measured.driven * len(self.q)
-        self._set_noise(equations, np.sqrt(np.sum(right**2) / max(count, 1)))
+        self._set_noise(equations, np.sqrt(np.sum(residual**2) / max(count, 1)))
         matrix, _ = self._system(equations)
-        upper = np.linalg.qr(np.concatenate([matrix, np.eye(len(self.prior))]), mode="r")
-        self.deviations = self.prior * np.linalg.norm(np.linalg.inv(upper), axis=1)
+        R = np.linalg.qr(np.concatenate([matrix, np.eye(len(self.prior))]), mode="r")
+        self.deviations = self.prior * np.linalg.norm(np.linalg.inv(R), axis=1)
         if self.freedom >= 1.0:
             self.deviations *= stdtrit(self.freedom, ndtr(DEVIATIONS)) / DEVIATIONS
 
     def _set_noise(self, equations: ParameterEquations, residual: float) -> None:
-        """Estimate the noise of equations from their residuals at the fit, over the assumed noise.
+        """Estimate the noise s over the assumed noise from the root mean square `residual`, and the freedom.
 
-        A fit of N equations of noise s with a prior has residuals s sqrt(N - r), r = sum of w^2 / (w^2 + s^2)
-        the number of parameters that it determines, w the singular values of the rows: the left side of
-        s^2 (N - r) = N residual^2 grows with s.
+        A fit of N equations with a prior determines r = sum of w^2 / (w^2 + s^2) parameters, with w the
+        singular values of the rows. Its residuals have the expected sum of squares s^2 (N - r) = N
+        residual^2, which is solved for s; the left side grows with s. With a freedom N - r below 1 the noise
+        is the assumed one.
         """
         count = equations.right.size - self.measured.driven * len(self.q)
         powers = self._powers(equations)
@@ -418,15 +449,19 @@ class GaussNewton:
         self.freedom = freedom(self.noise)
 
     def _powers(self, equations: ParameterEquations) -> Array:
-        """Return squared singular values (p,) of the data's scaled rows on motions that the loops allow."""
+        """Return squared singular values (p,) of the data's rows on parameters over their deviations.
+
+        The deviations are those by the prior and the equations of loops that no joint can close: 1 / sqrt(1 +
+        w^2) along the right singular vectors of these equations, w their singular values.
+        """
         size = len(self.prior)
         loops = np.concatenate([rows_of(equations.loop_slopes) * self.prior, np.zeros((size, size))])
-        _, values, axes = np.linalg.svd(np.linalg.qr(loops, mode="r"))
+        _, values, directions = np.linalg.svd(np.linalg.qr(loops, mode="r"))
         rows = rows_of(self.weights[:, None, None] * equations.matrix) * self.prior
-        rows = rows @ axes.T / np.sqrt(1.0 + values**2)
+        rows = rows @ directions.T / np.sqrt(1.0 + values**2)
         return np.linalg.eigvalsh(rows.T @ rows).clip(0.0)
 
 
 def rows_of(stack: Array) -> Array:
-    """Return the rows (T m, p) of a stack (T, m, p) below one another."""
+    """Return a stack (T, m, p) as one matrix (T m, p)."""
     return stack.reshape(-1, stack.shape[2])

@@ -1,9 +1,9 @@
 """Measured poses as equations for the geometric parameters, with the pose of each instant eliminated.
 
-At an instant the joints q close the loops, F(q, p) = 0, and measurements differ from h(q, p) by noise.
-Solving F_q dq + F_p dp = -F by a particular motion and free motions z of the loops, and z by least squares on
-the measurements, leaves rows that depend on parameters alone. They are regular at Type 2 singularities, and
-noise of motors counts like that of the platform.
+At each instant the joints q close the loops, F(q, p) = 0, and measurements differ from h(q, p) by noise. The
+linearised loops F_q dq + F_p dp = -F have the solutions dq = step + follow dp + free z. Least squares on the
+measurements determine z, and the remaining equations contain only the parameters p. They are regular at Type
+2 singularities, and noise of motors counts like noise of the platform.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ class Measurements(ReadOnlyArrays):
     driven: int  # number of motors
     columns: IntArray  # (measured joints,) entries of the velocity vector
     axes: IntArray  # of the platform's coordinates
-    others: IntArray  # 0..2: positions of the frame's origin that are no coordinates of the platform
+    others: IntArray  # of 0..2: positions of the frame's origin that are no coordinates of the platform
 
     def rows(self, which: BoolArray) -> Measurements:
-        """Return the measurements at some instants."""
+        """Return the measurements at the instants marked in `which` (T,)."""
         return replace(self, values=self.values[which])
 
 
@@ -89,22 +89,24 @@ def joint_names(model: ParallelRobot) -> dict[int, str]:
 
 
 class MeasuredOffsets(NamedTuple):
-    """Offsets of the model from the measurements, and their derivatives along all joints."""
+    """Model values less measured ones, and their derivatives along all joints."""
 
     offset: Array  # (T, m)
     slope: Array  # (T, m, nv)
 
 
 def offsets(model: ParallelRobot, measured: Measurements, frames: FrameStack) -> MeasuredOffsets:
-    """Compute offsets of joints, platform coordinates and positions from the measured ones."""
+    """Compute the offsets of joints, platform coordinates and positions from the measured values."""
     joints, axes, others = measured.columns, measured.axes, measured.others
-    count, first = len(joints), len(joints) + len(axes)
+    joint_values, x_values, position_values = np.split(
+        measured.values, [len(joints), len(joints) + len(axes)], axis=1
+    )
     x = model.platform.coordinates(frames)
-    x[:, axes] = measured.values[:, count:first]
+    x[:, axes] = x_values
     offset = [
-        model.coordinates.positions(frames.q)[:, joints] - measured.values[:, :count],
+        model.coordinates.positions(frames.q)[:, joints] - joint_values,
         model.platform.residual(frames, x)[:, axes],
-        frames.position[:, 0, others] - measured.values[:, first:],
+        frames.position[:, 0, others] - position_values,
     ]
     slope = [
         np.tile(np.eye(model.model.nv)[joints], (len(x), 1, 1)),
@@ -115,31 +117,35 @@ def offsets(model: ParallelRobot, measured: Measurements, frames: FrameStack) ->
 
 
 class ParameterEquations(NamedTuple):
-    """Equations of the parameters at T instants, and the motion of the joints along the parameters."""
+    """Linear equations right + matrix dp = noise at T instants, and the joints' steps for parameters dp."""
 
-    right: Array  # (T, m) offsets over their noise, less the share that the pose compensates
-    matrix: Array  # (T, m, p) derivatives along the parameters
+    right: Array  # (T, m) offsets over their noise, without the part that a change of the pose removes
+    matrix: Array  # (T, m, p) derivatives of `right` along the parameters
     open_loops: Array  # (T, rows) loop equations that no joint can close, over LOOP_GAP
-    loop_slopes: Array  # (T, rows, p) of these
-    step: Array  # (T, k) of the joints, parameters at rest
-    follow: Array  # (T, k, p) motions of the joints along the parameters
+    loop_slopes: Array  # (T, rows, p) derivatives of `open_loops` along the parameters
+    step: Array  # (T, k) of the joints at constant parameters
+    follow: Array  # (T, k, p) steps of the joints for unit steps of the parameters
 
 
 def eliminate_poses(model: ParallelRobot, measured: Measurements, q: Array) -> ParameterEquations:
-    """Compute the equations of all instants at q (T, nq), with their poses eliminated."""
+    """Compute the equations of the parameters at q (T, nq), with the poses eliminated.
+
+    Offsets over their noise are r + A dp + B z, with z the free motions of the loops. Least squares give
+    z = -B^+ (r + A dp), so the equations (1 - B B^+) (r + A dp) remain.
+    """
     frames, lengths = frames_at(model, q), model.column_scale[model.joints]
     loops = _close_linearly(model, frames)
     offset, slope = offsets(model, measured, frames)
     by_joints = slope[:, :, model.joints] * lengths / measured.noise[:, None]
-    by_parameters = slope[:, :, model.elastic] / measured.noise[:, None] + by_joints @ loops.follow
-    offset = offset / measured.noise + np.einsum("tmk,tk->tm", by_joints, loops.step)
-    fitted = by_joints @ loops.free
-    fit = np.linalg.pinv(fitted, rcond=RANK_ROUNDING)
-    step = loops.step - np.einsum("tkf,tfm,tm->tk", loops.free, fit, offset)
-    follow = loops.follow - loops.free @ fit @ by_parameters
+    A = slope[:, :, model.elastic] / measured.noise[:, None] + by_joints @ loops.follow
+    r = offset / measured.noise + np.einsum("tmk,tk->tm", by_joints, loops.step)
+    B = by_joints @ loops.free
+    B_inverse = np.linalg.pinv(B, rcond=RANK_ROUNDING)
+    step = loops.step - np.einsum("tkf,tfm,tm->tk", loops.free, B_inverse, r)
+    follow = loops.follow - loops.free @ B_inverse @ A
     return ParameterEquations(
-        right=offset - np.einsum("tmf,tfn,tn->tm", fitted, fit, offset),
-        matrix=by_parameters - fitted @ (fit @ by_parameters),
+        right=r - np.einsum("tmf,tfn,tn->tm", B, B_inverse, r),
+        matrix=A - B @ (B_inverse @ A),
         open_loops=loops.open_loops,
         loop_slopes=loops.slopes,
         step=lengths * step,
@@ -148,28 +154,35 @@ def eliminate_poses(model: ParallelRobot, measured: Measurements, q: Array) -> P
 
 
 class _LinearLoops(NamedTuple):
-    """Loops closed to first order by k joints at T instants, in radians and lengths of the robot."""
+    """Solutions dq = step + follow dp + free z of the linearised loops at T instants, k joints.
+
+    Steps are in radians and lengths of the robot.
+    """
 
     step: Array  # (T, k) of least norm that closes the loops
-    follow: Array  # (T, k, p) along the parameters
+    follow: Array  # (T, k, p) for unit steps of the parameters
     free: Array  # (T, k, f) motions that the loops allow
-    open_loops: Array  # (T, rows) equations that no joint can close, over LOOP_GAP
-    slopes: Array  # (T, rows, p) of these along the parameters
+    open_loops: Array  # (T, rows) loop equations that no joint can close, over LOOP_GAP
+    slopes: Array  # (T, rows, p) derivatives of `open_loops` along the parameters
 
 
 def _close_linearly(model: ParallelRobot, frames: FrameStack) -> _LinearLoops:
-    """Close the loops to first order by a singular value decomposition along the joints."""
-    loops, sizes = loop_equations(model.rows, frames), 1.0 / model.row_lengths
-    jacobian = sizes[:, None] * loops.jacobian
-    left, values, right = np.linalg.svd(jacobian[:, :, model.joints] * model.column_scale[model.joints])
+    """Solve the linearised loop equations for the joints by a singular value decomposition.
+
+    F_q = U S V'. The first columns of U and V, as many as the rank, give the step; the other columns of V are
+    the free motions, the other columns of U the equations that no joint can close.
+    """
+    loops, weights = loop_equations(model.rows, frames), 1.0 / model.row_lengths
+    jacobian = weights[:, None] * loops.jacobian
+    gap, F_p = weights * loops.residual, jacobian[:, :, model.elastic]
+    U, S, V_rows = np.linalg.svd(jacobian[:, :, model.joints] * model.column_scale[model.joints])
     rank = len(model.structure.independent)
-    closing = right[:, :rank].swapaxes(1, 2) / values[:, None, :rank] @ left[:, :, :rank].swapaxes(1, 2)
-    gap, slopes = sizes * loops.residual, jacobian[:, :, model.elastic]
-    outside = left[:, :, rank:].swapaxes(1, 2) / LOOP_GAP
+    inverse = V_rows[:, :rank].swapaxes(1, 2) / S[:, None, :rank] @ U[:, :, :rank].swapaxes(1, 2)
+    unreachable = U[:, :, rank:].swapaxes(1, 2) / LOOP_GAP
     return _LinearLoops(
-        step=-np.einsum("tkr,tr->tk", closing, gap),
-        follow=-closing @ slopes,
-        free=right[:, rank:].swapaxes(1, 2),
-        open_loops=np.einsum("tir,tr->ti", outside, gap),
-        slopes=outside @ slopes,
+        step=-np.einsum("tkr,tr->tk", inverse, gap),
+        follow=-inverse @ F_p,
+        free=V_rows[:, rank:].swapaxes(1, 2),
+        open_loops=np.einsum("tir,tr->ti", unreachable, gap),
+        slopes=unreachable @ F_p,
     )

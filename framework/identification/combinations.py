@@ -1,9 +1,10 @@
 """The linear combinations of parameters that a regressor determines, each led by one parameter.
 
-Columns of the regressor are taken in the order of the parameters. A column that depends on its predecessors
-is regrouped with them, as by Khalil and Gautier; the others lead the base parameters
+Columns of the regressor are examined in the order of the parameters. A column that is independent of the
+columns before it leads a base parameter. A dependent column is a linear combination of leading ones, and its
+parameter is added to their base parameters with these coefficients (regrouping by Khalil and Gautier):
 
-    base = parameters[leading] + coefficients of the dependent ones.
+    base = parameters[leading] + coefficients @ parameters[dependent].
 
 Khalil and Dombre, "Modeling, Identification and Control of Robots", 2002, section 9.4.
 """
@@ -20,9 +21,8 @@ from framework.kinematics.loop_structure import row_pivots
 from framework.linalg.ordered_sums import singular_values
 from framework.tolerances import RANK_ROUNDING
 
-COEFFICIENT_ROUNDING = (
-    1e-7  # of a coefficient over the largest of its combination, in sizes of the parameters
-)
+# of a coefficient over the largest of its combination, both times the sizes of their parameters
+COEFFICIENT_ROUNDING = 1e-7
 MAX_TERMS = 8  # of a combination in a text
 
 
@@ -31,7 +31,7 @@ class Combinations(ReadOnlyArrays):
     """The combinations of p parameters that a regressor (rows, p) determines.
 
     rank: number of base parameters.
-    singular_values: of the regressor with columns of unit length, those without effect left out.
+    singular_values: of the regressor with columns of unit length, without zero columns.
     leading: (rank,) the parameters that lead the base parameters, ascending.
     coefficients: (rank, p) base parameters = coefficients @ parameters, in the units of the parameters; the
         column of a leading parameter is a unit vector.
@@ -56,7 +56,8 @@ class Combinations(ReadOnlyArrays):
     def unseen(self) -> Array:
         """Return directions (p - rank, p) of the parameters that change no base parameter.
 
-        Along each of them one parameter that leads none changes by 1, and leading ones compensate.
+        In each of them one parameter that leads no base parameter changes by 1, and the leading ones
+        compensate.
         """
         others = np.setdiff1d(np.arange(self.coefficients.shape[1]), self.leading)
         directions = np.zeros((len(others), self.coefficients.shape[1]))
@@ -74,37 +75,37 @@ def determined_combinations(regressor: Array, sizes: Array) -> Combinations:
     columns = regressor * sizes
     lengths = np.linalg.norm(columns, axis=0)
     seen = np.flatnonzero(lengths > RANK_ROUNDING * lengths.max(initial=0.0))
-    compact = np.asarray(np.linalg.qr(columns[:, seen] / lengths[seen], mode="r"))
-    values = singular_values(compact)
+    R = np.asarray(np.linalg.qr(columns[:, seen] / lengths[seen], mode="r"))
+    values = singular_values(R)
     rank = int(np.sum(values > RANK_ROUNDING * values.max(initial=0.0)))
-    leading = _leading(compact, rank)
-    others = np.setdiff1d(np.arange(len(seen)), leading)
-    regrouped = np.zeros((rank, regressor.shape[1]))
-    regrouped[np.arange(rank), seen[leading]] = 1.0
-    shares = np.linalg.lstsq(compact[:, leading], compact[:, others], rcond=None)[0]
-    weights = lengths[seen] / sizes[seen]
-    # columns in units of the parameters; shares at rounding are zero
-    for_sizes = shares * lengths[seen[others]] / lengths[seen[leading], None]
-    largest = np.abs(for_sizes).max(axis=0, initial=0.0)
-    shares[np.abs(for_sizes) <= COEFFICIENT_ROUNDING * np.maximum(largest, 1.0)] = 0.0
-    regrouped[:, seen[others]] = shares * weights[others] / weights[leading, None]
-    without = np.setdiff1d(np.arange(regressor.shape[1]), seen)
-    return Combinations(rank, values, seen[leading], regrouped, without)
+    leading = _leading(R, rank)
+    dependent = np.setdiff1d(np.arange(len(seen)), leading)
+    shares = np.linalg.lstsq(R[:, leading], R[:, dependent], rcond=None)[0]  # of unit columns
+    # shares of columns in sizes of the parameters; those that are rounding become zero
+    sized_shares = shares * lengths[seen[dependent]] / lengths[seen[leading], None]
+    largest = np.abs(sized_shares).max(axis=0, initial=0.0)
+    shares[np.abs(sized_shares) <= COEFFICIENT_ROUNDING * np.maximum(largest, 1.0)] = 0.0
+    weights = lengths[seen] / sizes[seen]  # lengths of columns in units of the parameters
+    coefficients = np.zeros((rank, regressor.shape[1]))
+    coefficients[np.arange(rank), seen[leading]] = 1.0
+    coefficients[:, seen[dependent]] = shares * weights[dependent] / weights[leading, None]
+    without_effect = np.setdiff1d(np.arange(regressor.shape[1]), seen)
+    return Combinations(rank, values, seen[leading], coefficients, without_effect)
 
 
 def _leading(matrix: Array, rank: int) -> IntArray:
-    """Return the first `rank` independent columns of a matrix with columns of unit length.
+    """Return the indices (rank,) of the first independent columns of a matrix with columns of unit length.
 
-    A column is independent if it leaves the span of its predecessors. If rounding makes them too many or too
-    few, they are those of a QR decomposition with column pivoting.
+    A column is independent if it is not in the span of the independent columns before it. Where rounding
+    makes their number differ from the rank, a QR decomposition with column pivoting chooses them.
     """
     basis, leading = np.empty((len(matrix), 0)), []
     for k, column in enumerate(matrix.T):
-        rest = column - basis @ (basis.T @ column)
-        rest -= basis @ (basis.T @ rest)
-        length = np.linalg.norm(rest)
+        remainder = column - basis @ (basis.T @ column)
+        remainder -= basis @ (basis.T @ remainder)  # once more, against rounding
+        length = np.linalg.norm(remainder)
         if length > RANK_ROUNDING:
-            basis = np.column_stack([basis, rest / length])
+            basis = np.column_stack([basis, remainder / length])
             leading.append(k)
     if len(leading) == rank:
         return np.array(leading, dtype=np.intp)
@@ -117,7 +118,7 @@ def combination_text(names: Sequence[str], coefficients: Array) -> str:
     terms = []
     for k in used[:MAX_TERMS]:
         value = coefficients[k]
-        size = "" if abs(abs(value) - 1.0) < COEFFICIENT_ROUNDING else f"{abs(value):.4g} "
-        terms.append(("- " if value < 0 else "+ ") + size + names[k])
-    rest = f" and {len(used) - MAX_TERMS} more terms" if len(used) > MAX_TERMS else ""
-    return (" ".join(terms) + rest).removeprefix("+ ") if terms else "0"
+        factor = "" if abs(abs(value) - 1.0) < COEFFICIENT_ROUNDING else f"{abs(value):.4g} "
+        terms.append(("- " if value < 0 else "+ ") + factor + names[k])
+    ending = f" and {len(used) - MAX_TERMS} more terms" if len(used) > MAX_TERMS else ""
+    return (" ".join(terms) + ending).removeprefix("+ ") if terms else "0"

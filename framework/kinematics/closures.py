@@ -8,10 +8,6 @@ neither has no entry.
 Every equation is a product of two vectors that are linear in the axes and origins of frames (`row_factors`).
 Residual, Jacobian, curvature (`loop_curvature`) and exact derivatives (`frame_variations`) follow from these.
 
-A row that locks no axis, as `distance`, is a flag of `LoopRows` with its factors (model/loop_rows), a key
-(model/robot_keys), its vectors and `closure_drift` (this module), and for proofs a term
-(proofs/equation_terms) with bounds (proofs/derivative_bounds, proofs/leg_paving).
-
 This module also has the directions that closures keep alike. They tell a closed loop from one turned over.
 
 A rotation is locked by keeping axes of the two frames perpendicular (see `LoopRows`). That is exact near the
@@ -68,9 +64,8 @@ def loop_equations(rows: LoopRows, frames: FrameStack) -> LoopEquations:
 def loop_wrenches(rows: LoopRows, frames: FrameStack) -> LoopWrenches:
     """Compute the loop equations as wrenches; couplings of joints have a value and no wrench.
 
-    Translation: d/dt e.d = e.(v2 - v1 - w1 x d) with e carried by the first frame: the force e. Distance
-    L: d/dt (d.d - L^2) / 2L = (d / L).(v2 - v1): the force d / L. Rotation: d/dt u.w =
-    (w x u).(w2 - w1): the couple w x u.
+    With u carried by the first frame, d/dt u.d = u.(v2 - v1 - w1 x d): the force u. d/dt d.d =
+    2 d.(v2 - v1): the force 2 d. d/dt u.w = (w x u).(w2 - w1): the couple w x u.
     """
     a, b = row_factors(rows, frames.placements)
     residual = rows.weight * dot(a, b) - rows.constant
@@ -84,7 +79,7 @@ def _row_wrenches(rows: LoopRows, force: Array, couple: Array | None) -> Array:
     wrench = np.zeros((*force.shape[:2], 6))
     wrench[..., :3] = rows.force_weight[:, None] * force
     if couple is not None:
-        wrench[..., 3:] = np.where(rows.rotation[:, None], couple, 0.0)
+        wrench[..., 3:] = rows.couple_weight[:, None] * couple
     return wrench
 
 
@@ -109,22 +104,22 @@ def closure_drift(rows: LoopRows, frames: FrameStack, motions: FrameMotions) -> 
     turning = apart[0, ..., 3:]
     turned = cross(apart[1, ..., 3:] - cross(omega, turning), b) + cross(turning, cross(turning, b))
     second = dot(a, np.where(rows.rotation[:, None], turned, acceleration))
-    return rows.force_weight * (second + rows.distance * dot(velocity, velocity)) + rows.rotation * second
+    return rows.derivative_weight * (second + rows.square * dot(velocity, velocity))
 
 
 def row_factors(rows: LoopRows, placed: Array) -> tuple[Array, Array]:
     """Select the two vectors (..., m, 3) whose product is each row, of axes and origins (..., F, 4, 3).
 
-    The first is an axis of the first frame, or p2 - p1 of a distance; the second is p2 - p1, or an axis of
-    the second frame. They are linear in axes and origins, so rates of these give rates of the vectors.
+    The first is u, or d of a square; the second is d, or w of a rotation (`LoopRows`). They are linear in
+    axes and origins, so rates of these give rates of the vectors.
     """
     *stack, count, four, width = placed.shape
     vectors = placed.reshape(*stack, count * four, width).take(rows.vectors, axis=-2)  # (..., 4, m, 3)
     first, apart = vectors[..., 0, :, :], vectors[..., 3, :, :] - vectors[..., 2, :, :]
     if rows.only_translations:
         return first, apart
-    second = np.where(rows.rotation[:, None], vectors[..., 1, :, :] * rows.sign[:, None], apart)
-    return np.where(rows.distance[:, None], apart, first), second
+    second = np.where(rows.rotation[:, None], vectors[..., 1, :, :], apart)
+    return np.where(rows.square[:, None], apart, first), second
 
 
 def scale_jacobian(mechanism: Mechanism, matrix: Array, turning: NDArray[np.bool_]) -> Array:

@@ -10,6 +10,7 @@ import numpy as np
 from framework.arrays import Array, IntArray
 from framework.kinematics.closures import scale_jacobian
 from framework.kinematics.linearised_loops import LinearisedLoops
+from framework.kinematics.loop_structure import lost_directions
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.tolerances import RANK_LOST
 
@@ -106,6 +107,5 @@ def instantaneous_motions(robot: ParallelRobot, linearised: LinearisedLoops) -> 
     degrees of freedom, and more where the loop equations lose rank.
     """
     columns = robot.moving
-    values, right = np.linalg.svd(scaled_loops(robot, linearised)[0][:, columns])[1:]
-    rank = int(np.sum(values > RANK_LOST * max(float(values[0]), 1.0)))
-    return right[rank:].T * robot.column_scale[columns][:, None]
+    allowed = lost_directions(scaled_loops(robot, linearised)[0][:, columns])
+    return allowed.T * robot.column_scale[columns][:, None]

@@ -19,7 +19,7 @@ from framework.kinematics.closures import scale_jacobian
 from framework.kinematics.frames import frames_at
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.platform import PlatformCoordinates
-from framework.tolerances import BRANCHES_MEET, RANK_ROUNDING
+from framework.tolerances import BRANCHES_MEET, RANK_LOST, RANK_ROUNDING
 
 ODD_SIZE = 0.02  # a loop equation below this share of a unit motion, or above its inverse, is brought to it
 
@@ -104,10 +104,9 @@ def idle_columns(matrix: Array, passive: IntArray) -> IntArray:
     """
     if not len(passive):
         return np.empty(0, dtype=np.intp)
-    values, right = np.linalg.svd(matrix)[1:]
-    rank = int(np.sum(values > RANK_ROUNDING * max(float(values[0]), 1.0)))
-    order = row_pivots(right[rank:].T) if rank < len(right) else np.empty(0, dtype=np.intp)
-    return np.sort(passive[order[: len(passive) - rank]])
+    lost = lost_directions(matrix, RANK_ROUNDING)
+    order = row_pivots(lost.T) if len(lost) else np.empty(0, dtype=np.intp)
+    return np.sort(passive[order[: len(lost)]])
 
 
 def motion_matrix(mechanism: Mechanism, platform: PlatformCoordinates, q: Array) -> Array:
@@ -130,6 +129,16 @@ def numerical_rank(matrix: Array, level: float = RANK_ROUNDING) -> int:
     """Count singular values above `level` times the largest."""
     values = np.linalg.svd(matrix, compute_uv=False)
     return int(np.sum(values > level * values.max(initial=0.0)))
+
+
+def lost_directions(matrix: Array, level: float = RANK_LOST, *, at_least: int = 0) -> Array:
+    """Compute orthonormal vectors (c, k) along which a matrix (m, k) loses rank, at least so many.
+
+    There its singular values are below a level, or below this share of the largest if that exceeds 1.
+    """
+    values, right = np.linalg.svd(matrix)[1:]
+    rank = int(np.sum(values >= level * max(values.max(initial=0.0), 1.0)))
+    return right[min(rank, len(right) - at_least) :]
 
 
 def row_pivots(matrix: Array) -> IntArray:

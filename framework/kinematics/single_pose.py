@@ -24,7 +24,7 @@ class SinglePose:
         rows, scratch = robot.rows, Scratch.of(robot.model, robot.frames)
         self.robot, self.scratch, m = robot, scratch, len(rows.names)
         self._placed = np.empty((len(scratch.frames), 4, 3))  # axes and origin of each frame
-        self._turning, self._length = rows.rotation[:, None], rows.length[:, None]
+        self._turning, self._factor = rows.rotation[:, None], rows.derivative_weight[:, None]
         self._signs = scratch.carried[rows.second] - scratch.carried[rows.first]
         self._coupled = rows.coupling_jacobian(robot.model.nv)
         self._wrench = np.empty((m, 6))
@@ -41,7 +41,7 @@ class SinglePose:
         if rows.only_translations:
             wrench[:, :3] = force
         else:  # a couple where a rotation is locked
-            force, lever = force / self._length, np.where(self._turning, second, lever)
+            force, lever = self._factor * force, np.where(self._turning, second, lever)
             wrench[:, :3] = np.where(self._turning, 0.0, force)
         wrench[:, 3:] = cross(lever, force)
         np.matmul(wrench, scratch.columns.T, out=self.jacobian)

@@ -12,11 +12,12 @@ from framework.errors import RobotFileError, check_choice, choose_from
 
 # Each has the springs of its predecessors; a spring exists from some level on, see `Spring.exists_in`.
 FLEXIBILITIES = ("rigid", "flexible_joints", "flexible_links")
+GOALS = ("time", "peak_torque", "energy")  # of an optimal law
 SMALLEST_LENGTH = 1e-30  # [m] powers of others vanish
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 
-# Locked axes of each closure kind whose axis is z, in the frame of the first body; or the distance of the two
-# origins, with the closure's `length`.
+# Locked axes of each closure kind whose axis is z, in the frame of the first body; or rows that need the
+# closure's `length`, by their names in `loop_rows.ROW_KINDS`.
 _LOCKED = {
     "fixed": ("x", "y", "z", "rx", "ry", "rz"),
     "revolute": ("x", "y", "z", "rx", "ry"),  # turns about its axis
@@ -31,7 +32,7 @@ CLOSURE_KINDS = tuple(_LOCKED)
 
 
 def locked_axes(kind: str, axis: str = "z") -> tuple[str, ...]:
-    """Return the locked axes of a closure kind, in the frame of the first body, or its distance.
+    """Return the locked axes of a closure kind, in the frame of the first body, and rows with a length.
 
     `axis` in {x, y, z} is the axis of the joint; the kinds are tabled for z and turned cyclically.
 
@@ -45,8 +46,14 @@ def locked_axes(kind: str, axis: str = "z") -> tuple[str, ...]:
         if given not in valid:
             raise RobotFileError(choose_from(what, given, valid))
     turn = {"x": "yzx", "y": "zxy", "z": "xyz"}[axis]  # where x, y, z go when z goes to `axis`
-    moved = {name[:-1] + turn["xyz".index(name[-1])] if name in AXES else name for name in _LOCKED[kind]}
-    return tuple(name for name in (*AXES, "distance") if name in moved)
+    axes = {name[:-1] + turn["xyz".index(name[-1])] for name in _LOCKED[kind] if name in AXES}
+    with_length = (name for name in _LOCKED[kind] if name not in AXES)
+    return (*(name for name in AXES if name in axes), *with_length)
+
+
+def measured_kinds() -> tuple[str, ...]:
+    """Return the closure kinds that need a length."""
+    return tuple(kind for kind, axes in _LOCKED.items() if not set(axes) <= set(AXES))
 
 
 @dataclass(frozen=True)
@@ -85,7 +92,7 @@ class Actuator:
 class Closure:
     """Two frames and the axes of their relative pose, in the first frame, that are locked.
 
-    "distance" among the axes locks the distance of the origins, `length` [m].
+    Among the axes a name of `loop_rows.ROW_KINDS`, such as "distance", is a row that needs `length` [m].
     """
 
     name: str
@@ -94,9 +101,9 @@ class Closure:
     length: float | None = None
 
     def __post_init__(self) -> None:
-        if ("distance" in self.axes) != (self.length is not None):
+        if (set(self.axes) <= set(AXES)) != (self.length is None):
             raise RobotFileError(
-                f"closure {self.name}: a distance needs a length and nothing else takes one, got axes "
+                f"closure {self.name}: a distance needs a length and a locked axis takes none, got axes "
                 f"{list(self.axes)} and length {self.length}"
             )
 
@@ -206,7 +213,8 @@ class KeptLevel:
 class Scene:
     """A path, a duration [s] and requirements at the crossings.
 
-    `kind` is line, arc or spline, through `points`. `times` [s] and `speeds` [1/s] are None when left
+    `kind` is line, arc, spline or polyline (with the `blend` of its corners), through `points`. The duration
+    is None where `optimize` is time. `times` [s] and `speeds` [1/s] are None when left
     open; empty `times` mean a law without crossing conditions. `at` imposes path coordinates
     instead of locating the singular points. `wrenches` of the world are by frame, see `FrameWrench`.
     `fidelity` is the result of a study of the scene.
@@ -215,12 +223,14 @@ class Scene:
     name: str
     kind: str
     points: tuple[tuple[float, ...], ...]
-    duration: float
+    duration: float | None
     times: tuple[float, ...] | None = None
     speeds: tuple[float, ...] | None = None
     at: tuple[float, ...] | None = None
     wrenches: Mapping[str, Any] | None = None
     fidelity: KeptLevel | None = None
+    blend: float | None = None
+    optimize: str | None = None
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,14 @@
-"""The closures of a description as tables: scalar loop equations, and the directions that they keep alike."""
+"""The closures of a description as tables: scalar loop equations, and the directions that they keep alike.
+
+Each equation is a weighted product of two vectors less a constant. Two frames have three such products
+(`LoopRows`), and the other modules know these three: values and derivatives (`kinematics.closures`,
+`loop_curvature`, `frame_variations`) and bounds over boxes (`proofs.derivative_bounds`, `proofs.leg_paving`)
+serve every weight and constant. So a kind of row is stated in `ROW_KINDS` alone.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -13,27 +19,49 @@ from numpy.typing import NDArray
 from framework.arrays import Array, IntArray, ReadOnlyArrays, read_only
 from framework.model.description import AXES, Closure
 
+PRODUCTS = ("u.d", "u.w", "d.d")  # u, w: an axis of the first, of the second frame; d = p2 - p1
+
+
+class RowKind(NamedTuple):
+    """A kind of row that needs the closure's length: weight times a product less a constant.
+
+    The value is to first order an error in m, or in rad if the product is u.w: tolerances are for these.
+    """
+
+    product: str  # one of PRODUCTS
+    coefficients: Callable[[float], tuple[float, float]]  # weight and constant for a length [m]
+    satisfy: Callable[[Array, float], Array]  # makes d (3,) on axes of the first frame obey; zeros stay
+    axes: tuple[int, int] = (0, 0)  # 0..2, of u and w
+
+
+ROW_KINDS = {
+    "distance": RowKind(  # (d.d - length^2) / (2 length) = 0, to first order the error in length
+        "d.d",
+        coefficients=lambda length: (0.5 / length, 0.5 * length),
+        satisfy=lambda offset, length: offset * (length / np.linalg.norm(offset)),
+    ),
+}
+
 
 @dataclass(frozen=True, eq=False)
 class LoopRows(ReadOnlyArrays):
     """The scalar loop equations of a robot as a table; m rows.
 
-    A translation row is e . (p2 - p1) = 0 with e the axis `first_axis` of the first frame. A rotation
-    row is sign u . w = 0 with u the axis `first_axis` of the first and w the axis `second_axis` of the
-    second frame (Haug's dot-1 primitive): polynomial in the rotation matrices, so it has no angle that
-    jumps, and to first order it is the relative rotation about the locked axis. A distance row is
-    (|p2 - p1|^2 - length^2) / (2 length) = 0, to first order the error in length. A coupling row is
+    With u the axis `first_axis` of the first frame, w the axis `second_axis` of the second and d = p2 - p1, a
+    translation row is u.d = 0. A rotation row is u.w = 0 (Haug's dot-1 primitive): polynomial in the
+    rotation matrices, so it has no angle that jumps, and to first order, with weight 1 or -1, it is the
+    relative rotation about the locked axis. Rows with a length are in `ROW_KINDS`. A coupling row is
     q_a - ratio q_b - offset = 0 of two joints; as a loop equation of frames it is one that always holds.
     """
 
     first: IntArray  # (m,) frame, as index into Mechanism.frames
     second: IntArray  # (m,)
-    distance: NDArray[np.bool_]  # (m,)
-    rotation: NDArray[np.bool_]  # (m,)
+    square: NDArray[np.bool_]  # (m,) whether the product is d.d
+    rotation: NDArray[np.bool_]  # (m,) whether it is u.w
     first_axis: IntArray  # (m,)
     second_axis: IntArray  # (m,)
-    sign: Array  # (m,)
-    length: Array  # (m,) [m] of distance rows, 1 in others
+    weight: Array  # (m,) zero of couplings
+    constant: Array  # (m,)
     coupled: NDArray[np.bool_]  # (m,)
     columns: IntArray  # (m, 2) of coupling rows a and b, as indices into the velocity vector
     places: IntArray  # (m, 2) the same in the configuration vector
@@ -42,27 +70,38 @@ class LoopRows(ReadOnlyArrays):
     names: tuple[str, ...]  # closure.axis
 
     @cached_property
+    def translation(self) -> NDArray[np.bool_]:
+        """Whether each row is u.d = 0, (m,)."""
+        return ~(self.rotation | self.square) & (self.weight == 1.0) & (self.constant == 0.0)
+
+    @cached_property
     def only_translations(self) -> bool:
-        return not (self.rotation.any() or self.distance.any())
+        return bool(self.translation.all())
 
     @cached_property
     def has_couplings(self) -> bool:
         return bool(self.coupled.any())
 
     @cached_property
-    def weight(self) -> Array:
-        """Factors (m,) of the products of `row_factors` in the equations; zero of couplings."""
-        return read_only(np.where(self.distance, 0.5 / self.length, 1.0 - self.coupled))
-
-    @cached_property
-    def constant(self) -> Array:
-        """Constants (m,) that the equations subtract from weighted products [m]."""
-        return read_only(np.where(self.distance, 0.5 * self.length, 0.0))
+    def derivative_weight(self) -> Array:
+        """Factors (m,) of the first of both vectors times the rate of the second in the rate of each row."""
+        return read_only(self.weight * (1.0 + self.square))
 
     @cached_property
     def force_weight(self) -> Array:
-        """Factors (m,) of the first vector of `row_factors` in the force of each row; zero of rotations."""
-        return read_only(np.where(self.distance, 1.0 / self.length, 1.0 - self.rotation))
+        """Factors (m,) of the first vector in the force of each row; zero of rotations."""
+        return read_only(np.where(self.rotation, 0.0, self.derivative_weight))
+
+    @cached_property
+    def couple_weight(self) -> Array:
+        """Factors (m,) of second vector x first vector in the couple of each row."""
+        return read_only(np.where(self.rotation, self.weight, 0.0))
+
+    @property
+    def reach(self) -> Array:
+        """Sizes (m,) [m] that rows prescribe: of d along an axis, or in all; 0 of rotations."""
+        along = np.where(self.rotation, 0.0, np.abs(self.constant / self.weight))
+        return np.where(self.square, np.sqrt(along), along)
 
     @cached_property
     def vectors(self) -> IntArray:
@@ -115,7 +154,7 @@ def loop_rows(
         for axis in closure.axes
     ]
     for coupling in couplings:  # two axes of one frame stay perpendicular, its origin at rest
-        entries = (0, 0, False, coupling.turns, 0, 1, 1.0, 1.0, True, *coupling[1:5])
+        entries = (0, 0, False, coupling.turns, 0, 1, 0.0, 0.0, True, *coupling[1:5])
         table.append((f"{coupling.name}.q", *entries))
     names, *columns = zip(*table, strict=True)
     return LoopRows(**dict(zip(_COLUMNS, map(np.array, columns), strict=True)), names=names)
@@ -123,11 +162,15 @@ def loop_rows(
 
 def _axis_entries(closure: Closure, axis: str) -> tuple[Any, ...]:
     """Return the entries of `LoopRows` for one axis of a closure, but name and frames."""
-    distance, rotation = axis == "distance", axis.startswith("r")
-    k = 0 if distance else "xyz".index(axis[-1])
-    locked = {AXES.index(name) - 3 for name in closure.axes if name.startswith("r")}
-    pair = _perpendicular_pair(k, locked) if rotation else (k, 0, 1.0)
-    return distance, rotation, *pair, closure.length or 1.0, False, (0, 0), (0, 0), 0.0, 0.0
+    if closure.length is not None and axis in ROW_KINDS:
+        product, coefficients, _, axes = ROW_KINDS[axis]
+        entries = (product == "d.d", product == "u.w", *axes, *coefficients(closure.length))
+    else:
+        k, rotation = "xyz".index(axis[-1]), axis.startswith("r")
+        locked = {AXES.index(name) - 3 for name in closure.axes if name in ("rx", "ry", "rz")}
+        pair = _perpendicular_pair(k, locked) if rotation else (k, 0, 1.0)
+        entries = (False, rotation, *pair, 0.0)
+    return *entries, False, (0, 0), (0, 0), 0.0, 0.0
 
 
 def _perpendicular_pair(locked_axis: int, locked: set[int]) -> tuple[int, int, float]:
@@ -164,7 +207,7 @@ def locked_directions(closures: Sequence[Closure], frames: Sequence[str]) -> Loc
     """Make one direction for each closure that locks two rotations, two for each that locks all."""
     table, names = [], []
     for closure in closures:
-        turns = [axis for axis in closure.axes if axis.startswith("r")]
+        turns = [axis for axis in closure.axes if axis in ("rx", "ry", "rz")]
         free = [k for k in range(3) if f"r{'xyz'[k]}" not in turns]
         for k in {3: (0, 1), 2: free}.get(len(turns), ()):
             table.append((*map(frames.index, closure.frames), k))

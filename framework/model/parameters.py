@@ -16,7 +16,8 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from framework.errors import RobotFileError, check_name, short
+from framework.errors import InvalidInput, RobotFileError, check_name, short
+from framework.fields import number
 from framework.model.documents import parse_yaml
 
 PLACEHOLDER = re.compile(r"\$\{([^{}]*)\}")
@@ -66,7 +67,8 @@ def with_parameters(text: str, given: Mapping[str, float] | None = None) -> tupl
     declared = declared_parameters(text)
     for name in given or {}:
         check_name("parameters", "parameter", name, declared)
-    values = {name: own[0] for name, own in declared.items()} | dict(given or {})
+    own = {name: values[0] for name, values in declared.items()}
+    values = own | {name: _values(name, value)[0] for name, value in (given or {}).items()}
     return fill_placeholders(text, values), values
 
 
@@ -91,10 +93,10 @@ def _values(name: str, given: Any) -> list[float]:
         raise RobotFileError(
             f"parameters.{name}: needs 1 to {MAX_PARAMETER_VALUES} numbers, got {len(values)}"
         )
-    for value in values:
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            raise RobotFileError(f"parameters.{name}: needs finite numbers, got {short(value)}")
-    return [float(value) for value in values]
+    try:
+        return [number(f"parameters.{name}", value) for value in values]
+    except InvalidInput as error:
+        raise RobotFileError(str(error)) from None
 
 
 def _evaluate(expression: str, values: Mapping[str, float]) -> float:

@@ -19,12 +19,11 @@ from framework.model.description import (
     Scene,
     Spring,
     locked_axes,
+    measured_kinds,
 )
 from framework.model.robot_file import VERSION, read_robot_file
 from framework.model.urdf_elements import read_tree
 from framework.output import written_together
-
-_KINDS = {locked_axes(kind): kind for kind in ("fixed", "spherical", "distance")}  # without an axis
 
 
 def write_robot_file(
@@ -115,16 +114,17 @@ def _joint(joint: JointDynamics) -> dict[str, float]:
 
 def _closure(closure: Closure) -> dict[str, Any]:
     entry = _entry(closure)
-    if closure.axes in _KINDS:
+    kinds = {locked_axes(kind): kind for kind in ("fixed", "spherical", *measured_kinds())}  # without an axis
+    if closure.axes in kinds:
         del entry["axes"]
-        entry["kind"] = _KINDS[closure.axes]
+        entry["kind"] = kinds[closure.axes]
     return entry
 
 
 def _scene(scene: Scene) -> dict[str, Any]:
     entry: dict[str, Any] = {
         scene.kind: [list(point) for point in scene.points],
-        "duration": scene.duration,
+        **{key: getattr(scene, key) for key in ("blend", "duration", "optimize") if getattr(scene, key)},
     }
     for key in ("times", "speeds", "at"):
         if getattr(scene, key) is not None:

@@ -31,6 +31,7 @@ from framework.fields import (
 )
 from framework.model.description import (
     AXES,
+    GOALS,
     Actuator,
     Closure,
     Coupling,
@@ -40,12 +41,14 @@ from framework.model.description import (
     Scene,
     Spring,
     locked_axes,
+    measured_kinds,
 )
 from framework.model.fidelity_levels import LEVELS_BY_NAME
 from framework.model.frame_wrench import FrameWrench
 from framework.model.urdf_elements import SEVERAL, Tree
 
-PATH_KINDS = {"line": 2, "arc": 3, "spline": 2}  # least number of points
+PATH_KINDS = {"line": 2, "arc": 3, "spline": 2, "polyline": 3}  # least number of points
+_OPEN_KINDS = ("spline", "polyline")  # which may have more
 
 
 def robot_table(urdf: Tree, *, is_coupled: bool = False, locked: Sequence[str] = ()) -> Table:
@@ -126,16 +129,17 @@ def _actuator(urdf: Tree) -> Reader[Actuator]:
 
 
 def _closure(urdf: Tree) -> Reader[Closure]:
-    """Return a reader of a closure of locked axes, by kind or one by one, or of a distance."""
+    """Return a reader of a closure, by kind, by locked axes, or by kind and length."""
     table = {"name": required(text), "frames": required(_pair(urdf))}
     by_kind = {"kind": required(text), "axis": optional(text, "z")}
     by_length = {"kind": required(text), "length": required(positive)}
 
     def read(where: str, given: Any) -> Closure:
         content = mapping(where, given)
-        if content.get("kind") == "distance":
+        if content.get("kind") in measured_kinds():
             values = read_table(where, given, table | by_length)
-            return Closure(values["name"], values["frames"], locked_axes("distance"), values["length"])
+            axes = locked_axes(values["kind"])
+            return Closure(values["name"], values["frames"], axes, values["length"])
         if ("kind" in content) == ("axes" in content):
             raise RobotFileError(f"{where}: needs either kind or axes, and not both")
         if "axes" in content:
@@ -265,10 +269,14 @@ def _spring(urdf: Tree, movable: Sequence[str]) -> Reader[Spring | dict[str, Any
 
 # ------------------------------------------------------------------ scenes
 
-PATHS: Table = {kind: optional(list_of(list_of(number))) for kind in PATH_KINDS}
+PATHS: Table = {
+    **{kind: optional(list_of(list_of(number))) for kind in PATH_KINDS},
+    "blend": optional(positive),
+}
 _MOTION: Table = {
     **PATHS,
-    "duration": required(positive),
+    "duration": optional(positive),
+    "optimize": optional(one_of("goal", GOALS)),
     "times": optional(list_of(number)),
     "speeds": optional(one_or_list_of(positive)),
     "at": optional(list_of(number)),
@@ -281,11 +289,12 @@ _MOTION: Table = {
 }
 
 
-def one_path(where: str, paths: Mapping[str, Any]) -> tuple[str, tuple[tuple[float, ...], ...]]:
-    """Return the kind and the points of the one path out of the values of PATH_KINDS.
+def one_path(where: str, paths: Mapping[str, Any]) -> tuple[str, tuple[tuple[float, ...], ...], float | None]:
+    """Return the kind, the points and the blend of the one path out of the values of PATHS.
 
     Raises:
-        InvalidInput: none is there, or several, or it has too few points or too many.
+        InvalidInput: none is there, or several, or it has too few points or too many, or a blend where it
+            has no corners or none where it has.
     """
     kinds = [kind for kind in PATH_KINDS if paths[kind] is not None]
     if len(kinds) != 1:
@@ -293,17 +302,23 @@ def one_path(where: str, paths: Mapping[str, Any]) -> tuple[str, tuple[tuple[flo
             f"{where}: needs exactly one path ({', '.join(PATH_KINDS)}), got {kinds or 'none'}"
         )
     kind, points, least = kinds[0], paths[kinds[0]], PATH_KINDS[kinds[0]]
-    if len(points) < least or (kind != "spline" and len(points) > least):
+    if len(points) < least or (kind not in _OPEN_KINDS and len(points) > least):
         raise InvalidInput(
-            f"{where}.{kind}: needs {'at least ' if kind == 'spline' else ''}{least} points, "
+            f"{where}.{kind}: needs {'at least ' if kind in _OPEN_KINDS else ''}{least} points, "
             f"got {len(points)}"
         )
-    return kind, points
+    if (paths["blend"] is None) == (kind == "polyline"):
+        raise InvalidInput(f"{where}.blend: belongs to a polyline, which needs one [m], and to no other path")
+    return kind, points, paths["blend"]
 
 
 def _scene(where: str, values: dict[str, Any]) -> Scene:
     """Make a scene, still without its name."""
-    kind, points = one_path(where, values)
+    kind, points, _ = one_path(where, values)
+    if values["duration"] is None and values["optimize"] != "time":
+        raise InvalidInput(f"{where}.duration: missing; only with `optimize: time` is it found [s]")
+    if values["duration"] is not None and values["optimize"] == "time":
+        raise InvalidInput(f"{where}.duration: leave it out, `optimize: time` finds the least")
     rest = {key: value for key, value in values.items() if key not in PATH_KINDS}
     return Scene(name="", kind=kind, points=points, **rest)
 

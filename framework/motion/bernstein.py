@@ -1,8 +1,8 @@
 """Functions on cells as Bernstein polynomials, whose coefficients bound all values.
 
-A polynomial on a cell lies between its least and its largest Bernstein coefficient. Its integral is the mean
-of the coefficients times the width; the integral of its size is at most the mean of their sizes times the
-width.
+On a cell, scaled to u in [0, 1], a polynomial of degree n is the sum of c_i B_i(u) with the Bernstein
+polynomials B_i = binom(n, i) u^i (1 - u)^(n - i). It lies between its least and its largest coefficient. Its
+mean over the cell is the mean of the c_i, and its mean absolute value is at most the mean of the |c_i|.
 
 Source: Farouki, The Bernstein polynomial basis: a centennial retrospective, CAGD 29 (2012).
 """
@@ -18,10 +18,11 @@ from numpy.polynomial import chebyshev
 
 from framework.arrays import Array, BoolArray, read_only
 
-DEGREE, NODES = 3, 6  # of the polynomials; of a cell, an even number: none is in the middle
-# of the last two coefficients over the largest, for a function to be resolved
-MIN_DECAY = 2.0 ** (1 - DEGREE - 2)
-VALUE_ROUNDING = 1e-11  # of the largest coefficient, that values at nodes may be off
+DEGREE = 3  # of the polynomials
+NODES = 6  # of a cell, at which functions are sampled: an even number, so that none is in the middle
+# sum of the last two Chebyshev coefficients over the largest coefficient, for a function to be resolved
+MAX_TAIL = 2.0 ** (1 - DEGREE - 2)
+VALUE_ROUNDING = 1e-11  # error of values at nodes, over the largest coefficient
 
 
 class Bernstein(NamedTuple):
@@ -41,59 +42,86 @@ def cell_nodes() -> Array:
     return read_only(0.5 - 0.5 * np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES))
 
 
-def fit(values: Array) -> tuple[Bernstein, BoolArray]:
-    """Return the functions with values (k, NODES, ...) at nodes, and a mask (k,): resolved."""
+def fit_bernstein(values: Array) -> tuple[Bernstein, BoolArray]:
+    """Fit polynomials to values (k, NODES, ...) at `cell_nodes`; tell (k,) which cells are resolved.
+
+    The Chebyshev series through all nodes is cut after `DEGREE`. The bound of the error adds the coefficients
+    that are cut off, an estimate of those beyond the nodes (the last two, as in `Bernstein`), and rounding.
+    """
     count, shape = len(values), values.shape[2:]
-    series = np.linalg.inv(chebyshev.chebvander(2.0 * cell_nodes() - 1.0, NODES - 1)) @ values.reshape(
-        count, NODES, -1
-    )
-    size = np.abs(series).max(axis=1)
-    last = np.abs(series[:, -2:]).sum(axis=1)
-    error = np.abs(series[:, DEGREE + 1 :]).sum(axis=1) + last + VALUE_ROUNDING * size
+    chebyshev_values = chebyshev.chebvander(2.0 * cell_nodes() - 1.0, NODES - 1)
+    series = np.linalg.inv(chebyshev_values) @ values.reshape(count, NODES, -1)
+    largest = np.abs(series).max(axis=1)
+    cut_off = np.abs(series[:, DEGREE + 1 :]).sum(axis=1)
+    last_two = np.abs(series[:, -2:]).sum(axis=1)
+    error = cut_off + last_two + VALUE_ROUNDING * largest
     coefficients = _from_chebyshev() @ series[:, : DEGREE + 1]
     function = Bernstein(coefficients.reshape(count, DEGREE + 1, *shape), error.reshape(count, *shape))
-    return function, np.asarray((last <= MIN_DECAY * size).all(axis=1))
+    return function, np.asarray((last_two <= MAX_TAIL * largest).all(axis=1))
 
 
 @lru_cache(maxsize=1)
 def _from_chebyshev() -> Array:
-    """Return the matrix from Chebyshev to Bernstein coefficients of degree `DEGREE`."""
-    x, j = np.linspace(0.0, 1.0, DEGREE + 1)[:, None], np.arange(DEGREE + 1)
-    choices = np.array([comb(DEGREE, k) for k in j])
-    polynomials = np.asarray(choices * x**j * (1.0 - x) ** (DEGREE - j), dtype=float)
-    return read_only(np.linalg.solve(polynomials, chebyshev.chebvander(2.0 * x[:, 0] - 1.0, DEGREE)))
+    """Return the matrix from Chebyshev to Bernstein coefficients of degree `DEGREE`.
+
+    Both bases have the same values at DEGREE + 1 points u: B c = T a, so c = B^-1 T a.
+    """
+    u, i = np.linspace(0.0, 1.0, DEGREE + 1)[:, None], np.arange(DEGREE + 1)
+    binomials = np.array([comb(DEGREE, k) for k in i])
+    bernstein_values = np.asarray(binomials * u**i * (1.0 - u) ** (DEGREE - i), dtype=float)
+    chebyshev_values = chebyshev.chebvander(2.0 * u[:, 0] - 1.0, DEGREE)
+    return read_only(np.linalg.solve(bernstein_values, chebyshev_values))
 
 
 @lru_cache(maxsize=8)
-def product_weights(first: int, second: int) -> Array:
-    """Return weights (first + second + 1, first + 1, second + 1) of products of coefficients."""
-    weights = np.zeros((first + second + 1, first + 1, second + 1))
-    for i in range(first + 1):
-        for j in range(second + 1):
-            weights[i + j, i, j] = comb(first, i) * comb(second, j) / comb(first + second, i + j)
+def product_weights(m: int, n: int) -> Array:
+    """Return weights w (m + n + 1, m + 1, n + 1) for products of polynomials of degrees m and n.
+
+    The product of coefficients a and b has the coefficients c_k = sum of w_kij a_i b_j, where w_kij =
+    binom(m, i) binom(n, j) / binom(m + n, k) for k = i + j, and 0 for other k.
+    """
+    weights = np.zeros((m + n + 1, m + 1, n + 1))
+    for i in range(m + 1):
+        for j in range(n + 1):
+            weights[i + j, i, j] = comb(m, i) * comb(n, j) / comb(m + n, i + j)
     return read_only(weights)
 
 
 def multiply(first: Array, second: Array) -> Array:
-    """Multiply functions of degrees a and b: coefficients (k, a + b + 1, ...) of the products."""
+    """Return coefficients (k, m + n + 1, ...) of the products of polynomials of degrees m and n."""
     weights = product_weights(first.shape[1] - 1, second.shape[1] - 1)
     return np.asarray(np.einsum("jab,ka...,kb...->kj...", weights, first, second))
 
 
-def elevation(degree: int, to: int) -> Array:
-    """Return the matrix (to + 1, degree + 1) that raises the degree of coefficients."""
+def elevation_matrix(degree: int, to: int) -> Array:
+    """Return the matrix (to + 1, degree + 1) that raises the degree of coefficients.
+
+    It multiplies by the constant 1, whose coefficients are all 1.
+    """
     return np.asarray(product_weights(to - degree, degree).sum(axis=1))
 
 
-def mean_size(coefficients: Array, halvings: int) -> Array:
-    """Bound the mean sizes (k, ...) of functions (k, size, ...), on halved cells."""
+def bound_mean_size(coefficients: Array, halvings: int) -> Array:
+    """Bound the means (k, ...) of absolute values of polynomials (k, degree + 1, ...) from above.
+
+    The bound is the mean of the absolute coefficients. Each halving of the cells makes it tighter.
+    """
     count, shape = len(coefficients), coefficients.shape[2:]
     for _ in range(halvings):
-        current, left, right = coefficients, [], []
-        while current.shape[1]:
-            left.append(current[:, 0])
-            right.append(current[:, -1])
-            current = 0.5 * (current[:, 1:] + current[:, :-1])
-        halves = np.stack([np.stack(left, axis=1), np.stack(right[::-1], axis=1)], axis=1)
-        coefficients = halves.reshape(-1, *coefficients.shape[1:])
+        coefficients = _halve_cells(coefficients)
     return np.asarray(np.abs(coefficients).reshape(count, -1, *shape).mean(axis=1))
+
+
+def _halve_cells(coefficients: Array) -> Array:
+    """Return the coefficients (2 k, degree + 1, ...) on the halves of k cells by de Casteljau's algorithm.
+
+    Neighbours are averaged until one number is left. The first numbers of all rounds are the coefficients of
+    the left half, the last ones, in reverse order, those of the right half.
+    """
+    averages, left, right = coefficients, [], []
+    while averages.shape[1]:
+        left.append(averages[:, 0])
+        right.append(averages[:, -1])
+        averages = 0.5 * (averages[:, 1:] + averages[:, :-1])
+    halves = np.stack([np.stack(left, axis=1), np.stack(right[::-1], axis=1)], axis=1)
+    return halves.reshape(-1, *coefficients.shape[1:])

@@ -13,9 +13,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
+from numpy.typing import NDArray
 
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 from framework.errors import InvalidInput, check_order
@@ -34,7 +36,11 @@ def nodes(size: int) -> Array:
 
 @lru_cache(maxsize=64)
 def _transform(size: int) -> Array:
-    """Return the matrix (size, size) from values at `nodes(size)` to Chebyshev coefficients."""
+    """Return the matrix (size, size) from values at `nodes(size)` to Chebyshev coefficients.
+
+    It is the discrete cosine transform of type I: a_k = 2 w_k / (size - 1) sum_j w_j cos(pi k j / (size - 1))
+    f(x_j), with the nodes x_j in descending order and w = 1/2 for the first and the last index.
+    """
     k = np.arange(size)
     matrix = np.cos(np.pi * np.outer(k, size - 1 - k) / (size - 1)) * (2.0 / (size - 1))
     matrix[:, [0, -1]] *= 0.5
@@ -48,12 +54,15 @@ def coefficients(values: Array) -> Array:
 
 
 def tail(series: Array) -> float:
-    """Return the size of the last eighth of coefficients (..., size, k) over the largest; 0 for zero."""
+    """Return the largest of the last eighth of |coefficients| (..., size, k) over the largest of all.
+
+    0 for a series of zeros, infinity for one that is not finite.
+    """
     largest = float(np.max(np.abs(series), initial=0.0))
     if not np.isfinite(largest):
         return float("inf")
-    last = max(2, series.shape[-2] // 8)
-    return float(np.max(np.abs(series[..., -last:, :]))) / largest if largest > 0 else 0.0
+    count = max(2, series.shape[-2] // 8)
+    return float(np.max(np.abs(series[..., -count:, :]))) / largest if largest > 0 else 0.0
 
 
 def evaluate(x: Array, series: Array) -> Array:
@@ -73,36 +82,50 @@ def extrema(series: Array) -> Array:
 
 
 def real_roots(series: Array) -> Array:
-    """Return the real roots in [-1, 1] of one Chebyshev series (size,), ascending, by the colleague matrix.
+    """Return the real roots in [-1, 1] of one Chebyshev series (size,), ascending.
 
-    Those of degree 2, as of p' of a law through one crossing, are closed.
-
-    Roots that rounding has pushed off the real axis or over an end, within SAME_PLACE, are accepted.
+    They are eigenvalues of the colleague matrix; of degree 2, as p' of a law through one crossing, in closed
+    form. Roots that rounding moves off the real axis or beyond an end, within SAME_PLACE, are accepted.
     """
     size = np.abs(series)
     degree = int(np.flatnonzero(size > COEFFICIENT_ROUNDING * size.max(initial=0.0)).max(initial=0))
-    # |T_k| is at most largest^k where roots are accepted: the constant may outweigh all others
-    largest = 1.0 + 2.0 * SAME_PLACE**0.25
-    if degree == 0 or size[0] > size[1 : degree + 1] @ largest ** np.arange(1, degree + 1):
+    # Where roots are accepted |T_k| is at most base^k. A constant above the sum of all other terms has no
+    # root.
+    base = 1.0 + 2.0 * SAME_PLACE**0.25
+    if degree == 0 or size[0] > size[1 : degree + 1] @ base ** np.arange(1, degree + 1):
         return np.empty(0)
-    if degree == 2:  # of c2 (2 x^2 - 1) + c1 x + c0
-        middle = -0.25 * series[1] / series[2]
-        product = 0.5 * (series[0] / series[2] - 1.0)
-        half = np.sqrt(complex(middle**2 - product))
-        far = middle + (half if middle * half.real > 0.0 else -half)
-        roots = np.array([far, product / far if far else 0.0])
-    else:
-        matrix, weights = _colleague(degree)
-        matrix = matrix.copy()
-        matrix[:, 0] -= (series[:degree] / series[degree] * weights)[::-1]
-        roots = np.linalg.eigvals(matrix)
+    roots = _quadratic_roots(series) if degree == 2 else _colleague_eigenvalues(series[: degree + 1])
     real = np.real(roots[np.abs(np.imag(roots)) <= np.sqrt(SAME_PLACE)])
     return np.sort(np.clip(real[np.abs(real) <= 1 + SAME_PLACE], -1.0, 1.0))
 
 
+def _quadratic_roots(series: Array) -> NDArray[Any]:
+    """Return both roots, complex, of c0 + c1 x + c2 (2 x^2 - 1) = 0.
+
+    The larger root is computed without cancellation, the other one from the product of both.
+    """
+    middle = -0.25 * series[1] / series[2]
+    product = 0.5 * (series[0] / series[2] - 1.0)
+    half_difference = np.sqrt(complex(middle**2 - product))
+    larger = middle + (half_difference if middle * half_difference.real > 0.0 else -half_difference)
+    return np.array([larger, product / larger if larger else 0.0])
+
+
+def _colleague_eigenvalues(series: Array) -> NDArray[Any]:
+    """Return all roots of one Chebyshev series (degree + 1,), complex or real."""
+    degree = len(series) - 1
+    matrix, weights = _colleague(degree)
+    matrix = matrix.copy()
+    matrix[:, 0] -= (series[:degree] / series[degree] * weights)[::-1]
+    return np.linalg.eigvals(matrix)
+
+
 @lru_cache(maxsize=64)
 def _colleague(degree: int) -> tuple[Array, Array]:
-    """Return the colleague matrix of T_degree, rotated for accuracy, and the other coefficients' weights."""
+    """Return the colleague matrix of T_degree and weights (degree,) of the lower coefficients in its column.
+
+    Rows and columns are in reverse order: small roots are then more accurate.
+    """
     weights = np.full(degree, 0.5)
     weights[0] = np.sqrt(0.5) if degree > 1 else 1.0
     return chebyshev.chebcompanion(np.eye(degree + 1)[degree])[::-1, ::-1], weights
@@ -140,11 +163,11 @@ class TimeFunction(ReadOnlyArrays):
 
     def _evaluate_panel(self, p: int, t: Array, order: int) -> Array:
         """Compute values (T, k) of a derivative at t (T,) on one panel."""
-        half = 0.5 * (self.edges[p + 1] - self.edges[p])
-        local = (t - self.edges[p]) / half - 1.0
+        half_width = 0.5 * (self.edges[p + 1] - self.edges[p])
+        local = (t - self.edges[p]) / half_width - 1.0
         series = self.coefficients[p]
         for _ in range(order):
-            series = derivative_matrix(len(series)) @ series / half
+            series = derivative_matrix(len(series)) @ series / half_width
         return evaluate(np.minimum(np.maximum(local, -1.0), 1.0), series)
 
     @property
@@ -154,10 +177,13 @@ class TimeFunction(ReadOnlyArrays):
 
 
 def evaluate_together(functions: Sequence[TimeFunction], t: Array) -> list[Array]:
-    """Return the values (T, k) at t (T,) of each of some functions that share their panels and size."""
+    """Evaluate functions of the same panels and size at t (T,): values (T, k) of each function.
+
+    One evaluation of all components takes less time than one for each function.
+    """
     series = np.concatenate([function.coefficients for function in functions], axis=2)
-    ends = np.cumsum([function.coefficients.shape[2] for function in functions[:-1]])
-    return np.split(TimeFunction(functions[0].edges, series)(t), ends, axis=1)
+    starts = np.cumsum([function.coefficients.shape[2] for function in functions[:-1]])
+    return np.split(TimeFunction(functions[0].edges, series)(t), starts, axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,71 +208,71 @@ class TimeGrid(ReadOnlyArrays):
 
     @property
     def resolvable(self) -> int:
-        """Coefficients of a series that its values at the nodes resolve: all but the last eighth."""
+        """Number of coefficients that values at the nodes resolve: all but the last eighth."""
         return self.size - max(2, self.size // 8)
 
     def fit_truncated(self, values: Array) -> TimeFunction:
-        """Fit the function through values (panels * size, k), coefficients that are rounding set to zero.
+        """Fit the function through values (panels * size, k) with coefficients of rounding set to zero.
 
-        Differentiating twice amplifies a coefficient by up to size^4, so rounding would grow if it were
-        fed back. The last eighth of a resolved series is rounding and shows its size.
+        The last eighth of a resolved series is rounding and shows its size. Differentiating twice amplifies
+        a coefficient by up to size^4, so rounding would grow in an iteration on second derivatives.
         """
         series = coefficients(self._stack_panels(values))
-        floor = NOISE_FACTOR * np.abs(series[:, self.resolvable :]).max(axis=1, keepdims=True)
-        series[np.abs(series) <= floor] = 0.0
+        rounding = NOISE_FACTOR * np.abs(series[:, self.resolvable :]).max(axis=1, keepdims=True)
+        series[np.abs(series) <= rounding] = 0.0
         series[:, self.resolvable :] = 0.0
         return TimeFunction(self.edges, series)
 
     def values(self, function: TimeFunction) -> tuple[Array, Array, Array]:
         """Compute a function and its first and second derivative at the nodes, each (panels * size, k).
 
-        The function is one of this grid's. From its coefficients, rounding stays that of each coefficient,
-        however small, where `differentiate` amplifies that of the largest value.
+        The function has this grid's panels and size. Derivatives of its coefficients amplify the rounding of
+        each coefficient, however small; `differentiate` amplifies that of the largest value.
         """
-        half = 0.5 * np.diff(self.edges)[:, None, None]
+        half_widths = 0.5 * np.diff(self.edges)[:, None, None]
         series = function.coefficients
-        first, second, third = (
-            (basis @ series / half**order).reshape(series.shape[0] * self.size, series.shape[2])
+        values, slopes, curvatures = (
+            (basis @ series / half_widths**order).reshape(series.shape[0] * self.size, series.shape[2])
             for order, basis in enumerate(basis_values(self.size))
         )
-        return first, second, third
+        return values, slopes, curvatures
 
     def differentiate(self, values: Array) -> tuple[Array, Array]:
-        """Compute two time derivatives at the nodes of values (panels * size, k), each of the same shape."""
+        """Compute first and second time derivatives, each (panels * size, k), of values at the nodes."""
         first, second = _differentiation(self.size)
-        half = 0.5 * np.diff(self.edges)[:, None, None]
+        half_widths = 0.5 * np.diff(self.edges)[:, None, None]
         stacked = self._stack_panels(values)
-        slopes, curvatures = first @ stacked / half, second @ stacked / half**2
+        slopes, curvatures = first @ stacked / half_widths, second @ stacked / half_widths**2
         return slopes.reshape(values.shape), curvatures.reshape(values.shape)
 
     @staticmethod
     def clear_of(instants: Array, edges: Array, size: int) -> TimeGrid:
-        """Return the grid of at least `size` nodes a panel that stays farthest from `instants` [s].
+        """Return the grid of `size` to `size` + 5 nodes a panel whose nodes are farthest from `instants` [s].
 
-        A node on the very instant of a crossing would divide 0 by 0; a few nodes more always help.
+        Distances count in mean distances of nodes. A node at the instant of a crossing would divide 0 by 0.
         """
-        best, best_gap = size, -1.0
+        best_size, best_distance = size, -1.0
         for candidate in range(size, size + 6) if len(instants) else ():
             times = _nodes_between(edges, candidate)
-            gap = float(np.abs(times - instants[:, None]).min()) * candidate
-            if gap > best_gap * 1.001:
-                best, best_gap = candidate, gap
-        return TimeGrid(edges, best)
+            distance = float(np.abs(times - instants[:, None]).min()) * candidate
+            if distance > best_distance * 1.001:
+                best_size, best_distance = candidate, distance
+        return TimeGrid(edges, best_size)
 
 
 def _nodes_between(edges: Array, size: int) -> Array:
-    """Return Chebyshev nodes, `size` on each panel between edges (panels + 1,), in one array."""
-    half = 0.5 * (edges[1:] - edges[:-1])[:, None]
-    times = edges[:-1, None] + half * (nodes(size) + 1.0)
-    times[:, -1] = edges[1:]
+    """Return Chebyshev nodes (panels * size,), `size` on each panel between edges (panels + 1,)."""
+    half_widths = 0.5 * (edges[1:] - edges[:-1])[:, None]
+    times = edges[:-1, None] + half_widths * (nodes(size) + 1.0)
+    times[:, -1] = edges[1:]  # to the last bit
     return np.asarray(times.ravel())
 
 
 @lru_cache(maxsize=64)
 def derivative_matrix(size: int, order: int = 1) -> Array:
-    """Return the matrix (size, size) from coefficients to those of the derivative of this order."""
+    """Return the matrix (size, size) from coefficients of a series to those of its derivative."""
     matrix = np.eye(size)
-    count = max(size - order, 0)
+    count = max(size - order, 0)  # of coefficients of the derivative
     matrix[:count] = chebyshev.chebder(matrix, order, axis=0)[:count]
     matrix[count:] = 0.0
     return read_only(matrix)
@@ -265,5 +291,5 @@ def basis_values(size: int) -> tuple[Array, Array, Array]:
     derivative = derivative_matrix(size)
     values = np.asarray(chebyshev.chebvander(nodes(size), size - 1), dtype=float)
     first, second = values @ derivative, values @ (derivative @ derivative)
-    values.setflags(write=False)  # in its own order: products with a copy differ in the last bit
+    values.setflags(write=False)  # not a copy in another memory order: its products differ in the last bit
     return values, read_only(first), read_only(second)

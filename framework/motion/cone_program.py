@@ -18,14 +18,12 @@ from framework.arrays import Array
 # first, in half the time of the others.
 REGULARIZATIONS = ((1e-8, 0), (3e-8, 2), (1e-7, 10))
 MAX_ITERATIONS = 200
-TOLERANCE, ACCEPTED = (
-    1e-8,
-    1e-7,
-)  # of the solver, in the units of the optimum; and what is taken where it stalls
+TOLERANCE = 1e-8  # of the solver, in the units of the optimum
+STALLED_TOLERANCE = 1e-7  # with which a solution is accepted where the solver stalls
 
 
 class Affine(NamedTuple):
-    """The numbers matrix @ y + offset."""
+    """The affine function matrix @ y + offset (k,) of y (n,)."""
 
     matrix: Any  # (k, n), sparse or not
     offset: Array  # (k,)
@@ -35,7 +33,7 @@ class Affine(NamedTuple):
 
 
 class AffineRows(NamedTuple):
-    """The numbers sum of matrix @ unknowns + offset, by the names of the unknowns."""
+    """The affine function (k,): offset plus the sum of parts[name] @ unknowns[name] over the names."""
 
     parts: Mapping[str, Any]  # sparse matrices (k, size)
     offset: Array  # (k,)
@@ -43,13 +41,13 @@ class AffineRows(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ConeProgram:
-    """Unknowns with what is least, and what they have to keep.
+    """Minimise a linear cost plus a sum of squares over unknowns that satisfy rows and cones.
 
-    sizes: of the unknowns, by name.
+    sizes: numbers of unknowns, by name.
     cost: linear costs (size,), by name.
-    square: the rows whose sum of squares is added to the cost, if any.
-    equal, nonnegative: rows that vanish, and rows that are not negative.
-    cones: stacks of rows (k,): the first member at least the norm of the others, row by row.
+    square: rows whose sum of squares is added to the cost, if any.
+    equal, nonnegative: rows that must be zero; rows that must not be negative.
+    cones: each a list of rows (k,); in each of the k rows the first must be at least the norm of the others.
     """
 
     sizes: Mapping[str, int]
@@ -61,7 +59,7 @@ class ConeProgram:
 
 
 class Optimum(NamedTuple):
-    """Unknowns by name, and what was least."""
+    """The unknowns by name, and the least cost."""
 
     unknowns: Mapping[str, Array]
     value: float
@@ -79,12 +77,16 @@ class Unsolved(NamedTuple):
 
 
 def solve_cone_program(program: ConeProgram) -> Optimum | Unsolved:
-    """Compute the unknowns of least cost, or the status with which the solver ends."""
+    """Compute the unknowns of least cost, or the status with which the solver ends.
+
+    Clarabel minimises x' P x / 2 + q' x subject to A x + slack = b with the slack in cones: rows that vanish
+    first, then rows that are not negative, then second-order cones.
+    """
     import clarabel
     from scipy import sparse
 
     names, ends = list(program.sizes), np.cumsum([0, *program.sizes.values()])
-    places = {name: slice(ends[k], ends[k + 1]) for k, name in enumerate(names)}
+    columns = {name: slice(ends[k], ends[k + 1]) for k, name in enumerate(names)}
     cones: list[Any] = [
         clarabel.ZeroConeT(sum(len(rows.offset) for rows in program.equal)),
         clarabel.NonnegativeConeT(sum(len(rows.offset) for rows in program.nonnegative)),
@@ -93,13 +95,13 @@ def solve_cone_program(program: ConeProgram) -> Optimum | Unsolved:
     for members in program.cones:
         groups.append(list(members))
         cones += [clarabel.SecondOrderConeT(len(members))] * len(members[0].offset)
-    rows = _interleave(groups, places, ends[-1])
+    rows = _interleave(groups, columns, ends[-1])
     cost = np.zeros(ends[-1])
     for name, values in program.cost.items():
-        cost[places[name]] += values
+        cost[columns[name]] += values
     quadratic = sparse.csc_array((ends[-1], ends[-1]))
-    if program.square is not None:
-        root = _interleave([[program.square]], places, ends[-1])
+    if program.square is not None:  # |R x + r|^2 = x' R'R x + 2 r'R x + constant
+        root = _interleave([[program.square]], columns, ends[-1])
         quadratic = sparse.csc_array(sparse.triu(2.0 * root.matrix.T @ root.matrix))
         cost += 2.0 * root.matrix.T @ root.offset
     problem = quadratic, cost, -rows.matrix, rows.offset, cones
@@ -109,7 +111,7 @@ def solve_cone_program(program: ConeProgram) -> Optimum | Unsolved:
         settings.iterative_refinement_enable = refinements > 0
         settings.iterative_refinement_max_iter = refinements
         settings.static_regularization_constant = regularization
-        for prefix, tolerance in (("", TOLERANCE), ("reduced_", ACCEPTED)):
+        for prefix, tolerance in (("", TOLERANCE), ("reduced_", STALLED_TOLERANCE)):
             for measure in ("gap_abs", "gap_rel", "feas"):
                 setattr(settings, f"{prefix}tol_{measure}", tolerance)
         solution = clarabel.DefaultSolver(*problem, settings).solve()
@@ -119,11 +121,16 @@ def solve_cone_program(program: ConeProgram) -> Optimum | Unsolved:
     if status not in ("Solved", "AlmostSolved"):
         return Unsolved(status)
     x = np.array(solution.x)
-    return Optimum({name: x[place] for name, place in places.items()}, float(solution.obj_val))
+    unknowns = {name: x[column] for name, column in columns.items()}
+    return Optimum(unknowns, float(solution.obj_val))
 
 
-def _interleave(groups: Sequence[Sequence[AffineRows]], places: Mapping[str, slice], size: int) -> Affine:
-    """Return groups one below the other as rows on all unknowns (size,), the members of each row by row."""
+def _interleave(groups: Sequence[Sequence[AffineRows]], columns: Mapping[str, slice], size: int) -> Affine:
+    """Return all groups, one below the other, as rows on the vector of all unknowns (size,).
+
+    Members of a group are interleaved: first the first row of every member, then the second row of every
+    member. So the rows of one second-order cone are neighbours.
+    """
     from scipy import sparse
 
     entries, offsets, first = [], [], 0
@@ -133,21 +140,24 @@ def _interleave(groups: Sequence[Sequence[AffineRows]], places: Mapping[str, sli
             for name, matrix in rows.parts.items():
                 part = matrix.tocoo()
                 row = first + k + len(members) * part.row
-                entries.append((part.data, row, places[name].start + part.col))
+                entries.append((part.data, row, columns[name].start + part.col))
         first += len(offsets[-1])
     data, row, column = (np.concatenate(values) for values in zip(*entries, strict=True))
     return Affine(sparse.csc_array((data, (row, column)), shape=(first, size)), np.concatenate(offsets))
 
 
 class LinearMatrix(NamedTuple):
-    """The symmetric matrix offset + sum of slopes[..., i] y_i."""
+    """The symmetric matrix (k, k): offset plus the sum of slopes[..., i] y_i, affine in y (n,)."""
 
     slopes: Array  # (k, k, n)
     offset: Array  # (k, k)
 
 
 def semidefinite_least_squares(matrices: Sequence[LinearMatrix], positive: Affine) -> Array | Unsolved:
-    """Compute the shortest y (n,) for which matrices are semidefinite and `positive` is not negative.
+    """Compute the shortest y (n,) with positive semidefinite `matrices` and `positive`(y) >= 0.
+
+    The solver takes a symmetric matrix as its upper triangle by columns, entries off the diagonal times
+    sqrt(2).
 
     Returns:
         y, or `Unsolved` if the solver gives up.
@@ -158,27 +168,29 @@ def semidefinite_least_squares(matrices: Sequence[LinearMatrix], positive: Affin
     rows, right = [-positive.matrix], [positive.offset]
     cones: list[Any] = [clarabel.NonnegativeConeT(len(positive.offset))]
     for slopes, offset in matrices:
-        column, row = np.tril_indices(len(offset))  # of the upper triangle, by columns
+        column, row = np.tril_indices(len(offset))  # transposed: the upper triangle by columns
         weight = np.where(row == column, 1.0, np.sqrt(2.0))
         rows.append(-weight[:, None] * slopes[row, column])
         right.append(weight * offset[row, column])
         cones.append(clarabel.PSDTriangleConeT(len(offset)))
     count = positive.matrix.shape[1]
     squares = sparse.csc_array(np.eye(count))
-    # unknowns that move each matrix by its own size at least: the solver stops short of smaller ones
-    scale = 1.0 / min((float(np.abs(slopes).max(initial=0.0)) or 1.0 for slopes, _ in matrices), default=1.0)
-    stacked = sparse.csc_array(scale * np.concatenate(rows))
-    problem = (squares, np.zeros(count), stacked, np.concatenate(right), cones, _settings())
+    # Solve for y / scale, so that the largest slope of every matrix is at least 1: the solver stops too early
+    # where slopes are small.
+    largest_slopes = [float(np.abs(slopes).max(initial=0.0)) or 1.0 for slopes, _ in matrices]
+    scale = 1.0 / min(largest_slopes, default=1.0)
+    scaled_rows = sparse.csc_array(scale * np.concatenate(rows))
+    problem = (squares, np.zeros(count), scaled_rows, np.concatenate(right), cones, _settings())
     solution = clarabel.DefaultSolver(*problem).solve()
     status = str(solution.status)
     return scale * np.array(solution.x) if status in ("Solved", "AlmostSolved") else Unsolved(status)
 
 
 def _settings() -> Any:
-    """Return quiet settings of the solver for one thread."""
+    """Return settings of the solver without output and with one thread."""
     import clarabel
 
     settings = clarabel.DefaultSettings()
     settings.verbose = False
-    settings.direct_solve_method = "qdldl"  # the other one takes threads, and no less time
+    settings.direct_solve_method = "qdldl"  # the other method starts threads and is not faster
     return settings

@@ -54,9 +54,9 @@ class MotionLaw(Protocol):
 
 
 class PlannedLaw(ABC):
-    """A law of this package, with exact derivatives, that can be written to a file.
+    """A motion law of this package: its derivatives are exact, and files can store it.
 
-    `kind` names it, `coefficients` (degree + 1,) are those of its Chebyshev series.
+    `kind` is its name in files, `coefficients` are those of its Chebyshev series or splines.
     """
 
     kind: ClassVar[str]
@@ -65,7 +65,7 @@ class PlannedLaw(ABC):
 
     @property
     def degree(self) -> int:
-        """Return the degree of its series."""
+        """Return the degree of the polynomials that the coefficients multiply."""
         return len(self.coefficients) - 1
 
     @property
@@ -81,22 +81,22 @@ class PlannedLaw(ABC):
         """Return s(t) or its derivative [1/s^order], with the shape of t."""
 
     @abstractmethod
-    def orders(self, t: ArrayLike, count: int) -> list[Array]:
-        """Return s and its first derivatives, `count` in all, each with the shape of t."""
+    def derivatives(self, t: ArrayLike, count: int) -> list[Array]:
+        """Return the derivatives of s of orders 0 to `count` - 1 [1/s^order], each with the shape of t."""
 
     @abstractmethod
     def advance(self, smoothness: int) -> float:
-        """Return the least s' over its mean, the zeros at the ends divided out."""
+        """Return the least s' over its mean, both without the zeros at the ends; positive if monotone."""
 
     @abstractmethod
     def to_dict(self) -> dict[str, Any]:
         """Return the entry `law` of plan.json."""
 
 
-def orders_of(law: MotionLaw, t: ArrayLike, count: int = 3) -> list[Array]:
-    """Return s and its first time derivatives, `count` in all, of any law, each with the shape of t."""
+def law_derivatives(law: MotionLaw, t: ArrayLike, count: int = 3) -> list[Array]:
+    """Return the derivatives of s of any law of orders 0 to `count` - 1 [1/s^order], each like t."""
     if isinstance(law, PlannedLaw):
-        return law.orders(t, count)
+        return law.derivatives(t, count)
     return [np.asarray(law(t, order)) for order in range(count)]
 
 
@@ -109,11 +109,11 @@ class Condition(NamedTuple):
 
 
 def conditions_at_instants(times: Iterable[float], values: Iterable[Iterable[float]]) -> list[Condition]:
-    """Return conditions: s and its derivatives have `values` (k, m) at times (k,)."""
+    """Return the conditions that derivatives of s of orders 0 to m - 1 have `values` (k, m) at times (k,)."""
     return [
         Condition(float(time), order, float(value))
-        for time, orders in zip(times, values, strict=True)
-        for order, value in enumerate(orders)
+        for time, derivatives in zip(times, values, strict=True)
+        for order, value in enumerate(derivatives)
     ]
 
 
@@ -136,20 +136,20 @@ class Law(ReadOnlyArrays, PlannedLaw):
         local = self._local(t)
         return evaluate(local.ravel(), self._series(order)[:, None]).reshape(local.shape)
 
-    def orders(self, t: ArrayLike, count: int) -> list[Array]:
+    def derivatives(self, t: ArrayLike, count: int) -> list[Array]:
         series = np.stack([self._series(order) for order in range(count)], axis=1)
         local = self._local(t)
         return list(evaluate(local.ravel(), series).T.reshape(count, *local.shape))
 
     def _local(self, t: ArrayLike) -> Array:
-        """Return instants t as places in [-1, 1]."""
+        """Return the normalised times 2 t / duration - 1 in [-1, 1]; refuse t outside the duration."""
         local = np.asarray(t, dtype=float) * (2.0 / self.duration) - 1.0
         if not np.all(np.abs(local) <= 1.0 + SAME_PLACE):
             raise InvalidInput(f"time {t!r} is outside [0, {self.duration:g}] s")
         return np.minimum(np.maximum(local, -1.0), 1.0)
 
     def _series(self, order: int) -> Array:
-        """Return the series (degree + 1,) of a derivative."""
+        """Return the Chebyshev series (degree + 1,) [1/s^order] of a time derivative."""
         if not order:
             return self.coefficients
         scale = (2.0 / self.duration) ** order
@@ -157,7 +157,9 @@ class Law(ReadOnlyArrays, PlannedLaw):
 
     @staticmethod
     def from_conditions(conditions: Sequence[Condition], duration: float) -> Law:
-        """Solve for the law of least degree, one less than the number of conditions.
+        """Solve for the law of least degree that meets the conditions: one less than their number.
+
+        The unknown Chebyshev coefficients solve one linear equation a condition, in normalised time.
 
         Raises:
             InvalidInput: the duration is not positive, a condition is not finite or lies outside
@@ -171,20 +173,21 @@ class Law(ReadOnlyArrays, PlannedLaw):
                     f"[0, {duration:g}] s"
                 )
         scale = 2.0 / duration
-        rows, inverse, sizes = _condition_rows(
+        rows, inverse, row_sizes = _condition_rows(
             tuple((time * scale - 1.0, order) for time, order, _ in conditions)
         )
         orders = np.array([order for _, order, _ in conditions])
-        values = np.array([value for *_, value in conditions]) / scale**orders / sizes
-        solution = inverse @ values
-        for _ in range(2):  # the rows are of very different slope: refine away what the inverse lost
-            solution += inverse @ (values - rows @ solution)
+        right_side = np.array([value for *_, value in conditions]) / scale**orders / row_sizes
+        solution = inverse @ right_side
+        for _ in range(2):  # iterative refinement: rows of high order are ill-conditioned
+            solution += inverse @ (right_side - rows @ solution)
         return Law(np.asarray(solution, dtype=float), duration)
 
     @staticmethod
     def rest_to_rest(duration: float, smoothness: int, inner: Sequence[Condition] = ()) -> Law:
-        """Return the law from s = 0 to s = 1 through `inner`, `smoothness` derivatives zero at both ends.
+        """Return the law from s(0) = 0 to s(duration) = 1 that meets the conditions `inner`.
 
+        At both ends the derivatives of s up to order `smoothness` are zero.
         Degree 2 (smoothness + 1) + len(inner) - 1: with the three conditions of one crossing 8 for a
         rigid robot (smoothness 2) and 12 for an elastic one (4), as counted by Briot and Arakelian
         2010, Eqs. (19)-(31).
@@ -205,102 +208,114 @@ class Law(ReadOnlyArrays, PlannedLaw):
         }
 
     def advance(self, smoothness: int) -> float:
-        """Return the smallest of s'(t) / (t (T - t))^smoothness on [0, T], over its mean; positive: monotone.
+        """Return the least p(x) on [-1, 1] over the mean of |p|, where s' = (1 - x^2)^smoothness p(x).
 
-        The zeros that the ends force on s' are divided out first, so that the sign near the ends is
-        decided by the law and not by rounding.
+        Positive for a monotone law. x = 2 t / T - 1 is the normalised time. The zeros that rest at the ends
+        forces on s' are divided out, so that rounding does not decide the sign near the ends.
         """
         return _least_over_mean(_divide_out_ends(self.degree, smoothness) @ self.coefficients)
 
 
-def laws_through(duration: float, smoothness: int, times: Array, values: Array) -> tuple[Array, Array]:
-    """Return `Law.advance` and the peak of s", on samples, of many laws of `rest_to_rest`, for a search.
+def advances_and_peaks(duration: float, smoothness: int, times: Array, values: Array) -> tuple[Array, Array]:
+    """Return `Law.advance` (m,) and the peak of |s"| (m,) [1/s^2] of m laws of `rest_to_rest`.
 
-    s' = (1 - x^2)^smoothness p(x) with x in [-1, 1] is at rest at both ends whatever p is, so that s(1) = 1
-    and the inner conditions are all that p has to meet.
+    Both are estimates on samples, for a search among many laws. s' = (1 - x^2)^smoothness p(x) with x in
+    [-1, 1] is at rest at both ends for all p. So p has to meet s(1) = 1 and the inner conditions only: its
+    Chebyshev coefficients solve one linear equation each.
 
     Args:
         times: (m, k) [s], of the inner conditions.
-        values: (m, k, 3) of s, s' and s" there.
+        values: (m, k, 3) of s, s' and s" at these times.
 
     Returns:
-        Both (m,), the second in [1/s^2]. Where conditions repeat or contradict each other, the first is
-        negative infinity.
+        The advance is negative infinity where conditions repeat or contradict each other.
     """
     count, scale = len(times), 2.0 / duration
-    places = np.append(np.repeat(times * scale - 1.0, 3, axis=1), np.ones((count, 1)), axis=1)
+    local = np.append(np.repeat(times * scale - 1.0, 3, axis=1), np.ones((count, 1)), axis=1)
     orders = np.append(np.tile(np.arange(3), times.shape[1]), 0)
-    integrals = _integrals(smoothness, len(orders))[orders]
-    angles = np.arccos(np.clip(places, -1.0, 1.0))
-    basis = np.cos(angles.T[..., None] * np.arange(integrals.shape[1]))
-    rows = (basis @ integrals).swapaxes(0, 1)
+    integrals = _rest_integrals(smoothness, len(orders))[orders]
+    angles = np.arccos(np.clip(local, -1.0, 1.0))
+    polynomials = np.cos(angles.T[..., None] * np.arange(integrals.shape[1]))  # T_k(x) = cos(k arccos x)
+    rows = (polynomials @ integrals).swapaxes(0, 1)
     right = np.append(values.reshape(count, len(orders) - 1), np.ones((count, 1)), axis=1) / scale**orders
     regular = np.linalg.det(rows) != 0.0
     series = np.linalg.solve(rows[regular], right[regular][..., None])[..., 0]
-    slopes, bends = np.split(series @ _search_samples(smoothness, len(orders)), 2, axis=1)
+    p, accelerations = np.split(series @ _search_samples(smoothness, len(orders)), 2, axis=1)
     advances, peaks = np.full(count, -np.inf), np.full(count, np.inf)
-    advances[regular] = slopes.min(axis=1) / np.abs(series @ _inside(len(orders)).T).mean(axis=1)
-    peaks[regular] = np.abs(bends).max(axis=1) * scale**2
+    advances[regular] = p.min(axis=1) / np.abs(series @ _interior_values(len(orders)).T).mean(axis=1)
+    peaks[regular] = np.abs(accelerations).max(axis=1) * scale**2
     return advances, peaks
 
 
 def _least_over_mean(series: Array) -> float:
-    """Return the least value on [-1, 1] of a Chebyshev series (size,), over the mean of its size."""
-    ends = np.sum(series), np.sum(series[::2]) - np.sum(series[1::2])
-    turning = evaluate(extrema(series), series)
-    return float(min(*ends, turning.min(initial=np.inf)) / np.mean(np.abs(_inside(len(series)) @ series)))
+    """Return the least value on [-1, 1] of a Chebyshev series (size,) over its mean absolute value."""
+    at_plus_one = np.sum(series)
+    at_minus_one = np.sum(series[::2]) - np.sum(series[1::2])
+    at_extrema = evaluate(extrema(series), series)
+    mean = np.mean(np.abs(_interior_values(len(series)) @ series))
+    return float(min(at_plus_one, at_minus_one, at_extrema.min(initial=np.inf)) / mean)
 
 
 @lru_cache(maxsize=64)
-def _condition_rows(places: tuple[tuple[float, int], ...]) -> tuple[Array, Array, Array]:
-    """Return rows (k, k) of derivatives of Chebyshev polynomials at (x, order), their inverse and divisors.
+def _condition_rows(conditions: tuple[tuple[float, int], ...]) -> tuple[Array, Array, Array]:
+    """Return the rows (k, k) of k conditions on k Chebyshev coefficients, their inverse and their sizes (k,).
+
+    A condition (x, order) has the derivatives of all T_j at x as its row. Each row is divided by its size,
+    the largest absolute entry.
 
     Raises:
-        InvalidInput: two rows repeat each other.
+        InvalidInput: rows are linearly dependent.
     """
-    count = len(places)
-    instants, orders = np.array([x for x, _ in places]), [order for _, order in places]
+    count = len(conditions)
+    x, orders = np.array([x for x, _ in conditions]), [order for _, order in conditions]
     derivatives = np.array([derivative_matrix(count, order) for order in orders])
-    rows = np.einsum("ij,ijk->ik", chebyshev.chebvander(instants, count - 1), derivatives)
+    rows = np.einsum("ij,ijk->ik", chebyshev.chebvander(x, count - 1), derivatives)
     sizes = np.abs(rows).max(axis=1)
     rows /= np.where(sizes > 0, sizes, 1.0)[:, None]
-    left, values, right = np.linalg.svd(rows)
-    if not values[-1] > INDEPENDENT_CONDITIONS:
+    left, singular_values, right = np.linalg.svd(rows)
+    if not singular_values[-1] > INDEPENDENT_CONDITIONS:
         raise InvalidInput(
             "the conditions on the law repeat or contradict each other, or are too near to each other in time"
         )
-    return rows, (right.T / values) @ left.T, sizes
+    return rows, (right.T / singular_values) @ left.T, sizes
 
 
 @lru_cache(maxsize=64)
-def _inside(size: int) -> Array:
-    """Return the matrix from Chebyshev coefficients (size,) to values at more points inside [-1, 1]."""
+def _interior_values(size: int) -> Array:
+    """Return the matrix (2 size + 2, size) from Chebyshev coefficients to values at nodes inside (-1, 1)."""
     return np.asarray(chebyshev.chebvander(nodes(2 * size + 4)[1:-1], size - 1), dtype=float)
 
 
 @lru_cache(maxsize=64)
 def _search_samples(smoothness: int, size: int) -> Array:
-    """Return the matrix (size, 2 m) from coefficients of p to samples (m,) of p and of s"."""
-    local, bends = nodes(SEARCH_SAMPLES * size), _integrals(smoothness, size)[2]
-    polynomials = chebyshev.chebvander(local, len(bends) - 1)
-    return np.vstack([polynomials[:, :size], polynomials @ bends]).T
+    """Return the matrix (size, 2 m) that maps coefficients of p to m samples of p, then m of d2s/dx2."""
+    x, second_derivatives = nodes(SEARCH_SAMPLES * size), _rest_integrals(smoothness, size)[2]
+    polynomials = chebyshev.chebvander(x, len(second_derivatives) - 1)
+    return np.vstack([polynomials[:, :size], polynomials @ second_derivatives]).T
 
 
 @lru_cache(maxsize=64)
 def _divide_out_ends(degree: int, smoothness: int) -> Array:
-    """Return the matrix from the coefficients of s to the series of s'(x) / (1 - x^2)^smoothness."""
+    """Return the matrix from the coefficients of s to the series of p = s'(x) / (1 - x^2)^smoothness.
+
+    The series is fitted to values of p at nodes inside (-1, 1), where the division is possible.
+    """
     size = max(degree - 2 * smoothness, 1)
-    local = nodes(2 * size + 4)[1:-1]
-    slopes = chebyshev.chebvander(local, degree) @ derivative_matrix(degree + 1)
-    return np.asarray(np.linalg.pinv(_inside(size)) @ (slopes / ((1 - local**2)[:, None]) ** smoothness))
+    x = nodes(2 * size + 4)[1:-1]
+    slopes = chebyshev.chebvander(x, degree) @ derivative_matrix(degree + 1)
+    quotients = slopes / ((1 - x**2)[:, None]) ** smoothness
+    return np.asarray(np.linalg.pinv(_interior_values(size)) @ quotients)
 
 
 @lru_cache(maxsize=64)
-def _integrals(smoothness: int, size: int) -> Array:
-    """Return the series (n, size) of the integrals of (1 - x^2)^smoothness T_k(x), and two derivatives."""
-    ends = chebyshev.chebpow([0.5, 0.0, -0.5], smoothness)  # 1 - x^2 = (1 - T_2) / 2
+def _rest_integrals(smoothness: int, size: int) -> Array:
+    """Return Chebyshev series (3, n, size) of s, ds/dx and d2s/dx2 where p = T_k, k < size.
+
+    s is the integral of (1 - x^2)^smoothness p(x) from -1.
+    """
+    bump = chebyshev.chebpow([0.5, 0.0, -0.5], smoothness)  # 1 - x^2 = (1 - T_2) / 2
     integrals = np.zeros((2 * smoothness + size + 1, size))
     for k, unit in enumerate(np.eye(size)):
-        series = chebyshev.chebint(chebyshev.chebmul(ends, unit[: k + 1]), lbnd=-1)
+        series = chebyshev.chebint(chebyshev.chebmul(bump, unit[: k + 1]), lbnd=-1)
         integrals[: len(series), k] = series
     return np.array([derivative_matrix(len(integrals), order) @ integrals for order in range(3)])

@@ -29,31 +29,39 @@ from framework.motion.speed_basis import ONE_CELL, SPLINE_DEGREE, SpeedBasis
 from framework.tolerances import NEWTON_STEP, SAME_PLACE, SLOWNESS_ROUNDING
 
 HIGHEST_SMOOTHNESS = 6  # beyond, the squared speed grows so much at the ends that its digits are lost
-TURN_SAMPLES, MIN_SWING = 4001, 1e-3  # of the path; of the largest s', what counts as a turn
+TURN_SAMPLES = 4001  # of s' along the path
+MIN_SWING = 1e-3  # change of s' over the largest s' that counts as a turn
 PANEL_NODES = 24  # nodes of a panel of t(sigma)
-SLOWNESS_TAIL = 1e-15  # of the duration, what a panel may lose by the last coefficients of dt/d sigma
+SLOWNESS_TAIL = 1e-15  # truncation error of a panel's time over the duration
 MAX_PANELS = 1024
 DEGREES_PER_PANEL = 3  # degrees of z for each panel in time
 STRETCH_WIDTH = 0.1  # in sigma, of the stretch about a place where z is resolved more finely
 STRETCH_HEIGHT = 0.3  # of the arctangent: points are 1 + height / width times as dense in its middle
-DURATION_MISMATCH = 1e-12  # of the duration by which the integral of a given speed may miss it
+DURATION_MISMATCH = 1e-12  # difference of the integral of a given speed from the duration, over the duration
 
 
 @dataclass(frozen=True)
 class Smoothstep:
-    """phi from 0 to 1 on [0, 1] with phi' ~ (sigma (1 - sigma))^order: the incomplete beta function."""
+    """phi(sigma) from 0 to 1 on [0, 1] with phi' ~ (sigma (1 - sigma))^order.
+
+    It is the regularised incomplete beta function with both parameters order + 1.
+    """
 
     order: int
 
     def __call__(self, sigma: ArrayLike, order: int = 0) -> Array:
-        """Evaluate phi or its derivative of an order, with the shape of sigma; exact near both ends."""
+        """Evaluate phi or its derivative of an order, with the shape of sigma.
+
+        Powers of the distance to the nearer end are accurate near both ends. phi' is symmetric about 1/2, so
+        derivatives of even order change sign there.
+        """
         sigma = np.asarray(sigma, dtype=float)
         if order == 0:
             from scipy.special import betainc  # takes time to import, and not all plans need it
 
             return np.asarray(betainc(self.order + 1, self.order + 1, sigma))
-        near = np.minimum(sigma, 1.0 - sigma)
-        value = polynomial.polyval(near, _slope_powers(self.order, order))
+        end_distance = np.minimum(sigma, 1.0 - sigma)
+        value = polynomial.polyval(end_distance, _slope_powers(self.order, order))
         return np.asarray(np.where(sigma > 0.5, (-1.0) ** (order + 1) * value, value))
 
     def inverse(self, s: ArrayLike) -> Array:
@@ -65,12 +73,14 @@ class Smoothstep:
 
 @dataclass(frozen=True)
 class Stretch:
-    """xi from -1 to 1 on [0, 1], steeper near given places: sigma plus a scaled arctangent for each.
+    """xi(sigma) from -1 to 1 on [0, 1], steeper near the places `at`.
 
-    After the maps that Tee and Trefethen (2006, SIAM J. Sci. Comput. 28) put under Chebyshev series.
+    It is raw(sigma) = sigma + h sum_k arctan((sigma - at_k) / w), scaled to end at -1 and 1, with w =
+    STRETCH_WIDTH and h = STRETCH_HEIGHT. Such maps make Chebyshev series resolve functions that change fast
+    at given places: Tee and Trefethen 2006, SIAM J. Sci. Comput. 28.
     """
 
-    at: tuple[float, ...] = ()  # sigma
+    at: tuple[float, ...] = ()  # places in sigma
 
     def __call__(self, sigma: ArrayLike, order: int = 0) -> Array:
         """Evaluate xi or its derivative up to order 3, with the shape of sigma."""
@@ -85,47 +95,51 @@ class Stretch:
         return float(start), float(end)
 
     def _raw(self, sigma: Array, order: int) -> Array:
+        """Evaluate the map before it is scaled, or its derivative up to order 3."""
         identity = sigma if order == 0 else np.full(sigma.shape, float(order == 1))
         if not self.at:
             return identity
-        away = sigma[..., None] - np.array(self.at)
+        w, distance = STRETCH_WIDTH, sigma[..., None] - np.array(self.at)
         if order == 0:
-            bends = np.arctan(away / STRETCH_WIDTH)
+            arctangents = np.arctan(distance / w)
         elif order == 1:
-            bends = STRETCH_WIDTH / (STRETCH_WIDTH**2 + away**2)
+            arctangents = w / (w**2 + distance**2)
         elif order == 2:
-            bends = -2.0 * STRETCH_WIDTH * away / (STRETCH_WIDTH**2 + away**2) ** 2
+            arctangents = -2.0 * w * distance / (w**2 + distance**2) ** 2
         else:
-            bends = (
-                STRETCH_WIDTH * (6.0 * away**2 - 2.0 * STRETCH_WIDTH**2) / (STRETCH_WIDTH**2 + away**2) ** 3
-            )
-        return np.asarray(identity + STRETCH_HEIGHT * bends.sum(axis=-1))
+            arctangents = w * (6.0 * distance**2 - 2.0 * w**2) / (w**2 + distance**2) ** 3
+        return np.asarray(identity + STRETCH_HEIGHT * arctangents.sum(axis=-1))
 
     def inverse(self, xi: ArrayLike) -> Array:
-        """Solve xi(sigma) = xi for sigma."""
+        """Solve xi(sigma) = xi for sigma by Newton's method, started from a table."""
         xi = np.asarray(xi, dtype=float)
         grid = np.linspace(0.0, 1.0, 513)
         sigma = np.interp(xi, self(grid), grid)
-        for _ in range(4):  # from a few digits, which each step doubles
+        for _ in range(4):  # the table has a few digits right, and each step doubles them
             sigma = np.clip(sigma - (self(sigma) - xi) / self(sigma, 1), 0.0, 1.0)
         return np.asarray(sigma)
 
 
 @lru_cache(maxsize=64)
 def _slope_powers(smoothness: int, order: int) -> Array:
-    """Return powers of sigma in the derivative of phi of this order, at least 1."""
+    """Return the coefficients, by powers of sigma, of the derivative of phi of this order >= 1.
+
+    phi' is b(sigma) over the integral of b, where b = (sigma (1 - sigma))^smoothness.
+    """
     bump = polynomial.polypow([0.0, 1.0, -1.0], smoothness)
     integral = polynomial.polyint(bump)
-    return np.asarray(polynomial.polyder(bump / polynomial.polyval(1.0, integral), order - 1), dtype=float)
+    slope = bump / polynomial.polyval(1.0, integral)
+    return np.asarray(polynomial.polyder(slope, order - 1), dtype=float)
 
 
 @dataclass(frozen=True, eq=False)
 class OptimalLaw(ReadOnlyArrays, PlannedLaw):
-    """The law s = phi(sigma(t)) with (d sigma/dt)^2 a spline, or one Chebyshev series, in xi(sigma).
+    """The law s = phi(sigma(t)) with z = (d sigma/dt)^2 a spline, or one Chebyshev series, in xi(sigma).
 
-    `coefficients` (n,) [1/s^2] are those of `SpeedBasis` on `cells` (k + 1,) of xi. `dense_at`: places sigma
-    where xi is steeper, 2 sigma - 1 without any (see `Stretch`). `smoothness` R derivatives of s vanish at
-    both ends. `duration` [s] is the integral of dt/d sigma = z^(-1/2), computed unless given.
+    `coefficients` (n,) [1/s^2] of z multiply the functions of `SpeedBasis` on `cells` (k + 1,) of xi.
+    `dense_at` are the places in sigma where xi(sigma) is steeper (see `Stretch`). The first `smoothness`
+    derivatives of s vanish at both ends. `duration` [s] is the integral of dt/d sigma = z^(-1/2) over [0, 1],
+    computed unless given.
 
     Raises:
         InvalidInput: cells and coefficients do not fit, or the squared speed is not positive everywhere, or
@@ -147,10 +161,10 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         _check_cells(self)
         if not np.all(np.isfinite(self.coefficients)) or least_value(self.series) <= 0:
             raise InvalidInput("law: the squared speed of an optimal law must be positive on all of [0, 1]")
-        taken = float(self._time[1][-1])
-        object.__setattr__(self, "duration", self.duration or taken)
-        if not abs(taken - self.duration) <= DURATION_MISMATCH * self.duration:
-            raise InvalidInput(f"law: its speed takes {taken!r} s, not {self.duration!r} s")
+        integral = float(self._time[1][-1])
+        object.__setattr__(self, "duration", self.duration or integral)
+        if not abs(integral - self.duration) <= DURATION_MISMATCH * self.duration:
+            raise InvalidInput(f"law: its speed takes {integral!r} s, not {self.duration!r} s")
 
     @cached_property
     def basis(self) -> SpeedBasis:
@@ -177,35 +191,43 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
 
     @cached_property
     def _time(self) -> tuple[TimeFunction, Array]:
-        """t(sigma) on panels without the time before each, and the time at the panels' edges."""
+        """Time since the start of its panel as a function of sigma, and instants (panels + 1,) of edges [s].
+
+        t(sigma) is their sum: the integral of dt/d sigma. It is scaled to end at `duration` to the last bit.
+        """
         slowness = slowness_on_panels(np.array(self.cells), self.series, self.stretch)
-        half = 0.5 * np.diff(slowness.edges)[:, None, None]
-        series = np.asarray(chebyshev.chebint(slowness.coefficients, lbnd=-1, axis=1)) * half
-        begin = np.concatenate(([0.0], np.cumsum(series.sum(axis=1)[:, 0])))
-        # so that the law takes its duration to the last bit
-        if abs(begin[-1] - self.duration) <= DURATION_MISMATCH * self.duration:
-            series, begin = series * (self.duration / begin[-1]), begin * (self.duration / begin[-1])
-        return TimeFunction(slowness.edges, series), read_only(begin)
+        half_widths = 0.5 * np.diff(slowness.edges)[:, None, None]
+        series = np.asarray(chebyshev.chebint(slowness.coefficients, lbnd=-1, axis=1)) * half_widths
+        instants = np.concatenate(([0.0], np.cumsum(series.sum(axis=1)[:, 0])))
+        if abs(instants[-1] - self.duration) <= DURATION_MISMATCH * self.duration:
+            correction = self.duration / instants[-1]
+            series, instants = series * correction, instants * correction
+        return TimeFunction(slowness.edges, series), read_only(instants)
 
     def squared_speed(self, sigma: ArrayLike, order: int = 0) -> Array:
-        """Evaluate z = (d sigma/dt)^2 [1/s^2] or its derivative in sigma up to order 3, by the chain rule."""
+        """Evaluate z = (d sigma/dt)^2 [1/s^2] or its derivative in sigma up to order 3.
+
+        With primes for d/d sigma and z_k for derivatives of z in xi, the chain rule gives z' = z_1 xi',
+        z" = z_2 xi'^2 + z_1 xi" and z'" = z_3 xi'^3 + 3 z_2 xi' xi" + z_1 xi'".
+        """
         xi, cells = self.stretch(sigma), np.array(self.cells)
-        z = [evaluate_on_cells(cells, self.series, xi, k) for k in range(min(order, 1), order + 1)]
         if order == 0:
-            return z[0]
-        steps = [self.stretch(sigma, k) for k in range(1, order + 1)]
+            return evaluate_on_cells(cells, self.series, xi)
+        z = {k: evaluate_on_cells(cells, self.series, xi, k) for k in range(1, order + 1)}
+        dxi = {k: self.stretch(sigma, k) for k in range(1, order + 1)}
         if order == 1:
-            return np.asarray(z[0] * steps[0])
+            return np.asarray(z[1] * dxi[1])
         if order == 2:
-            return np.asarray(z[1] * steps[0] ** 2 + z[0] * steps[1])
-        return np.asarray(z[2] * steps[0] ** 3 + 3 * z[1] * steps[0] * steps[1] + z[0] * steps[2])
+            return np.asarray(z[2] * dxi[1] ** 2 + z[1] * dxi[2])
+        return np.asarray(z[3] * dxi[1] ** 3 + 3 * z[2] * dxi[1] * dxi[2] + z[1] * dxi[3])
 
     def time(self, sigma: ArrayLike) -> Array:
         """Compute the instant t [s] at which the parameter is sigma, with the shape of sigma."""
-        within, begin = self._time
+        time_in_panel, instants = self._time
         flat = np.atleast_1d(np.asarray(sigma, dtype=float))
-        panel = np.clip(np.searchsorted(within.edges, flat, side="right") - 1, 0, len(begin) - 2)
-        t = np.where(flat < 1.0, begin[panel] + within(flat)[:, 0], self.duration)
+        panel = np.searchsorted(time_in_panel.edges, flat, side="right") - 1
+        panel = np.clip(panel, 0, len(instants) - 2)
+        t = np.where(flat < 1.0, instants[panel] + time_in_panel(flat)[:, 0], self.duration)
         return np.asarray(t.reshape(np.shape(sigma)))
 
     def parameter(self, t: ArrayLike) -> Array:
@@ -218,7 +240,7 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         if not np.all(np.abs(2.0 * times / self.duration - 1.0) <= 1.0 + SAME_PLACE):
             raise InvalidInput(f"time {t!r} is outside [0, {self.duration:g}] s")
         flat = np.clip(np.atleast_1d(times).ravel(), 0.0, self.duration)
-        return _parameter(self, flat.tobytes()).reshape(times.shape)
+        return _invert_time(self, flat.tobytes()).reshape(times.shape)
 
     def __call__(self, t: ArrayLike, order: int = 0) -> Array:
         """Evaluate s(t) or its derivative [1/s^order] up to order 4, with the shape of t.
@@ -229,12 +251,17 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         check_order(order, HIGHEST_ORDER)
         return self.evaluate_at(self.parameter(t), order)
 
-    def orders(self, t: ArrayLike, count: int) -> list[Array]:
+    def derivatives(self, t: ArrayLike, count: int) -> list[Array]:
         sigma = self.parameter(t)
         return [self.evaluate_at(sigma, order) for order in range(count)]
 
     def evaluate_at(self, sigma: ArrayLike, order: int = 0) -> Array:
-        """Evaluate s or its time derivative [1/s^order] where the parameter is sigma."""
+        """Evaluate s or its time derivative [1/s^order], up to order 4, where the parameter is sigma.
+
+        With primes for d/d sigma, d/dt = sqrt(z) d/d sigma and u = z'/2:
+        ds/dt = phi' sqrt(z), d2s/dt2 = phi' u + phi" z, d3s/dt3 = sqrt(z) J with
+        J = phi' u' + 3 phi" u + phi'" z, and d4s/dt4 = u J + z J'.
+        """
         phi = [self.phi(sigma, k) for k in range(order + 1)]
         if order == 0:
             return phi[0]
@@ -244,11 +271,11 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         u = [0.5 * self.squared_speed(sigma, k) for k in range(1, order)]
         if order == 2:
             return np.asarray(phi[1] * u[0] + phi[2] * z)
-        jerk = phi[1] * u[1] + 3 * phi[2] * u[0] + phi[3] * z  # of s, over d sigma/dt
+        J = phi[1] * u[1] + 3 * phi[2] * u[0] + phi[3] * z
         if order == 3:
-            return np.asarray(np.sqrt(z) * jerk)
-        slope = phi[1] * u[2] + 4 * phi[2] * u[1] + 5 * phi[3] * u[0] + phi[4] * z
-        return np.asarray(u[0] * jerk + z * slope)
+            return np.asarray(np.sqrt(z) * J)
+        dJ = phi[1] * u[2] + 4 * phi[2] * u[1] + 5 * phi[3] * u[0] + phi[4] * z
+        return np.asarray(u[0] * J + z * dJ)
 
     @property
     def edges(self) -> Array:
@@ -260,13 +287,14 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         return np.concatenate(([0.0], inner, [self.duration]))
 
     def advance(self, smoothness: int) -> float:
-        """Return the least z over its mean: s' > 0 between the ends because it is positive."""
+        """Return the least z over its mean in xi: positive, so that s' > 0 between the ends."""
+        # of each cell on [-1, 1]: times half the cell's width for xi, and by 2 for the length of [-1, 1]
         integrals = np.asarray(chebyshev.chebint(self.series, lbnd=-1, axis=1)).sum(axis=1)
         return least_value(self.series) / float(0.25 * np.diff(self.cells) @ integrals)
 
     @cached_property
     def turns(self) -> int:
-        """How often s' changes between rising and falling, swings below 1e-3 of its largest left out."""
+        """Number of changes of s' between rising and falling, without swings below 1e-3 of its largest."""
         sigma = self.stretch.inverse(np.linspace(-1.0, 1.0, TURN_SAMPLES))
         return count_reversals(self.phi(sigma, 1) * np.sqrt(self.squared_speed(sigma)))
 
@@ -284,21 +312,24 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         }
 
 
-@lru_cache(maxsize=16)  # s and its derivatives are asked for one after the other, at the same instants
-def _parameter(law: OptimalLaw, instants: bytes) -> Array:
-    """Return sigma (T,) at the instants (T,) [s] of the law, read-only."""
-    flat = np.frombuffer(instants)
-    within, begin = law._time
-    panel = np.clip(np.searchsorted(begin, flat, side="right") - 1, 0, len(begin) - 2)
-    start, width = within.edges[panel], np.diff(within.edges)[panel]
-    sought = flat - begin[panel]
-    series = within.coefficients[panel, :, 0]  # (T, PANEL_NODES + 1)
+@lru_cache(maxsize=16)  # s and its derivatives are evaluated one after the other at the same instants
+def _invert_time(law: OptimalLaw, instants: bytes) -> Array:
+    """Solve t(sigma) = t for sigma (T,) at the instants t (T,) [s], given as bytes for the cache.
+
+    Newton's method for x in [-1, 1], the place in the panel: sigma = start + width (x + 1) / 2.
+    """
+    t = np.frombuffer(instants)
+    time_in_panel, panel_starts = law._time
+    panel = np.clip(np.searchsorted(panel_starts, t, side="right") - 1, 0, len(panel_starts) - 2)
+    start, width = time_in_panel.edges[panel], np.diff(time_in_panel.edges)[panel]
+    target = t - panel_starts[panel]
+    series = time_in_panel.coefficients[panel, :, 0]  # (T, PANEL_NODES + 1)
     k = np.arange(series.shape[1])
-    x = np.clip(2.0 * sought / np.diff(begin)[panel] - 1.0, -1.0, 1.0)  # on the panel
+    x = np.clip(2.0 * target / np.diff(panel_starts)[panel] - 1.0, -1.0, 1.0)
     for _ in range(12):
         time = np.einsum("tk,tk->t", np.cos(np.arccos(x)[:, None] * k), series)
-        slowness = law.squared_speed(start + 0.5 * width * (x + 1.0)) ** -0.5
-        step = (sought - time) / (0.5 * width * slowness)
+        slowness = law.squared_speed(start + 0.5 * width * (x + 1.0)) ** -0.5  # dt/d sigma
+        step = (target - time) / (0.5 * width * slowness)
         x = np.clip(x + step, -1.0, 1.0)
         if np.abs(step).max(initial=0.0) < NEWTON_STEP:
             break
@@ -317,29 +348,29 @@ def _check_cells(law: OptimalLaw) -> None:
 
 
 def evaluate_on_cells(cells: Array, series: Array, xi: ArrayLike, order: int = 0) -> Array:
-    """Evaluate a function of xi, or its derivative, by Chebyshev series (k, size) on cells (k + 1,)."""
+    """Evaluate a function, or its derivative in xi, given by Chebyshev series (k, size) on cells (k + 1,)."""
     xi = np.asarray(xi, dtype=float)
     flat = xi.ravel()
     cell = np.clip(np.searchsorted(cells, flat, side="right") - 1, 0, len(cells) - 2)
-    half = 0.5 * np.diff(cells)
-    local = np.clip((flat - cells[cell]) / half[cell] - 1.0, -1.0, 1.0)
-    derived = series @ derivative_matrix(series.shape[1], order).T / half[:, None] ** order
+    half_widths = 0.5 * np.diff(cells)
+    local = np.clip((flat - cells[cell]) / half_widths[cell] - 1.0, -1.0, 1.0)
+    derivative = series @ derivative_matrix(series.shape[1], order).T / half_widths[:, None] ** order
     if len(cells) == 2:
-        return evaluate(local, derived[0]).reshape(xi.shape)
-    cosines = np.cos(np.arccos(local)[:, None] * np.arange(series.shape[1]))
-    return np.asarray(np.einsum("tk,tk->t", cosines, derived[cell])).reshape(xi.shape)
+        return evaluate(local, derivative[0]).reshape(xi.shape)
+    polynomials = np.cos(np.arccos(local)[:, None] * np.arange(series.shape[1]))  # T_k(x) = cos(k arccos x)
+    return np.asarray(np.einsum("tk,tk->t", polynomials, derivative[cell])).reshape(xi.shape)
 
 
 def slowness_on_panels(cells: Array, series: Array, stretch: Stretch) -> TimeFunction:
     """Resolve dt/d sigma = z^(-1/2) on panels, for z by Chebyshev series (k, size) on cells (k + 1,) of xi.
 
-    A panel is cut in half until its last coefficients are lost in the duration, or in what rounding of z
-    leaves of dt/d sigma where z comes near to zero.
+    Panels are halved until the truncation error of each panel's time is below a share of the duration, or
+    below the error that rounding eps of z makes: eps z^(-3/2) / 2, which grows where z is near zero.
 
     Raises:
-        InvalidInput: z comes so near to zero that there is no end to it.
+        InvalidInput: z is not positive, or so near zero that time cannot be resolved.
     """
-    rounding = float(np.finfo(float).eps * np.abs(series).sum(axis=1).max())
+    z_rounding = float(np.finfo(float).eps * np.abs(series).sum(axis=1).max())
     edges = stretch.inverse(cells if len(cells) > 2 else nodes(5))
     edges[[0, -1]] = 0.0, 1.0
     while len(edges) <= MAX_PANELS:
@@ -348,34 +379,38 @@ def slowness_on_panels(cells: Array, series: Array, stretch: Stretch) -> TimeFun
         if not z.min() > 0:
             break
         slowness, width = grid.fit(z[:, None] ** -0.5), np.diff(edges)
-        lost = np.abs(slowness.coefficients[:, -2:, 0]).max(axis=1) * width
-        rounded = 0.5 * rounding * z.reshape(-1, PANEL_NODES).min(axis=1) ** -1.5 * width
-        taken = slowness.coefficients[:, 0, 0] @ width
-        coarse = np.flatnonzero(lost > np.maximum(SLOWNESS_TAIL * taken, rounded))
-        if not len(coarse):
-            if rounded.sum() > SLOWNESS_ROUNDING * taken:
+        truncation = np.abs(slowness.coefficients[:, -2:, 0]).max(axis=1) * width
+        rounding = 0.5 * z_rounding * z.reshape(-1, PANEL_NODES).min(axis=1) ** -1.5 * width
+        duration = slowness.coefficients[:, 0, 0] @ width  # about: by the mean of each panel
+        unresolved = np.flatnonzero(truncation > np.maximum(SLOWNESS_TAIL * duration, rounding))
+        if not len(unresolved):
+            if rounding.sum() > SLOWNESS_ROUNDING * duration:
                 break
             return slowness
-        edges = np.sort(np.concatenate([edges, 0.5 * (edges[coarse] + edges[coarse + 1])]))
+        edges = np.sort(np.concatenate([edges, 0.5 * (edges[unresolved] + edges[unresolved + 1])]))
     raise InvalidInput("law: the speed of an optimal law comes too near to zero to be resolved")
 
 
 def least_value(series: Array) -> float:
-    """Compute the least value on [-1, 1] of any of the Chebyshev series (k, size)."""
+    """Compute the least value on [-1, 1] of all Chebyshev series (k, size).
+
+    Extrema are computed only for series whose lower bound, c_0 minus the sum of the other |c_k|, is below the
+    least value at the ends.
+    """
     ends = np.minimum(series.sum(axis=1), series @ (-1.0) ** np.arange(series.shape[1]))
-    lowest = 2.0 * series[:, 0] - np.abs(series).sum(axis=1)  # no value is below
-    low = np.flatnonzero(lowest < ends.min())
-    return float(min([ends.min(), *(_least_inside(series[k]) for k in low)]))
+    lower_bounds = 2.0 * series[:, 0] - np.abs(series).sum(axis=1)
+    candidates = np.flatnonzero(lower_bounds < ends.min())
+    return float(min([ends.min(), *(_least_extremum(series[k]) for k in candidates)]))
 
 
-def _least_inside(series: Array) -> float:
-    """Compute the least value of one Chebyshev series (size,) where it turns; infinite if nowhere."""
+def _least_extremum(series: Array) -> float:
+    """Compute the least value of one Chebyshev series (size,) at its extrema; infinite without any."""
     return float(evaluate(extrema(series), series).min(initial=np.inf))
 
 
 def count_reversals(speed: Array) -> int:
-    """Count changes between rising and falling of samples (T,), swings below 1e-3 of the largest left out."""
-    turns, direction, extreme = 0, 1.0, speed[0]
+    """Count changes between rising and falling of samples (T,), without swings below 1e-3 of the largest."""
+    turns, direction, extreme = 0, 1.0, speed[0]  # direction 1.0: rising; extreme: of the current swing
     for value in speed:
         if (value - extreme) * direction > 0:
             extreme = value

@@ -1,4 +1,4 @@
-"""The largest sizes that functions of time reach, between the samples too."""
+"""The largest absolute values of functions of time, also between samples."""
 
 from __future__ import annotations
 
@@ -18,22 +18,26 @@ ZOOM_RATIO = 1.0 / 16.0  # of the interval to the one before
 def peak_sizes(function: Callable[[Array], Array], edges: Array, size: int) -> Array:
     """Compute the largest |value| of each component (k,), to rounding where the function is smooth.
 
+    The largest local maxima among samples are refined: each is moved to the vertex of the parabola through
+    three points about it, `ZOOMS` times with a shorter step.
+
     Args:
         function: values (T, k) at t (T,).
         edges: (panels + 1,) [s] between which it is a series of `size` coefficients.
     """
-    half = 0.5 * np.diff(edges)[:, None]
-    t = np.clip((edges[:-1, None] + half * (nodes(NODE_RATIO * size) + 1.0)).ravel(), edges[0], edges[-1])
+    half_widths = 0.5 * np.diff(edges)[:, None]
+    t = (edges[:-1, None] + half_widths * (nodes(NODE_RATIO * size) + 1.0)).ravel()
+    t = np.clip(t, edges[0], edges[-1])
     values = np.abs(function(t))
     largest = values.max(axis=0)
     padded = np.pad(values, ((1, 1), (0, 0)), constant_values=-np.inf)
-    highest = (values >= padded[:-2]) & (values >= padded[2:]) & (values >= CANDIDATE_RATIO * largest)
-    rows, component = np.nonzero(highest)
-    middle = t[rows]
-    step = np.maximum(np.diff(t, prepend=edges[0])[rows], np.diff(t, append=edges[-1])[rows])
+    is_local_maximum = (values >= padded[:-2]) & (values >= padded[2:])
+    samples, component = np.nonzero(is_local_maximum & (values >= CANDIDATE_RATIO * largest))
+    middle = t[samples]
+    step = np.maximum(np.diff(t, prepend=edges[0])[samples], np.diff(t, append=edges[-1])[samples])
 
     def update_largest(instants: Array) -> Array:
-        """Return the sizes of the components at instants (..., m), the largest of each taken up."""
+        """Return |value| of each maximum's component at instants (..., m) [s], and update `largest`."""
         values = np.abs(function(instants.ravel())).reshape(*instants.shape, -1)
         sizes = values[..., np.arange(len(component)), component]
         np.maximum.at(largest, component, sizes.reshape(-1, len(component)).max(axis=0))
@@ -41,15 +45,15 @@ def peak_sizes(function: Callable[[Array], Array], edges: Array, size: int) -> A
 
     for _ in range(ZOOMS):
         points = np.clip(middle + step * np.array([[-1.0], [0.0], [1.0]]), edges[0], edges[-1])
-        shift = _vertex(*update_largest(points))
+        shift = _parabola_maximum(*update_largest(points))
         middle = np.clip(points[1] + step * shift, edges[0], edges[-1])
         step = step * ZOOM_RATIO
     update_largest(middle)
     return largest
 
 
-def _vertex(left: Array, centre: Array, right: Array) -> Array:
-    """Return the vertex, in [-1, 1], of parabolas through values (m,) at -1, 0 and 1; 0 without a maximum."""
-    bend = 2.0 * centre - left - right
-    vertex = np.divide(0.5 * (right - left), bend, out=np.zeros_like(bend), where=bend > 0.0)
+def _parabola_maximum(left: Array, centre: Array, right: Array) -> Array:
+    """Return the maximum in [-1, 1] of parabolas through values (m,) at -1, 0 and 1; 0 without one."""
+    curvature = 2.0 * centre - left - right  # minus the second derivative: positive at a maximum
+    vertex = np.divide(0.5 * (right - left), curvature, out=np.zeros_like(curvature), where=curvature > 0.0)
     return np.clip(vertex, -1.0, 1.0)

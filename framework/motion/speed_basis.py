@@ -53,12 +53,16 @@ class SpeedBasis(ReadOnlyArrays):
 
     @cached_property
     def centres(self) -> Array:
-        """Places (size,) in xi where the functions are centred: the averages of their inner knots."""
-        windows = np.lib.stride_tricks.sliding_window_view(self.knots[1:-1], SPLINE_DEGREE)
-        return read_only(windows.mean(axis=1))
+        """Centres (size,) in xi of the B-splines: the averages of their inner knots (Greville abscissae)."""
+        inner_knots = np.lib.stride_tricks.sliding_window_view(self.knots[1:-1], SPLINE_DEGREE)
+        return read_only(inner_knots.mean(axis=1))
 
     def matrix(self, xi: Array, order: int = 0) -> Any:
-        """Return derivatives in xi of this order at xi (T,) as a sparse matrix (T, size)."""
+        """Return the derivatives of this order of all functions at xi (T,), as a sparse matrix (T, size).
+
+        The derivative of a spline of degree p with coefficients y is a spline of degree p - 1 on the knots t
+        without the first and the last, with coefficients p (y_(i+1) - y_i) / (t_(i+p+1) - t_(i+1)).
+        """
         from scipy import sparse
         from scipy.interpolate import BSpline
 
@@ -66,23 +70,23 @@ class SpeedBasis(ReadOnlyArrays):
             values = np.asarray(chebyshev.chebvander(xi, self.size - 1), dtype=float)
             return sparse.csr_array(values @ derivative_matrix(self.size, order) if order else values)
 
-        if not len(xi):  # which the library refuses
+        if not len(xi):  # `design_matrix` refuses an empty array
             return sparse.csr_array((0, self.size))
-        knots, combined = self.knots, sparse.identity(self.size, format="csr")
+        knots, derivative = self.knots, sparse.identity(self.size, format="csr")
         for degree in range(SPLINE_DEGREE, SPLINE_DEGREE - order, -1):
-            width = knots[degree + 1 : -1] - knots[1 : -degree - 1]
-            weight = degree / width
-            shape = len(width), len(width) + 1
-            combined = sparse.diags_array([-weight, weight], offsets=[0, 1], shape=shape) @ combined
+            slope = degree / (knots[degree + 1 : -1] - knots[1 : -degree - 1])
+            shape = len(slope), len(slope) + 1
+            differences = sparse.diags_array([-slope, slope], offsets=[0, 1], shape=shape)
+            derivative = differences @ derivative
             knots = knots[1:-1]
         inside = np.minimum(np.maximum(xi, -1.0), 1.0)
-        return sparse.csr_array(BSpline.design_matrix(inside, knots, SPLINE_DEGREE - order) @ combined)
+        return sparse.csr_array(BSpline.design_matrix(inside, knots, SPLINE_DEGREE - order) @ derivative)
 
     def series(self, y: Array) -> Array:
-        """Return the Chebyshev series (k, degree + 1) on cells of the function with coefficients y."""
+        """Return Chebyshev series (k, degree + 1) on the cells of the function with coefficients y."""
         if not self.is_spline:
             return y[None]
-        half = 0.5 * np.diff(self.cells)[:, None]
-        xi = self.cells[:-1, None] + half * (nodes(SPLINE_DEGREE + 1) + 1.0)
+        half_widths = 0.5 * np.diff(self.cells)[:, None]
+        xi = self.cells[:-1, None] + half_widths * (nodes(SPLINE_DEGREE + 1) + 1.0)
         values = np.reshape(self.matrix(xi.ravel()) @ y, xi.shape)
         return coefficients(values[..., None])[..., 0]

@@ -106,8 +106,7 @@ class DerivativeBounds:
             values[:, row] += value
             slopes[:, row, joints] += first
             hessians[:, row, joints[:, None], joints] += second
-        loops = self.robot.loops
-        values[:, self.robot.n :][:, loops.distance] -= 0.5 * loops.length[loops.distance]
+        values[:, self.robot.n :] -= self.robot.loops.constant
         return Derivatives(
             self,
             frames,
@@ -186,8 +185,8 @@ def _term(
     """Compute the value (S,), slopes (S, L) and their derivatives (S, L, L)."""
     S, f = len(derivative.offset), term.factor
     vector, moved, bent = derivative.offset, derivative.point, derivative.bent
-    if term.kind == "distance":
-        axis = vector
+    if term.kind == "square":
+        axis, f = vector, 2.0 * f
     elif chain.first == BASE:
         axis = np.broadcast_to(np.eye(3)[term.axis], (S, 3))
     else:
@@ -201,7 +200,7 @@ def _term(
         bent = cross(derivative.turning[:, chain.inner], moved[:, chain.outer])
     value, first = np.einsum("sc,sc->s", axis, vector), np.einsum("sc,sjc->sj", axis, moved)
     second = np.einsum("sc,sijc->sij", axis, bent)
-    if term.kind == "distance":  # half the square
+    if term.kind == "square":
         value, second = 0.5 * value, second + np.einsum("sic,sjc->sij", moved, moved)
     return f * value, f * first, f * second
 
@@ -233,4 +232,5 @@ def _thirds(term: Term, chain: Chain, derivative: _ChainDerivatives, lever: Arra
     mixed = lever[:, :, None, None] * bent[:, None]
     mixed = mixed + mixed.transpose(0, 2, 1, 3) + mixed.transpose(0, 2, 3, 1)
     far = np.linalg.norm(derivative.offset, axis=1) + np.sum(lever * r, axis=1)
+    f *= 2.0
     return f * np.einsum("sijk,sk->sij", mixed + far[:, None, None, None] * (lever[:, outer] * is_bent), r)

@@ -69,10 +69,10 @@ class Term(NamedTuple):
 
     row: int
     chain: int
-    kind: str  # point: axis . p; direction: axis . (axis of the second frame); distance; turn; joint
+    kind: str  # point: axis . p; direction: axis . (axis of the second frame); square: p . p; turn; joint
     axis: int  # of the first frame
     selected: int  # axis of the second frame, or place of the joint
-    factor: float  # of the equation; 1 / length of a distance
+    factor: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,13 +110,9 @@ class EquationTerms:
                 Term(number, self.chain(BASE, frame), "point", base_axis, 0, sign)
                 for frame, sign in ((second, 1.0), (first, -1.0))
             ]
-        kind, factor = "direction" if loops.rotation[row] else "point", 1.0
-        if loops.distance[row]:
-            kind, factor = "distance", 1.0 / (loops.length[row] or 1.0)
-        elif kind == "direction":
-            factor = float(loops.sign[row])
+        kind = "direction" if loops.rotation[row] else "square" if loops.square[row] else "point"
         axes = int(loops.first_axis[row]), int(loops.second_axis[row])
-        return [Term(number, self.chain(first, second), kind, *axes, factor)]
+        return [Term(number, self.chain(first, second), kind, *axes, float(loops.weight[row]))]
 
     def chain(self, first: int, second: int) -> int:
         """Return the index of a chain, and add the chain if new."""
@@ -158,13 +154,12 @@ def _rows_on_base(robot: ParallelRobot) -> dict[int, int]:
     loops, across = robot.loops, planar_axis(robot)
     carried = scratch_of(robot).carried[:, robot.moving]
     base_axes: dict[int, int] = {}
-    points = ~(loops.rotation | loops.distance)
     for first, second in np.unique(np.stack([loops.first, loops.second], axis=1), axis=0).tolist():
         if (carried[first] * carried[second]).any():
             continue
-        rows = np.flatnonzero(points & (loops.first == first) & (loops.second == second))
+        rows = np.flatnonzero(loops.translation & (loops.first == first) & (loops.second == second))
         closing = np.flatnonzero((robot.rows.first == first) & (robot.rows.second == second))
-        closing = closing[~(robot.rows.rotation | robot.rows.distance)[closing]]
+        closing = closing[robot.rows.translation[closing]]
         axes = [k for k in range(3) if k != across]
         if len(closing) == 3 and len(rows) == len(axes):
             base_axes |= dict(zip(rows.tolist(), axes, strict=True))

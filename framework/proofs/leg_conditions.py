@@ -20,6 +20,7 @@ from framework.arrays import Array, ReadOnlyArrays
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import planar_normal
 from framework.model.description import Closure
+from framework.model.loop_rows import ROW_KINDS
 from framework.proofs.equation_terms import planar_axis
 from framework.proofs.study_quadric import Displacements, functions, planar, spatial, spherical, translations
 from framework.tolerances import LEG_COEFFICIENT_ROUNDING, RANK_ROUNDING
@@ -165,7 +166,8 @@ class _Sampler(NamedTuple):
         model = self.robot.model
         frame_a, frame_b = (model.frames[model.getFrameId(name)] for name in closure.frames)
         turns = [axis for axis in ("rx", "ry", "rz") if axis not in closure.axes]
-        if len(turns) == 2 or ("distance" in closure.axes and len(closure.axes) > 1):
+        with_length = [ROW_KINDS[axis] for axis in closure.axes if axis in ROW_KINDS]
+        if len(turns) == 2 or len(with_length) > 1:
             return None
         slide = rng.uniform(-1, 1, 3) * self.robot.length
         slide[[k for k, axis in enumerate("xyz") if axis in closure.axes]] = 0.0
@@ -175,13 +177,14 @@ class _Sampler(NamedTuple):
             second = self.data.oMf[model.getFrameId(closure.frames[1])].rotation
             across = first.T @ self.normal
             turned = pin.exp3(across * rng.uniform(-np.pi, np.pi)) @ first.T @ second
-            if closure.length is not None:
+            if with_length:
                 slide -= across * (across @ slide)
         elif len(turns) == 3:
             turn = rng.standard_normal(3)
             turned = pin.exp3(turn * rng.uniform(0, np.pi) / np.linalg.norm(turn))
         elif turns:
             turned = pin.exp3(rng.uniform(-np.pi, np.pi) * np.eye(3)["xyz".index(turns[0][1])])
-        if closure.length is not None:
-            slide *= closure.length / np.linalg.norm(slide)
+        for row in with_length:
+            assert closure.length is not None
+            slide = row.satisfy(slide, closure.length)
         return frame_a.placement * pin.SE3(turned, slide) * frame_b.placement.inverse()

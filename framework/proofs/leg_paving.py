@@ -141,12 +141,12 @@ class LegEquations:
 
     def _loops(self, frames: FrameStack, bounds: list[ChainBounds]) -> LinearEnclosure:
         rows, loops, length = self.robot.rows, self.loops, self.robot.length
-        turning, distance = rows.rotation[loops], rows.distance[loops]
+        turning = rows.rotation[loops]
         equations = loop_equations(rows, frames)
         weight = np.where(turning, 1.0, 1.0 / length)
-        kind = np.where(distance, 2, turning)  # place in `ChainBounds`
+        kind = np.where(rows.square[loops], 2, turning)  # place in `ChainBounds`
         chain_bounds = np.reshape(bounds, (len(bounds), 4, len(frames.q)))
-        errors = chain_bounds[self.chain_of, kind].T / np.where(distance, rows.length[loops], 1.0)
+        errors = chain_bounds[self.chain_of, kind].T * np.abs(rows.derivative_weight[loops])
         slopes = equations.jacobian[:, loops][:, :, self.own] * weight[:, None]
         return LinearEnclosure(equations.residual[:, loops] * weight, slopes, errors)
 
@@ -204,7 +204,7 @@ class LegEquations:
         position = ~robot.rows.rotation[self.loops]
         others = np.abs(self.slides(self.q))
         others[self.own[slide]] = 0.0
-        ends = (robot.rows.length * robot.rows.distance)[self.loops].sum()
+        ends = robot.rows.reach[self.loops].sum()
         ends += 0.0 if self.x is None else np.abs(self.x).sum()
         bounds = []
         for k, chain in enumerate(self.chains):
@@ -225,7 +225,7 @@ class ChainBounds(NamedTuple):
 
     position: Array  # (B,) of the carried point
     attitude: Array  # (B,) of a direction
-    distance: Array  # (B,) [m] of half the squared distance of both ends, over the robot's length
+    square: Array  # (B,) [m] of half the squared distance of both ends, over the robot's length
     length: Array  # (B,) of the chain
 
 
@@ -275,5 +275,5 @@ class LeverChain(NamedTuple):
         total = turns.sum(axis=1)
         position = curved + total * slides
         travel = (turns * levers).sum(axis=1) + slides
-        distance = (length * position + 0.5 * travel**2) * self.robot_length
-        return ChainBounds(position, 0.5 * total**2, distance, length)
+        square = (length * position + 0.5 * travel**2) * self.robot_length
+        return ChainBounds(position, 0.5 * total**2, square, length)

@@ -135,8 +135,9 @@ def is_proved(robot: ParallelRobot, q: Array, *, locked: str = "motors") -> bool
     weights = np.where(robot.loops.rotation, 1.0, 1.0 / robot.length) / robot.structure.row_sizes
     values = float(np.abs(linearised.residual[0, robot.n :] * weights).max())
     size = stretched_length(robot, q) + 1.0  # with a length to spare for slides near by
-    shortest = float(robot.loops.length[robot.loops.distance].min(initial=robot.length))
-    bend = 8.0 * size**2 * robot.length / shortest / min(float(robot.structure.row_sizes.min()), 1.0)
+    units = np.where(robot.loops.square, robot.length, 1.0)
+    steepest = np.abs(robot.loops.derivative_weight * units).max(initial=1.0)
+    bend = 8.0 * size**2 * steepest / min(float(robot.structure.row_sizes.min()), 1.0)
     beta = INVERSE_FACTOR * float(np.abs(inverse).sum(axis=1).max())
     return bool(beta**2 * len(matrix) ** 2 * bend * (values + FRAME_ROUNDING * size) <= 0.5)
 

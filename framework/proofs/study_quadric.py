@@ -62,12 +62,6 @@ def displacements(z: Array) -> tuple[Array, Array]:
     return values[:, 8:].reshape(-1, 3, 3), values[:, 2:5]
 
 
-def rod(base: Array, platform: Array, length: float) -> Array:
-    """Return coefficients (17,) of a rod between points a of the base and b of the platform."""
-    constant = base @ base + platform @ platform - length**2
-    return np.concatenate([[constant, 1.0], -2 * base, 2 * platform, -2 * np.outer(base, platform).ravel()])
-
-
 @dataclass(frozen=True, eq=False)
 class Displacements:
     """A group of displacements, the family of its linear conditions, and where both stand in space."""

@@ -129,7 +129,7 @@ def _hold(robot: ParallelRobot, pose: JoggedPose) -> Document:
     return {
         "torques": np.abs(hold.torque) if pushed and hold.torque is not None else None,
         "sides": None if sides is None else sides[0],
-        "lines": None if lines is None else np.stack([lines.place[0], lines.way[0]], axis=1),
+        "lines": None if lines is None else np.stack([lines.point[0], lines.direction[0]], axis=1),
     }
 
 

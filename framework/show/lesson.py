@@ -63,6 +63,7 @@ def _document(robot: ParallelRobot, crossing: PlanarCrossing, sight: Sight) -> D
     locus = locus_curves(robot, crossing.point.q, crossing.point.platform)
     return {
         "robot": display_name(robot.name),
+        "upright": bool(np.linalg.norm(onto(np.array(robot.description.gravity))) > 0.0),
         "duration": crossing.plans["off"].duration,
         "smoothness": PATH_SMOOTHNESS,
         "motors": [display_name(motor) for motor in robot.actuator_names],

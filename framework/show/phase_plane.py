@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 
 from framework.crossing.optimal.limit_curves import LimitCurves, limit_curves
 from framework.crossing.result import CrossingPlan
-from framework.motion.law import orders_of
+from framework.motion.law import law_derivatives
 from framework.show.style import BAND, Style, draw_dashed, draw_dot, figure, legend_above, line_style
 
 AXIS_OVER_LARGEST_LAW = 1.5  # the highest value shown over the largest of the laws
@@ -28,7 +28,7 @@ def plot_phase_plane(
     """
     axes = figure(2, height=1.9)[1] if axes is None else list(axes)
     plans = [plan] if beside is None else [plan, beside]
-    laws = [orders_of(each.law, np.linspace(0.0, each.duration, TIME_SAMPLES)) for each in plans]
+    laws = [law_derivatives(each.law, np.linspace(0.0, each.duration, TIME_SAMPLES)) for each in plans]
     tops = [AXIS_OVER_LARGEST_LAW * max(np.abs(law[order]).max() for law in laws) for order in (1, 2)]
     _draw_limits(axes, limit_curves(plan), tops, plan.robot.torque_units[0])
     for k, (each, law) in enumerate(zip(plans, laws, strict=True)):

@@ -83,7 +83,7 @@ def plot_singularity(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     ax = axes_or_new(ax)
     robot = plan.robot
     s = np.linspace(0.0, 1.0, CURVE_SAMPLES)
-    measure = MeasureAlongPath.of(plan.dynamics)
+    measure = MeasureAlongPath.from_motion(plan.dynamics)
     g = measure.evaluate_at_rest(s)
     ax.plot(s, g, label="springs at rest" if robot.n_e else None, **line_style(0))
     if plan.geometry == "deformed":

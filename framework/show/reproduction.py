@@ -12,7 +12,7 @@ from framework.crossing.result import CrossingPlan
 from framework.crossing.saved import robot_place
 from framework.crossing.scenes import scene_request
 from framework.errors import InvalidInput
-from framework.motion.path import Line
+from framework.motion.path import Line, Polyline
 
 ONLY_CALLED = ("at", "tolerance")  # options of `plan_crossing` that a command line lacks
 
@@ -27,6 +27,9 @@ def command_line(plan: CrossingPlan, folder: str) -> str | None:
     if motion is None:
         return None
     robot = f"crossing plan {shlex.quote(robot_place(plan.robot))}"
+    parameters = plan.robot.description.parameters
+    if parameters:
+        motion += ["--set " + " ".join(f"{name}={value!r}" for name, value in parameters.items())]
     words = [robot, *motion, f"--flexibility {plan.robot.flexibility}"]
     words += [_format_option(key, value) for key, value in typed.items()]
     return " \\\n    ".join([*words, f"--out {shlex.quote(folder)}"])
@@ -35,7 +38,9 @@ def command_line(plan: CrossingPlan, folder: str) -> str | None:
 def python_call(plan: CrossingPlan) -> str:
     """Return the call of `plan_crossing` that makes the same plan."""
     file = str(plan.robot.description.file)
-    robot = f"ParallelRobot.from_file({file!r}, flexibility={plan.robot.flexibility!r})"
+    parameters = dict(plan.robot.description.parameters)
+    stated = f", parameters={parameters!r}" * bool(parameters)
+    robot = f"ParallelRobot.from_file({file!r}, flexibility={plan.robot.flexibility!r}{stated})"
     options = [f"{key}={value!r}" for key, value in given_options(plan).items()]
     return "plan_crossing(\n    " + ",\n    ".join([robot, repr(plan.path), *options]) + ",\n)"
 
@@ -59,6 +64,10 @@ def _path_options(plan: CrossingPlan, typed: dict[str, Any]) -> list[str] | None
     path = plan.path
     if isinstance(path, Line) and Request.of(plan.robot, path, **typed) == plan.request:
         return [f"--from {_format_numbers(path.start)}", f"--to {_format_numbers(path.end)}"]
+    if isinstance(path, Polyline) and Request.of(plan.robot, path, **typed) == plan.request:
+        start, *via, end = map(_format_numbers, path.points)
+        corners = [f"--via {corner}" for corner in via]
+        return [f"--from {start}", *corners, f"--to {end}", f"--blend {path.blend!r}"]
     for name in plan.robot.description.scenes:
         try:
             of_scene = scene_request(plan.robot, name, **typed)

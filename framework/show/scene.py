@@ -265,7 +265,7 @@ def _action_lines(film: Film) -> Document | None:
     lines = action_lines(film.robot, film.motors.motor_speed) if film.instants else None
     if lines is None:
         return None
-    return {"place": floats(lines.place), "way": floats(lines.way), "count": film.robot.n_a}
+    return {"place": floats(lines.point), "way": floats(lines.direction), "count": film.robot.n_a}
 
 
 def _torque_limit(film: Film) -> float:

@@ -84,7 +84,7 @@ def _action_lines(film: Film, ax: Axes, k: int, onto: Projection) -> None:
     lines = action_lines(film.robot, film.motors.motor_speed[k : k + 1])
     if lines is None:
         return
-    for motor, (place, direction) in enumerate(zip(lines.place[0], lines.way[0], strict=True)):
+    for motor, (place, direction) in enumerate(zip(lines.point[0], lines.direction[0], strict=True)):
         half = HALF_LINE_OF_ACTION * film.robot.length * direction
         ends = film.platform[k] + place + np.array([[-1.0], [1.0]]) * half
         label = None if motor else "lines of the motors' forces"

@@ -69,16 +69,7 @@ class EquationsOfMotion:
             InvalidInput: damping of the wrong length or negative; loops that only springs can close.
             NotAssembled: the loops do not close at the reference.
         """
-        nv = robot.model.nv
-        dampings = np.zeros(nv) if damping is None else damping
-        try:
-            damping = np.asarray(dampings, dtype=float)
-        except (TypeError, ValueError):
-            damping = np.array(np.nan)  # refused below
-        if damping.shape not in ((), (nv,)) or not (np.all(np.isfinite(damping)) and np.all(damping >= 0)):
-            raise InvalidInput(
-                f"damping: needs {nv} numbers (or one for all), none negative, got {dampings!r}"
-            )
+        damping = check_damping(damping, (robot.model.nv,))
         alone = robot.structure.springs_alone
         if alone:
             raise InvalidInput(
@@ -155,3 +146,23 @@ class EquationsOfMotion:
         turned = difference(self.robot, self.robot.neutral, q) - self.robot.joint_rest
         stored = 0.5 * (v**2 @ self.robot.rotors) + 0.5 * (turned**2 @ self.stiffness)
         return np.asarray(np.array(tree) + stored, dtype=float)
+
+
+def check_damping(damping: ArrayLike | None, shape: tuple[int, ...]) -> Array:
+    """Return the damping of joint rates, one number, (nv,) or of the `shape`, whose last is nv; 0 by default.
+
+    Raises:
+        InvalidInput: it has another shape, or is negative somewhere.
+    """
+    if damping is None:
+        return np.zeros(shape)
+    try:
+        dampings = np.asarray(damping, dtype=float)
+    except (TypeError, ValueError):
+        dampings = np.array(np.nan)  # refused below
+    if dampings.shape not in ((), shape[-1:], shape) or not np.all((dampings >= 0) & np.isfinite(dampings)):
+        raise InvalidInput(
+            f"damping: needs {' x '.join(map(str, shape))} numbers (or one for all), none negative, got "
+            f"{damping!r}"
+        )
+    return dampings

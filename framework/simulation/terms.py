@@ -22,7 +22,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import scratch_of
 from framework.linalg.ordered_sums import matmul
 from framework.simulation.contacts import ContactDynamics
-from framework.simulation.equations import EquationsOfMotion
+from framework.simulation.equations import EquationsOfMotion, check_damping
 
 
 class Terms(NamedTuple):
@@ -68,12 +68,7 @@ class RobotStack:
         for robot in robots:
             _check_same_structure(like, robot)
         idle = first.rotors - like.rotors  # of joints that nothing drives
-        shape = (len(robots), robots[0].model.nv)
-        dampings = np.zeros(shape) if damping is None else np.asarray(damping, dtype=float)
-        if dampings.shape not in ((), shape[1:], shape) or not np.all(
-            np.isfinite(dampings) & (dampings >= 0)
-        ):
-            raise InvalidInput(f"damping: needs {shape[1]} numbers, none negative (or {shape} of them)")
+        added = check_damping(damping, (len(robots), like.model.nv))
         return RobotStack(
             robots=robots,
             first=first,
@@ -81,7 +76,7 @@ class RobotStack:
             rotors=np.array([robot.rotors for robot in robots]) + idle,
             stiffness=np.array([robot.all_stiffness for robot in robots]),
             rest=np.array([robot.joint_rest for robot in robots]),
-            damping=dampings + np.array([robot.joint_damping for robot in robots]),
+            damping=added + np.array([robot.joint_damping for robot in robots]),
         )
 
     def equations(self, run: int) -> EquationsOfMotion:

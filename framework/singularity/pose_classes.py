@@ -39,12 +39,13 @@ from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import ClosedStack, assembled_at, linearised_at
 from framework.kinematics.loop_matrices import clearance, type1_matrix, type2_matrix
+from framework.kinematics.loop_structure import lost_directions
 from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.ordered_sums import singular_values
 from framework.singularity.bordered_system import bordered_solution
 from framework.singularity.distances import singularity_distances
-from framework.singularity.type2 import escaping_motions, lost_directions, twist_norm
+from framework.singularity.type2 import escaping_motions, twist_norm
 from framework.tolerances import RANK_LOST, TANGENTIAL_SLOPE
 
 DIFFERENCE_STEP = 1e-4  # [rad, lengths] of the central difference along a direction

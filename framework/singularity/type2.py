@@ -19,6 +19,7 @@ from framework.kinematics.loop_matrices import (
     passive_motion,
     type2_matrix,
 )
+from framework.kinematics.loop_structure import lost_directions
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.ordered_sums import singular_values
 from framework.tolerances import RANK_LOST
@@ -97,7 +98,7 @@ def escaping_motions(
         at_least: so many motions are taken for uncontrolled however large their singular values are.
     """
     P = passive_matrix(robot, linearised)[0]
-    lost = lost_directions(P, at_least) if P.shape[1] else np.zeros((0, 0))
+    lost = lost_directions(P, at_least=at_least) if P.shape[1] else np.zeros((0, 0))
     corank, motions = len(lost), passive_motion(robot, lost)
     freedoms = instantaneous_motions(robot, linearised)
     usual = len(robot.moving) - len(robot.loops.names)
@@ -116,13 +117,6 @@ def escaping_motions(
         if corank > max(rank, gained):
             kinds.add("leg_passive")
     return EscapingMotions(frozenset(kinds), motions, corank, freedoms.shape[1])
-
-
-def lost_directions(matrix: Array, at_least: int = 0) -> Array:
-    """Return the right singular vectors (c, k) along which a matrix (m, k) loses rank, at least so many."""
-    values, right = np.linalg.svd(matrix)[1:]
-    rank = int(np.sum(values >= RANK_LOST * max(values.max(initial=0.0), 1.0)))
-    return right[min(rank, len(right) - at_least) :]
 
 
 def _platform_twists(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:

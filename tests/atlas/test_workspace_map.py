@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import csv
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
 import robots
-from framework import InvalidInput
+from framework import InvalidInput, NoAnswer, ParallelRobot
 from framework.atlas.map_files import map_document, setup_document, write_map
 from framework.atlas.quantities import choose_quantities
 from framework.atlas.survey import survey_window
@@ -26,6 +27,7 @@ from framework.show.map import NOT_TRACED, plot_map
 from framework.show.map_page import map_page
 from framework.statics.loading import LOAD_WORDS, LoadReason
 from tests.oracles import five_bar_pose
+from tests.urdf_edits import parametric_five_bar
 
 KEYS = ("g", "conditioning", "torque", "stiffness", "frequency")
 
@@ -71,6 +73,58 @@ def test_what_is_reached_is_the_workspace_and_no_elbow_has_turned_over():
         angle = q[:, found.robot.actuated[column]]
         crank = five_bar_pose.LENGTH * np.stack([np.cos(angle), np.sin(angle)], axis=1)
         np.testing.assert_allclose(crank, at.crank[:, leg], rtol=0, atol=1e-7)
+
+
+def test_a_pose_beyond_the_legs_is_out_of_reach_and_one_on_another_island_is_not_joined(tmp_path):
+    """With cranks of 0.6 and rods of 0.25 m the rings that the legs reach meet above and below the motors."""
+    robot = ParallelRobot.from_file(parametric_five_bar(tmp_path), parameters={"l1": 0.6, "l2": 0.25})
+    found = workspace_map(robot, window(robot, 61, (-0.4, -0.95), (0.4, 0.95)), ["g"])
+    x = found.window.points()
+    far = np.linalg.norm(x[:, :, None] - five_bar_pose.BASES, axis=3)
+    inside = np.minimum(0.85 - far.max(axis=2), far.min(axis=2) - 0.35)
+    cell = found.window.cell.max()
+    above = x[..., 1] > 0.0
+    assert (found.reason[inside < 0] == PoseReason.OPEN).all()
+    assert (found.reason[(inside > cell) & above] == PoseReason.REACHED).all()
+    assert (found.reason[(inside > cell) & ~above] == PoseReason.NO_NEIGHBOUR).all()
+    assert ((inside > cell) & ~above).sum() > 100
+
+
+def test_the_window_of_a_map_is_about_all_that_the_5r_reaches():
+    robot = robots.load("five_bar")
+    found = survey_window(robot)
+    x = replace(found, lower=np.array([-0.5, -0.5]), upper=np.array([0.5, 0.5])).points().reshape(-1, 2)
+    reached = x[five_bar_pose.reachable(x) > 0]
+    assert (found.lower < reached.min(axis=0)).all()
+    assert (found.upper > reached.max(axis=0)).all()
+    assert ((found.upper - found.lower) < 1.2 * np.ptp(reached, axis=0)).all()
+
+
+@pytest.mark.parametrize("name", ["delta", "orthoglide", "par4", "three_rrr", "two_arms"])
+def test_a_pose_that_is_followed_from_the_reference_is_in_the_window_of_a_map(name):
+    """Straight lines from the reference, followed as plans follow them until they end."""
+    robot = robots.load(name)
+    found = survey_window(robot)
+    axes, random = list(found.axes), np.random.default_rng(1)
+    for _ in range(10):
+        direction, ends = np.zeros(robot.n), [0.0, 2.0 * robot.length]
+        direction[axes] = random.standard_normal(2)
+        direction /= np.linalg.norm(direction)
+        for _ in range(9):
+            middle = float(np.mean(ends))
+            try:
+                end = robot.reference.x + middle * direction
+                ends[0] = assemble(robot, end).x[axes] @ direction[axes] - robot.reference.x @ direction
+            except NoAnswer:
+                ends[1] = middle
+        last = (robot.reference.x + ends[0] * direction)[axes]
+        assert ((found.lower < last) & (last < found.upper)).all()
+
+
+def test_a_map_says_at_which_edges_of_its_window_more_may_be_reached():
+    robot = robots.load("biglide")  # its slides have no end
+    assert workspace_map(robot, survey_window(robot, size=9), ["g"]).open_edges == ("least y", "largest y")
+    assert five_bar_map("rigid").open_edges == ()
 
 
 @pytest.mark.parametrize("size", [9, 61])

@@ -40,7 +40,7 @@ def test_on_the_plan_a_controller_asks_for_the_planned_torque(name, sensors):
     controller = tuned_controller(name, ref)
     held = name in ("feedforward", "lqr")
     for k in range(0, len(ref.times), 97):
-        planned = ref.held[k] if held else ref.torque[k]
+        planned = ref.period_torque[k] if held else ref.torque[k]
         asked = controller.torque(k, on_the_plan(ref, k, sensors))
         np.testing.assert_allclose(asked[0], planned, atol=1e-9)  # N m; the naive law loses digits near 1 s
 

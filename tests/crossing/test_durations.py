@@ -1,4 +1,4 @@
-"""How long and how short a motion may be with each kind of law, told before one is sought."""
+"""How short a motion may be under the optimal law, told before one is sought."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 
 import robots
 from framework import Line, ParallelRobot, plan_crossing
-from framework.crossing.durations import optimal_durations, polynomial_durations
+from framework.crossing.durations import optimal_durations
 from framework.crossing.request import Request
 from framework.errors import NoLaw
 from framework.singularity.points_on_path import search_path
@@ -24,35 +24,8 @@ def under(gravity) -> ParallelRobot:
     return ParallelRobot.from_description(replace(description, gravity=(0.0, -gravity, 0.0)))
 
 
-def of_polynomials(robot, path):
-    return polynomial_durations(search_path(robot, path), 2)
-
-
 def of_free_laws(robot, path, **limits):
     return optimal_durations(search_path(robot, path), Request.of(robot, path, duration=1.0, **limits))
-
-
-def test_the_longest_polynomial_is_planned_and_none_is_beyond_it():
-    robot, path = under(9.81), UPRIGHT
-    found = of_polynomials(robot, path)
-    assert found.shortest == 0.0
-    plan = plan_crossing(robot, path, duration=0.9 * found.longest, law="polynomial")
-    assert plan.certificate.monotone
-    with pytest.raises(NoLaw, match=rf"one polynomial advances up to {found.longest:.3g} s"):
-        plan_crossing(robot, path, duration=1.05 * found.longest, law="polynomial")
-
-
-def test_four_times_the_weight_leaves_half_of_the_duration():
-    light, heavy = (of_polynomials(under(gravity), UPRIGHT).longest for gravity in (2.0, 8.0))
-    np.testing.assert_allclose(heavy, 0.5 * light, rtol=1e-2)  # what the search resolves
-
-
-def test_without_weight_a_polynomial_has_any_duration():
-    robot = robots.load("five_bar")
-    found = of_polynomials(robot, LINE)
-    assert found == (0.0, np.inf)
-    assert found.to_list() == [0.0, None]
-    assert found.sentence == "one polynomial advances at any duration"
 
 
 def test_without_weight_four_times_the_torque_takes_half_of_the_time():
@@ -86,5 +59,4 @@ def test_where_no_law_crosses_there_is_no_duration():
     for changed in ({"corank": 2}, {"contact": "tangential"}, {"s": 0.0}):
         points = tuple(replace(at, **changed) for at in searched.points)
         hopeless = searched._replace(points=points)
-        assert polynomial_durations(hopeless, 2) is None
         assert optimal_durations(hopeless, request) is None

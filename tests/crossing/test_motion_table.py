@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework import plan_scene
+from framework import InvalidInput, plan_scene
 
 SAMPLES = 201
 # springs; many passive joints; a platform that turns, too; slides, and a joint that turns all the way round
@@ -47,6 +47,40 @@ def test_every_column_has_a_plain_name_of_its_own_and_a_unit(plan, table):
     described = json.loads(plan.samples(2).metadata("motion.csv"))
     told = {one["name"]: one["schema:unitText"] for one in described["tableSchema"]["columns"]}
     assert told == {column.name: column.unit for column in columns}
+
+
+@pytest.mark.parametrize("period", [1e-3, 0.00737, 0.4])
+def test_rows_of_a_period_end_with_the_motion_whatever_it_takes(period):
+    plan = plan_scene(robots.load("five_bar"), "C", duration=1.5037, times=None, speeds=None)
+    text = io.StringIO()
+    plan.to_csv(text, period=period, columns=["torque", "time", "motor_velocity_left_motor"])
+    names, *rows = (line.split(",") for line in text.getvalue().splitlines())
+    assert names == ["torque_left_motor", "torque_right_motor", "time", "motor_velocity_left_motor"]
+    times = np.array([float(row[2]) for row in rows])
+    np.testing.assert_allclose(times[:-1], period * np.arange(len(rows) - 1), rtol=0, atol=1e-15)
+    assert times[-1] == 1.5037
+    assert 0.0 < times[-1] - times[-2] <= period * (1 + 1e-9)
+    torques = np.array([[float(value) for value in row[:2]] for row in rows])
+    np.testing.assert_array_equal(torques, plan.torque(times))
+
+
+def test_rows_that_divide_the_duration_end_with_one_row():
+    table = plan_scene(robots.load("five_bar"), "C").samples(period=1e-3, columns=["time"])
+    np.testing.assert_allclose(table.rows[:, 0], np.linspace(0.0, 1.5, 1501), atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"period": 0.0}, "period: needs"),
+        ({"period": 2.0}, "to 1.5 s, the duration"),
+        ({"period": 1e-9}, "period: needs"),
+        ({"columns": ["torqe"]}, "unknown column 'torqe'"),
+    ],
+)
+def test_rows_that_cannot_be_are_refused(options, says):
+    with pytest.raises(InvalidInput, match=says):
+        plan_scene(robots.load("five_bar"), "C").samples(**options)
 
 
 def test_velocities_and_accelerations_are_those_of_their_columns(plan, table):

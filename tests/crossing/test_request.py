@@ -10,7 +10,17 @@ import numpy as np
 import pytest
 
 import robots
-from framework import Arc, InvalidInput, Line, ParallelRobot, Spline, load_plan, plan_crossing, plan_scene
+from framework import (
+    Arc,
+    InvalidInput,
+    Line,
+    ParallelRobot,
+    Polyline,
+    Spline,
+    load_plan,
+    plan_crossing,
+    plan_scene,
+)
 from framework.cli import arguments
 from framework.cli.commands import OneLineParser
 from framework.cli.parser import add_motion, add_options, add_path
@@ -19,6 +29,7 @@ from framework.crossing.request import Request
 from framework.crossing.saved import plan_document, save_plan
 from framework.crossing.scenes import scene_request
 from framework.crossing.specification import limits_within_margin
+from framework.model.description import Scene
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 ASKED = {"duration": 1.5, "times": [1.0], "speeds": [1.5]}
@@ -56,6 +67,43 @@ def test_a_call_a_scene_and_a_command_line_ask_the_same(robot):
 )
 def test_what_is_typed_beside_a_scene_is_what_a_call_says_beside_it(robot, words, options):
     assert typed(robot, "--scene", "C", *words.split()) == scene_request(robot, "C", **options)
+
+
+def test_corners_that_are_typed_make_a_polyline(robot):
+    words = [
+        "--from",
+        "0.1",
+        "0.345",
+        "--via",
+        "0",
+        "0.3",
+        "--via",
+        "-0.02",
+        "0.2",
+        "--to",
+        "0.08",
+        "0.2",
+        "--blend",
+        "0.01",
+        "--duration",
+        "2",
+    ]
+    corners = Polyline([[0.1, 0.345], [0.0, 0.3], [-0.02, 0.2], [0.08, 0.2]], blend=0.01)
+    assert typed(robot, *words) == Request.of(robot, corners, duration=2.0)
+    no_blend, no_corner = words[:-4] + words[-2:], words[:3] + words[9:]
+    for wrong in (no_blend, no_corner, ["--scene", "C", *words[3:6], "--blend", "0.01"]):
+        with pytest.raises(InvalidInput, match=r"--blend|--scene"):
+            typed(robot, *wrong)
+
+
+def test_a_scene_without_duration_asks_for_the_least(robot):
+    wanted = Scene("quick", "line", ((0.1, 0.345), (-0.05, 0.195)), None, optimize="time")
+    description = replace(robot.description, scenes={"quick": wanted})
+    quick = ParallelRobot.from_description(description)
+    limited = {"torque_limit": 0.2}
+    assert scene_request(quick, "quick", **limited) == Request.of(quick, LINE, optimize="time", **limited)
+    for instead in ({"duration": 1.5}, {"duration": 1.5, "times": [1.0]}):
+        assert scene_request(quick, "quick", **instead) == Request.of(quick, LINE, **instead)
 
 
 def test_a_plan_keeps_its_request(robot):

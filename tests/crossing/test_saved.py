@@ -16,6 +16,7 @@ from framework import (
     Law,
     Line,
     ParallelRobot,
+    Polyline,
     RobotFileError,
     Spline,
     load_plan,
@@ -25,6 +26,7 @@ from framework import (
 from framework.cli import main
 from framework.crossing.saved import plan_document, save_plan
 from framework.crossing.scenes import path_of
+from framework.show.reproduction import command_line
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 
@@ -120,11 +122,24 @@ def test_the_table_of_an_optimal_law_agrees_with_itself(tmp_path):
         Line([0.1, 0.345], [-0.05, 0.195]),
         Arc([0.0, 0.0], [1.0, 1.0], [2.0, 0.0]),
         Spline([[0.0, 0.0], [1.0, 1.0], [2.0, 0.5]]),
+        Polyline([[0.0, 0.0], [1.0, 1.0], [2.0, 0.5]], blend=0.1),
     ],
-    ids=["line", "arc", "spline"],
+    ids=["line", "arc", "spline", "polyline"],
 )
 def test_each_kind_of_path_comes_back(path):
-    assert path_of(path.kind, json.loads(json.dumps(path.points.tolist()))) == path
+    assert path_of(path.kind, json.loads(json.dumps(path.points.tolist())), path.blend) == path
+
+
+def test_a_plan_along_a_polyline_comes_back_and_says_how_it_is_made_again(tmp_path):
+    robot = robots.load("five_bar")
+    path = Polyline([[0.1, 0.345], [0.0, 0.32], [0.0, 0.3]], blend=0.01)
+    plan = plan_crossing(robot, path, duration=1.0)
+    save_plan(plan, tmp_path)
+    assert load_plan(tmp_path).path == path
+    words = command_line(plan, "again").replace("\\\n", " ")
+    assert "--from 0.1 0.345" in words
+    assert "--via 0.0 0.32" in words
+    assert "--blend 0.01" in words
 
 
 @pytest.mark.parametrize(
@@ -143,6 +158,8 @@ def test_each_kind_of_path_comes_back(path):
         ({"request.path": {"line": [[0, 0]]}}, "2 points"),
         ({"request.path": []}, "request.path: needs a mapping"),
         ({"request.colour": "red"}, "colour"),
+        ({"request.torque_limit": [[]]}, "torque_limit: needs one positive number"),
+        ({"request.speed_limit": [[1.0], []]}, "speed_limit: needs one positive number"),
         ({"request.times": 1.0}, "times: needs a list"),
         ({"request.smoothness": 3.5}, "smoothness"),
         ({"request.law": "cubic"}, "cubic"),
@@ -166,6 +183,7 @@ def test_what_is_not_a_plan_is_refused_by_name(written, tmp_path, change, says):
     [
         ({"peak_torque": {"left_motor": 1.0, "right_motor": 1.0}}, "peak_torque.left_motor"),
         ({"crossings": []}, "crossings: the file says 0"),
+        ({"peak_torque": {}}, "peak_torque: the file says {}"),
         ({"crossings.0.kind": "leg_passive"}, "kind"),
         ({"crossings.0.time": 0.9}, "time"),
         ({"crossings.0.speed": 1.51}, "speed"),
@@ -281,7 +299,7 @@ def test_what_a_user_made_is_saved_where_it_can_be_and_refused_where_it_cannot(t
     secret = replace(plan, law=SecretLaw(plan.law.coefficients, plan.duration))
     with pytest.raises(InvalidInput, match=r"'secret' \(valid: optimal, polynomial\).*to_csv"):
         save_plan(secret, tmp_path / "secret")
-    with pytest.raises(InvalidInput, match=r"path: only a line, an arc or a spline.*not Bow"):
+    with pytest.raises(InvalidInput, match=r"path: only lines, arcs, splines and polylines.*not Bow"):
         save_plan(plan_crossing(robot, Bow(), duration=1.5), tmp_path / "bow")
     assert [file.name for file in tmp_path.iterdir()] == ["own"]
 

@@ -101,10 +101,26 @@ def test_yaml_and_json_say_the_same_from_a_scene_and_from_a_folder(tmp_path):
     np.testing.assert_allclose(column(one, "positions"), column(two, "positions"), rtol=0, atol=1e-12)
 
 
+def test_rows_at_a_rate_are_those_of_the_plan(tmp_path, capsys):
+    file, words = tmp_path / "rows.csv", ["export", "five_bar", "--scene", "A", "--to", "csv"]
+    code = main([*words, "--rate", "70", "--columns", "time", "torque", "--out", str(file)])
+    assert code == 0, capsys.readouterr().err
+    rows = np.genfromtxt(file, delimiter=",", names=True)
+    assert rows.dtype.names == ("time", "torque_left_motor", "torque_right_motor")
+    assert len(rows) == 106  # 1.5 s of 1/70 s, and the start
+    plan = plan_scene(robots.load("five_bar"), "A")
+    np.testing.assert_allclose(rows["torque_left_motor"], plan.torque(rows["time"])[:, 0], rtol=0, atol=1e-15)
+    described = json.loads((tmp_path / "rows.csv-metadata.json").read_text())
+    assert len(described["tableSchema"]["columns"]) == 3
+    assert main([*words, "--rate", "70", "--samples", "9", "--out", str(file)]) == 2
+    assert "--samples, --rate" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "code", "words"),
     [
         (("five_bar", "--to", "ros2_control"), 2, "give --scene"),
+        (("five_bar", "--to", "mjcf", "--rate", "9"), 2, "--rate, --columns: of csv only"),
         (("five_bar", "--scene", "B", "--to", "ros2_control"), 1, "unbounded torque"),
         (
             ("five_bar", "--to", "mjcf", "--scene", "C"),

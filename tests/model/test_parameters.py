@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import math
 
 import numpy as np
 import pytest
 
 import robots
-from framework import InvalidInput, ParallelRobot, RobotFileError, velocity_matrices
+from framework import InvalidInput, ParallelRobot, RobotFileError, load_plan, load_robot, velocity_matrices
 from framework.atlas.design_study import designs_of
+from framework.cli import main
 from framework.model.parameters import declared_parameters, fill_placeholders, with_parameters
+from framework.show.reproduction import command_line
 from tests.urdf_edits import parametric_five_bar
 
 VALUES = {"a": 0.25, "b": 2.0}
@@ -48,8 +51,8 @@ def test_whatever_else_stands_in_a_placeholder_is_refused(expression):
     [
         ("parameters: [1, 2]", "a mapping"),
         ("parameters: {l1: []}", "needs 1 to"),
-        ("parameters: {l1: [1, x]}", "finite numbers"),
-        ("parameters: {l1: .inf}", "finite numbers"),
+        ("parameters: {l1: [1, x]}", "parameters.l1: needs a number"),
+        ("parameters: {l1: .inf}", "finite number"),
         ("parameters: {2: 1}", "no name"),
         ("parameters: {sin: 1}", "no name"),
     ],
@@ -65,6 +68,38 @@ def test_the_first_value_is_the_robots_own_and_others_may_be_given():
     assert with_parameters(text, {"l1": 0.3})[0].endswith(repr(0.3 * 7))
     with pytest.raises(RobotFileError, match="unknown parameter 'l2'"):
         with_parameters(text, {"l2": 0.3})
+
+
+@pytest.mark.parametrize("text", ["1e6", "[1e6, 2E+6]", "[1.0e6]", "1000000"])
+def test_a_number_with_an_exponent_is_one_though_yaml_reads_a_text(text):
+    assert with_parameters(f"parameters: {{k: {text}}}\nstiffness: ${{2 * k}}")[0].endswith("2000000.0")
+
+
+def test_a_parameter_that_is_given_is_a_finite_number():
+    for value in (float("nan"), "many", None):
+        with pytest.raises(RobotFileError, match=r"parameters\.k: needs a"):
+            with_parameters("parameters: {k: 1}", {"k": value})
+
+
+def test_parameters_are_set_in_python_and_on_the_command_line_and_kept_with_a_plan(tmp_path, capsys):
+    """The singular point is that of the rods of 0.255 m."""
+    file, folder = str(parametric_five_bar(tmp_path)), tmp_path / "plan"
+    robot = load_robot(file, parameters={"l2": 0.255})
+    assert robot.description.parameters == {"l1": 0.25, "l2": 0.255}
+    words = [file, "--scene", "C", "--set", "l2=0.255", "--json"]
+    assert main(["locate", *words]) == 0
+    point = json.loads(capsys.readouterr().out)["singularities"][0]
+    rod = 0.255 * np.array([-point["twist"][1], point["twist"][0]])  # at Type 2 both rods are normal to t_s
+    for side in (-1.0, 1.0):
+        crank = point["platform"] + side * rod - [side * 0.2, 0.0]
+        assert np.linalg.norm(crank) == pytest.approx(0.25, abs=1e-9)
+    assert main(["plan", *words, "--out", str(folder)]) == 0
+    assert load_plan(folder).robot.description.parameters == robot.description.parameters
+    assert "--set l1=0.25 l2=0.255" in command_line(load_plan(folder), "again")
+    assert main(["locate", file, "--scene", "C", "--set", "l3=1"]) == 2
+    assert "unknown parameter 'l3' (valid: l1, l2)" in capsys.readouterr().err
+    assert main(["simulate", str(folder), "--set", "l2=1"]) == 2
+    assert "has its own" in capsys.readouterr().err
 
 
 def test_a_file_with_parameters_is_the_robot_with_these_numbers(tmp_path):

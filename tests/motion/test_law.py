@@ -8,7 +8,7 @@ import pytest
 from numpy.polynomial import Chebyshev, Polynomial, chebyshev
 
 from framework.errors import InvalidInput
-from framework.motion.law import Condition, Law, laws_through
+from framework.motion.law import Condition, Law, advances_and_peaks
 
 EPS = np.finfo(float).eps
 DURATION = 1.5
@@ -206,7 +206,7 @@ def test_how_laws_advance_and_their_peaks_are_known_without_them(smoothness, cou
     rng = np.random.default_rng(count)
     times = DURATION * (np.arange(1, count + 1) + rng.uniform(-0.2, 0.2, (6, count))) / (count + 1)
     values = rng.uniform(0.2, 1.5, (6, count, 3))
-    advances, peaks = laws_through(DURATION, smoothness, times, values)
+    advances, peaks = advances_and_peaks(DURATION, smoothness, times, values)
     for k in range(6):
         inner = [c for t, value in zip(times[k], values[k], strict=True) for c in crossing(t, *value)]
         law = Law.rest_to_rest(DURATION, smoothness, inner)
@@ -222,7 +222,7 @@ def test_no_law_advances_through_a_point_twice():
     times, values = np.full((2, 2), 0.5 * DURATION), np.tile([0.5, 1.0, 0.0], (2, 2, 1))
     times[1, 0] *= 0.5
     values[1, 0, 0] = 0.25
-    advances, peaks = laws_through(DURATION, 2, times, values)
+    advances, peaks = advances_and_peaks(DURATION, 2, times, values)
     assert advances[0] == -np.inf
     assert np.isfinite([advances[1], peaks[1]]).all()
 
@@ -234,5 +234,5 @@ def test_a_law_that_turns_back_at_the_crossing_does_not_advance(speed):
 
 
 def test_no_laws_have_no_measures():
-    advances, peaks = laws_through(DURATION, 2, np.empty((0, 2)), np.empty((0, 2, 3)))
+    advances, peaks = advances_and_peaks(DURATION, 2, np.empty((0, 2)), np.empty((0, 2, 3)))
     assert advances.shape == peaks.shape == (0,)

@@ -10,7 +10,7 @@ import pytest
 
 from framework.errors import InvalidInput
 from framework.motion.law import Condition, Law
-from framework.motion.path import Arc, Line, Spline, time_derivatives
+from framework.motion.path import Arc, Line, Polyline, Spline, check_path, time_derivatives
 
 X = [0.1, 0.05, 0.0, -0.02, -0.05, -0.1, -0.1, 0.0]
 Y = [0.345, 0.3, 0.26, 0.2, 0.22, 0.3, 0.2, 0.1]
@@ -23,6 +23,8 @@ PATHS = {
     "spline": Spline(POINTS),
     "short spline": Spline(POINTS[:3]),
     "spline of two": Spline(POINTS[:2]),
+    "polyline": Polyline(POINTS[:4], blend=0.02),
+    "polyline in space": Polyline([[0, 0, 0], [0, 0, 1], [1, 0, 1], [1, 0.5, 0]], blend=0.5),
 }
 every_path = pytest.mark.parametrize("path", PATHS.values(), ids=PATHS)
 
@@ -103,6 +105,48 @@ def test_a_spline_has_four_continuous_derivatives_and_tells_where_the_fifth_jump
         np.testing.assert_allclose(path(s, 5), np.broadcast_to(path(s[0], 5), (7, 2)), rtol=1e-9)
 
 
+@pytest.mark.parametrize("blend", [0.0005, 0.02, 0.05])
+def test_a_polyline_is_straight_but_for_blends_that_keep_to_the_inside_of_their_corners(blend):
+    points = np.array([[0.0, 0.0], [0.1, 0.0], [0.1, 0.1], [0.2, 0.2]])
+    path, lengths = Polyline(points, blend=blend), np.linalg.norm(np.diff(points, axis=0), axis=1)
+    corners = np.cumsum(lengths) / lengths.sum()
+    s = np.linspace(0, 1, 4001)
+    along = np.interp(s, [0.0, *corners], [0.0, *np.cumsum(lengths)])
+    sharp = np.column_stack([np.interp(s, [0.0, *corners], column) for column in points.T])
+    away = np.abs(along[:, None] - np.cumsum(lengths)[:-1]).min(axis=1) >= blend
+    np.testing.assert_allclose(path(s)[away], sharp[away], rtol=0, atol=1e-15)
+    # the speed turns from one segment's direction to the other's, along the chord between them
+    turn, shares = path(s, 1) / lengths.sum(), []
+    for k, corner in enumerate(corners[:-1]):
+        first, second = (np.diff(points, axis=0) / lengths[:, None])[k : k + 2]
+        inside = np.abs(s - corner) * lengths.sum() < blend
+        share = (turn[inside] - first) @ (second - first) / ((second - first) @ (second - first))
+        np.testing.assert_allclose(turn[inside], first + share[:, None] * (second - first), atol=1e-12)
+        shares.append(share)
+        # half of the turning at the corner; x there by integrating the speed from the blend's begin
+        passed = np.linalg.norm(path(corner) - points[k + 1])
+        assert passed == pytest.approx(blend * 35 / 256 * np.linalg.norm(second - first), rel=1e-12)
+    assert all((np.diff(share) > -1e-12).all() for share in shares)
+
+
+def test_a_polyline_has_four_continuous_derivatives_where_its_blends_begin_and_end():
+    points = np.array([[0.0, 0.0], [0.1, 0.0], [0.1, 0.1], [0.2, 0.2]])
+    path, h = Polyline(points, blend=0.05), 1e-9  # two blends meet on the second segment
+    assert len(path.knots) == 3
+    for order in range(6):
+        scale = np.abs(path(np.linspace(0, 1, 1001), order)).max()
+        jump = np.abs(path(path.knots + h, order) - path(path.knots - h, order)).max() / scale
+        assert jump < 1e-6 if order <= 4 else jump > 0.1
+
+
+def test_a_polyline_is_equal_to_itself_alone():
+    one, same, other = (Polyline(POINTS[:4], blend=blend) for blend in (0.02, 0.02, 0.01))
+    assert one == same != other
+    assert hash(one) == hash(same)
+    assert one != Spline(POINTS[:4])
+    assert eval(repr(one)) == one
+
+
 def test_a_short_spline_is_one_polynomial():
     for count in range(2, 7):
         assert len(Spline(POINTS[:count]).knots) == 0
@@ -129,11 +173,53 @@ def test_a_short_spline_is_one_polynomial():
         (Spline, ([[0, 0], [1]],), "spline: points must be lists of numbers of one length"),
         (Spline, ([],), "spline: needs at least 2 points"),
         (Spline, (None,), "spline"),
+        (Polyline, ([[0, 0], [1, 0]], 0.1), "polyline: needs at least 3 points"),
+        (Polyline, ([[0, 0], [1, 0], [1, 1]], 0.0), "blend must be greater than 0 and at most 1"),
+        (Polyline, ([[0, 0], [1, 0], [1, 1], [3, 1]], 0.6), "at most 0.5"),
+        (Polyline, ([[0, 0], [1, 0], [1, 1]], None), "blend"),
+        (Polyline, ([[0, 0], [1, 0], [0, 0]], 0.1), "at point 1, .*, it turns straight back"),
     ],
 )
 def test_points_that_make_no_path_raise(kind, points, words):
     with pytest.raises(InvalidInput, match=words):
         kind(*points)
+
+
+class Joined:
+    """x = (s, c (s - 0.4)^degree beyond s = 0.4): all derivatives below `degree` are continuous."""
+
+    n = 2
+
+    def __init__(self, degree, knots=()):
+        self.degree, self.knots = degree, np.array(knots)
+
+    def __call__(self, s, order=0):
+        s = np.asarray(s, dtype=float)
+        further, power = np.maximum(s - 0.4, 0.0), self.degree - order
+        falling = np.prod(np.arange(self.degree, power, -1.0))
+        y = falling * further ** max(power, 0) * (s > 0.4) if power >= 0 else 0.0 * s
+        return np.stack([(s, np.ones_like(s), 0.0 * s)[min(order, 2)], 0.3 * y], axis=-1)
+
+
+@pytest.mark.parametrize("knots", [(), (0.4,)])
+@pytest.mark.parametrize(("degree", "size"), [(1, 0.3), (2, 0.6)])
+def test_a_path_with_a_corner_is_refused_where_it_is_at_a_knot_or_not(degree, size, knots):
+    words = rf"path\(s, {degree}\) jumps at s = 0.4 by {size:g}, .* round it"
+    with pytest.raises(InvalidInput, match=words):
+        check_path(Joined(degree, knots))
+
+
+def test_a_path_without_a_corner_is_none_however_sharp_its_bends():
+    check_path(Joined(3))
+
+    class Own(Joined):
+        bends = Polyline([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [2.0, 1.0]], blend=0.001)
+        knots = bends.knots
+
+        def __call__(self, s, order=0):
+            return self.bends(s, order)
+
+    check_path(Own(1, Own.knots))
 
 
 def test_the_points_of_a_path_are_its_own():

@@ -12,11 +12,11 @@ from framework.proofs.study_quadric import (
     displacements,
     functions,
     planar,
-    rod,
     spatial,
     spherical,
     translations,
 )
+from tests.proofs.rods import rod
 
 GROUPS = [translations((0, 1)), translations((0, 1, 2)), planar(2), planar(0), spherical(), spatial()]
 

@@ -9,7 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from framework.proofs.real_displacements import real_solutions
-from framework.proofs.study_quadric import planar, rod, spatial, translations
+from framework.proofs.study_quadric import planar, spatial, translations
+from tests.proofs.rods import rod
 
 # P. Dietmaier, "The Stewart-Gough platform of general geometry can have 40 real postures", ARK 1998, table 1
 BASE = np.array(

@@ -8,8 +8,9 @@ from scipy.spatial.transform import Rotation
 from framework.proofs.branch_and_bound import Boxes
 from framework.proofs.completeness import KnownSolutions, has_no_others, unique_radius
 from framework.proofs.real_displacements import Chart, farthest_displacement, real_solutions
-from framework.proofs.study_quadric import rod, spatial
+from framework.proofs.study_quadric import spatial
 from framework.tolerances import LEG_COEFFICIENT_ROUNDING
+from tests.proofs.rods import rod
 from tests.proofs.test_real_displacements import COUNTS, conditions, lengths_at
 
 

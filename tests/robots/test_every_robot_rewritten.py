@@ -64,7 +64,7 @@ def test_torques_do_not_depend_on_the_scale_of_the_closure_rows(case):
     """Rows mixed with others, and rows of another size.
 
     A robot file gives a row no factor. On other frames each row becomes a combination of old ones, with a
-    length between metres and radians. In the table of rows the factor of a rotation row is its `sign`; the
+    length between metres and radians. In the table of rows the factor of a rotation row is its `weight`; the
     robot's `length`, by which metres are weighed against radians wherever ranks and distances from
     singularity are judged, is the factor of all other rows.
     """
@@ -75,7 +75,8 @@ def test_torques_do_not_depend_on_the_scale_of_the_closure_rows(case):
         other = ParallelRobot.from_description(description, flexibility=flexibility)
     elif change.startswith("rotations"):
         factor = 1e3 if change.endswith("x 1000") else 1e-3
-        rows = replace(original.rows, sign=factor * original.rows.sign)
+        weight = np.where(original.rows.rotation, factor, 1.0) * original.rows.weight
+        rows = replace(original.rows, weight=weight)
         loops = rows.take(original.structure.independent)
         sizes = original.structure.row_sizes * np.where(loops.rotation, factor, 1.0)
         equations = replace(original.equations, loops=loops)

@@ -37,12 +37,12 @@ def test_the_lines_of_the_forces_run_along_the_legs(name, scene):
         for k, ends in enumerate(LEGS[name, scene]):
             start, end = (data.oMf[model.getFrameId(end)].translation for end in ends)
             leg = (end - start) / np.linalg.norm(end - start)
-            way = lines.way[frame, k]
+            way = lines.direction[frame, k]
             assert abs(leg @ way) == pytest.approx(1.0, abs=1e-9)
             if robot.platform.translations.all():  # the platform does not turn: through its origin
-                np.testing.assert_allclose(lines.place[frame, k], 0.0, atol=1e-12)
+                np.testing.assert_allclose(lines.point[frame, k], 0.0, atol=1e-12)
             else:
-                off = np.cross(start - origin - lines.place[frame, k], leg)
+                off = np.cross(start - origin - lines.point[frame, k], leg)
                 off = off if robot.n == 6 else off @ [0.0, 0.0, 1.0]  # height is no matter in the plane
                 assert np.abs(off).max() < 1e-9 * robot.length
 

@@ -113,6 +113,15 @@ def structure(content: dict[str, Any]) -> dict[str, Any]:
     return rest | {"shapes": shapes, "crossing": round(content["crossing"], 9)}
 
 
+@pytest.mark.parametrize(("gravity", "upright"), [((0.0, 0.0, -9.81), False), ((0.0, -9.81, 0.0), True)])
+def test_the_lesson_of_an_upright_robot_knows_that_its_weight_is_left_out(gravity, upright):
+    robot = robots.load("five_bar")
+    stood = ParallelRobot.from_description(replace(robot.description, gravity=gravity))
+    page = lesson_page(stood, scene_path(scene(robot, "C")), duration=1.5)
+    assert f'"upright":{str(upright).lower()}' in page.replace(" ", "")
+    assert "its weight is left out" in page  # said by the page's script where upright is true
+
+
 def test_whom_a_lesson_is_not_for_is_told_what_it_needs():
     line = Line([0.1, 0.345], [-0.05, 0.195])
     with pytest.raises(InvalidInput, match="a lesson needs a rigid robot"):

@@ -29,7 +29,7 @@ def test_loops_shifted_in_the_code_that_all_share_are_seen_by_the_witness_alone(
 
     def shifted(rows, at):
         loops = original(rows, at)
-        along_x = ~rows.rotation & ~rows.distance & (rows.first_axis == 0)
+        along_x = rows.translation & (rows.first_axis == 0)
         return loops._replace(residual=loops.residual + SHIFT * along_x)
 
     for module in [module for key, module in sys.modules.items() if key.startswith("framework.")]:

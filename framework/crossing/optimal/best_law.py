@@ -23,7 +23,7 @@ LIMIT_TIGHTENING = 1e-5  # share of a limit that is left free when it was exceed
 
 
 class Best(NamedTuple):
-    """A law, the squared speed that it is made of, and the search that found it."""
+    """The law of a squared speed, and the search that found that speed."""
 
     law: OptimalLaw
     search: SmoothSearch
@@ -52,8 +52,8 @@ class Best(NamedTuple):
     def gap(self) -> float:
         """The cost over the least that the program found, of laws however restless, less 1."""
         least = self.search.least
-        found = least.value if self.search.goal == "time" else cost_of(self.search.goal, least)
-        return max(self.cost / found - 1.0, 0.0)
+        least_cost = least.value if self.search.goal == "time" else cost_of(self.search.goal, least)
+        return max(self.cost / least_cost - 1.0, 0.0)
 
 
 def find_best_law(
@@ -65,10 +65,10 @@ def find_best_law(
         cells: (k + 1,) of xi, which are refined; uniform ones unless given.
     """
     goal = problem.specification.goal
-    valued = find_least_cost(problem, cells)
-    if isinstance(valued, NoneFound):
-        return valued if goal == "peak_torque" else _find_gentlest(problem, valued, share)
-    program, least, units = valued
+    found = find_least_cost(problem, cells)
+    if isinstance(found, NoneFound):
+        return found if goal == "peak_torque" else _find_gentlest(problem, found, share)
+    program, least, units = found
     longest = problem.specification.longest
     if goal == "time" and longest is not None and least.value > longest:
         return NoneFound(program, f"the quickest found takes {least.duration:.4g} s")
@@ -81,15 +81,15 @@ def resume_law(best: Best, problem: LawProblem) -> Best | NoneFound:
     found = solve_least_cost(program, best.search.units)
     if isinstance(found, NoneFound):
         return found
-    least, units = found
-    return _search_smooth(best.search._replace(program=program, least=least, units=units), best.speed)
+    search = best.search._replace(program=program, least=found.speed, units=found.units)
+    return _search_smooth(search, best.speed)
 
 
 def adapt_law(best: Best, *, excess: float = 1.0, share: float | None = None) -> Best | NoneFound:
     """Find a smooth law within limits divided by an excess, or at a larger share of the least cost."""
     search = best.search._replace(share=share or best.search.share)
     if excess > 1.0:
-        search = search._replace(kept=search.kept * (1.0 - LIMIT_TIGHTENING) / excess)
+        search = search._replace(limit_share=search.limit_share * (1.0 - LIMIT_TIGHTENING) / excess)
     found = _search_smooth(search, best.speed)
     if isinstance(found, Best) or search.goal == "peak_torque":
         return found
@@ -107,10 +107,14 @@ def _find_gentlest(problem: LawProblem, none: NoneFound, share: float) -> Best |
 def _search_smooth(search: SmoothSearch, near: Speed | None = None) -> Best | NoneFound:
     """Find the smooth law, with rows wherever a limit was exceeded between the points.
 
-    Where these, or tighter limits, raise the least cost by more than the share, that is sought again.
+    These rows, or tighter limits, may raise the least cost by more than the share that smoothness may take.
+    Then no smooth law is found, and the least cost is solved for again, once for each set of rows.
+
+    Args:
+        near: the speed of a similar law, from which the search begins.
     """
     duration = search.program.problem.specification.duration
-    sought_again: SpeedProgram | None = None
+    program_solved_again: SpeedProgram | None = None
     best: Best | None = None
     try:
         search = search.limit_duration()
@@ -123,20 +127,20 @@ def _search_smooth(search: SmoothSearch, near: Speed | None = None) -> Best | No
                     return best
                 search = search._replace(program=search.program.extend(exceeded))
                 continue
-            if search.program is sought_again:
+            if search.program is program_solved_again:
                 return best or found
-            least = solve_least_cost(search.program, search.units, kept=search.kept)
+            least = solve_least_cost(search.program, search.units, limit_share=search.limit_share)
             if isinstance(least, NoneFound):
                 return best or found
-            search = search._replace(least=least[0], units=least[1]).limit_duration()
-            near, sought_again = None, search.program
+            search = search._replace(least=least.speed, units=least.units).limit_duration()
+            near, program_solved_again = None, search.program
     except InvalidInput as reason:  # z comes too near to zero
         return best or NoneFound(search.program, str(reason))
     return best or NoneFound(search.program, "limits are exceeded between the points")
 
 
 def _make_best(search: SmoothSearch, found: Speed) -> Best:
-    """Return the law of a speed.
+    """Return the law of a speed, its coefficients adjusted to the exact duration if one is given.
 
     Raises:
         InvalidInput: the speed comes too near to zero.

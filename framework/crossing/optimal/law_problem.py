@@ -1,7 +1,7 @@
-"""What a law along a path has to meet, and the demand on the motors, as sparse rows on its coefficients.
+"""The conditions of a law along a path, and the demand on the motors, as sparse rows on its coefficients.
 
-Condition (8) is a sparse equality. Torques have a pole where it is not met, so beside a crossing a multiple
-of the condition is subtracted from each torque row: it stays bounded and sparse.
+Condition (8) is a sparse equality. Torques have a pole where it is not met. So beside a crossing a multiple
+of the condition is subtracted from each torque row, which stays bounded and sparse.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ POLE_WIDTH = 0.05  # in xi, beside a crossing, where rows are freed of their pol
 
 
 class LawProblem(NamedTuple):
-    """What a law has to meet: a task, its conditions at sigma (k,), and what is known of the motion.
+    """The task of a law, with its conditions at `crossings` sigma (k,) and the known parts of its motion.
 
     conditions: (k, 4), constant + per_z z + per_u u + per_du u' = 0.
     deflections: of the springs along the path, if any.
@@ -98,7 +98,7 @@ class MotorRows(NamedTuple):
 
     def used_share(self, y: Array, allowed: Array) -> Array:
         """Return the largest share (M,) of allowed torques (n_a,) [N m], or of squared speed limits."""
-        torques = [np.abs(torque(y)) / most for torque, most in zip(self.torque, allowed, strict=True)]
+        torques = [np.abs(torque(y)) / limit for torque, limit in zip(self.torque, allowed, strict=True)]
         return np.asarray(np.max([*torques, *(rows @ y for rows in self.squared_speed)], axis=0))
 
     def stack(self, other: MotorRows) -> MotorRows:
@@ -112,40 +112,61 @@ class MotorRows(NamedTuple):
 
 
 def motor_rows(problem: LawProblem, basis: SpeedBasis, conditions: Affine, xi: Array) -> MotorRows:
-    """Compute torques and squared speeds at places xi (M,), none on a crossing, without their poles."""
-    task, specification = problem.task, problem.specification
+    """Compute rows of torques and squared speeds at places xi (M,), none on a crossing, without their poles.
+
+    A torque is c + cz z + cu u, dry friction in c and damping linearised, with u = z'/2.
+    """
+    specification = problem.specification
     sigma = problem.sigma(xi)
-    asked = problem.demand(sigma)
+    required = problem.demand(sigma)
+    before = None if problem.before is None else problem.before(sigma)
+    constant, per_z, per_u = required.linearise_damping(before)
+    constant = constant + required.friction(specification.friction)
     z = basis.matrix(xi)
-    u = sparse.diags_array(0.5 * task.stretch(sigma, 1)) @ basis.matrix(xi, 1)
-    affine = asked.linearise_damping(None if problem.before is None else problem.before(sigma))
-    constant = affine.constant + asked.friction(specification.friction)
+    u = sparse.diags_array(0.5 * problem.task.stretch(sigma, 1)) @ basis.matrix(xi, 1)
     torques = []
-    for motor in range(constant.shape[1]):
-        per_z, per_u = (sparse.diags_array(part[:, motor]) for part in affine[1:])
-        torques.append(Affine(sparse.csr_array(per_z @ z + per_u @ u), constant[:, motor].copy()))
+    for j in range(constant.shape[1]):
+        matrix = sparse.diags_array(per_z[:, j]) @ z + sparse.diags_array(per_u[:, j]) @ u
+        torques.append(Affine(sparse.csr_array(matrix), constant[:, j].copy()))
     for place in np.unique(problem.places):
-        near = np.abs(xi - place) < POLE_WIDTH
-        at = np.flatnonzero(problem.places == place)
-        torques = [_subtract_condition(torque, conditions, at, near) for torque in torques]
-    limit = specification.speed_limit
-    ratios = (asked.speed[:, j] / limit[j] for j in np.flatnonzero(np.isfinite(limit)))
-    return MotorRows(
-        tuple(torques), tuple(sparse.csr_array(sparse.diags_array(ratio**2) @ z) for ratio in ratios)
-    )
+        beside = np.abs(xi - place) < POLE_WIDTH
+        its_conditions = np.flatnonzero(problem.places == place)
+        torques = [_subtract_conditions(torque, conditions, its_conditions, beside) for torque in torques]
+    return MotorRows(tuple(torques), _squared_speed_rows(required.speed, specification.speed_limit, z))
 
 
-def _subtract_condition(torque: Affine, conditions: Affine, at: IntArray, near: BoolArray) -> Affine:
-    """Subtract multiples of the conditions `at` (k,) from torque rows near a crossing, a mask (M,)."""
-    met = conditions.matrix[at]
-    share = np.linalg.lstsq((met @ met.T).toarray(), (torque.matrix @ met.T).toarray().T, rcond=None)[0].T
-    share = near[:, None] * share
-    matrix = torque.matrix - sparse.csr_array(share) @ met
-    return Affine(sparse.csr_array(matrix), torque.offset - share @ conditions.offset[at])
+def _squared_speed_rows(speed: Array, limit: Array, z: Any) -> tuple[Any, ...]:
+    """Return rows (M, n) of the squared speed over its limit of each motor with a limit.
+
+    Args:
+        speed: (M, n_a) of the motors over d sigma/dt.
+        z: rows (M, n) of the squared speed (d sigma/dt)^2.
+    """
+    ratios = (speed[:, j] / limit[j] for j in np.flatnonzero(np.isfinite(limit)))
+    return tuple(sparse.csr_array(sparse.diags_array(ratio**2) @ z) for ratio in ratios)
+
+
+def _subtract_conditions(torque: Affine, conditions: Affine, chosen: IntArray, beside: BoolArray) -> Affine:
+    """Subtract multiples of the conditions C from the torque rows T beside a crossing.
+
+    T - share C is orthogonal to C with share = T C' (C C')^-1.
+
+    Args:
+        chosen: the conditions (k,) at the crossing.
+        beside: mask (M,) of the rows.
+    """
+    rows = conditions.matrix[chosen]
+    share = np.linalg.lstsq((rows @ rows.T).toarray(), (torque.matrix @ rows.T).toarray().T, rcond=None)[0].T
+    share = beside[:, None] * share
+    matrix = torque.matrix - sparse.csr_array(share) @ rows
+    return Affine(sparse.csr_array(matrix), torque.offset - share @ conditions.offset[chosen])
 
 
 def condition_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
-    """Return the conditions of a problem as rows (k, n) on coefficients."""
+    """Return the conditions of a problem as rows (k, n) on coefficients, with u = z'/2 and u' = z"/2.
+
+    z is a function of xi: dz/dsigma = xi' dz/dxi, d2z/dsigma2 = xi'^2 d2z/dxi2 + xi" dz/dxi.
+    """
     stretch, sigma = problem.task.stretch, problem.crossings
     constant, per_z, per_u, per_du = problem.conditions.T
     values, first, second = (basis.matrix(problem.places, order) for order in range(3))

@@ -6,7 +6,7 @@ are cut in two under coefficients that are nearly zero or bend sharply, until th
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -29,6 +29,14 @@ MAX_UNIT_CHANGES, MAX_UNIT_RATIO = (
 )  # of units that are corrected: of the optimum to its unit, or inverse
 
 
+class LeastCost(NamedTuple):
+    """The squared speed of least cost that a program found, and the units of that optimum."""
+
+    program: SpeedProgram
+    speed: Speed
+    units: Units
+
+
 class NoneFound(NamedTuple):
     """No law was found: the program that has none, with the solver's status or the reason."""
 
@@ -42,9 +50,11 @@ class NoneFound(NamedTuple):
 
 
 def cost_of(goal: str, speed: Speed) -> float:
-    """Return what a goal counts: duration [s], peak of torques over the reference, energy over it [s].
+    """Return the cost of a speed by a goal.
 
-    Or the peak of speeds over their limits, or the larger of the peaks of torques and squared speeds.
+    "time": the duration [s]; "peak_torque": the peak over the reference; "energy": of torques over the
+    reference [s]; "peak_speed": the peak of motor speeds over their limits; "limits": the larger of the peaks
+    of torques and of squared speeds.
     """
     return {
         "time": speed.duration,
@@ -56,7 +66,7 @@ def cost_of(goal: str, speed: Speed) -> float:
 
 
 def first_cells(problem: LawProblem) -> Array:
-    """Return edges of uniform cells in xi, moved so that each condition is in the middle of one."""
+    """Return edges (k + 1,) of uniform cells in xi, shifted to have each condition in a middle."""
     count = FIRST_CELLS if problem.degree is None else problem.degree
     edges, width = np.linspace(-1.0, 1.0, count + 1), 2.0 / count
     for place in np.unique(problem.places):
@@ -68,34 +78,29 @@ def first_cells(problem: LawProblem) -> Array:
 
 def find_least_cost(
     problem: LawProblem, cells: Array | None = None, *, torque_limits: bool = True
-) -> tuple[SpeedProgram, Speed, Units] | NoneFound:
+) -> LeastCost | NoneFound:
     """Find the least cost on cells that are cut where the coefficients of z are nearly zero, or bend sharply.
 
-    The least peak is sought without torque limits, which it meets where any law does if all motors have one.
-    Where limits have no law on the first cells, those on which the least peak was found are tried.
+    The least peak is sought without torque limits first. If all motors have one, no law keeps the limits
+    where this peak exceeds them; else the peak may be that of a motor without a limit.
     """
-    goal, best, limited = problem.specification.goal, None, problem.specification.limited
+    goal, limited = problem.specification.goal, problem.specification.limited
     cells = first_cells(problem) if cells is None else cells
     if goal == "peak_torque" and limited and torque_limits:
-        free = find_least_cost(problem, cells, torque_limits=False)
-        if isinstance(free, NoneFound) or free[1].peak <= 1.0:
-            return free
-        return _solve_on(problem, free[0].cells)
+        unlimited = find_least_cost(problem, cells, torque_limits=False)
+        if isinstance(unlimited, NoneFound) or unlimited.speed.peak <= 1.0:
+            return unlimited
+        return solve_least_cost(SpeedProgram.on_cells(problem, unlimited.program.cells))
+    best: LeastCost | None = None
     for _ in range(MAX_REFINEMENTS + 1):
         program = SpeedProgram.on_cells(problem, cells)
-        found = solve_least_cost(program, None if best is None else best[2], torque_limits=torque_limits)
+        found = solve_least_cost(program, best and best.units, torque_limits=torque_limits)
         if isinstance(found, NoneFound):
-            if best is not None or goal == "peak_torque":
-                return best or found
-            peaks = find_least_cost(problem.with_goal("peak_torque"), cells, torque_limits=False)
-            if isinstance(peaks, NoneFound):
-                return found
-            finer = peaks[0].cells
-            return found if len(finer) == len(cells) else _solve_on(problem, finer)
+            return best or _solve_on_cells_of_least_peak(problem, cells, found)
         # a higher cost on smaller cells is right too: of more points, between which the limits were exceeded
-        change = np.inf if best is None else abs(1.0 - cost_of(goal, found[0]) / cost_of(goal, best[1]))
-        best = program, *found
-        cut = _cells_to_cut(program, found[0].y)
+        change = np.inf if best is None else abs(1.0 - cost_of(goal, found.speed) / cost_of(goal, best.speed))
+        best = found
+        cut = _cells_to_cut(program, found.speed.y)
         if change < MIN_REFINEMENT_CHANGE or not cut.any() or len(cells) > MAX_CELLS:
             break
         cells = _cut_cells(problem, cells, cut)
@@ -103,22 +108,38 @@ def find_least_cost(
     return best
 
 
-def _solve_on(problem: LawProblem, cells: Array) -> tuple[SpeedProgram, Speed, Units] | NoneFound:
-    """Find the least cost on cells (k + 1,) of xi."""
-    program = SpeedProgram.on_cells(problem, cells)
-    found = solve_least_cost(program)
-    return found if isinstance(found, NoneFound) else (program, *found)
+def _solve_on_cells_of_least_peak(
+    problem: LawProblem, cells: Array, none: NoneFound
+) -> LeastCost | NoneFound:
+    """Find the least cost on finer cells, those of the least peak; return `none` where that does not help.
+
+    Limits may have no law on the first cells and one on cells that follow it.
+    """
+    if problem.specification.goal == "peak_torque":
+        return none
+    gentlest = find_least_cost(problem.with_goal("peak_torque"), cells, torque_limits=False)
+    if isinstance(gentlest, NoneFound) or len(gentlest.program.cells) == len(cells):
+        return none
+    return solve_least_cost(SpeedProgram.on_cells(problem, gentlest.program.cells))
 
 
 def solve_least_cost(
-    program: SpeedProgram, units: Units | None = None, *, torque_limits: bool = True, kept: float = 1.0
-) -> tuple[Speed, Units] | NoneFound:
-    """Solve for the goal within a share `kept` of the limits, units corrected by the optimum; return both."""
+    program: SpeedProgram,
+    units: Units | None = None,
+    *,
+    torque_limits: bool = True,
+    limit_share: float = 1.0,
+) -> LeastCost | NoneFound:
+    """Solve for the goal within a share of the limits, in units that are corrected by the optimum.
+
+    A solver ends early or stalls where the optimum is far from 1: units are set to the optimum until the two
+    are within MAX_UNIT_RATIO, or to a quicker law where the solver gave up.
+    """
     specification = program.problem.specification
     goal = specification.goal
-    most = None if goal == "time" else specification.most  # the quickest law, whatever bounds it
-    share = kept * (1.0 if goal == "peak_torque" else 1.0 - LIMIT_MARGIN)
-    bounds = Bounds(most, torque_limits=torque_limits, share=share)
+    longest = None if goal == "time" else specification.max_duration  # the quickest law, whatever bounds it
+    share = limit_share * (1.0 if goal == "peak_torque" else 1.0 - LIMIT_MARGIN)
+    bounds = Bounds(longest, torque_limits=torque_limits, share=share)
     units = units or _first_units(program)
     for _ in range(MAX_UNIT_CHANGES):
         found = program.minimise(goal, bounds, units)
@@ -131,16 +152,22 @@ def solve_least_cost(
                 else Units(0.5 * units.time, 2.0 * units.torque)
             )
             continue
-        own = own_units(goal, found, units)
-        one, other = (own.time, units.time) if goal == "time" else (own.torque, units.torque)
-        if max(one / other, other / one) < MAX_UNIT_RATIO:
-            return found, own
-        units = own if goal == "time" else units._replace(torque=own.torque)
-    return NoneFound(program, found.status) if isinstance(found, Unsolved) else (found, own)
+        optimal = own_units(goal, found, units)
+        new, old = (optimal.time, units.time) if goal == "time" else (optimal.torque, units.torque)
+        if max(new / old, old / new) < MAX_UNIT_RATIO:
+            return LeastCost(program, found, optimal)
+        units = optimal if goal == "time" else units._replace(torque=optimal.torque)
+    if isinstance(found, Unsolved):
+        return NoneFound(program, found.status)
+    return LeastCost(program, found, optimal)
 
 
 def own_units(goal: str, found: Speed, units: Units) -> Units:
-    """Return units in which a speed is near 1."""
+    """Return the units in which a speed is near 1: its duration, and its peak or root mean square torque.
+
+    Args:
+        units: returned where the speed has no finite duration.
+    """
     time = found.value if np.isfinite(found.value) else found.duration
     if not np.isfinite(time):
         return units
@@ -150,24 +177,31 @@ def own_units(goal: str, found: Speed, units: Units) -> Units:
 
 
 def _first_units(program: SpeedProgram) -> Units:
-    """Return first units: of time by condition (8) or the limits, of torque by limits or weight."""
+    """Estimate the units of the optimum before a law is known.
+
+    Time: condition (8), constant + per_z z + per_u u = 0, asks for z of about constant / per_z. Where its
+    constant vanishes, limits or torques of the reference set the pace. Torque: the limits, else the weight,
+    else inertia.
+    """
     problem, specification = program.problem, program.problem.specification
     constant, per_z, per_u, _ = np.abs(problem.conditions.T)
     with np.errstate(divide="ignore", invalid="ignore"):
-        pace = np.sqrt(np.maximum(per_z, per_u) / constant)
-    time = min(specification.most or np.inf, float(np.nanmin(pace, initial=np.inf)))
-    rows = [
-        (torque.matrix, torque.offset / problem.reference[j]) for j, torque in enumerate(program.rows.torque)
-    ]
-    inertia = max(
-        float(np.median(np.abs(m).max(axis=1).toarray())) / problem.reference[j]
-        for j, (m, _) in enumerate(rows)
-    )
-    if not 0.0 < time < np.inf:  # nothing falls: what limits or unit torques allow
-        speeds = [float(np.median(m.max(axis=1).toarray())) for m in program.rows.squared_speed]
+        paces = np.sqrt(np.maximum(per_z, per_u) / constant)
+    time = min(specification.max_duration or np.inf, float(np.nanmin(paces, initial=np.inf)))
+    torques = list(zip(program.rows.torque, problem.reference, strict=True))
+    inertia = max(_median_largest(np.abs(torque.matrix)) / reference for torque, reference in torques)
+    if not 0.0 < time < np.inf:
+        speeds = [_median_largest(matrix) for matrix in program.rows.squared_speed]
         time = float(np.sqrt(max([inertia, *speeds]))) or 1.0
-    weight = max(float(np.abs(offset).max()) for _, offset in rows)
-    return Units(time, 1.0 if specification.limited else weight or inertia / time**2 or 1.0)
+    if specification.limited:
+        return Units(time, 1.0)
+    weight = max(float(np.abs(torque.offset / reference).max()) for torque, reference in torques)
+    return Units(time, weight or inertia / time**2 or 1.0)
+
+
+def _median_largest(matrix: Any) -> float:
+    """Return the median over rows of the largest entry of each row."""
+    return float(np.median(matrix.max(axis=1).toarray()))
 
 
 def _cells_to_cut(program: SpeedProgram, y: Array) -> BoolArray:
@@ -176,24 +210,22 @@ def _cells_to_cut(program: SpeedProgram, y: Array) -> BoolArray:
     if not basis.is_spline:
         return np.zeros(len(program.cells) - 1, dtype=bool)
     low = LOW_COEFFICIENT * np.median(y)
-    neighbours = np.lib.stride_tricks.sliding_window_view(np.maximum(y, low), 3)
-    bent = np.abs(neighbours @ [1.0, -2.0, 1.0]) > MAX_BEND * neighbours.min(axis=1)
-    start = np.concatenate([basis.knots[np.flatnonzero(y <= low)], basis.knots[np.flatnonzero(bent) + 3]])
-    end = np.concatenate(
-        [
-            basis.knots[np.flatnonzero(y <= low) + basis.degree + 1],
-            basis.knots[np.flatnonzero(bent) + basis.degree],
-        ]
-    )
+    triples = np.lib.stride_tricks.sliding_window_view(np.maximum(y, low), 3)
+    bent = np.flatnonzero(np.abs(triples @ [1.0, -2.0, 1.0]) > MAX_BEND * triples.min(axis=1))
+    falling = np.flatnonzero(y <= low)
+    knots, degree = basis.knots, basis.degree
+    # the support of a low coefficient; of a bend, the support of the middle one but two cells at both ends
+    start = np.concatenate([knots[falling], knots[bent + 3]])
+    end = np.concatenate([knots[falling + degree + 1], knots[bent + degree]])
     cells = basis.cells
     return np.asarray(((cells[:-1, None] >= start) & (cells[1:, None] <= end)).any(axis=1))
 
 
 def _cut_cells(problem: LawProblem, cells: Array, cut: BoolArray) -> Array:
-    """Return the cells with those of a mask cut in two, or in three about a condition."""
+    """Return the cells after those of a mask (k,) are cut in two, or in three about a condition."""
     low, high = cells[:-1][cut], cells[1:][cut]
-    about = ((low[:, None] < problem.places) & (problem.places < high[:, None])).any(axis=1)
-    third = (high - low) / 3.0
-    return np.unique(
-        np.concatenate([cells, (0.5 * (low + high))[~about], (low + third)[about], (high - third)[about]])
-    )
+    has_condition = ((low[:, None] < problem.places) & (problem.places < high[:, None])).any(axis=1)
+    middle, third = 0.5 * (low + high), (high - low) / 3.0
+    in_two, in_three = ~has_condition, has_condition
+    edges = [cells, middle[in_two], (low + third)[in_three], (high - third)[in_three]]
+    return np.unique(np.concatenate(edges))

@@ -1,4 +1,4 @@
-"""The speeds and accelerations along the path that the motors allow: curves over s.
+"""Curves over s of the speeds and accelerations along the path that the motors allow.
 
 At each s the limits |c + d s' + p s'^2 + q s"| <= limit of all motors leave a region of (s', s"), with dry
 friction of the motors in c and viscous damping in d. Where two of its edges meet is the highest s' (the
@@ -37,9 +37,9 @@ class MotorDemand(NamedTuple):
 
 
 class LimitCurves(NamedTuple):
-    """Over the instants of a plan, none of them on a crossing: its law, and what the motors allow there.
+    """The law of a plan at T instants, none on a crossing, and the limits that the motors set to s' and s".
 
-    Of the undeformed robot. `highest_speed` is infinite where nothing limits it, and not a number where the
+    Of the undeformed robot. `highest_speed` is infinite where nothing limits s', and not a number where the
     motors cannot even hold the robot.
     """
 
@@ -53,27 +53,21 @@ class LimitCurves(NamedTuple):
 
 
 def limit_curves(plan: CrossingPlan) -> LimitCurves:
-    """Compute the curves of a plan, for its limits, or for its own peak torque where it has none."""
+    """Compute the limit curves of a plan for its limits, or without any for its own peak torque."""
     torque_limit, speed_limit = _limits(plan)
     times = _instants(plan)
     s, speed, acceleration = (plan.law(times, order) for order in range(3))
     s = np.clip(s, 0.0, 1.0)
     required = _motor_demand(plan, s)
-    lowest, highest = _accelerations(required, speed, torque_limit)
-    return LimitCurves(
-        s,
-        speed,
-        acceleration,
-        highest_speed(required, torque_limit, speed_limit),
-        lowest,
-        highest,
-        torque_limit,
-    )
+    lowest, highest = _bound_acceleration(required, speed, torque_limit)
+    fastest = highest_speed(required, torque_limit, speed_limit)
+    return LimitCurves(s, speed, acceleration, fastest, lowest, highest, torque_limit)
 
 
 def _motor_demand(plan: CrossingPlan, s: Array) -> MotorDemand:
     """Compute torques and speeds of the undeformed robot at s (T,), with damping and the planned friction."""
-    branch, robot = track_path(plan.robot, plan.path).with_wrenches(plan.dynamics.wrenches), plan.robot
+    robot = plan.robot
+    branch = track_path(robot, plan.path).with_wrenches(plan.dynamics.wrenches)
     asked = demand(branch, Smoothstep(0), s, None, "rigid")
     constant, per_z, per_u = asked.torque
     friction = asked.friction(motor_friction(robot, plan.request.friction))
@@ -81,7 +75,7 @@ def _motor_demand(plan: CrossingPlan, s: Array) -> MotorDemand:
 
 
 def _limits(plan: CrossingPlan) -> tuple[Array, Array]:
-    """Return limits (n_a,) of torque [N m] and speed [rad/s]."""
+    """Return limits (n_a,) of torque [N m] and speed [rad/s]; without any, the plan's peak torque."""
     unlimited = np.full(plan.robot.n_a, max(plan.peak_torque.values()))
     if plan.optimality is None:
         return unlimited, np.full(plan.robot.n_a, np.inf)
@@ -90,7 +84,7 @@ def _limits(plan: CrossingPlan) -> tuple[Array, Array]:
 
 
 def _instants(plan: CrossingPlan) -> Array:
-    """Return instants from start to end, dense beside the crossings and never on them."""
+    """Return instants (T,) from start to end [s], dense beside the crossings and never on one."""
     times = 0.5 * plan.duration * (1.0 - np.cos(np.pi * np.linspace(0.0, 1.0, SPEED_SAMPLES)))
     for crossing in plan.crossings:
         times = times[np.abs(times - crossing.time) > CROSSING_OFFSETS[0] * plan.duration]
@@ -99,10 +93,10 @@ def _instants(plan: CrossingPlan) -> Array:
     return np.unique(times)
 
 
-def _accelerations(required: MotorDemand, speed: Array, limit: Array) -> tuple[Array, Array]:
-    """Compute the least and the largest s" (T,) that the motors allow at these s' (T,)."""
+def _bound_acceleration(required: MotorDemand, speed: Array, limit: Array) -> tuple[Array, Array]:
+    """Compute the least and the largest s" (T,) with which torques at s' (T,) keep their limits (n_a,)."""
     constant, per_speed, per_z, per_u, _ = required
-    at_zero = constant + (per_speed + per_z * speed[:, None]) * speed[:, None]
+    at_zero = constant + (per_speed + per_z * speed[:, None]) * speed[:, None]  # the torques where s" = 0
     with np.errstate(divide="ignore", invalid="ignore"):
         ends = np.sort(np.stack([(-limit - at_zero) / per_u, (limit - at_zero) / per_u]), axis=0)
     return np.nanmax(ends[0], axis=1), np.nanmin(ends[1], axis=1)
@@ -112,37 +106,46 @@ def highest_speed(required: MotorDemand, torque_limit: Array, speed_limit: Array
     """Compute the largest s' (T,) at which some s" keeps all limits: a corner of their region."""
     constant, per_speed, per_z, per_u, motor_speed = required
     limited = np.isfinite(torque_limit)
-    # rows (T, m, 3) of (s', s'^2, s") and right-hand sides (T, m), each for both signs of a torque
-    rows = np.stack([per_speed, per_z, per_u], axis=-1)[:, limited] / torque_limit[limited, None]
-    rest = constant[:, limited] / torque_limit[limited]
-    rows, bound = np.concatenate([rows, -rows], axis=1), np.concatenate([1.0 - rest, 1.0 + rest], axis=1)
-    best = np.full(len(rest), -np.inf)
-    for i, j in combinations(range(bound.shape[1]), 2):
-        for corner in _corners(rows[:, (i, j)], bound[:, (i, j)]):
-            size = 1.0 + np.abs(rows * corner[:, None]).sum(axis=-1)  # of the terms that a row sums up
-            inside = np.all(np.einsum("tmk,tk->tm", rows, corner) <= bound + CORNER_ROUNDING * size, axis=1)
-            best = np.where(inside & (corner[:, 0] > best), corner[:, 0], best)
-    if not limited.any():
-        best = np.full(len(rest), np.inf)
+    # edges (T, m, 3) @ (s', s'^2, s") <= bound (T, m), one for each sign of a torque
+    edges = np.stack([per_speed, per_z, per_u], axis=-1)[:, limited] / torque_limit[limited, None]
+    share = constant[:, limited] / torque_limit[limited]
+    edges = np.concatenate([edges, -edges], axis=1)
+    bound = np.concatenate([1.0 - share, 1.0 + share], axis=1)
+    by_torque = _highest_corner(edges, bound) if limited.any() else np.full(len(constant), np.inf)
     with np.errstate(divide="ignore"):
         by_speed = (speed_limit / motor_speed).min(axis=1)
-    return np.minimum(np.where(best < 0, np.nan, best), by_speed)
+    return np.minimum(np.where(by_torque < 0, np.nan, by_torque), by_speed)
 
 
-def _corners(rows: Array, bound: Array) -> list[Array]:
-    """Intersect two edges, rows (T, 2, 3) and right-hand sides (T, 2): twice (s', s'^2, s") (T, 3).
+def _highest_corner(edges: Array, bound: Array) -> Array:
+    """Return the largest s' (T,) of all corners of edges (T, m, 3) that keep the bounds; -inf without any."""
+    highest = np.full(len(bound), -np.inf)
+    for i, j in combinations(range(bound.shape[1]), 2):
+        for corner in _intersect_edges(edges[:, (i, j)], bound[:, (i, j)]):
+            size = 1.0 + np.abs(edges * corner[:, None]).sum(axis=-1)  # of the terms that a row sums up
+            inside = np.all(np.einsum("tmk,tk->tm", edges, corner) <= bound + CORNER_ROUNDING * size, axis=1)
+            highest = np.where(inside & (corner[:, 0] > highest), corner[:, 0], highest)
+    return highest
 
-    Without s" there remains a s'^2 + b s' = c. Not a number where the edges do not meet.
+
+def _intersect_edges(edges: Array, bound: Array) -> list[Array]:
+    """Intersect pairs of edges (T, 2, 3) with bounds (T, 2): both corners (s', s'^2, s") (T, 3).
+
+    Without s" there remains a s'^2 + b s' = c, solved without cancellation. s" is that of the edge with the
+    larger coefficient. Not a number where the edges do not meet.
     """
-    (d, p, q), (e, r, t) = (np.moveaxis(rows[:, k], -1, 0) for k in range(2))
-    a, b, c = p * t - r * q, d * t - e * q, bound[:, 0] * t - bound[:, 1] * q
+    per_speed, per_z, per_u = np.moveaxis(edges, -1, 0)
+
+    def without_u(part: Array) -> Array:
+        return np.asarray(part[:, 0] * per_u[:, 1] - part[:, 1] * per_u[:, 0])
+
+    a, b, c = without_u(per_z), without_u(per_speed), without_u(bound)
+    steeper = np.arange(len(bound)), np.where(np.abs(per_u[:, 0]) > np.abs(per_u[:, 1]), 0, 1)
+    corners = []
     with np.errstate(divide="ignore", invalid="ignore"):
         half = -0.5 * (b + np.copysign(np.sqrt(b**2 + 4.0 * a * c), b))
-        corners = []
         for root in (half / a, -c / half):
             speed = np.where(np.isfinite(root), root, np.nan)
-            steeper = np.abs(q) > np.abs(t)  # the edge that gives s"
-            first = (bound[:, 0] - (d + p * speed) * speed) / q
-            second = (bound[:, 1] - (e + r * speed) * speed) / t
-            corners.append(np.stack([speed, speed**2, np.where(steeper, first, second)], axis=1))
+            rest = bound[steeper] - (per_speed[steeper] + per_z[steeper] * speed) * speed
+            corners.append(np.stack([speed, speed**2, rest / per_u[steeper]], axis=1))
     return corners

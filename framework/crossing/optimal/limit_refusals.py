@@ -1,7 +1,8 @@
-"""Why no law was found within the limits, and which limits and duration would do.
+"""The refusal of a law within the limits, with limits and a duration within which one was found.
 
 A search on cells proves nothing. Two bounds of every law do: at rest at its ends the robot has to be held,
-and the peak of torque has a bound by duality (`peak_bound`). What is advised was planned first.
+and the peak of torque has a bound by duality (`peak_bound`). Limits and durations are planned before they are
+advised.
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ from framework.arrays import Array
 from framework.crossing.optimal.best_law import Best, find_best_law
 from framework.crossing.optimal.law_problem import LawProblem
 from framework.crossing.optimal.least_cost import NoneFound, find_least_cost
-from framework.crossing.optimal.optimal_task import Task
 from framework.crossing.optimal.peak_bound import prove_no_law
 from framework.crossing.optimal.phase_plane import demand
 from framework.crossing.refusals.refusal_proofs import HoldingTorque, LeastLimits, SearchEvidence, advice_of
@@ -25,43 +25,59 @@ ADVISED_RESERVE = 1.02  # of a duration over the quickest found, which is met at
 
 
 def refuse_law(problem: LawProblem, none: NoneFound) -> NoLaw | NotConverged:
-    """Return the reason why a problem has no law, with what was found instead."""
-    task, specification = problem.task, problem.specification
-    robot, cells = task.branch.robot, len(none.program.basis.cells) - 1
+    """Return the reason why a problem has no law, by a proof or by numbers of the search."""
+    name, cells = problem.task.branch.robot.name, len(none.program.basis.cells) - 1
     holding = _overloaded_at_rest(problem)
     least = find_least_limits(problem)
     if holding is None and not none.infeasible and least.torque_peak is None and least.speed_peak is None:
         return NotConverged(
-            f"{robot.name}: no optimal law was found on {cells} cells: {none.status}",
-            residual=np.inf,
+            f"{name}: no optimal law was found on {cells} cells: {none.status}", residual=np.inf
         )
-    quickest = None
-    if holding is None and specification.most and (specification.limited or specification.limited_speeds):
+    specification, quickest = problem.specification, None
+    limited = specification.limited or specification.limited_speeds
+    if holding is None and specification.max_duration and limited:
         quickest = _find_quickest(problem)
     limits = next((raised for raised in least.options if _has_law(problem, raised)), None)
     evidence = SearchEvidence(cells, least, quickest, limits)
-    would_do = "" if limits is None else f"; {advice_of(robot, limits)}"
     if holding is not None:
-        where, unit = "start" if holding.s == 0 else "end", _unit(task, holding.joint)
-        needed, allowed = format_distinct(holding.torque, holding.limit)
-        rubs = robot.joint_friction.any()
-        uncounted = " (dry friction, which may hold some of it, not counted)" if rubs else ""
-        return NoLaw(
-            f"{robot.name}: no law is admissible: at the {where} {holding.joint} must hold {needed} "
-            f"{unit} at rest{uncounted}, and may {allowed}{would_do}",
-            proof=holding,
-            evidence=evidence,
-        )
-    bound = prove_no_law(problem)
-    none_is = "no law of free shape was found"
-    if bound is not None:
-        needed, _ = format_distinct(bound.value, 1.0)
-        none_is = f"no law is admissible: the torque of each peaks at {needed} times the limits or more"
-    return NoLaw(f"{robot.name}: {none_is}: {evidence.sentence}{would_do}", proof=bound, evidence=evidence)
+        return _refuse_holding(problem, holding, evidence)
+    proof = prove_no_law(problem)
+    reason = "no law of free shape was found"
+    if proof is not None:
+        peak, _ = format_distinct(proof.value, 1.0)
+        reason = f"no law is admissible: the torque of each peaks at {peak} times the limits or more"
+    advice = _limits_advice(problem, evidence)
+    return NoLaw(f"{name}: {reason}: {evidence.sentence}{advice}", proof=proof, evidence=evidence)
+
+
+def _refuse_holding(problem: LawProblem, holding: HoldingTorque, evidence: SearchEvidence) -> NoLaw:
+    """Return the refusal of a path at whose end a motor cannot hold the robot."""
+    robot = problem.task.branch.robot
+    end = "start" if holding.s == 0 else "end"
+    unit = robot.torque_units[list(robot.actuator_names).index(holding.joint)]
+    needed, allowed = format_distinct(holding.torque, holding.limit)
+    rubs = robot.joint_friction.any()
+    uncounted = " (dry friction, which may hold some of it, not counted)" if rubs else ""
+    return NoLaw(
+        f"{robot.name}: no law is admissible: at the {end} {holding.joint} must hold {needed} "
+        f"{unit} at rest{uncounted}, and may {allowed}{_limits_advice(problem, evidence)}",
+        proof=holding,
+        evidence=evidence,
+    )
+
+
+def _limits_advice(problem: LawProblem, evidence: SearchEvidence) -> str:
+    """Return the clause on limits within which a law was planned; empty without."""
+    limits = evidence.limits
+    return "" if limits is None else f"; {advice_of(problem.task.branch.robot, limits)}"
 
 
 def find_least_limits(problem: LawProblem) -> LeastLimits:
-    """Find limits within which there is a law, in proportion to those of a problem that has none."""
+    """Find limits with a law, in proportion to the limits of a problem without one.
+
+    Torques and speeds are tried alone, each within the limits of the other. Where neither is enough alone,
+    both are raised together.
+    """
     specification = problem.specification
     torque = _find_multiples(problem, "peak_torque")[0] if specification.limited else None
     speed = _find_multiples(problem, "peak_speed")[1] if specification.limited_speeds else None
@@ -72,11 +88,11 @@ def find_least_limits(problem: LawProblem) -> LeastLimits:
 
 
 def _find_multiples(problem: LawProblem, goal: str) -> tuple[float | None, float | None]:
-    """Return the multiples of torque and of speed limits that the law of least peaks needs."""
-    limit = problem.specification.torque_limit
-    weighed = problem._replace(weighing=np.where(np.isfinite(limit), limit, np.inf))
-    valued = find_least_cost(weighed.with_goal(goal), torque_limits=goal != "peak_torque")
-    return (None, None) if isinstance(valued, NoneFound) else (valued[1].peak, valued[1].peak_speed)
+    """Return the multiples of torque and speed limits that the law of least peaks needs; None without one."""
+    limit = problem.specification.torque_limit  # infinite of motors whose torque does not count
+    weighed = problem._replace(weighing=limit)
+    found = find_least_cost(weighed.with_goal(goal), torque_limits=goal != "peak_torque")
+    return (None, None) if isinstance(found, NoneFound) else (found.speed.peak, found.speed.peak_speed)
 
 
 def _has_law(problem: LawProblem, limits: dict[str, Array]) -> bool:
@@ -88,7 +104,7 @@ def _has_law(problem: LawProblem, limits: dict[str, Array]) -> bool:
 
 
 def _find_quickest(problem: LawProblem) -> float | None:
-    """Return a duration [s] in which a law within the limits was found, near the least; None if none was."""
+    """Find a duration [s] near the least of laws within the limits; None where no law was found."""
     specification = replace(problem.specification, duration=None, longest=None)
     free = problem._replace(task=problem.task._replace(specification=specification))
     best = find_best_law(free.with_goal("time"))
@@ -96,18 +112,13 @@ def _find_quickest(problem: LawProblem) -> float | None:
 
 
 def _overloaded_at_rest(problem: LawProblem) -> HoldingTorque | None:
-    """Return a motor whose limit does not even hold the robot at an end of its path."""
+    """Return the holding torque of a motor above its limit at an end of the path, if there is any."""
     task, limit = problem.task, problem.specification.torque_limit
     ends = np.array([0.0, 1.0])
     weight = demand(task.branch, task.phi, ends, problem.deflections, task.geometry).torque.constant
-    over = np.argwhere(np.abs(weight) > limit)
-    if not len(over):
+    exceeded = np.argwhere(np.abs(weight) > limit)
+    if not len(exceeded):
         return None
-    end, motor = map(int, over[0])
+    end, motor = map(int, exceeded[0])
     joint = task.branch.robot.actuator_names[motor]
     return HoldingTorque(joint, float(end), float(abs(weight[end, motor])), float(limit[motor]))
-
-
-def _unit(task: Task, joint: str) -> str:
-    robot = task.branch.robot
-    return str(robot.torque_units[list(robot.actuator_names).index(joint)])

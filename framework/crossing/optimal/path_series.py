@@ -1,4 +1,4 @@
-"""The functions of s that the torques of all laws along a path are made of, as polynomials on cells.
+"""The torques of all laws along a path, as functions of s that are polynomials on cells.
 
 Over their reference, torques are c + cz z + cu u + d sqrt(z), with z = s'^2 and u = z'/2. Multipliers nu (m,)
 of them are sought as the sum of x_i v_i, with x (m,) polynomials on each cell, and
@@ -19,7 +19,7 @@ import numpy as np
 from framework.arrays import Array, BoolArray, IntArray
 from framework.crossing.optimal.optimal_task import Task
 from framework.crossing.optimal.phase_plane import Demand, demand
-from framework.motion.bernstein import NODES, Bernstein, cell_nodes, fit
+from framework.motion.bernstein import NODES, Bernstein, cell_nodes, fit_bernstein
 from framework.motion.optimal_law import Smoothstep, Stretch
 
 END_ORDER = 4  # of the smoothstep by which cells are narrower towards both ends of the path
@@ -44,7 +44,12 @@ class PathSeries(NamedTuple):
 
 
 def uniform_cells(task: Task, count: int) -> Array:
-    """Return edges (k + 1,) in s of about `count` cells: knots among them, each crossing in a middle."""
+    """Return edges (k + 1,) in s of about `count` cells, each crossing in the middle of one.
+
+    Cells are equal in the stretched parameter of optimal laws: narrow towards both ends and beside crossings.
+    Knots of the path and of wrenches are edges. The cell about a crossing reaches a third of the way to the
+    next edge or crossing.
+    """
     branch, phi = task.branch, Smoothstep(END_ORDER)
     crossings = _crossings(task)
     stretch = Stretch(tuple(map(float, phi.inverse(crossings))))
@@ -59,13 +64,16 @@ def uniform_cells(task: Task, count: int) -> Array:
 
 
 def cut_cells(task: Task, edges: Array, parts: IntArray) -> Array:
-    """Return edges of which each cell is cut in `parts` (k,), in an odd number about a crossing."""
+    """Return the edges after each cell is cut in `parts` (k,), an odd number about a crossing.
+
+    Then no edge is on a crossing, which stays in the middle of a cell.
+    """
     crossings = _crossings(task)
-    about = ((edges[:-1, None] < crossings) & (crossings < edges[1:, None])).any(axis=1)
-    parts = parts + (about & (parts % 2 == 0))
+    has_crossing = ((edges[:-1, None] < crossings) & (crossings < edges[1:, None])).any(axis=1)
+    parts = parts + (has_crossing & (parts % 2 == 0))
     width = np.repeat(np.diff(edges) / parts, parts)
-    number = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
-    return np.append(np.repeat(edges[:-1], parts) + number * width, edges[-1])
+    number_in_cell = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
+    return np.append(np.repeat(edges[:-1], parts) + number_in_cell * width, edges[-1])
 
 
 def _crossings(task: Task) -> Array:
@@ -73,56 +81,70 @@ def _crossings(task: Task) -> Array:
 
 
 def resolve_series(task: Task, reference: Array, edges: Array) -> PathSeries | None:
-    """Compute the functions on cells, or on parts of them; None where they do not resolve.
+    """Compute the functions on cells that are cut in two until they resolve; None where they do not.
 
     Args:
         reference: (n_a,) of the torques; a motor where that is infinite is left out.
         edges: (k + 1,) of s, with all knots.
     """
     for _ in range(MAX_CUTS):
-        series, resolved, certain = _series_on(task, reference, edges)
-        if (resolved & certain).all():
+        series, resolved, reverses = _fit_series(task, reference, edges)
+        to_cut = ~resolved | reverses
+        if not to_cut.any():
             break
-        edges = cut_cells(task, edges, np.where(resolved & certain, 1, 2))
-    return series if resolved.all() else None
+        edges = cut_cells(task, edges, np.where(to_cut, 2, 1))
+    return series if resolved.all() else None  # a reversal within a narrow cell counts as an error
 
 
-def _series_on(task: Task, reference: Array, edges: Array) -> tuple[PathSeries, BoolArray, BoolArray]:
-    """Compute the functions on cells, and masks (k,): resolved, and without a reversal of a motor."""
+def _fit_series(task: Task, reference: Array, edges: Array) -> tuple[PathSeries, BoolArray, BoolArray]:
+    """Fit the functions on cells; return masks (k,), too: resolved, and where a rubbing motor reverses."""
     branch, specification, motors = task.branch, task.specification, np.isfinite(reference)
     s = (edges[:-1, None] + np.diff(edges)[:, None] * cell_nodes()).ravel()
-    asked = demand(branch, Smoothstep(0), s, None, task.geometry)
-    friction, unknown = _mean_friction(asked, specification.friction)
-    parts = (asked.torque.constant + friction, asked.torque.per_z, asked.damping, asked.torque.per_u)
-    *torques, per_u = (_by_cell(part / reference)[..., motors] for part in parts)
-    directions, v = _multiplier_basis(per_u)
-    ratio = _by_cell(asked.speed / specification.speed_limit)[..., np.isfinite(specification.speed_limit)]
-    fitted = [fit(v), *(fit((v @ torque[..., None])[..., 0]) for torque in torques), fit(ratio**2)]
+    required = demand(branch, Smoothstep(0), s, None, task.geometry)
+    friction, friction_error = _mean_friction(required, specification.friction)
+
+    def by_cell(torque: Array) -> Array:
+        """Return torques (k NODES, n_a) over the reference, (k, NODES, m) of the motors that count."""
+        return _split_by_cell(torque / reference)[..., motors]
+
+    constant = by_cell(required.torque.constant + friction)
+    per_z, damping = by_cell(required.torque.per_z), by_cell(required.damping)
+    directions, v = _multiplier_basis(by_cell(required.torque.per_u))
+    products = [(v @ torque[..., None])[..., 0] for torque in (constant, per_z, damping)]
+    limited = np.isfinite(specification.speed_limit)
+    speed_ratio = _split_by_cell(required.speed / specification.speed_limit)[..., limited]
+    fitted = [fit_bernstein(values) for values in (v, *products, speed_ratio**2)]
     series = PathSeries(edges, directions, *(function for function, _ in fitted))
-    left = (np.abs(v).max(axis=1) @ (unknown / reference)[:, motors, None])[..., 0]
-    constant = series.constant._replace(error=series.constant.error + left)
     resolved = np.asarray(np.all([mask for _, mask in fitted], axis=0))
-    return series._replace(constant=constant), resolved, np.asarray(~unknown.any(axis=1))
+    error = (np.abs(v).max(axis=1) @ (friction_error / reference)[:, motors, None])[..., 0]
+    with_friction_error = series.constant._replace(error=series.constant.error + error)
+    return series._replace(constant=with_friction_error), resolved, np.asarray(friction_error.any(axis=1))
 
 
-def _by_cell(values: Array) -> Array:
+def _split_by_cell(values: Array) -> Array:
+    """Return values (k NODES, n) as (k, NODES, n)."""
     return values.reshape(-1, NODES, values.shape[-1])
 
 
-def _mean_friction(asked: Demand, size: Array) -> tuple[Array, Array]:
-    """Return dry friction (k NODES, n_a), its mean on each cell, and what that may be off (k, n_a).
+def _mean_friction(required: Demand, size: Array) -> tuple[Array, Array]:
+    """Return the mean dry friction of each cell at its nodes (k NODES, n_a), and its error (k, n_a).
 
-    A reversal and back between two nodes is not seen, as in plans.
+    The error is 2 size where a motor reverses within a cell. A reversal and back between two nodes is not
+    seen, as in plans.
     """
-    friction = _by_cell(asked.friction(size))
+    friction = _split_by_cell(required.friction(size))
     mean = np.repeat(friction.mean(axis=1), NODES, axis=0)
     return mean, np.where(np.ptp(friction, axis=1) > 0.0, 2.0 * size, 0.0)
 
 
 def _multiplier_basis(per_u: Array) -> tuple[Array, Array]:
-    """Return e (k, m - 1, m) and v (k, NODES, m, m) for torques (k, NODES, m) per u."""
-    along = per_u / (per_u**2).sum(axis=2, keepdims=True)
-    e = np.linalg.svd(per_u[:, NODES // 2, :, None])[0][:, :, 1:].swapaxes(1, 2)
+    """Return e_i (k, m - 1, m) and v_i (k, NODES, m, m) of the head of this file, from cu (k, NODES, m).
+
+    The e_i are orthogonal to cu at a node beside the middle of the cell.
+    """
+    along = per_u / (per_u**2).sum(axis=2, keepdims=True)  # cu / |cu|^2
+    orthonormal = np.linalg.svd(per_u[:, NODES // 2, :, None])[0]  # its first column is along cu
+    e = orthonormal[:, :, 1:].swapaxes(1, 2)
     share = per_u @ e.swapaxes(1, 2)  # (k, NODES, m - 1)
     across = e[:, None] - share[..., None] * along[:, :, None]
     return e, np.concatenate([2.0 * along[:, :, None], across], axis=2)

@@ -26,13 +26,13 @@ from framework.tolerances import BOUND_MARGIN
 FIRST_CELLS, MAX_CELLS, MAX_REFINEMENTS = 100, 400, 6
 MIN_GAIN = 1e-3  # of a bound by more cells
 MAX_MARGINS = 3  # with which a program is solved until its factor is proved
-ERROR_GROWTH = 1.5  # of errors on a part of a cell over what its last multipliers make of them
+ERROR_GROWTH = 1.5  # of the factor's error, over the error with the multipliers of the last cells
 CUT_SHARES = (1.5, 6.0)  # of |nu|_1 on a cell over the mean, above which it is cut in two and in four
 
 
 @dataclass(frozen=True, eq=False)
 class PeakBound(ReadOnlyArrays):
-    """A bound of every law, with the multipliers from which it follows (`dual_program`).
+    """A bound of the peak or of the duration of every law, with its multipliers (`dual_program`).
 
     by_duality: the peak of torque over the reference that no law is below, or the duration [s].
     at_rest: the peak that every law has at its ends, where s' = s" = 0; zero where s" need not vanish.
@@ -63,30 +63,30 @@ def bound_peak(task: Task, reference: Array) -> PeakBound | None:
 
     Limits of speed and the duration count, limits of torque do not.
     """
-    proof = _prove(task, reference, timed=False)
+    proof = _find_proof(task, reference, timed=False)
     return proof and _bound_of(proof, reference, _peak_at_rest(task, reference))
 
 
 def bound_duration(task: Task) -> PeakBound | None:
     """Compute a bound of the duration [s] within the limits of torque and speed."""
     limit = task.specification.torque_limit
-    proof = _prove(task, limit, timed=True)
-    return proof and _bound_of(proof, limit, 0.0)
+    proof = _find_proof(task, limit, timed=True)
+    return proof and _bound_of(proof, limit, at_rest=0.0)
 
 
 def prove_no_law(problem: LawProblem) -> PeakBound | None:
-    """Return a bound of the peak over the limits that is above 1, if there is one: no law keeps them."""
+    """Return the proof that no law keeps the limits: a bound of the peak over the limits above 1, or None."""
     return None if problem.deflections is not None else find_refuting_bound(problem.task)
 
 
 def find_refuting_bound(task: Task) -> PeakBound | None:
-    """Return the same for the task of an undeformed robot."""
+    """Return a bound of the peak over the limits above 1 for an undeformed robot, or None."""
     bound = bound_peak(task, task.specification.torque_limit)
     return bound if bound is not None and bound.value > 1.0 + BOUND_MARGIN else None
 
 
 def bound_plan(plan: CrossingPlan) -> PeakBound | None:
-    """Compute a bound of what the law of a plan was optimised for, duration [s] or peak; None for others."""
+    """Compute a bound of the duration [s] or the peak that a plan's law minimises; None for other goals."""
     if plan.optimality is None or plan.optimality.specification.goal == "energy":
         return None
     specification = plan.optimality.specification
@@ -99,7 +99,7 @@ def bound_plan(plan: CrossingPlan) -> PeakBound | None:
 
 
 class _Proof(NamedTuple):
-    """Multipliers on the cells of a series, and what they prove."""
+    """Multipliers on the cells of a series, and the bound that they prove."""
 
     series: PathSeries
     multipliers: Multipliers
@@ -111,62 +111,73 @@ class _Proof(NamedTuple):
 
 
 def _bound_of(proof: _Proof, reference: Array, at_rest: float) -> PeakBound:
-    """Return the bound of a proof."""
-    series, found = proof.series, proof.multipliers
-    across = found.x[..., 1:] @ series.directions
-    multipliers = found.x[..., 0], across, found.mu, found.lam
-    return PeakBound(proof.evidence.value, at_rest, reference, series.edges, *multipliers)
+    """Return the bound of a proof, nu given by p and its part `across` on the axes of the motors."""
+    series, (x, mu, _, lam) = proof.series, proof.multipliers
+    across = x[..., 1:] @ series.directions
+    return PeakBound(
+        proof.evidence.value, at_rest, reference, series.edges, p=x[..., 0], across=across, mu=mu, lam=lam
+    )
 
 
-def _prove(task: Task, reference: Array, *, timed: bool) -> _Proof | None:
-    """Find multipliers on ever smaller cells where |nu| is large, and return those of the best bound."""
+def _find_proof(task: Task, reference: Array, *, timed: bool) -> _Proof | None:
+    """Find the best proof on cells that are refined in turn; None where none is complete.
+
+    Cells are cut where |nu| is large, since its integral is the denominator of the bound, and where the
+    factor is not proved to be positive.
+    """
     robot, points = task.branch.robot, task.to_cross.points
     crossed = all(point.corank == 1 and point.contact != "tangential" for point in points)
     if robot.n_e or robot.n_a != robot.n or not crossed or not np.isfinite(reference).any():
         return None
+    longest = None if timed else task.specification.max_duration
     best: _Proof | None = None
     last: _Proof | None = None
     edges = uniform_cells(task, FIRST_CELLS)
     for _ in range(MAX_REFINEMENTS):
         series = resolve_series(task, reference, edges)
-        last = series and _solve(DualProgram(series, None if timed else task.specification.most, timed), last)
+        last = series and _solve_program(DualProgram(series, longest, timed), last)
         if last is None:
             break
-        shares = last.evidence.shares * len(last.evidence.shares)
         if last.complete:
             gain = np.inf if best is None else last.evidence.value / best.evidence.value - 1.0
             best = last if best is None or gain > 0.0 else best
             if gain < MIN_GAIN:
                 break
-        parts = 1 + (shares > CUT_SHARES[0]) + 2 * (shares > CUT_SHARES[1])
-        parts = _with_neighbours(np.where(last.evidence.lacking > 0.0, np.maximum(parts, 2), parts))
+        parts = _choose_parts(last.evidence)
         if parts.sum() > MAX_CELLS:
             break
         edges = cut_cells(task, last.series.edges, parts)
     return best
 
 
-def _with_neighbours(parts: IntArray) -> IntArray:
-    """Return into how many parts (k,) cells are cut that are not to be much wider than their neighbours."""
+def _choose_parts(evidence: Evidence) -> IntArray:
+    """Return into how many parts (k,) each cell is cut: 1, 2 or 4, at least as many as its neighbours."""
+    relative = evidence.shares * len(evidence.shares)
+    parts = 1 + (relative > CUT_SHARES[0]) + 2 * (relative > CUT_SHARES[1])
+    parts = np.where(evidence.lacking > 0.0, np.maximum(parts, 2), parts)
     padded = np.pad(parts, 1, constant_values=1)
     return np.maximum(parts, np.maximum(padded[:-2], padded[2:]))
 
 
-def _solve(program: DualProgram, before: _Proof | None) -> _Proof | None:
-    """Solve with growing margins until the factor is proved; the first is what `before` lets expect."""
+def _solve_program(program: DualProgram, previous: _Proof | None) -> _Proof | None:
+    """Solve with growing margins until the factor is proved to be positive; None without a solution.
+
+    The first margin is the solver's error and, with a proof on the previous cells, the error of the series
+    times the multipliers there.
+    """
     series = program.series
-    margin = 2.0 * program.rounding
-    if before is not None:
+    margin = 2.0 * program.factor_error
+    if previous is not None:
         middle = 0.5 * (series.edges[1:] + series.edges[:-1])
-        cell = np.searchsorted(before.series.edges, middle) - 1
-        size = np.abs(before.multipliers.x).max(axis=1)[cell]
+        previous_cell = np.searchsorted(previous.series.edges, middle) - 1
+        size = np.abs(previous.multipliers.x).max(axis=1)[previous_cell]
         margin = margin + ERROR_GROWTH * (size * series.per_z.error).sum(axis=1)
     proof = None
     for _ in range(MAX_MARGINS):
-        found = program.solve(margin)
-        if found is None:
+        multipliers = program.solve(margin)
+        if multipliers is None:
             break
-        proof = _Proof(series, found, program.evaluate(found))
+        proof = _Proof(series, multipliers, program.evaluate_bound(multipliers))
         if proof.complete:
             break
         margin = margin + 2.0 * proof.evidence.lacking
@@ -174,9 +185,12 @@ def _solve(program: DualProgram, before: _Proof | None) -> _Proof | None:
 
 
 def _peak_at_rest(task: Task, reference: Array) -> float:
-    """Return the largest torque over the reference at the ends of laws whose s' and s" vanish there."""
+    """Return the largest holding torque over the reference at both ends of the path.
+
+    Laws whose s' and s" vanish there need it; 0 where s" need not vanish.
+    """
     if task.specification.smoothness < 2:
         return 0.0
-    asked = demand(task.branch, Smoothstep(0), np.array([0.0, 1.0]), None, task.geometry)
-    torque = asked.torque.constant + asked.friction(task.specification.friction)
+    holding = demand(task.branch, Smoothstep(0), np.array([0.0, 1.0]), None, task.geometry)
+    torque = holding.torque.constant + holding.friction(task.specification.friction)
     return float(np.abs(torque / reference).max())

@@ -29,7 +29,7 @@ import numpy as np
 from framework.arrays import Array
 from framework.crossing.condition import CrossingPoint, bounds_of_terms, remove_rounding
 from framework.dynamics.forces import balanced_forces, inertial_forces, motor_torque, static_forces
-from framework.dynamics.motor_friction import signs
+from framework.dynamics.motor_friction import speed_signs
 from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_loops
@@ -95,14 +95,15 @@ class Demand(NamedTuple):
         """Return the torques with the tangent of damping at z (M,) [1/s^2], if given."""
         if before is None:
             return self.torque
-        root, (constant, per_z, per_u) = np.sqrt(before)[:, None], self.torque
-        return AffineInSpeed(constant + 0.5 * self.damping * root, per_z + 0.5 * self.damping / root, per_u)
+        root = np.sqrt(before)[:, None]
+        constant = self.torque.constant + 0.5 * self.damping * root
+        return AffineInSpeed(constant, self.torque.per_z + 0.5 * self.damping / root, self.torque.per_u)
 
     def friction(self, size: Array, take: Array | None = None) -> Array:
         """Return torques (M, n_a) of dry friction of this size (n_a,), or at combinations `take` (R, M)."""
         if self.direction is None:
             return np.zeros((len(self.speed if take is None else take), len(size)))
-        return size * signs(self.direction if take is None else take @ self.direction)
+        return size * speed_signs(self.direction if take is None else take @ self.direction)
 
 
 def demand(
@@ -142,7 +143,7 @@ def demand(
 def _direction(branch: Branch, s: Array, three: Motion) -> Array | None:
     """Return dq_a/ds (M, n_a), motor side, at the poses of `_three_motions`; None without dry friction.
 
-    The springs are held: what their rates add changes the sign only beside a reversal.
+    The springs do not move here. Their rates would change a sign only beside a reversal.
     """
     robot = branch.robot
     if not robot.joint_friction[robot.actuated].any():
@@ -158,8 +159,11 @@ def _linearised_forces(
 ) -> Array:
     """Return forces (3 M, nv) of the open tree on `_three_motions`: at rest, per z and per u.
 
-    At `places` sigma and s (M,). What the world does is part of the first. Damping is an affine function of
-    z; without a law `before` it is left out.
+    Weight and wrenches of the world are in the forces at rest. Damping is replaced by its tangent at the
+    squared speed `before`, and left out without one.
+
+    Args:
+        places: sigma and s, each (M,).
     """
     robot, (sigma, s) = branch.robot, places
     at_rest, per_z = slice(len(sigma)), slice(len(sigma), 2 * len(sigma))
@@ -181,10 +185,11 @@ def crossing_rows(
     deflections: Deflections | None,
     before: SquaredSpeed | None = None,
 ) -> tuple[float, Array]:
-    """Return sigma of a crossing, and its conditions (k, 4): (constant, per z, per u, per u') vanish.
+    """Return sigma of a crossing, and its conditions as rows (k, 4) of (constant, per z, per u, per u').
 
-    The first row is t_s . W_p. What is not beyond rounding is zero: all of it on a straight path orthogonal
-    to t_s, and the share of u on a bent one.
+    Each row times (1, z, u, u') has to vanish at sigma. The first row is t_s . W_p. Coefficients that are
+    rounding of their terms are set to zero: on a path orthogonal to t_s that of u, and all of them if the
+    path is straight and no weight acts along t_s.
     """
     sigma, row = _wrench_row(branch, phi, place, deflections, before)
     if place.corank == 1 and not place.touches:
@@ -195,26 +200,19 @@ def crossing_rows(
 def _rows_about(
     branch: Branch, phi: Smoothstep, sigma: float, place: CrossingPoint, before: SquaredSpeed | None
 ) -> Array:
-    """Return the conditions of all uncontrolled motions of the rigid robot; at a touch their derivatives too.
+    """Return the conditions (k, 4) of all uncontrolled motions of the rigid robot.
 
-    A null vector of the bordered system is smooth about the place, and so is what it makes of the forces.
+    At a touch, the derivative of each along the path is one more condition: (c0', cz', cu' + 2 cz, cu) per
+    (1, z, u, u'), since z' = 2 u. It is that of a Chebyshev series through points about the crossing. Null
+    vectors of the bordered system are smooth there, and so are the conditions.
     """
-    robot, half = branch.robot, min(HALF_WIDTH, sigma, 1.0 - sigma)
+    half = min(HALF_WIDTH, sigma, 1.0 - sigma)
     points = np.append(sigma + half * nodes(NODES), sigma)
-    closed = close_loops(robot, branch.path(phi(points)), branch.guess(phi(points)))
-    matrices = type2_matrix(robot, closed.linearised)
-    eta = solve_bordered(matrices, Border.of(matrices[-1], place.corank)).eta
-    escaping = passive_motion(robot, eta.transpose(0, 2, 1))  # (M, corank, nv)
-    motion = _three_motions(branch, phi, points, None, closed)
-    forces = _linearised_forces(branch, motion, (points, phi(points)), before)
-    parts = forces.reshape(3, len(points), 1, -1) * escaping
-    values = np.moveaxis(parts.sum(axis=3), 0, 2)  # (M, corank, 3)
-    size = np.abs(parts).sum(axis=3).max(axis=(0, 1))[:, None]
+    values, size = _conditions_at_points(branch, phi, points, place.corank, before)
     rows = np.pad(values[-1], ((0, 0), (0, 1)))
-    if place.corank > 1:  # symmetric robots ask the same of the law more than once
-        share, right = np.linalg.svd(rows)[1:]
-        rows = (share[:, None] * right[: len(share)])[share > NO_HOLD * size.max()]
+    if place.corank > 1:
         size = size.max()
+        rows = _independent_rows(rows, size)
     if place.touches:
         series = coefficients(values[:-1].reshape(NODES, -1))
         slopes = evaluate(np.zeros(1), derivative_matrix(NODES) @ series).reshape(-1, 3) / half
@@ -224,6 +222,38 @@ def _rows_about(
     return np.where(np.abs(rows) > CONDITION_ROUNDING * size, rows, 0.0)
 
 
+def _conditions_at_points(
+    branch: Branch, phi: Smoothstep, points: Array, corank: int, before: SquaredSpeed | None
+) -> tuple[Array, Array]:
+    """Compute t_s . W_p (M, corank, 3) of all uncontrolled motions at rest, per z and per u.
+
+    Also the largest sums (corank, 1) of the sizes of its terms.
+
+    Args:
+        points: sigma (M,).
+    """
+    robot, s = branch.robot, phi(points)
+    closed = close_loops(robot, branch.path(s), branch.guess(s))
+    matrices = type2_matrix(robot, closed.linearised)
+    eta = solve_bordered(matrices, Border.of(matrices[-1], corank)).eta
+    escaping = passive_motion(robot, eta.transpose(0, 2, 1))  # (M, corank, nv)
+    motion = _three_motions(branch, phi, points, None, closed)
+    forces = _linearised_forces(branch, motion, (points, s), before)
+    terms = forces.reshape(3, len(points), 1, -1) * escaping
+    sizes = np.abs(terms).sum(axis=3).max(axis=(0, 1))[:, None]
+    return np.moveaxis(terms.sum(axis=3), 0, 2), sizes
+
+
+def _independent_rows(rows: Array, size: float) -> Array:
+    """Return independent combinations of rows (corank, 4), without those that are rounding of a size.
+
+    Two motions of a symmetric robot may ask the same of the law.
+    """
+    _, singular_values, right = np.linalg.svd(rows)
+    combinations = singular_values[:, None] * right[: len(singular_values)]
+    return np.asarray(combinations[singular_values > NO_HOLD * size])
+
+
 def _wrench_row(
     branch: Branch,
     phi: Smoothstep,
@@ -231,20 +261,31 @@ def _wrench_row(
     deflections: Deflections | None,
     before: SquaredSpeed | None,
 ) -> tuple[float, Array]:
-    """Return sigma of a crossing, and t_s . W_p there as (constant, per z, per u)."""
-    robot = branch.robot
-    sigma, q, x = phi.inverse(np.array([place.s])), place.q[None], branch.path(np.array([place.s]))
+    """Return sigma of a crossing, and t_s . W_p at that point as (constant, per z, per u)."""
+    robot, s = branch.robot, np.array([place.s])
+    sigma, q, x = phi.inverse(s), place.q[None], branch.path(s)
     closed = ClosedStack(q, x, linearised_at(robot, q, x))
     motion = _three_motions(branch, phi, sigma, deflections, closed)
-    s = np.array([place.s])
-    parts = _linearised_forces(branch, motion, (sigma, s), before) * place.motion
-    row = parts.sum(axis=1)
-    slope, bend = (float(phi(sigma, order)[0]) for order in (1, 2))
-    rate = float(np.abs(motion.v[1] / robot.column_scale).max()) / slope
+    terms = _linearised_forces(branch, motion, (sigma, s), before) * place.motion
+    bounds = _bound_wrench_terms(branch, phi, place, float(sigma[0]), motion.v[1])
+    size = np.maximum(np.abs(terms).sum(axis=1), bounds)
+    return float(sigma[0]), remove_rounding(terms.sum(axis=1), size, 2)
+
+
+def _bound_wrench_terms(
+    branch: Branch, phi: Smoothstep, place: CrossingPoint, sigma: float, rates: Array
+) -> Array:
+    """Bound the terms of t_s . W_p (3,), constant, per z and per u, as `bounds_of_terms` does.
+
+    With s'^2 = phi'^2 z and s" = phi' u + phi" z.
+
+    Args:
+        rates: of the joints (nv,) at z = 1.
+    """
+    slope, bend = (float(phi(np.array([sigma]), order)[0]) for order in (1, 2))
+    rate = float(np.abs(rates / branch.robot.column_scale).max()) / slope
     alpha, beta, gamma, _ = bounds_of_terms(branch, place, rate)
-    least = np.array([gamma, slope**2 * beta + abs(bend) * alpha, slope * alpha])
-    size = np.maximum(np.abs(parts).sum(axis=1), least)
-    return float(sigma[0]), remove_rounding(row, size, 2)
+    return np.array([gamma, slope**2 * beta + abs(bend) * alpha, slope * alpha])
 
 
 def _three_motions(
@@ -265,8 +306,8 @@ def _three_motions(
         closed = close_loops(robot, branch.path(s), guess)
     q, x = (np.tile(values, (3, 1)) for values in (closed.q, closed.x))
     z, u = (np.repeat(values, len(sigma))[:, None] for values in ([0.0, 1.0, 0.0], [0.0, 0.0, 1.0]))
-    ds, dds = (np.tile(phi(sigma, order), 3)[:, None] for order in (1, 2))
-    slope, bend = (np.tile(branch.path(s, order), (3, 1)) for order in (1, 2))
+    ds, dds = (np.tile(phi(sigma, order), 3)[:, None] for order in (1, 2))  # in sigma
+    slope, bend = (np.tile(branch.path(s, order), (3, 1)) for order in (1, 2))  # in s
     rates: tuple[Array, ...] = ()
     if deflections is not None and robot.n_e:
         first, second = (np.tile(deflections(sigma, order), (3, 1)) for order in (1, 2))

@@ -1,7 +1,7 @@
 """The torques and speeds that a path asks of the motors, as Chebyshev series in s.
 
 A law takes dozens of cone programs with thousands of points; these series take the robot's equations at some
-hundred. At a crossing all torques have a pole, so what is resolved is their product with s - s_c.
+hundred. At a crossing s_c all torques have a pole. So the series are those of torque (s - s_c).
 """
 
 from __future__ import annotations
@@ -23,9 +23,12 @@ SERIES_TAIL = 1e-9  # of the largest coefficient on a cell
 
 
 class SampledDemand(NamedTuple):
-    """Demand on the motors along a path, over powers of s' and with the poles taken off.
+    """Demand on the motors along a path as series in s.
 
-    series: (5 n_a,) of s: torques at rest, per s'^2, s" and s', and motor speeds per s'.
+    poles: s of the crossings; twice where the pole is of second order.
+    series: (5 n_a,) of s: torques at rest, per s'^2, per s" and per s', each times all s - pole; and motor
+        speeds per s'.
+    rubs: whether dry friction acts on any motor.
     """
 
     poles: Array  # (k,)
@@ -33,7 +36,7 @@ class SampledDemand(NamedTuple):
     rubs: bool
 
     def evaluate(self, phi: Smoothstep, sigma: Array) -> Demand:
-        """Compute the demand at sigma (M,)."""
+        """Compute the demand at sigma (M,), with s'^2 = phi'^2 z and s" = phi' u + phi" z."""
         s, ds, dds = phi(sigma), phi(sigma, 1)[:, None], phi(sigma, 2)[:, None]
         away = (s[:, None] - self.poles).prod(axis=1)[:, None]
         *torques, speed = np.split(self.series(s), 5, axis=1)
@@ -53,10 +56,8 @@ def sample_demand(task: Task) -> SampledDemand | None:
     """
     points = task.to_cross.points
     # where the path touches the locus, or several motions escape at once, the pole is of second order
-    poles = np.repeat(
-        [point.s for point in points],
-        [1 + (point.corank > 1 or point.contact == "tangential") for point in points],
-    )
+    pole_orders = [1 + (point.corank > 1 or point.contact == "tangential") for point in points]
+    poles = np.repeat([point.s for point in points], pole_orders)
     edges = uniform_cells(task, FIRST_CELLS)
     while len(edges) <= MAX_CELLS:
         grid = TimeGrid(edges, NODES)
@@ -76,8 +77,10 @@ def _find_unresolved(series: TimeFunction, motors: int) -> Array:
 
     Torques per s'^2 and per s" have one unit and one size: either may be rounding of the other.
     """
-    count, size, _ = series.coefficients.shape
-    largest = np.abs(series.coefficients).reshape(count, size, -1, motors).max(axis=3)
-    at_rest, per_z, per_u, *others = np.moveaxis(largest, 2, 0)
-    sizes = np.stack([at_rest, np.maximum(per_z, per_u), *others], axis=2)
-    return np.asarray(~(sizes[:, -2:].max(axis=1) <= SERIES_TAIL * sizes.max(axis=1)).all(axis=1))
+    panels, size, _ = series.coefficients.shape
+    by_quantity = np.abs(series.coefficients).reshape(panels, size, -1, motors).max(axis=3)
+    at_rest, per_z, per_u, *others = np.moveaxis(by_quantity, 2, 0)
+    sizes = np.stack([at_rest, np.maximum(per_z, per_u), *others], axis=2)  # (P, coefficients, quantities)
+    tail, largest = sizes[:, -2:].max(axis=1), sizes.max(axis=1)
+    resolved = tail <= SERIES_TAIL * largest  # not a number compares false
+    return np.asarray(~resolved.all(axis=1))

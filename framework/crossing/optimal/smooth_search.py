@@ -1,8 +1,8 @@
 """The search for the smoothest law near the least cost, and for laws that take a given duration.
 
-Smooth is the least integral of (d2z/dsigma2)^2. A required duration D above that of the smoothest law is met
-from within: T(z) is convex, so that its tangent T_lin(z) >= D at a slow law keeps T(z) >= D, and the blend of
-what is found with a quick law takes D exactly.
+The smoothest law has the least integral of (d2z/dsigma2)^2. A required duration D may be longer than that of
+the smoothest law. T(z) >= D is no convex constraint, but T(z) is convex: its tangent T_lin at a slow law is
+below T, and laws with T_lin(z) >= D take D or longer. A blend of such a law with a quick one takes D exactly.
 """
 
 from __future__ import annotations
@@ -25,23 +25,26 @@ BLENDED_DURATION = 1e-4  # of a duration by which the tangent of T may fall shor
 MAX_SLOW_STEPS, MAX_ENERGY_STEPS = 6, 6  # of the tangent of T(z), towards slow laws and little energy
 MIN_ENERGY_GAIN = 1e-3
 MAX_INNER_COST = 0.9  # of holding the robot inside its path, over that at an end, where a law may wait
-WAITING_WIDTHS = (
-    0.15,
-    0.05,
-)  # in sigma, of stretches where a law may wait; the second where the first is none
+# in sigma, of stretches where a law may wait; the second where the first has no law
+WAITING_WIDTHS = (0.15, 0.05)
 BETWEEN = np.arange(1, 6) / 6  # places between two points, where a limit that is nearly reached is looked at
 NEARLY_REACHED = 0.98  # of what is allowed
 
 
 class SmoothSearch(NamedTuple):
-    """The search for a smooth law near the least cost of a program."""
+    """The search for a smooth law near the least cost of a program.
+
+    share: of the least cost, which smoothness may take.
+    limit_share: of the limits, to which the certificate has led.
+    pace: the longest duration [s] of a smooth law where none is given; None without a bound.
+    """
 
     program: SpeedProgram
     units: Units
     least: Speed
-    share: float  # of the least cost, which smoothness may take
-    kept: float = 1.0  # share of the limits to which the certificate has led
-    pace: float | None = None  # [s], the longest that a smooth law of free duration may take
+    share: float
+    limit_share: float = 1.0
+    pace: float | None = None
 
     @property
     def goal(self) -> str:
@@ -49,17 +52,21 @@ class SmoothSearch(NamedTuple):
 
     @property
     def bounds(self) -> Bounds:
-        """The limits, and the least cost but for a share."""
-        specification, share = self.program.problem.specification, 1.0 + self.share
-        most, kept = specification.most, self.kept * (1.0 - LIMIT_MARGIN)
+        """The limits, and the least cost with the share that smoothness may take."""
+        specification, cost_share = self.program.problem.specification, 1.0 + self.share
+        limit_share = self.limit_share * (1.0 - LIMIT_MARGIN)
+        longest = specification.max_duration
         if self.goal == "time":
-            return Bounds(min(share * self.least.value, most or np.inf), share=kept)
-        longest = self.pace if most is None else min(most * (1.0 - SAME_DURATION), self.pace or np.inf)
+            return Bounds(min(cost_share * self.least.value, longest or np.inf), share=limit_share)
+        if longest is None:
+            longest = self.pace
+        else:
+            longest = min(longest * (1.0 - SAME_DURATION), self.pace or np.inf)
         if self.goal == "energy":
-            return Bounds(longest, energy=share * self.least.energy, share=kept)
-        limited = specification.limited and self.least.peak <= 1.0
-        peak = self.kept * min(share * self.least.peak, 1.0 if limited else np.inf)
-        return Bounds(longest, peak, share=self.kept)
+            return Bounds(longest, energy=cost_share * self.least.energy, share=limit_share)
+        within_limits = specification.limited and self.least.peak <= 1.0
+        largest_peak = min(cost_share * self.least.peak, 1.0 if within_limits else np.inf)
+        return Bounds(longest, self.limit_share * largest_peak, share=self.limit_share)
 
     def limit_duration(self) -> SmoothSearch:
         """Return the search for laws of at most twice the least duration, unless the duration is given."""
@@ -68,7 +75,7 @@ class SmoothSearch(NamedTuple):
         quick = self.program.minimise("time", self.bounds._replace(longest=None), self.units)
         if isinstance(quick, Unsolved):
             return self
-        pace = min(self.program.problem.specification.most or np.inf, 2.0 * quick.duration)
+        pace = min(self.program.problem.specification.max_duration or np.inf, 2.0 * quick.duration)
         return self._replace(pace=pace, units=self.units._replace(time=pace))
 
     def find_smoothest(self, near: Speed | None = None) -> Speed | NoneFound:
@@ -77,6 +84,9 @@ class SmoothSearch(NamedTuple):
 
     def find_lasting(self, duration: float, near: Speed | None = None) -> Speed | NoneFound:
         """Find a smooth law within the bounds that takes a duration [s].
+
+        If the smoothest law is too quick, a slow law is found and improved by the tangent of T(z), twice from
+        scratch and once from a law near by.
 
         Args:
             near: a law of this duration, from which the search begins.
@@ -98,7 +108,7 @@ class SmoothSearch(NamedTuple):
     def _solve_above_floor(
         self, bounds: Bounds, goal: str = "bend", near: Speed | None = None
     ) -> tuple[Speed | NoneFound, float]:
-        """Solve with the highest floor under z that has a solution, and return that too."""
+        """Solve with the highest floor under z that has a solution; return the law and the floor [1/s^2]."""
         assert bounds.longest is not None
         status = ""
         floors = np.array(SQUARED_SPEED_FLOORS) / bounds.longest**2
@@ -112,14 +122,17 @@ class SmoothSearch(NamedTuple):
         return NoneFound(self.program, status), 0.0
 
     def _blend(self, quick: Speed, slow: Speed, duration: float) -> Speed:
-        """Return the blend of two speeds that takes a duration [s] between theirs."""
+        """Blend a quick and a slow speed to a duration [s] between theirs; else return the slow one."""
         if not quick.duration < duration < slow.duration:
             return slow
         blend = self.program.speed(self.program.space.blend(quick.y, slow.y, duration))
         return blend._replace(floor=min(quick.floor, slow.floor))
 
     def _find_slow(self, duration: float, bounds: Bounds, floor: float) -> Speed | NoneFound:
-        """Find a law that takes at least a duration [s]: smooth and waiting at its ends, or else any."""
+        """Find a law that takes at least a duration [s]: smooth and waiting at its ends, or else any.
+
+        Any: z is made small by weights z^(-3/2) of the last law, to which the change of T is proportional.
+        """
         sigma = self._places
         for width in WAITING_WIDTHS:
             cap = _cap_speed(np.minimum(sigma, 1.0 - sigma) < width, width, duration, floor)
@@ -138,7 +151,10 @@ class SmoothSearch(NamedTuple):
         return NoneFound(self.program, f"no law that takes {duration:.4g} s was found")
 
     def _improve(self, goal: str, law: Speed, quick: Speed, bounds: Bounds, floor: float) -> Speed:
-        """Improve a law by the tangent of T(z), and blend with a quick law to the same duration."""
+        """Lower the cost of a law at its duration, by the tangent of T(z) and a blend with a quick law.
+
+        Where the program has no solution, or one that is too quick all the same, the law itself is returned.
+        """
         duration = law.duration
         bounded = bounds._replace(longest=4.0 * duration)
         found = self.program.minimise(goal, bounded, self.units, floor=floor, about=(law.y, duration))
@@ -186,21 +202,21 @@ class SmoothSearch(NamedTuple):
     def _find_starts(self, quick: Speed, duration: float, floor: float) -> Iterator[Speed]:
         """Find laws of a duration [s] that wait where holding is cheap, and the law of least peak."""
         for width in WAITING_WIDTHS:
-            found = []
+            laws = []
             for waiting in self._choose_waits(width):
                 cap = _cap_speed(waiting, width, duration, floor)
                 slow = self.program.minimise(
                     "energy", Bounds(share=self.bounds.share), self.units, floor=floor, cap=cap
                 )
                 if isinstance(slow, Speed) and duration <= slow.duration < np.inf:
-                    found.append(self._blend(quick, slow, duration))
-            yield from found
-            if found:
+                    laws.append(self._blend(quick, slow, duration))
+            yield from laws
+            if laws:
                 break
         gentle = replace(self.program, problem=self.program.problem.with_goal("peak_torque"))
         least = solve_least_cost(gentle)
         if not isinstance(least, NoneFound):
-            law = SmoothSearch(gentle, least[1], least[0], self.share).find_lasting(duration)
+            law = SmoothSearch(gentle, least.units, least.speed, self.share).find_lasting(duration)
             if isinstance(law, Speed) and law.duration >= duration * (1.0 - SAME_DURATION):
                 yield law
 
@@ -210,19 +226,25 @@ class SmoothSearch(NamedTuple):
         return self.program.problem.task.stretch.inverse(np.clip(self.program.positive[1], -1.0, 1.0))
 
     def _choose_waits(self, width: float) -> Iterator[BoolArray]:
-        """Choose masks (m,) of where to wait: at the cheaper end, and wherever inside holding costs less."""
+        """Yield masks (m,) of stretches to wait: at the cheaper end, and where inside holding costs less.
+
+        Holding costs the sum of (torque at rest over the reference)^2. Inside, its local minima count.
+        """
         program, sigma = self.program, self._places
         points = program.problem.task.stretch.inverse(program.xi)
         offsets = np.stack([torque.offset[: len(points)] for torque in program.rows.torque], axis=1)
         cost = np.interp(sigma, points, ((offsets / program.problem.reference) ** 2).sum(axis=1))
         yield sigma < width if cost[0] < cost[-1] else sigma > 1.0 - width
-        inner = 1 + np.flatnonzero((cost[1:-1] <= cost[:-2]) & (cost[1:-1] <= cost[2:]))
-        for k in inner[cost[inner] < MAX_INNER_COST * min(cost[0], cost[-1])]:
+        minima = 1 + np.flatnonzero((cost[1:-1] <= cost[:-2]) & (cost[1:-1] <= cost[2:]))
+        for k in minima[cost[minima] < MAX_INNER_COST * min(cost[0], cost[-1])]:
             yield np.abs(sigma - sigma[k]) < 0.5 * width
 
 
 def _cap_speed(waiting: BoolArray, width: float, duration: float, floor: float) -> Array:
-    """Return bounds (m,) of z [1/s^2], above a floor: a width in sigma takes longer than a duration [s]."""
+    """Return caps (m,) of z [1/s^2] with which a width in sigma takes longer than a duration [s].
+
+    They are above the floor, and infinite where the law does not wait, outside the mask (m,).
+    """
     return np.where(waiting, max((0.7 * width / duration) ** 2, 1.01 * floor), np.inf)
 
 
@@ -233,13 +255,14 @@ def _energy_of(speed: Speed) -> float:
 def find_exceeded_places(program: SpeedProgram, found: Speed, bounds: Bounds) -> Array:
     """Find places in xi (R,) between the points where a limit or the bound of the peak is exceeded.
 
-    Where it is, those come with them where it is nearly reached: the next law exceeds it there.
+    If any is, places where it is nearly reached are added: the next law would exceed it there. Of places side
+    by side only the local maxima are returned.
     """
     limit, reference = program.problem.specification.torque_limit, program.problem.reference
-    bounded = np.inf if bounds.peak is None else bounds.peak * (1.0 + LIMIT_MARGIN) * reference
-    allowed = np.minimum(limit, bounded)
-    reached = program.rows.used_share(found.y, allowed)[: len(program.xi)]
-    gaps = np.flatnonzero(np.maximum(reached[1:], reached[:-1]) > NEARLY_REACHED)
+    peak_bound = np.inf if bounds.peak is None else bounds.peak * (1.0 + LIMIT_MARGIN) * reference
+    allowed = np.minimum(limit, peak_bound)
+    at_points = program.rows.used_share(found.y, allowed)[: len(program.xi)]
+    gaps = np.flatnonzero(np.maximum(at_points[1:], at_points[:-1]) > NEARLY_REACHED)
     if not len(gaps):
         return np.empty(0)
     between = (program.xi[gaps, None] + np.diff(program.xi)[gaps, None] * BETWEEN).ravel()

@@ -29,20 +29,20 @@ from framework.motion.exact_duration import SpeedSpace
 from framework.motion.speed_basis import SpeedBasis
 from framework.tolerances import LIMIT_MARGIN
 
-POINTS, POINTS_ABOUT = (
-    4,
-    8,
-)  # of a cell; about crossings, where an odd number would have one on the pole, and at ends
+# of a cell; about crossings and at ends. An even number has no point in the middle, where the pole is
+POINTS, POINTS_ABOUT = 4, 8
 FINE_PARTS, FINE_POINTS = 4, 8  # of a cell, and of each of these, where a duration is integrated
 MAX_ROW_SIZE = 100.0  # of entries in units: larger rows are scaled down
 
 
 class Bounds(NamedTuple):
-    """What a solution has to keep besides condition (8).
+    """The bounds of a solution besides condition (8); None without one.
 
-    longest: its duration [s]; peak: its torques over the reference; energy: its integral of the sum of
-    (torque over reference)^2; torque_limits: whether those of the specification are kept.
-    share: of the limits, which is used.
+    longest: of the duration [s].
+    peak: of all torques over the reference.
+    energy: of the integral of the sum of (torque over reference)^2 [s].
+    torque_limits: whether the torque limits of the specification are kept.
+    share: of the limits, which may be used.
     """
 
     longest: float | None = None
@@ -60,11 +60,13 @@ class Units(NamedTuple):
 
 
 class Speed(NamedTuple):
-    """A squared speed by its coefficients y (n,) [1/s^2], and what it costs.
+    """A squared speed by its coefficients y (n,) [1/s^2], with its costs.
 
-    duration [s]; peak of torques over the reference, and of motor speeds over their limits, at the rows;
-    energy [s] of torques over the reference; value: the least duration [s] by the solver's own quadrature;
-    floor [1/s^2]: below which coefficients were not sought.
+    duration: [s].
+    peak: of torques over the reference; peak_speed: of motor speeds over their limits; both at the rows.
+    energy: [s], the integral of the sum of (torque over reference)^2.
+    value: the least duration [s] by the solver's own quadrature; not a number for another goal.
+    floor: [1/s^2], below which coefficients were not sought.
     """
 
     y: Array
@@ -82,7 +84,7 @@ class SpeedProgram:
 
     problem: LawProblem
     basis: SpeedBasis
-    cells: Array  # (k + 1,) of xi, those of splines
+    cells: Array  # (k + 1,) edges in xi, of the splines
     xi: Array  # (M,) points, both ends among them
     weights: Array  # (M,) of integrals over sigma; zero at the ends
     rows: MotorRows  # at the points, at crossings and wherever a limit was exceeded
@@ -91,19 +93,18 @@ class SpeedProgram:
     @staticmethod
     def on_cells(problem: LawProblem, cells: Array) -> SpeedProgram:
         """Return the program with points on cells (k + 1,) of xi, each crossing in the middle of one."""
-        basis, stretch = problem.basis_on(cells), problem.task.stretch
-        about = _cells_about(cells, problem.places)
-        counts = np.where(about, POINTS_ABOUT, POINTS)
+        basis, places = problem.basis_on(cells), np.unique(problem.places)
+        counts = np.where(_cells_about(cells, places), POINTS_ABOUT, POINTS)
         counts[[0, -1]] = POINTS_ABOUT
         xi, weight = _gauss_points(cells, counts)
-        sigma = problem.sigma(xi)
-        weights = weight / stretch(sigma, 1)
+        weights = weight / problem.task.stretch(problem.sigma(xi), 1)
         conditions = condition_rows(problem, basis)
         rows = motor_rows(problem, basis, conditions, xi)
+        # at a crossing torques are the limit of those at the points of its cell
         starts = 1 + np.cumsum(counts) - counts
         limits = [
             _interpolation(xi, np.arange(starts[k], starts[k] + counts[k]), place)
-            for place in np.unique(problem.places)
+            for place in places
             for k in np.flatnonzero(_cells_about(cells, np.array([place])))[:1]
         ]
         if limits:
@@ -126,9 +127,9 @@ class SpeedProgram:
 
     @cached_property
     def positive(self) -> tuple[Any, Array]:
-        """AffineRows (m, n) whose positive values make z positive, and their places in xi (m,).
+        """Rows (m, n) on y that are positive only if z is, and their places in xi (m,).
 
-        The coefficients of splines; of a series its values at the points.
+        The coefficients themselves for splines; the values at the points for a series.
         """
         if self.basis.is_spline:
             return sparse.identity(self.basis.size, format="csr"), self.basis.centres
@@ -136,7 +137,7 @@ class SpeedProgram:
 
     @cached_property
     def bend(self) -> AffineRows:
-        """d2z/dsigma2 at the points with a weight, times the root of that."""
+        """d2z/dsigma2 = xi'^2 d2z/dxi2 + xi" dz/dxi at the points, times the root of their weights."""
         stretch, inside = self.problem.task.stretch, self._integrated
         sigma = self.problem.sigma(self.xi)[inside]
         first, second = (self.basis.matrix(self.xi[inside], order) for order in (1, 2))
@@ -159,11 +160,11 @@ class SpeedProgram:
 
     def extend(self, xi: Array) -> SpeedProgram:
         """Return the program with rows at further places xi (R,)."""
-        more = motor_rows(self.problem, self.basis, self.conditions, xi)
-        return replace(self, rows=self.rows.stack(more))
+        further = motor_rows(self.problem, self.basis, self.conditions, xi)
+        return replace(self, rows=self.rows.stack(further))
 
     def speed(self, y: Array, value: float = np.nan) -> Speed:
-        """Return what coefficients y (n,) cost."""
+        """Compute the costs of coefficients y (n,)."""
         fine, weights = self._fine
         z = fine @ y
         duration = float(weights @ z**-0.5) if z.min() > 0 else np.inf
@@ -192,6 +193,10 @@ class SpeedProgram:
     ) -> Speed | Unsolved:
         """Compute the speed of least cost within bounds.
 
+        Beside y there are unknowns at the points with a weight: r <= z^(1/2), for the duration v >= 1 / r,
+        for the energy e >= |torque|^2 / r. `peak` is the largest torque or squared speed that counts for the
+        goal.
+
         Args:
             goal: "time", "peak_torque", "energy"; "peak_speed" or "limits", the least multiple of the speed
                 limits or of all limits; "bend", the integral of (d2z/dsigma2)^2; "slowness", that of
@@ -209,7 +214,7 @@ class SpeedProgram:
         sizes |= {"v": count} if timed else {}
         sizes |= {"e": count} if powered else {}
         inside = self.weights[self._integrated]
-        equal = [_scaled(AffineRows({"y": self.conditions.matrix / scale}, self.conditions.offset))]
+        equal = [_limit_entries(AffineRows({"y": self.conditions.matrix / scale}, self.conditions.offset))]
         positive = self.positive[0]
         nonnegative = [AffineRows({"y": positive}, np.full(positive.shape[0], -floor * scale))]
         nonnegative += self._limit_rows(goal, bounds, units)
@@ -217,15 +222,12 @@ class SpeedProgram:
             capped = np.flatnonzero(np.isfinite(cap))
             nonnegative.append(AffineRows({"y": -positive[capped]}, cap[capped] * scale))
         if bounds.longest is not None:
-            nonnegative.append(_sum("v", -inside, bounds.longest / units.time))
+            nonnegative.append(_weighted_sum("v", -inside, bounds.longest / units.time))
         if bounds.energy is not None:
-            nonnegative.append(_sum("e", -inside, bounds.energy / (units.torque**2 * units.time)))
+            largest = bounds.energy / (units.torque**2 * units.time)
+            nonnegative.append(_weighted_sum("e", -inside, largest))
         if about is not None:
-            z = self.z @ about[0] * scale
-            slope = sparse.csr_array((-0.5 * inside * z**-1.5)[None]) @ self.z
-            nonnegative.append(
-                AffineRows({"y": slope}, np.array([1.5 * inside @ z**-0.5 - about[1] / units.time]))
-            )
+            nonnegative.append(self._duration_tangent(*about, units))
         cost: dict[str, Array] = {
             "time": {"v": inside},
             "energy": {"e": inside},
@@ -246,33 +248,41 @@ class SpeedProgram:
         value = float(inside @ optimum.unknowns["v"]) * units.time if goal == "time" else np.nan
         return self.speed(y, value)._replace(floor=floor)
 
+    def _duration_tangent(self, y: Array, duration: float, units: Units) -> AffineRows:
+        """Return T_lin(z) - duration, with the tangent T_lin of the duration at the coefficients y.
+
+        T = integral of z^(-1/2), so that T_lin(z) = integral of 1.5 z_0^(-1/2) - 0.5 z_0^(-3/2) z.
+        """
+        inside = self.weights[self._integrated]
+        z = self.z @ y * units.time**2
+        slope = sparse.csr_array((-0.5 * inside * z**-1.5)[None]) @ self.z
+        return AffineRows({"y": slope}, np.array([1.5 * inside @ z**-0.5 - duration / units.time]))
+
     def _limit_rows(self, goal: str, bounds: Bounds, units: Units) -> list[AffineRows]:
-        """Return bounds of torques and squared speeds as rows that may not be negative."""
-        limit = self.problem.specification.torque_limit
-        reference, rows = self.problem.reference, []
-        scale = units.time**2
+        """Return bounds of torques and squared speeds as rows that may not be negative.
+
+        A share of a torque limit may be less than what holds the robot at an end, whatever the law. There the
+        holding torque is allowed, up to the limit itself.
+        """
+        limit, ends = self.problem.specification.torque_limit, [0, len(self.xi) - 1]
+        rows, scale = [], units.time**2
         for motor, (matrix, offset) in enumerate(self.rows.torque):
-            unit = reference[motor] * units.torque
+            unit = self.problem.reference[motor] * units.torque
             largest = np.inf if bounds.peak is None else bounds.peak / units.torque
             limited = bool(np.isfinite(limit[motor]))
             if bounds.torque_limits and limited and goal != "limits":
-                rest = np.abs(offset[[0, len(self.xi) - 1]]).max()  # at the ends, whatever the law
-                largest = min(largest, max(bounds.share * limit[motor], min(rest, limit[motor])) / unit)
+                holding = min(np.abs(offset[ends]).max(), limit[motor])
+                largest = min(largest, max(bounds.share * limit[motor], holding) / unit)
             torque = AffineRows({"y": matrix / (unit * scale)}, offset / unit)
             if goal == "peak_torque" or (goal == "limits" and limited):
-                rows += _within(torque, None, bounds.share if goal == "limits" else 1.0)
+                rows += _bound_by_peak(torque, bounds.share if goal == "limits" else 1.0)
             if np.isfinite(largest):
-                rows += _within(torque, largest)
+                rows += _bound_size(torque, largest)
         for matrix in self.rows.squared_speed:
-            speed = matrix / scale
+            parts, largest = {"y": -(matrix / scale)}, bounds.share**2
             if goal in ("peak_speed", "limits"):
-                rows.append(
-                    _scaled(
-                        AffineRows({"y": -speed, "peak": _column(matrix, 1.0)}, np.zeros(matrix.shape[0]))
-                    )
-                )
-            else:
-                rows.append(_scaled(AffineRows({"y": -speed}, np.full(matrix.shape[0], bounds.share**2))))
+                parts, largest = {**parts, "peak": _column(matrix, 1.0)}, 0.0
+            rows.append(_limit_entries(AffineRows(parts, np.full(matrix.shape[0], largest))))
         return rows
 
     def _cones(self, units: Units, *, timed: bool, powered: bool) -> list[list[AffineRows]]:
@@ -281,25 +291,18 @@ class SpeedProgram:
         cones: list[list[AffineRows]] = []
         if timed or powered:
             z = AffineRows({"y": self.z}, np.zeros(count))
-            cones.append([_plus(z, 1.0), _plus(z, -1.0), _identity("r", count, 0.0, 2.0)])
+            twice_r = AffineRows({"r": 2.0 * sparse.identity(count, format="csr")}, np.zeros(count))
+            cones.append([_shift(z, 1.0), _shift(z, -1.0), twice_r])
         if timed:
-            cones.append(_product("v", "r", count, [AffineRows({}, np.full(count, 2.0))]))
+            cones.append(_product_cone("v", "r", count, [AffineRows({}, np.full(count, 2.0))]))
         if powered:
             inside, scale = self._integrated, units.time**2
             unit = self.problem.reference * units.torque
-            cones.append(
-                _product(
-                    "e",
-                    "r",
-                    count,
-                    [
-                        AffineRows(
-                            {"y": 2.0 * matrix[inside] / (unit[j] * scale)}, 2.0 * offset[inside] / unit[j]
-                        )
-                        for j, (matrix, offset) in enumerate(self.rows.torque)
-                    ],
-                )
-            )
+            twice_torque = [
+                AffineRows({"y": 2.0 * matrix[inside] / (unit[j] * scale)}, 2.0 * offset[inside] / unit[j])
+                for j, (matrix, offset) in enumerate(self.rows.torque)
+            ]
+            cones.append(_product_cone("e", "r", count, twice_torque))
         return cones
 
 
@@ -326,54 +329,65 @@ def _gauss_legendre(count: int) -> tuple[Array, Array]:
 
 
 def _interpolation(xi: Array, through: Array, place: float) -> Array:
-    """Return weights (M,) with which values at points `through` give that of their polynomial at a place."""
+    """Return the weights (M,) of Lagrange's polynomial at a place, through some of the points.
+
+    The weight of point i is the product of (place - x_j) / (x_i - x_j) over all others.
+
+    Args:
+        through: indices (k,) of these points.
+    """
     points = xi[through]
-    apart = points[:, None] - points + np.eye(len(points))
-    away = np.tile(place - points, (len(points), 1))
-    np.fill_diagonal(away, 1.0)
+    denominators = points[:, None] - points + np.eye(len(points))
+    numerators = np.tile(place - points, (len(points), 1))
+    np.fill_diagonal(numerators, 1.0)
     weights = np.zeros(len(xi))
-    weights[through] = away.prod(axis=1) / apart.prod(axis=1)
+    weights[through] = numerators.prod(axis=1) / denominators.prod(axis=1)
     return weights
 
 
-def _scaled(rows: AffineRows) -> AffineRows:
-    """Return rows of which large ones are scaled down."""
+def _limit_entries(rows: AffineRows) -> AffineRows:
+    """Scale down the rows with entries of y above MAX_ROW_SIZE, so that the largest of each is that."""
     if not len(rows.offset):
         return rows
-    size = np.abs(rows.parts["y"]).max(axis=1).toarray().ravel()
-    share = 1.0 / np.maximum(1.0, size / MAX_ROW_SIZE)
-    scaling = sparse.diags_array(share)
-    return AffineRows({name: scaling @ matrix for name, matrix in rows.parts.items()}, share * rows.offset)
+    largest = np.abs(rows.parts["y"]).max(axis=1).toarray().ravel()
+    factors = 1.0 / np.maximum(1.0, largest / MAX_ROW_SIZE)
+    scaling = sparse.diags_array(factors)
+    return AffineRows({name: scaling @ matrix for name, matrix in rows.parts.items()}, factors * rows.offset)
 
 
-def _within(rows: AffineRows, largest: float | None, share: float = 1.0) -> list[AffineRows]:
-    """Return |rows| <= largest, or <= share * peak, as rows that may not be negative."""
-    above = []
-    for sign in (-1.0, 1.0):
-        matrix = sign * rows.parts["y"]
-        parts = {"y": matrix} if largest is not None else {"y": matrix, "peak": _column(matrix, share)}
-        above.append(_scaled(AffineRows(parts, sign * rows.offset + (largest or 0.0))))
-    return above
+def _bound_size(rows: AffineRows, largest: float) -> list[AffineRows]:
+    """Return |rows| <= largest as rows that may not be negative."""
+    return [
+        _limit_entries(AffineRows({"y": sign * rows.parts["y"]}, sign * rows.offset + largest))
+        for sign in (-1.0, 1.0)
+    ]
+
+
+def _bound_by_peak(rows: AffineRows, share: float) -> list[AffineRows]:
+    """Return |rows| <= share * peak as rows that may not be negative."""
+    peak = _column(rows.parts["y"], share)
+    return [
+        _limit_entries(AffineRows({"y": sign * rows.parts["y"], "peak": peak}, sign * rows.offset))
+        for sign in (-1.0, 1.0)
+    ]
 
 
 def _column(matrix: Any, value: float) -> Any:
+    """Return a sparse column of one value with as many rows as a matrix."""
     return sparse.csr_array(np.full((matrix.shape[0], 1), value))
 
 
-def _identity(name: str, size: int, offset: float, factor: float = 1.0) -> AffineRows:
-    return AffineRows({name: factor * sparse.identity(size, format="csr")}, np.full(size, offset))
-
-
-def _plus(rows: AffineRows, offset: float) -> AffineRows:
+def _shift(rows: AffineRows, offset: float) -> AffineRows:
     return AffineRows(rows.parts, rows.offset + offset)
 
 
-def _sum(name: str, weights: Array, offset: float) -> AffineRows:
+def _weighted_sum(name: str, weights: Array, offset: float) -> AffineRows:
+    """Return the one row weights @ unknowns + offset."""
     return AffineRows({name: sparse.csr_array(weights[None])}, np.array([offset]))
 
 
-def _product(first: str, second: str, count: int, others: Sequence[AffineRows]) -> list[AffineRows]:
-    """Return the cone 4 first * second >= |others|^2."""
+def _product_cone(first: str, second: str, count: int, others: Sequence[AffineRows]) -> list[AffineRows]:
+    """Return the cone 4 first * second >= |others|^2: first + second >= |(first - second, others)|."""
     one = sparse.identity(count, format="csr")
     zero = np.zeros(count)
     return [

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from framework.arrays import Array
-from framework.crossing.durations import OptimalDurations, optimal_durations, polynomial_durations
+from framework.crossing.durations import OptimalDurations, optimal_durations
 from framework.crossing.feasibility import feasibility_on_path
 from framework.crossing.options import OPTIMAL_LAW
 from framework.crossing.refusals.refusal_proofs import SearchEvidence, UnmetCondition
@@ -31,9 +31,6 @@ def with_explanation(refusal: NoLaw, searched: SearchedPath, request: Request) -
     sentences += [
         feasibility.short_sentence for feasibility in feasibility_on_path(searched) if feasibility is not None
     ]
-    polynomial = polynomial_durations(searched, request.smoothness)
-    if polynomial is not None:
-        sentences.append(polynomial.sentence)
     optimal = _untried_durations(searched, request)
     if optimal is not None and optimal.shortest != 0.0:  # without limits nothing bounds it
         sentences.append(optimal.sentence)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from framework.errors import NoLaw
-from framework.motion.law import MotionLaw, orders_of
+from framework.motion.law import MotionLaw, law_derivatives
 from framework.tolerances import AT_REST, OVERSHOOT
 
 LAW_SAMPLES = 2001  # equidistant instants at which a law is looked at
@@ -27,7 +27,7 @@ def check_advance(law: MotionLaw, s: Sequence[float], name: str) -> None:
         NoLaw: says where and when.
     """
     times = np.linspace(0.0, law.duration, LAW_SAMPLES)
-    values, rates = orders_of(law, times, 2)
+    values, rates = law_derivatives(law, times, 2)
     refused = f"{name}: the law does not always advance: it"
     for end, beyond in ((0.0, -values), (1.0, values - 1.0)):
         worst = np.argmax(beyond)

@@ -336,12 +336,13 @@ knob.addEventListener("keydown", (event) => {
 for (const end of ["keyup", "blur"]) knob.addEventListener(end, () => push([0, 0]));
 
 // ---- the lesson ----------------------------------------------------------------------------------------------
+const LEFT_OUT = data.upright ? " This robot stands upright: <b>its weight is left out</b>, but for the step With gravity." : "";
 const STEPS = [
   ["Push", `The motors are locked, each by up to ${rounded(data.best.off.limit)} ${data.unit}. Push the platform about, then lead it along its path with the slider and push again. On the purple curve <b>it gives way along t<sub>s</sub></b>, the direction without hold, however strong the motors. ${symbols(data.why)}`],
-  ["Go through", "Now the robot drives along its path. At the purple curve this motion asks for a force along t<sub>s</sub> that the motors cannot give: the curve of the force misses the <b>eye</b>, the point to which the blue region closes, and <b>the torque has no bound</b>. Press Play."],
+  ["Go through", "Now the robot drives along its path. At the purple curve this motion asks for a force along t<sub>s</sub> that the motors cannot give: the curve of the force misses the <b>eye</b>, the point to which the blue region closes, and <b>the torque has no bound</b>. Press Play." + LEFT_OUT],
   ["Thread the needle", "Bend the speed: pull its circles up or down until <b>the curve of the force passes through the eye</b>. Faster or slower does not matter: at the purple line the speed must change by just what lets the platform coast (t<sub>s</sub> · W<sub>p</sub> = 0). Watch the torques come back."],
   ["With gravity", "Stand the robot upright. Coasting no longer does: at the purple line the platform must fall freely along t<sub>s</sub>. <b>Go slowly, sprint across, and go slowly on.</b>"],
-  ["Beat the best", `Keep through the eye, and bring the largest torque down. The best law of the same duration needs <b>${rounded(data.best.off.peak)} ${data.unit}</b>. Can you come within 5 %?`],
+  ["Beat the best", `Keep through the eye, and bring the largest torque down. The best law of the same duration needs <b>${rounded(data.best.off.peak)} ${data.unit}</b>. Can you come within 5 %?${data.upright ? " Without its weight again." : ""}`],
 ];
 function choose(step) {
   const gravity = step === 3 ? "on" : "off";

@@ -18,7 +18,7 @@ from scipy.interpolate import CubicSpline
 
 from framework.arrays import Array
 from framework.crossing.plan import plan_crossing
-from framework.dynamics.elastic_pass import Pass, one_pass
+from framework.dynamics.elastic_pass import Pass, evaluate_pass
 from framework.dynamics.finite_differences import finite_difference_torques
 from framework.errors import NotConverged
 from framework.kinematics.continuation.tracking import Branch, track_path
@@ -98,7 +98,7 @@ def repeated_on_nodes(branch: Branch, chosen: Law) -> Elongated:
     count = 0
     while count < MOST:
         count += 1
-        before = one_pass(branch, grid, chosen, function, before)
+        before = evaluate_pass(branch, grid, chosen, function, before)
         change = float(np.abs(before.residual / scale).max() / np.abs(before.caused / scale).max())
         function = grid.fit_truncated(before.caused)
         if change < least:
