@@ -1,4 +1,4 @@
-"""The longest and the shortest motion along a path for each kind of law, before a law is sought.
+"""The longest and the shortest duration along a path for each kind of law, before a law is sought.
 
 The polynomial of least degree is affine in the values that it passes through. Over t/T condition (8) asks for
 s" = -(beta v^2 + gamma T^2)/alpha, v = s' T, which is affine in T^2. So for given t_k/T and v_k the durations
@@ -37,7 +37,7 @@ from framework.singularity.points_on_path import SearchedPath
 CRUISING_SPEEDS = (1.0, 1.3, 1.6, 2.0)  # s' T from which the search starts
 MAX_TRIALS = 80  # laws for each crossing and start: the longest is found to about a hundredth
 NEARNESS = {"xatol": 1e-3, "fatol": 1e-3}  # of the simplex: [s, s' T] and the longest, where it ends
-MIN_GAIN = 1e-2  # share by which a further start must lengthen the longest, for another one to be tried
+MIN_GAIN = 1e-2  # share by which a start must lengthen the longest duration, for another start to be tried
 MAX_CROSSINGS = 3  # through more, the search takes too long
 LAW_CHECK_TIMES = 0.5 - 0.5 * np.cos(np.pi * (np.arange(120) + 0.5) / 120)  # of t/T, where a law is looked at
 
@@ -114,7 +114,7 @@ def polynomial_durations(searched: SearchedPath, smoothness: int) -> PolynomialD
     which is not affine in T^2; and through more than MAX_CROSSINGS singular points, where it would take
     too long.
     """
-    conditions = _crossable(searched)
+    conditions = _conditions_to_cross(searched)
     if conditions is None or len(conditions) > MAX_CROSSINGS:
         return None
     if any(feasibility.damped or feasibility.unmet_by_acceleration for feasibility in conditions):
@@ -128,7 +128,7 @@ def optimal_durations(searched: SearchedPath, request: Request) -> OptimalDurati
     The limits and the smoothness are those of the request. None where no law can cross, and beyond the
     smoothness that such a law can have.
     """
-    if request.smoothness > HIGHEST_SMOOTHNESS or _crossable(searched) is None:
+    if request.smoothness > HIGHEST_SMOOTHNESS or _conditions_to_cross(searched) is None:
         return None
     robot = searched.branch.robot
     specification = replace(specification_of(robot, request), goal="time", duration=None, longest=None)
@@ -144,47 +144,48 @@ def optimal_durations(searched: SearchedPath, request: Request) -> OptimalDurati
     return OptimalDurations(best.law.duration)
 
 
-def _crossable(searched: SearchedPath) -> list[Feasibility] | None:
-    """Return condition (8) at each singular point; None where one cannot be crossed by any law."""
+def _conditions_to_cross(searched: SearchedPath) -> list[Feasibility] | None:
+    """Return condition (8) at each singular point; None where one point cannot be crossed by any law."""
     conditions = [feasibility for feasibility in feasibility_on_path(searched) if feasibility is not None]
-    uncrossable = any(
-        singular.contact == "tangential" or stops_at(singular) for singular in searched.points
-    ) or any(
-        feasibility.unmet_by_acceleration and feasibility.steady_speed is None for feasibility in conditions
-    )
-    return None if uncrossable or len(conditions) < len(searched.points) else conditions
+    blocked = len(conditions) < len(searched.points)
+    blocked |= any(singular.contact == "tangential" or stops_at(singular) for singular in searched.points)
+    blocked |= any(one.unmet_by_acceleration and one.steady_speed is None for one in conditions)
+    return None if blocked else conditions
 
 
 def _search_durations(conditions: Sequence[Feasibility], smoothness: int) -> PolynomialDurations:
-    """Search the shortest and the longest duration [s], over times and speeds of the crossings."""
+    """Search the shortest and the longest duration [s], over times and speeds of the crossings.
+
+    The unknowns are t_k/T and log(s'_k T). The simplex method makes the longest duration longer; the shortest
+    is the least that its trials meet.
+    """
     from scipy.optimize import minimize
 
-    paces = [feasibility.pace for feasibility in conditions if feasibility.pace is not None]
-    unit = min(paces, default=1.0)
-    places = np.array([feasibility.s for feasibility in conditions])
+    count = len(conditions)
+    unit = min((one.pace for one in conditions if one.pace is not None), default=1.0)
+    places = np.array([one.s for one in conditions])
     shortest, longest = np.inf, 0.0
 
-    def negative_longest(free: Array) -> float:
-        """Return minus the longest duration, to be minimised."""
+    def negative_longest(unknowns: Array) -> float:
+        """Return minus the longest duration over `unit`, to be minimised; record both extremes."""
         nonlocal shortest, longest
-        low, high = _advancing_interval(
-            conditions, free[: len(conditions)], np.exp(free[len(conditions) :]), unit, smoothness
-        )
+        times, speeds = unknowns[:count], np.exp(unknowns[count:])
+        low, high = _advancing_interval(conditions, times, speeds, unit, smoothness)
         if not low < high:
-            return 1e6
+            return 1e6  # worse than any duration
         shortest, longest = min(shortest, low), max(longest, high)
         return -high
 
     for cruising in CRUISING_SPEEDS:
-        start = np.concatenate([0.5 + (places - 0.5) / cruising, np.full(len(conditions), np.log(cruising))])
+        start = np.concatenate([0.5 + (places - 0.5) / cruising, np.full(count, np.log(cruising))])
         simplex = np.vstack([start, start + 0.1 * np.eye(len(start))])
-        options = {"initial_simplex": simplex, "maxfev": MAX_TRIALS * len(conditions), **NEARNESS}
-        last = longest
+        options = {"initial_simplex": simplex, "maxfev": MAX_TRIALS * count, **NEARNESS}
+        previous = longest
         negative_longest(start)
         if np.isinf(longest) and shortest == 0.0:
             break
         minimize(negative_longest, start, method="Nelder-Mead", options=options)
-        if last and longest < (1.0 + MIN_GAIN) * last:
+        if previous and longest < (1.0 + MIN_GAIN) * previous:
             break
     return PolynomialDurations(unit * shortest, unit * longest)
 
@@ -194,32 +195,38 @@ def _advancing_interval(
 ) -> tuple[float, float]:
     """Compute the interval of durations over `unit` in which the polynomial through t_k/T, s'_k T advances.
 
-    The first is not below the second where the interval is empty.
+    s' T is affine in (T/unit)^2: the law without weight, plus (T/unit)^2 times the change by the weight at
+    T = unit. Each sample t/T bounds T from below or from above. The first number returned is not below the
+    second where the interval is empty.
     """
+    empty = np.inf, 0.0
     if np.any(np.diff([0.0, *times, 1.0]) < MIN_SEPARATION):
-        return np.inf, 0.0
-    laws = []
-    for weight in (0.0, unit**2):
+        return empty
+    slopes = []  # s' T without weight, and with the weight at T = unit
+    for squared_duration in (0.0, unit**2):
         values = [
-            (feasibility.s, v, _acceleration(feasibility, v, weight))
+            (feasibility.s, v, _scaled_acceleration(feasibility, v, squared_duration))
             for feasibility, v in zip(conditions, speeds, strict=True)
         ]
         inner = conditions_at_instants(times, values)
         try:
-            laws.append(Law.rest_to_rest(1.0, smoothness, inner)(LAW_CHECK_TIMES, 1))
+            slopes.append(Law.rest_to_rest(1.0, smoothness, inner)(LAW_CHECK_TIMES, 1))
         except InvalidInput:  # crossings too near to each other or to an end
-            return np.inf, 0.0
-    plain, by_weight = laws[0], laws[1] - laws[0]  # s' T without weight, and what the weight adds at T = unit
+            return empty
+    weightless, by_weight = slopes[0], slopes[1] - slopes[0]
     up, down = by_weight > 0, by_weight < 0
-    if np.any(plain[~up & ~down] <= 0):
-        return np.inf, 0.0
-    low = np.max(-plain[up] / by_weight[up], initial=0.0)
-    high = np.min(plain[down] / -by_weight[down], initial=np.inf)
+    if np.any(weightless[~up & ~down] <= 0):
+        return empty
+    low = np.max(-weightless[up] / by_weight[up], initial=0.0)
+    high = np.min(weightless[down] / -by_weight[down], initial=np.inf)
     return float(np.sqrt(low)), float(np.sqrt(max(high, 0.0)))
 
 
-def _acceleration(feasibility: Feasibility, speed: float, squared_duration: float) -> float:
-    """Compute s" T^2 by condition (8) at s' T; 0 where the condition holds anyway."""
+def _scaled_acceleration(feasibility: Feasibility, speed: float, squared_duration: float) -> float:
+    """Return s" T^2 by condition (8) at v = s' T; 0 where the condition holds anyway.
+
+    s" = per_squared_speed s'^2 + constant, multiplied by T^2.
+    """
     if feasibility.condition.holds_anyway:
         return 0.0
     return feasibility.per_squared_speed * speed**2 + feasibility.constant * squared_duration

@@ -1,7 +1,7 @@
-"""Remedies of refusals: options of a plan with which the answer becomes another.
+"""Remedies of refusals: options of a plan that is found instead.
 
-A law that was refused is not advised again, the other one only where condition (8) and the limits leave it a
-duration. Limits and durations are those of a law that the search found (`SearchEvidence`).
+A law that was refused is not advised again. The other law is advised only where condition (8) and the limits
+leave it a duration. Limits and durations are those of a law that the search found (`SearchEvidence`).
 """
 
 from __future__ import annotations
@@ -26,12 +26,13 @@ def remedy_of(
 ) -> dict[str, Any] | None:
     """Return options of `plan_crossing` to give instead, None for one to leave out; None without remedy.
 
-    `bend` among them stands for `plan_with_modified_path`.
+    The optimal law, if it was not tried; a bend of the path (`plan_with_modified_path`) where no motion meets
+    condition (8); else the duration or the limits of a law that the search found.
 
     Args:
         optimal: durations of the optimal law, if it was not tried and there is any.
     """
-    if request.at is not None:  # an imposed point: what was said of the located ones does not hold there
+    if request.at is not None:  # imposed points are no singular points, of which alone durations are known
         return None
     if not request.may_be_optimal:
         return _with_optimal_law(request, optimal)
@@ -46,7 +47,7 @@ def remedy_of(
 
 
 def _with_optimal_law(request: Request, optimal: OptimalDurations | None) -> dict[str, Any] | None:
-    """Return the options of the optimal law, with its least duration where that is longer; None without."""
+    """Return the options of the optimal law, with a longer duration if needed; None without a law."""
     if optimal is None or optimal.shortest is None or request.duration is None:
         return None
     least = DURATION_RESERVE * optimal.shortest
