@@ -64,24 +64,27 @@ def _choose_points(
     are refused, imposed ones are not judged.
     """
     times, speeds, imposed = request.times, request.speeds, request.at
-    if imposed is not None:
-        chosen: list[SingularPoint | CrossingPoint] = [imposed_point(branch, s) for s in imposed]
-        points_text = f"{len(imposed)} imposed by `at`"
-    else:
-        chosen = [*points]
-        points_text = f"{len(points)} singular point{'s' * (len(points) != 1)} on the path"
-        if points:
-            points_text += " at s = " + ", ".join(f"{point.s:.6g}" for point in points)
-    if times is not None and len(times) == 0 and imposed is None:
+    if imposed is None and times is not None and len(times) == 0:
         if speeds:
             raise InvalidInput(f"speeds: got {len(speeds)}, but times is empty: no crossing is asked for")
         return []
+    chosen: list[SingularPoint | CrossingPoint]
+    chosen = [*points] if imposed is None else [imposed_point(branch, s) for s in imposed]
     for name, values in (("times", times), ("speeds", speeds)):
         if values is not None and len(values) != len(chosen):
             raise InvalidInput(
                 f"{name}: got {len(values)} ({', '.join(f'{value:g}' for value in values)}), but there "
-                f"{'is' if len(chosen) == 1 else 'are'} {points_text}"
+                f"{'is' if len(chosen) == 1 else 'are'} {_count_points(points, imposed)}"
             )
     for singular in points if imposed is None else ():
         check_crossable(branch, singular)
     return chosen
+
+
+def _count_points(points: tuple[SingularPoint, ...], imposed: Sequence[float] | None) -> str:
+    """Return the number of imposed or singular points in words, with s of singular ones."""
+    if imposed is not None:
+        return f"{len(imposed)} imposed by `at`"
+    text = f"{len(points)} singular point{'s' * (len(points) != 1)} on the path"
+    places = ", ".join(f"{point.s:.6g}" for point in points)
+    return f"{text} at s = {places}" if points else text

@@ -142,12 +142,10 @@ class Feasibility:
                 "no law meets it" if self.steady_speed is None else f"only s' = {self.steady_speed:.4g} does"
             )
             return f's" has no effect, {only}; turn the path towards t_s'
-        alpha, beta, gamma, _ = self.condition
-        demand = f's" = {gamma / -alpha + 0.0:.6g}'
-        if beta:
-            demand += f" {'+-'[beta * alpha > 0]} {abs(self.per_squared_speed):.6g} s'^2"
-        if self.damped:
-            demand += f" {'+-'[self.per_speed < 0]} {abs(self.per_speed):.6g} s'"
+        demand = f's" = {self.constant:.6g}'
+        for coefficient, variable in ((self.per_squared_speed, "s'^2"), (self.per_speed, "s'")):
+            if coefficient:
+                demand += f" {'-' if coefficient < 0 else '+'} {abs(coefficient):.6g} {variable}"
         return demand
 
     def _consequence_texts(self) -> list[str]:

@@ -51,8 +51,9 @@ def neglected_effects(
 ) -> tuple[NeglectedEffect, ...]:
     """Compute the effects that the torques of a motion leave out, the largest first, unknown ones last.
 
-    Effects within the tail of the torques are left out. Each number is of first order, for one effect alone:
-    near or above the largest torque, as of springs under a load across a crossing, it is an order of size.
+    Effects smaller than the tail of the torques are not listed. Each number is of first order, for one effect
+    alone. Near the largest torque or above it, as of springs under a load across a crossing, a number is an
+    order of magnitude.
 
     Args:
         whole: the description with all masses, where the motion's robot was made without some of them; by
@@ -154,6 +155,7 @@ def _mass_differences(dynamics: InverseDynamics, whole: RobotDescription | None)
         return
 
     def difference() -> Array:
+        """Compute the change of torque (T, n_a) by the masses."""
         robot = ParallelRobot.from_description(whole, flexibility=dynamics.robot.flexibility)
         fuller = FullerModel.of(dynamics, robot)
         return fuller.torque(fuller.first_pass) - fuller.planned_torque
@@ -168,6 +170,7 @@ def _friction_differences(dynamics: InverseDynamics) -> Differences:
         return
 
     def difference() -> Array:
+        """Compute the change of torque (T, n_a) by the friction."""
         rough = FullerModel.of(dynamics, robot, friction=friction)
         smooth = replace(rough, friction=None)
         return rough.torque(rough.first_pass) - smooth.torque(smooth.first_pass)

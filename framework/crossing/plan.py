@@ -89,7 +89,7 @@ def plan_request(
     work = _Work(path_to_cross(searched, request), request, started)
     try:
         plan = _plan_best(work)
-    except UncontrolledMotions:
+    except UncontrolledMotions:  # a NoLaw to which one condition (8) and its durations say nothing
         raise
     except NoLaw as refusal:
         raise with_explanation(refusal, work.to_cross.searched, request) from None
@@ -102,9 +102,9 @@ def plan_request(
 def _plan_best(work: _Work) -> CrossingPlan:
     """Plan with the law of the request, or choose one.
 
-    A goal or limits ask for the optimal law, and the polynomial replaces it where none is found. Else the
-    polynomial comes first. The optimal law replaces it where it is refused, exceeds the limits, nearly stops,
-    or has its largest torque beside a near miss of the locus.
+    A goal, or limits without a duration, ask for the optimal law; the polynomial replaces it where none is
+    found. Else the polynomial comes first. The optimal law replaces it where it is refused, exceeds the
+    limits, nearly stops, or has its largest torque beside a near miss of the locus.
     """
     request = work.request
     if request.law == "optimal":

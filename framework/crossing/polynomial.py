@@ -53,7 +53,7 @@ def polynomial_motion(to_cross: PathToCross, request: Request) -> PolynomialMoti
         As `plan_crossing`.
     """
     name, timing = to_cross.branch.robot.name, timing_of(to_cross, request)
-    chosen: dict[MotionLaw, tuple[Law, list[Condition8]]] = {}
+    chosen: dict[MotionLaw, tuple[Law, list[Condition8]]] = {}  # of every pass; one of these is the last
 
     def choose_law(deflections: TimeFunction | None, previous: MotionLaw | None) -> Law:
         """Solve for the law at given deflections; check the first one."""

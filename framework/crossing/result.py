@@ -166,7 +166,7 @@ class CrossingPlan:
     def _peak_sizes(self, values: Callable[[Array], Array]) -> Array:
         """Compute the largest |value| (n_a,) of functions of time, (T,) to (T, n_a), between samples too.
 
-        They are resolved by series on the panels of the torques, with as many coefficients.
+        Each is taken as a series on the panels of the torques, with as many coefficients.
         """
         torques = self.dynamics.torques
         return peak_sizes(values, torques.edges, torques.coefficients.shape[1])

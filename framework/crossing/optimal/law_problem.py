@@ -77,7 +77,10 @@ class LawProblem(NamedTuple):
 
     @property
     def reference(self) -> Array:
-        """Torques (n_a,) that peaks are relative to: limits, the largest where one is missing, or 1."""
+        """Torques (n_a,) [N m] that peaks are relative to.
+
+        The limits; of a motor without one the largest limit; 1 where no motor has a limit.
+        """
         if self.weighing is not None:
             return self.weighing
         limit = self.specification.torque_limit
@@ -102,7 +105,7 @@ class MotorRows(NamedTuple):
         return np.asarray(np.max([*torques, *(rows @ y for rows in self.squared_speed)], axis=0))
 
     def stack(self, other: MotorRows) -> MotorRows:
-        """Return the rows of both."""
+        """Return the rows of both, one below the other."""
         torque = tuple(
             Affine(sparse.vstack([a.matrix, b.matrix], format="csr"), np.append(a.offset, b.offset))
             for a, b in zip(self.torque, other.torque, strict=True)

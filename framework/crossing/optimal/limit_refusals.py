@@ -94,7 +94,7 @@ def _find_multiples(problem: LawProblem, goal: str) -> tuple[float | None, float
 
 
 def _has_law(problem: LawProblem, limits: dict[str, Array]) -> bool:
-    """Return whether a law is found within raised limits (n_a,)."""
+    """Return whether a law is found within raised limits (n_a,), of which the margin is still to be taken."""
     margin = 1.0 - problem.task.request.margin
     within: dict[str, Any] = {name: margin * limit for name, limit in limits.items()}
     raised = replace(problem.specification, **within)

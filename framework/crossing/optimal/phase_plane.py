@@ -301,7 +301,10 @@ def _three_motions(
     deflections: Deflections | None,
     closed: ClosedStack | None = None,
 ) -> Motion:
-    """Return all coordinates at points sigma (M,) for (z, u) = (0, 0), (1, 0), (0, 1), stacked (3 M,)."""
+    """Return all coordinates at points sigma (M,) for (z, u) = (0, 0), (1, 0), (0, 1), stacked (3 M,).
+
+    dx/dt = x' phi' z^(1/2) and d2x/dt2 = x' (phi' u + phi" z) + x" phi'^2 z.
+    """
     robot, s = branch.robot, phi(sigma)
     if closed is None:
         guess = branch.guess(s)

@@ -85,11 +85,11 @@ class SmoothSearch(NamedTuple):
     def find_lasting(self, duration: float, near: Speed | None = None) -> Speed | NoneFound:
         """Find a smooth law within the bounds that takes a duration [s].
 
-        If the smoothest law is too quick, a slow law is found and improved by the tangent of T(z), twice from
-        scratch and once from a law near by.
+        If the smoothest law is too quick, a law of this duration is improved by the tangent of T(z): once if
+        one is given, else twice, from a blend with a slow law.
 
         Args:
-            near: a law of this duration, from which the search begins.
+            near: a law of this duration, if one is known.
         """
         if self.goal == "energy":
             return self._find_least_energy(duration, near)
@@ -117,7 +117,7 @@ class SmoothSearch(NamedTuple):
         floors = np.array(SQUARED_SPEED_FLOORS) / bounds.longest**2
         if near is not None and near.floor > 0.0:
             floors = floors[floors <= 10.0 * near.floor]
-        for floor in floors:  # from the highest
+        for floor in floors:  # the highest first
             law = self.program.minimise(goal, bounds, self.units, floor=floor)
             if isinstance(law, Speed) and np.isfinite(law.duration):
                 return law, floor
@@ -168,7 +168,14 @@ class SmoothSearch(NamedTuple):
     # -------------------------------------------------------------- energy at a duration
 
     def _find_least_energy(self, duration: float, near: Speed | None) -> Speed | NoneFound:
-        """Find a law of little energy that takes a duration [s], from several that do, then a smooth one."""
+        """Find a law of little energy that takes a duration [s], then a smooth one of hardly more.
+
+        The law of least energy may be quicker than the duration. Then the best of several laws of the
+        duration is improved. Last, the smoothest law within a share of that energy is slowed to the duration.
+
+        Args:
+            near: a law of this duration, in place of these.
+        """
         limits = Bounds(share=self.bounds.share)
         quick, floor = self._solve_above_floor(limits._replace(longest=duration), "energy", near)
         if isinstance(quick, NoneFound):

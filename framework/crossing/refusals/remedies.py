@@ -32,7 +32,7 @@ def remedy_of(
     Args:
         optimal: durations of the optimal law, if it was not tried and there is any.
     """
-    if request.at is not None:  # imposed points are no singular points, of which alone durations are known
+    if request.at is not None:  # what is known of the singular points does not hold at imposed ones
         return None
     if not request.may_be_optimal:
         return _with_optimal_law(request, optimal)
