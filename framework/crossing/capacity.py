@@ -39,11 +39,11 @@ MAX_DOUBLINGS = 20  # of the multiple, up or down, before it counts as without b
 class Capacity:
     """The largest multiple of the wrenches of a request that was planned, and the least that was not.
 
-    plan: with the largest; its certificate and limits are those of any plan.
+    plan: under the largest multiple; its certificate and limits are those of any plan.
     refused: the least multiple that was refused (`NoLaw`, `LimitsExceeded`); infinite where none was.
-    refusal: what binds: why that is refused, None where nothing is.
-    impossible: a multiple that no law carries, by a bound of all laws, nor a larger one unless motors are
-        damped; infinite where none was found.
+    refusal: of that multiple; None where none was refused.
+    impossible: a multiple that no law carries, by a bound of all laws; nor does one carry a larger multiple,
+        unless motors are damped. Infinite where none was found.
     undecided: the least multiple that was neither planned nor refused, since planning failed on it for a
         reason that says nothing about laws (`NotConverged` and others); infinite where there was none.
     failure: that reason.
@@ -100,7 +100,10 @@ def capacity_request(robot: ParallelRobot, path: Path, **options: Any) -> Reques
 def largest_load_of(
     robot: ParallelRobot, request: Request, *, progress: Callable[[int], None] = lambda planned: None
 ) -> Capacity:
-    """Find the same for a request; `progress` is called with the number of plans that were tried.
+    """Find the largest multiple of the wrenches of a request, as `largest_load`.
+
+    Args:
+        progress: called with the number of plans tried, before each.
 
     Raises:
         As `largest_load`.
@@ -175,7 +178,7 @@ def _bracket_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
 
 
 def _bisect_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
-    """Bisect between the planned multiple and the least that was not, on a logarithmic scale."""
+    """Bisect between the planned multiple and the least that was not, at their geometric mean."""
     while capacity.multiple > 0.0 and capacity.end < np.inf:
         if capacity.end <= (1.0 + BRACKET_RATIO) * capacity.multiple:
             break
@@ -184,8 +187,9 @@ def _bisect_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
 
 
 def _bound_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
-    """Return the capacity with the least multiple tried above the refused one that no law carries."""
+    """Add a multiple that no law carries: the first of IMPOSSIBLE_RATIOS times the refused one, if any."""
     if not np.isfinite(capacity.refused):
         return capacity
-    tried = (ratio * capacity.refused for ratio in IMPOSSIBLE_RATIOS)
-    return replace(capacity, impossible=next((m for m in tried if task.is_impossible(m)), np.inf))
+    multiples = (ratio * capacity.refused for ratio in IMPOSSIBLE_RATIOS)
+    impossible = next((multiple for multiple in multiples if task.is_impossible(multiple)), np.inf)
+    return replace(capacity, impossible=impossible)

@@ -85,6 +85,16 @@ class CrossingPoint(NamedTuple):
     touches: bool = False  # the locus without crossing it
 
 
+def undeformed_crossing(singular: SingularPoint | CrossingPoint) -> CrossingPoint:
+    """Return a singular point of the undeformed robot as a crossing point; an imposed one as it is."""
+    if isinstance(singular, CrossingPoint):
+        return singular
+    touches = singular.contact == "tangential"
+    return CrossingPoint(
+        singular.s, singular.kind, singular.twist, singular.motion, singular.q, singular.corank, touches
+    )
+
+
 def crossing_point(
     branch: Branch, singular: SingularPoint | CrossingPoint, deflection: Deflection | None, s_guess: float
 ) -> CrossingPoint:
@@ -95,35 +105,31 @@ def crossing_point(
     Raises:
         NoLaw: the deflected robot has no singular point there.
     """
-    if isinstance(singular, CrossingPoint):
-        return singular
-    if deflection is None or not len(deflection.value):
-        touches = singular.contact == "tangential"
-        return CrossingPoint(
-            singular.s, singular.kind, singular.twist, singular.motion, singular.q, singular.corank, touches
-        )
+    if isinstance(singular, CrossingPoint) or deflection is None or not len(deflection.value):
+        return undeformed_crossing(singular)
     robot = branch.robot
-    bent = np.zeros((1, robot.model.nv))
-    bent[:, robot.elastic] = deflection.value
-    previous: tuple[Array, ClosedStack] | None = None
+    spring_step = np.zeros((1, robot.model.nv))
+    spring_step[:, robot.elastic] = deflection.value
+    closed_before: tuple[Array, ClosedStack] | None = None  # at three s, the middle one the iterate
 
-    def guess(s: Array) -> Array:
+    def predict_poses(s: Array) -> Array:
         """Predict configurations (k, nq) with the deflections, along the tangent of the last closed ones."""
-        if previous is None:
-            return integrate(robot, branch.guess(s), np.repeat(bent, len(s), axis=0))
-        last_s, last = previous
+        if closed_before is None:
+            return integrate(robot, branch.guess(s), np.repeat(spring_step, len(s), axis=0))
+        last_s, last = closed_before
         tangent = difference(robot, last.q[0], last.q[2:]) / (last_s[2] - last_s[0])
         return integrate(robot, last.q[1], (s - last_s[1])[:, None] * tangent)
 
-    def passive(s: Array) -> Array:
-        nonlocal previous
-        previous = s, close_loops(robot, branch.path(s), guess(s))
-        return type2_matrix(robot, previous[1].linearised)
+    def passive_columns(s: Array) -> Array:
+        """Return the Type 2 matrix of the deflected robot at s (3,)."""
+        nonlocal closed_before
+        closed_before = s, close_loops(robot, branch.path(s), predict_poses(s))
+        return type2_matrix(robot, closed_before[1].linearised)
 
-    root = root_of_g(passive, s_guess)
+    root = root_of_g(passive_columns, s_guess)
     if root.converged:  # by a last step along the tangent so small that loops stay closed
         s = np.array([root.place])
-        q, x = guess(s), branch.path(s)
+        q, x = predict_poses(s), branch.path(s)
         closed = ClosedStack(q, x, linearised_at(robot, q, x))
         twist, motion = least_held(robot, closed.linearised)
         return _orient_along_path(branch, root.place, closed, twist, motion, singular.kind)
@@ -134,7 +140,10 @@ def crossing_point(
 
 
 def imposed_point(branch: Branch, s: float) -> CrossingPoint:
-    """Return the point of the path at s as a crossing point, singular or not: rounded data impose such."""
+    """Return the point of the path at s as a crossing point, whether singular or not.
+
+    Rounded data impose points beside the singular one.
+    """
     closed = branch.close(s)
     kind, twist, motion, _ = uncontrolled_motion(branch.robot, closed.linearised)
     return _orient_along_path(branch, s, closed, twist, motion, kind)
@@ -143,31 +152,30 @@ def imposed_point(branch: Branch, s: float) -> CrossingPoint:
 def _orient_along_path(
     branch: Branch, s: float, closed: ClosedStack, twist: Array, motion: Array, kind: str
 ) -> CrossingPoint:
-    """Return the crossing point, the sign of its twist chosen along the path."""
+    """Return the crossing point, its twist and motion with the sign that points along the path."""
     sign = sign_along(twist, branch.robot.platform.path_twist(branch.path, s))
     return CrossingPoint(s, kind, sign * twist, sign * motion, closed.q[0])
 
 
-def condition_at(branch: Branch, place: CrossingPoint, deflection: Deflection | None) -> Condition8:
+def condition_at(branch: Branch, crossing: CrossingPoint, deflection: Deflection | None) -> Condition8:
     """Compute the coefficients of condition (8) at a crossing point; refuse where s" has no effect.
 
     Raises:
         NoLaw: the path's tangent leaves t_s . W_p untouched by s", so no law can meet the condition.
         NotConverged: the same, but only with these deflections.
     """
-    return require_effect(branch, place, coefficients_at(branch, place, deflection), deflection)
+    return require_effect(branch, crossing, coefficients_at(branch, crossing, deflection), deflection)
 
 
 def require_effect(
-    branch: Branch, place: CrossingPoint, condition: Condition8, deflection: Deflection | None
+    branch: Branch, crossing: CrossingPoint, condition: Condition8, deflection: Deflection | None
 ) -> Condition8:
-    """Return a condition that s" can meet; raise as `condition_at` otherwise."""
+    """Return a condition that some s" meets, or that holds anyway; raise as `condition_at` otherwise."""
     robot = branch.robot
     if condition.holds_anyway or condition.alpha != 0.0:
         return condition
-    where = (
-        f"{robot.name}: at s = {place.s:.6g}, {', '.join(robot.axis_names)} = {point(branch.path(place.s))}"
-    )
+    axes, place = ", ".join(robot.axis_names), point(branch.path(crossing.s))
+    where = f"{robot.name}: at s = {crossing.s:.6g}, {axes} = {place}"
     if deflection is not None and robot.n_e:
         raise NotConverged(
             f'{where} s" has no effect on t_s . W_p once the robot deflects: with these deflections the path '
@@ -180,83 +188,97 @@ def require_effect(
     )
 
 
-def coefficients_at(branch: Branch, place: CrossingPoint, deflection: Deflection | None) -> Condition8:
+def coefficients_at(branch: Branch, crossing: CrossingPoint, deflection: Deflection | None) -> Condition8:
     """Compute the coefficients of condition (8) at a crossing point.
 
-    Inertial forces alone, at s" = 1, at s' = 1 and of the deflections, are alpha, beta and a share of gamma;
-    no difference is taken. Of delta one share is damping at s' = 1, the other is bilinear in s' and the rates
-    of the deflections: the half difference at +s' and -s', where both move the joints equally fast.
+    Each is the power of forces in the uncontrolled motion:
+
+        alpha: of inertia at s" = 1
+        beta:  of inertia at s' = 1
+        gamma: of weight and wrenches at rest, and of inertia and damping while only the deflections change
+        delta: of damping at s' = 1, and of inertia where s' and the rates of the deflections multiply
+
+    The last is half the difference of inertia at +pace and -pace, where path and deflections move the joints
+    equally fast. No other difference is taken, which would lose digits.
     """
     robot = branch.robot
-    linearised = linearised_at(robot, place.q[None], branch.path(place.s)[None])
+    linearised = linearised_at(robot, crossing.q[None], branch.path(crossing.s)[None])
     deflection = deflection if robot.n_e else None
-    pace = 1.0 if deflection is None else _equal_pace(branch, place, linearised, deflection.rate)
-    motion = _unit_motions(branch, place, linearised, deflection, pace)
-    inertial = inertial_forces(robot, motion) * place.motion  # (5, nv) terms of sums
-    damping = robot.joint_damping * motion.v * place.motion
-    wrenches = branch.wrenches.evaluate(robot, linearised.frames, np.array([place.s]))
-    gamma = static_forces(robot, place.q[None], wrenches)[0] * place.motion
+    pace = 1.0 if deflection is None else _equal_pace(branch, crossing, linearised, deflection.rate)
+    motion = _unit_motions(branch, crossing, linearised, deflection, pace)
+    inertial = inertial_forces(robot, motion) * crossing.motion  # (5, nv), each row to be summed
+    damping = robot.joint_damping * motion.v * crossing.motion
+    wrenches = branch.wrenches.evaluate(robot, linearised.frames, np.array([crossing.s]))
+    static = static_forces(robot, crossing.q[None], wrenches)[0] * crossing.motion
     rate = float(np.abs(motion.v[1] / robot.column_scale).max())
-    terms = np.array([inertial[0], inertial[1], gamma, damping[1]])
+    terms = np.array([inertial[0], inertial[1], static, damping[1]])  # of alpha, beta, gamma, delta
     elastic_terms = np.array([inertial[2] + damping[2], 0.5 * (inertial[3] - inertial[4]) / pace])
     values = terms.sum(axis=1)
-    sizes = np.maximum(bounds_of_terms(branch, place, rate), np.abs(terms).sum(axis=1))
+    sizes = np.maximum(bounds_of_terms(branch, crossing, rate), np.abs(terms).sum(axis=1))
     values[2:] += elastic_terms.sum(axis=1)
     sizes[2:] += np.abs(elastic_terms).sum(axis=1)
+    # what stiff springs add is little, and yet no rounding where s" has an effect
     if deflection is None or not abs(values[0]) > NO_HOLD * sizes[0]:
-        values = remove_rounding(values, sizes, 0)  # else stiff springs add little, which is no rounding
+        values = remove_rounding(values, sizes, 0)
     return Condition8(*map(float, values))
 
 
 def _unit_motions(
     branch: Branch,
-    place: CrossingPoint,
+    crossing: CrossingPoint,
     linearised: LinearisedLoops,
     deflection: Deflection | None,
     pace: float,
 ) -> Motion:
-    """Compute five motions: s" = 1; s' = 1; the deflections' with s' = 0, pace and -pace."""
-    robot, elastic = branch.robot, np.zeros((2, 5, branch.robot.n_e))
+    """Compute five motions: s" = 1; s' = 1; the deflections' with s' = 0, with pace and with -pace."""
+    robot = branch.robot
+    elastic = np.zeros((2, 5, robot.n_e))  # rates and accelerations
     if deflection is not None:
-        elastic[0, 2:], elastic[1, 2] = deflection.rate, deflection.acceleration
+        elastic[0, 2:] = deflection.rate
+        elastic[1, 2] = deflection.acceleration
     speeds, accelerations = np.array([0.0, 1.0, 0.0, pace, -pace]), np.eye(5)[0]
-    x, dx, ddx = time_derivatives(branch.path, [np.full(5, place.s), speeds, accelerations])
+    x, dx, ddx = time_derivatives(branch.path, [np.full(5, crossing.s), speeds, accelerations])
     stack = linearised.select(np.zeros(5, dtype=np.intp))
     return motion_at(robot, ClosedStack(stack.frames.q, x, stack), dx, ddx, *elastic)
 
 
 def remove_rounding(values: Array, sizes: Array, alpha: int) -> Array:
-    """Set coefficients (k,) that are rounding of their terms to zero; `alpha`: index of the one of s"."""
+    """Set coefficients (k,) that are rounding of their terms to zero.
+
+    Where s" has no effect, no motion can make up for the others: more of them counts as rounding.
+
+    Args:
+        sizes: (k,) of the terms.
+        alpha: index of the coefficient of s".
+    """
     rounding = CONDITION_ROUNDING if abs(values[alpha]) > NO_HOLD * sizes[alpha] else NO_HOLD
     return np.where(np.abs(values) > rounding * sizes, values, 0.0)
 
 
-def bounds_of_terms(branch: Branch, place: CrossingPoint, rate: float) -> Array:
-    """Bound the terms (4,) of alpha, beta, gamma and delta, cancelled ones included.
+def bounds_of_terms(branch: Branch, crossing: CrossingPoint, rate: float) -> Array:
+    """Bound the sizes of the terms (4,) of alpha, beta, gamma and delta, before any cancel.
 
-    On massless legs the forces of a payload do: on the joints only rounding is left. So the mass of all
-    bodies is taken to move as the platform does and, for beta, as joints of the robot's length do at their
-    largest `rate` [1/s, over s'].
+    Joint forces do not show the terms that cancelled before: on massless legs, all forces of a payload across
+    t_s. So the mass of all bodies is taken to move as the platform does and, for beta, as joints of the
+    robot's length do at their largest `rate` [1/s, over s'].
     """
     robot = branch.robot
     lengths = coordinate_sizes(robot)
-    tangent, escape = (
-        float(np.abs(twist * lengths).max())
-        for twist in (robot.platform.path_twist(branch.path, place.s), place.twist)
-    )
+    tangent = float(np.abs(robot.platform.path_twist(branch.path, crossing.s) * lengths).max())
+    escape = float(np.abs(crossing.twist * lengths).max())
     weight = robot.mass * float(np.linalg.norm(robot.model.gravity.linear))
     for wrench in branch.wrenches.entries:
-        force, moment = np.linalg.norm(wrench(np.array([place.s])).reshape(2, 3), axis=1)
+        force, moment = np.linalg.norm(wrench(np.array([crossing.s])).reshape(2, 3), axis=1)
         weight += float(force + moment / robot.length)
     inertia = robot.mass * np.array([tangent, robot.length * rate**2])
     return escape * np.array([*inertia, weight, 0.0])
 
 
-def _equal_pace(branch: Branch, place: CrossingPoint, linearised: LinearisedLoops, rate: Array) -> float:
-    """Return the s' that moves the joints as fast as the rates (n_e,) of the deflections do."""
+def _equal_pace(branch: Branch, crossing: CrossingPoint, linearised: LinearisedLoops, rate: Array) -> float:
+    """Return the s' that moves the joints as fast as the rates (n_e,) of the deflections do; 1 at rest."""
     robot = branch.robot
-    twist = robot.platform.path_twist(branch.path, place.s)
+    twist = robot.platform.path_twist(branch.path, crossing.s)
     tangent = joint_rates(robot, linearised, twist[None], np.zeros((1, robot.n_e)))
-    fastest = float(np.abs(tangent / robot.column_scale).max())
-    swing = float(np.abs(rate / robot.column_scale[robot.elastic]).max())
-    return swing / fastest if swing > 0.0 and fastest > 0.0 else 1.0
+    path_rate = float(np.abs(tangent / robot.column_scale).max())
+    elastic_rate = float(np.abs(rate / robot.column_scale[robot.elastic]).max())
+    return elastic_rate / path_rate if elastic_rate > 0.0 and path_rate > 0.0 else 1.0

@@ -10,8 +10,8 @@ from framework.crossing.condition import (
     Condition8,
     CrossingPoint,
     coefficients_at,
-    crossing_point,
     imposed_point,
+    undeformed_crossing,
 )
 from framework.crossing.refusals.uncrossable_points import check_crossable
 from framework.crossing.request import Request
@@ -22,7 +22,7 @@ from framework.singularity.points_on_path import SearchedPath, SingularPoint
 
 @dataclass(frozen=True, eq=False)
 class PathToCross:
-    """A path followed, its singular points, and the points where condition (8) is to hold."""
+    """A path with its singular points, and the points where condition (8) is to hold."""
 
     searched: SearchedPath
     crossing_points: Sequence[SingularPoint | CrossingPoint]
@@ -38,10 +38,10 @@ class PathToCross:
         return self.searched.points
 
     @cached_property
-    def at_rest(self) -> list[tuple[CrossingPoint, Condition8]]:
+    def undeformed_crossings(self) -> list[tuple[CrossingPoint, Condition8]]:
         """The crossing points of the undeformed robot, each with its condition (8)."""
-        points = [crossing_point(self.branch, target, None, target.s) for target in self.crossing_points]
-        return [(point, coefficients_at(self.branch, point, None)) for point in points]
+        points = [undeformed_crossing(target) for target in self.crossing_points]
+        return [(point, coefficients_at(self.branch, point, deflection=None)) for point in points]
 
 
 def path_to_cross(searched: SearchedPath, request: Request) -> PathToCross:
@@ -52,32 +52,39 @@ def path_to_cross(searched: SearchedPath, request: Request) -> PathToCross:
         NoLaw, UncontrolledMotions: no law can cross at one of the points.
     """
     searched = searched.under(request.external_wrenches)
-    return PathToCross(searched, _crossing_points(searched.branch, searched.points, request))
+    return PathToCross(searched, _choose_points(searched.branch, searched.points, request))
 
 
-def _crossing_points(
+def _choose_points(
     branch: Branch, points: tuple[SingularPoint, ...], request: Request
 ) -> list[SingularPoint | CrossingPoint]:
-    """Choose the points where condition (8) is to hold; refuse points that no law can cross."""
+    """Choose the points where condition (8) is to hold: imposed ones, else the singular points.
+
+    An empty list of times asks for a law without crossing conditions. Singular points that no law can cross
+    are refused, imposed ones are not judged.
+    """
     times, speeds, imposed = request.times, request.speeds, request.at
-    if imposed is not None:
-        chosen: list[SingularPoint | CrossingPoint] = [imposed_point(branch, s) for s in imposed]
-        places = f"{len(imposed)} imposed by `at`"
-    else:
-        chosen = [*points]
-        places = f"{len(points)} singular point{'s' * (len(points) != 1)} on the path"
-        if points:
-            places += " at s = " + ", ".join(f"{point.s:.6g}" for point in points)
-    if times is not None and len(times) == 0 and imposed is None:
+    if imposed is None and times is not None and len(times) == 0:
         if speeds:
             raise InvalidInput(f"speeds: got {len(speeds)}, but times is empty: no crossing is asked for")
         return []
+    chosen: list[SingularPoint | CrossingPoint]
+    chosen = [*points] if imposed is None else [imposed_point(branch, s) for s in imposed]
     for name, values in (("times", times), ("speeds", speeds)):
         if values is not None and len(values) != len(chosen):
             raise InvalidInput(
                 f"{name}: got {len(values)} ({', '.join(f'{value:g}' for value in values)}), but there "
-                f"{'is' if len(chosen) == 1 else 'are'} {places}"
+                f"{'is' if len(chosen) == 1 else 'are'} {_count_points(points, imposed)}"
             )
     for singular in points if imposed is None else ():
         check_crossable(branch, singular)
     return chosen
+
+
+def _count_points(points: tuple[SingularPoint, ...], imposed: Sequence[float] | None) -> str:
+    """Return the number of imposed or singular points in words, with s of singular ones."""
+    if imposed is not None:
+        return f"{len(imposed)} imposed by `at`"
+    text = f"{len(points)} singular point{'s' * (len(points) != 1)} on the path"
+    places = ", ".join(f"{point.s:.6g}" for point in points)
+    return f"{text} at s = {places}" if points else text

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from framework.crossing.condition import Condition8, coefficients_at, crossing_point
+from framework.crossing.condition import Condition8, coefficients_at, undeformed_crossing
 from framework.crossing.motion_scales import coordinate_sizes
 from framework.dynamics.singularity_crossings import check_kind
 from framework.errors import NoLaw
@@ -50,24 +50,24 @@ class Feasibility:
         """Whether no s" meets the condition: at best one s' does."""
         return self.orthogonal and not self.condition.holds_anyway
 
-    def _asked_per(self, coefficient: float) -> float:
-        """Compute the s" that balances a term; not a number where s" has no effect."""
+    def _balancing_acceleration(self, coefficient: float) -> float:
+        """Return the s" that balances a term, -coefficient / alpha; not a number where s" has no effect."""
         return np.nan if self.orthogonal else 0.0 - coefficient / self.condition.alpha
 
     @property
     def constant(self) -> float:
         """The s" [1/s^2] asked for at s' -> 0; not a number where s" has no effect."""
-        return self._asked_per(self.condition.gamma)
+        return self._balancing_acceleration(self.condition.gamma)
 
     @property
     def per_squared_speed(self) -> float:
         """The s" asked for by s'^2, over s'^2 [-]; not a number where s" has no effect."""
-        return self._asked_per(self.condition.beta)
+        return self._balancing_acceleration(self.condition.beta)
 
     @property
     def per_speed(self) -> float:
         """The s" asked for by s', over s' [1/s]; not a number where s" has no effect."""
-        return self._asked_per(self.condition.delta)
+        return self._balancing_acceleration(self.condition.delta)
 
     @property
     def weightless(self) -> bool:
@@ -84,18 +84,22 @@ class Feasibility:
 
     @property
     def steady_speed(self) -> float | None:
-        """The least s' > 0 [1/s] that meets the condition with s" = 0; None without one."""
+        """The least s' > 0 [1/s] with beta s'^2 + delta s' + gamma = 0, or None."""
         _, beta, gamma, delta = self.condition
         if beta == 0.0:
             roots = [-gamma / delta] if delta else []
         else:
-            square = delta**2 - 4.0 * beta * gamma
-            roots = [(-delta + sign * np.sqrt(square)) / (2.0 * beta) for sign in (-1, 1) if square > 0]
+            discriminant = delta**2 - 4.0 * beta * gamma
+            signs = (-1, 1) if discriminant > 0 else ()
+            roots = [(-delta + sign * np.sqrt(discriminant)) / (2.0 * beta) for sign in signs]
         return min((float(root) for root in roots if root > 0), default=None)
 
     @property
     def pace(self) -> float | None:
-        """The time [s] in which the s" that the weight asks for covers the whole path from rest."""
+        """The time [s] in which the s" that the weight asks for covers the whole path from rest.
+
+        With a constant s" that is (2 / |s"|)^(1/2). None where s" has no effect, or without weight.
+        """
         if self.orthogonal or self.weightless:
             return None
         return float(np.sqrt(2.0 / abs(self.constant)))
@@ -112,14 +116,14 @@ class Feasibility:
 
     @property
     def sentence(self) -> str:
-        """The condition and which way to go, in one line."""
+        """The condition, the s" that is asked for, and consequences for path and speed, in one line."""
         alpha, beta, gamma, delta = self.condition
         damping = f", delta = {delta:.6g}" if self.damped else ""
         return (
             f"condition (8) at s = {self.s:.6g} has alpha = {alpha:.6g}, beta = {beta:.6g}, "
             f"gamma = {gamma:.6g}{damping}, with "
             f"{100 * self.weight_share:.3g} % of the weight and {100 * self.tangent_share:.3g} % of the "
-            f"path's tangent along t_s: {'; '.join([self._demand(), *self._consequences()])}"
+            f"path's tangent along t_s: {'; '.join([self._demand_text(), *self._consequence_texts()])}"
         )
 
     @property
@@ -131,9 +135,9 @@ class Feasibility:
             if self.pace is None
             else f", whatever the duration: the whole path from rest in {self.pace:.3g} s"
         )
-        return f"condition (8) at s = {self.s:.6g}{weight}: {self._demand()}{pace}"
+        return f"condition (8) at s = {self.s:.6g}{weight}: {self._demand_text()}{pace}"
 
-    def _demand(self) -> str:
+    def _demand_text(self) -> str:
         """Return the s" that the condition asks for, in words."""
         if self.condition.holds_anyway:
             return "it holds whatever s' and s\" are"
@@ -142,15 +146,13 @@ class Feasibility:
                 "no law meets it" if self.steady_speed is None else f"only s' = {self.steady_speed:.4g} does"
             )
             return f's" has no effect, {only}; turn the path towards t_s'
-        alpha, beta, gamma, _ = self.condition
-        demand = f's" = {gamma / -alpha + 0.0:.6g}'
-        if beta:
-            demand += f" {'+-'[beta * alpha > 0]} {abs(self.per_squared_speed):.6g} s'^2"
-        if self.damped:
-            demand += f" {'+-'[self.per_speed < 0]} {abs(self.per_speed):.6g} s'"
+        demand = f's" = {self.constant:.6g}'
+        for coefficient, variable in ((self.per_squared_speed, "s'^2"), (self.per_speed, "s'")):
+            if coefficient:
+                demand += f" {'-' if coefficient < 0 else '+'} {abs(coefficient):.6g} {variable}"
         return demand
 
-    def _consequences(self) -> list[str]:
+    def _consequence_texts(self) -> list[str]:
         """Return clauses on speeds, pace and path that the condition suggests."""
         if self.orthogonal:
             return []
@@ -180,15 +182,17 @@ def feasibility_at(branch: Branch, singular: SingularPoint) -> Feasibility | Non
         check_kind(branch.robot, singular)
     except NoLaw:
         return None
-    robot, place = branch.robot, crossing_point(branch, singular, None, singular.s)
-    condition = coefficients_at(branch, place, None)
-    falling = pin.jacobianCenterOfMass(robot.model, robot.model.createData(), place.q) @ place.motion
-    size = coordinate_sizes(robot)
+    robot = branch.robot
+    crossing = undeformed_crossing(singular)
+    condition = coefficients_at(branch, crossing, deflection=None)
+    mass_jacobian = pin.jacobianCenterOfMass(robot.model, robot.model.createData(), crossing.q)
+    mass_velocity = mass_jacobian @ crossing.motion
+    size, tangent = coordinate_sizes(robot), robot.platform.path_twist(branch.path, crossing.s)
     return Feasibility(
-        place.s,
+        crossing.s,
         condition,
-        weight_share=_cosine(robot.model.gravity.linear, falling / robot.length),
-        tangent_share=_cosine(robot.platform.path_twist(branch.path, place.s) * size, place.twist * size),
+        weight_share=_cosine(robot.model.gravity.linear, mass_velocity / robot.length),
+        tangent_share=_cosine(tangent * size, crossing.twist * size),
         wrenches=bool(branch.wrenches.entries),
     )
 
@@ -199,6 +203,7 @@ def feasibility_on_path(searched: SearchedPath) -> tuple[Feasibility | None, ...
 
 
 def _cosine(a: Any, b: Any) -> float:
-    """Compute |cos| of the angle between two vectors; 0 if either is zero or rounding."""
-    size = float(np.linalg.norm(a) * np.linalg.norm(b))
-    return abs(float(np.dot(a, b))) / size if size > VECTOR_ROUNDING * float(np.linalg.norm(a)) else 0.0
+    """Compute |cos| of the angle between two vectors; 0 if the first is zero or the second rounding."""
+    norm = float(np.linalg.norm(a))
+    product = float(np.linalg.norm(a) * np.linalg.norm(b))
+    return abs(float(np.dot(a, b))) / product if product > VECTOR_ROUNDING * norm else 0.0

@@ -111,8 +111,8 @@ class FullerModel:
         """Compute the motors' torques (T, n_a) [N m or N], motor side, on the nodes.
 
         Torques with dry friction jump where a joint changes direction, and no tail tells a pole from a jump.
-        So the pole is looked for with smooth friction first: for each joint the polynomial through the signs
-        of its rate at the crossings.
+        So a pole is looked for with smooth friction: of each joint, the polynomial through the signs of its
+        rate at the crossings. There it equals the friction, on which condition (8) depends.
 
         Raises:
             NotConverged: the torques have a pole.
@@ -147,24 +147,27 @@ class FullerModel:
         return speed_signs(self.dynamics.velocity(times) / self.robot.column_scale)
 
     def _correct_law(self, function: TimeFunction) -> CorrectedLaw:
-        """Correct the law for deflections as a function of time.
+        """Correct the law to meet condition (8) of the fuller model with deflections in time.
+
+        The correction is zero at both ends. At each crossing, s, s' and s" change from those planned to those
+        of `_correct_crossing`.
 
         Raises:
             NoAnswer: as `_correct_crossing`; two crossings meet one singular point; the law turns back.
         """
         duration, smoothness = self.dynamics.duration, SMOOTHNESS[self.robot.n_e > 0]
         corrections = conditions_at_instants([0.0, duration], np.zeros((2, smoothness + 1)))
-        s = []
+        singular = []  # s of the fuller model
         for crossing in self.dynamics.crossings:
             planned = [float(self.dynamics.law(crossing.time, order)) for order in range(3)]
             corrected = self._correct_crossing(crossing, function, planned)
-            s.append(corrected[0])
+            singular.append(corrected[0])
             corrections += conditions_at_instants([crossing.time], [np.subtract(corrected, planned)])
-        if not np.all(np.diff(s) > SAME_PLACE):
+        if not np.all(np.diff(singular) > SAME_PLACE):
             raise NotConverged("crossings of the motion meet the same singular point of the fuller model")
         law = CorrectedLaw(self.dynamics.law, Law.from_conditions(corrections, duration))
         try:
-            check_advance(law, s, self.robot.name)
+            check_advance(law, singular, self.robot.name)
         except NoLaw as refusal:
             raise NotConverged(f"the corrected law turns back: {refusal}") from None
         return law
@@ -174,21 +177,27 @@ class FullerModel:
     ) -> tuple[float, float, float]:
         """Compute s, s' and s" with which the fuller model crosses at the instant of a crossing.
 
+        s' stays as planned. Dry friction adds its power in the uncontrolled motion to gamma of condition (8).
+
+        Args:
+            planned: s, s' and s" of the law.
+
         Raises:
             NoAnswer: the fuller model has no such singular point, or no s" meets its condition (8).
         """
-        branch, (_, speed, acceleration) = self.searched.branch, planned
+        branch, speed, acceleration = self.searched.branch, planned[1], planned[2]
         singular = min(self.searched.points, key=lambda point: abs(point.s - crossing.s), default=None)
         if singular is None or singular.corank > 1:
             raise NotConverged("the fuller model has no simple singular point at the crossing")
         deflection = Deflection.evaluate(function, crossing.time)
-        place = crossing_point(branch, singular, deflection, crossing.s)
-        condition = condition_at(branch, place, deflection)
+        point = crossing_point(branch, singular, deflection, crossing.s)
+        condition = condition_at(branch, point, deflection)
         if self.friction is not None:
-            power = float(self.friction * self._rate_signs(np.array([crossing.time]))[0] @ place.motion)
+            friction = self.friction * self._rate_signs(np.array([crossing.time]))[0]
+            power = float(friction @ point.motion)
             condition = condition._replace(gamma=condition.gamma + power)
         if condition.alpha == 0.0 and not condition.holds_anyway:
             raise NotConverged("no acceleration at the crossing makes up for it")
         if not condition.holds_anyway:
             acceleration = condition.acceleration(speed)
-        return place.s, speed, acceleration
+        return point.s, speed, acceleration

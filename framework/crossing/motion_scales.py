@@ -26,7 +26,7 @@ def path_length(robot: ParallelRobot, path: Path) -> float:
 
 
 def largest_by_unit(robot: ParallelRobot, torques: Array) -> Array:
-    """Return the largest (n_a,) of the torques (n_a,) >= 0 of all motors of the same unit as each."""
+    """Return, for each motor (n_a,), the largest of the torques (n_a,) >= 0 of all motors of its unit."""
     units = np.array(robot.torque_units)
     largest = np.array([torques[units == unit].max() for unit in units])
     return np.maximum(largest, np.finfo(float).tiny)

@@ -124,8 +124,7 @@ def _matching_columns(wanted: str, names: Sequence[str]) -> list[int]:
 def motion_columns(robot: ParallelRobot) -> tuple[Column, ...]:
     """Return the columns of motion.csv, in their order."""
     axes = list(zip(robot.axis_names, robot.axis_units, strict=True))
-    joints = robot.actuator_names
-    forces = list(zip(joints, robot.torque_units, strict=True))
+    forces = list(zip(robot.actuator_names, robot.torque_units, strict=True))
     motors = [(joint, "m" if unit == "N" else "rad") for joint, unit in forces]
     springs = list(zip(robot.elastic_names, length_units(robot.sliding[robot.elastic]), strict=True))
     names = [robot.coordinates.name_of(column) for column in robot.passive]
@@ -139,24 +138,28 @@ def motion_columns(robot: ParallelRobot) -> tuple[Column, ...]:
         Column("s", "1", "path coordinate"),
         Column("ds", "1/s", "its time derivative"),
         Column("dds", "1/s2", "its second time derivative"),
-        *_group("platform", axes, 0, "platform coordinate"),
-        *_group("motor_angle", motors, 0, "motor angle, motor side of the gear"),
-        *_group("torque", forces, 0, "motor torque, motor side of the gear"),
-        *_group("deflection", springs, 0, "deflection of a spring"),
-        *_rates("platform", axes, "of the platform coordinate"),
-        *_rates("motor", motors, "of the motor angle, motor side of the gear"),
-        *_rates("deflection", springs, "of the deflection"),
-        *_group("joint", passive, 0, f"position of a joint without a motor{ball}"),
-        *_rates("joint", passive, f"of the position of a joint without a motor{turning}"),
+        *_quantity_columns("platform", axes, 0, "platform coordinate"),
+        *_quantity_columns("motor_angle", motors, 0, "motor angle, motor side of the gear"),
+        *_quantity_columns("torque", forces, 0, "motor torque, motor side of the gear"),
+        *_quantity_columns("deflection", springs, 0, "deflection of a spring"),
+        *_rate_columns("platform", axes, "of the platform coordinate"),
+        *_rate_columns("motor", motors, "of the motor angle, motor side of the gear"),
+        *_rate_columns("deflection", springs, "of the deflection"),
+        *_quantity_columns("joint", passive, 0, f"position of a joint without a motor{ball}"),
+        *_rate_columns("joint", passive, f"of the position of a joint without a motor{turning}"),
     )
 
 
-def _group(prefix: str, things: Iterable[tuple[str, str]], order: int, description: str) -> list[Column]:
-    return [Column(f"{prefix}_{name}", f"{unit}{RATES[order]}", description) for name, unit in things]
+def _quantity_columns(
+    prefix: str, named_units: Iterable[tuple[str, str]], order: int, description: str
+) -> list[Column]:
+    """Return a column for each name and unit, of the quantity or its derivative of an order."""
+    return [Column(f"{prefix}_{name}", f"{unit}{RATES[order]}", description) for name, unit in named_units]
 
 
-def _rates(prefix: str, things: Sequence[tuple[str, str]], description: str) -> list[Column]:
+def _rate_columns(prefix: str, named_units: Sequence[tuple[str, str]], description: str) -> list[Column]:
+    """Return the columns of the first and second time derivatives of quantities."""
     return [
-        *_group(f"{prefix}_velocity", things, 1, f"time derivative {description}"),
-        *_group(f"{prefix}_acceleration", things, 2, f"second time derivative {description}"),
+        *_quantity_columns(f"{prefix}_velocity", named_units, 1, f"time derivative {description}"),
+        *_quantity_columns(f"{prefix}_acceleration", named_units, 2, f"second time derivative {description}"),
     ]

@@ -51,8 +51,9 @@ def neglected_effects(
 ) -> tuple[NeglectedEffect, ...]:
     """Compute the effects that the torques of a motion leave out, the largest first, unknown ones last.
 
-    Effects within the tail of the torques are left out. Each number is of first order, for one effect alone:
-    near or above the largest torque, as of springs under a load across a crossing, it is an order of size.
+    Effects smaller than the tail of the torques are not listed. Each number is of first order, for one effect
+    alone. Near the largest torque or above it, as of springs under a load across a crossing, a number is an
+    order of magnitude.
 
     Args:
         whole: the description with all masses, where the motion's robot was made without some of them; by
@@ -75,7 +76,7 @@ def neglected_effects(
 
 
 def _peaks(dynamics: InverseDynamics) -> Array:
-    """Return the largest torque (n_a,) of all motors of each motor's unit."""
+    """Return, for each motor (n_a,), the largest torque along the motion of all motors of its unit."""
     times = np.linspace(0.0, dynamics.duration, PEAK_SAMPLES)
     return largest_by_unit(dynamics.robot, np.abs(dynamics.torque(times)).max(axis=0))
 
@@ -91,8 +92,9 @@ def _measure_effect(
     if not np.all(np.isfinite(largest)):
         return NeglectedEffect(f"{effect}: no number, the torques have a pole")
     shares = largest / _peaks(dynamics)
-    k = np.argmax(shares)
-    return NeglectedEffect(effect, float(largest[k]), dynamics.robot.actuator_names[k], float(shares[k]))
+    motor = np.argmax(shares)
+    joint = dynamics.robot.actuator_names[motor]
+    return NeglectedEffect(effect, float(largest[motor]), joint, float(shares[motor]))
 
 
 # ------------------------------------------------------------------ springs
@@ -110,13 +112,17 @@ def _spring_differences(dynamics: InverseDynamics, description: RobotDescription
         return fuller, fuller.torque(fuller.first_pass)
 
     def difference(coordinates: Sequence[str], left_rigid: bool) -> Array:
-        """Compute the change of torque (T, n_a) by deflections of the elastic `coordinates`."""
-        fuller, rigid = fullest()
-        deflecting, torque = np.isin(fuller.robot.elastic_names, coordinates), rigid
+        """Compute the change of torque (T, n_a) by deflections of the elastic `coordinates`.
+
+        Against the model with all springs at the deflections of the motion where these coordinates are left
+        rigid, else against the motion itself, whose model lacks more than their deflections.
+        """
+        fuller, undeflected = fullest()
+        deflecting, torque = np.isin(fuller.robot.elastic_names, coordinates), undeflected
         if deflecting.any():
             deflections = np.where(deflecting, fuller.first_pass.caused, fuller.known_deflections())
             torque = fuller.torque(fuller.compute_pass(deflections))
-        return torque - (rigid if left_rigid else fuller.planned_torque)
+        return torque - (undeflected if left_rigid else fuller.planned_torque)
 
     for part in ("joint", "link"):
         springs = [
@@ -149,6 +155,7 @@ def _mass_differences(dynamics: InverseDynamics, whole: RobotDescription | None)
         return
 
     def difference() -> Array:
+        """Compute the change of torque (T, n_a) by the masses."""
         robot = ParallelRobot.from_description(whole, flexibility=dynamics.robot.flexibility)
         fuller = FullerModel.of(dynamics, robot)
         return fuller.torque(fuller.first_pass) - fuller.planned_torque
@@ -163,6 +170,7 @@ def _friction_differences(dynamics: InverseDynamics) -> Differences:
         return
 
     def difference() -> Array:
+        """Compute the change of torque (T, n_a) by the friction."""
         rough = FullerModel.of(dynamics, robot, friction=friction)
         smooth = replace(rough, friction=None)
         return rough.torque(rough.first_pass) - smooth.torque(smooth.first_pass)
@@ -179,15 +187,13 @@ def neglected_friction(dynamics: InverseDynamics) -> Array:
 
 
 def _idle_turn_effects(dynamics: InverseDynamics) -> Iterator[NeglectedEffect]:
-    """Yield the torque that would hold idle turns as planned, an order also of the motors' error."""
+    """Yield the torque that would hold idle turns as planned, as an estimate of the motors' error."""
     robot, holding = dynamics.robot, dynamics.certificate.max_held_torque
     if not holding:
         return
     turns = np.setdiff1d(robot.structure.idle, driven_turns(robot))
-    names = _list_names(
-        [robot.coordinates.name_of(k) for k in (turns if len(turns) else robot.structure.idle)]
-    )
+    turns = turns if len(turns) else robot.structure.idle
+    names = _list_names([robot.coordinates.name_of(k) for k in turns])
     torque = holding / float(np.abs(robot.gear_ratio).min())
-    yield NeglectedEffect(
-        f"what nothing holds of {names}", torque, "", torque / float(_peaks(dynamics).max())
-    )
+    share = torque / float(_peaks(dynamics).max())
+    yield NeglectedEffect(f"what nothing holds of {names}", torque, share=share)

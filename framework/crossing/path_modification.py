@@ -33,7 +33,7 @@ from framework.singularity.points_on_path import search_path
 MAX_BEND_SHARE = 0.05  # of the path's length: a bend beyond that makes another path
 # the smallest bend tried is MAX_BEND_SHARE / 2^7, 0.04 % of the length: a matter of making the robot
 BEND_HALVINGS = 7
-BEND_BISECTIONS = 3  # of the last factor of two: the least share is known to 2^(1/8), 9 %
+BEND_BISECTIONS = 3  # of the last factor of two: the least share is then known to 2^(1/8), 9 %
 BEND_RESERVE = 0.1  # of its size, by which the bend is made larger than the least that helps
 BUMP_EXPONENT = 10.0  # N: b and two derivatives of it vanish at both ends for c in [END_SHARE, 1 - END_SHARE]
 SPLINE_POINTS = 9  # and two more for each knot of the path
@@ -80,10 +80,10 @@ def plan_request_with_modified_path(
 ) -> ModifiedPathPlan:
     """Plan a request; where no law can cross, bend the path at its crossing most orthogonal to t_s.
 
-    Least means: of bends to either side, each twice the last, the first with which the request is planned,
-    within its limits if it has any, bisected against the last that was refused; then `BEND_RESERVE` is added.
-    Without a limit of torque the least bend may well ask for a large one: `choices` says what larger bends
-    ask for.
+    Bends are tried to both sides, each twice the last, until the request is planned, within its limits if it
+    has any. The least bend is bisected between that and the last refused one, and `BEND_RESERVE` added.
+    Without a torque limit the least bend may well need a large torque: `choices` has the torques of larger
+    bends.
 
     Args:
         bend: this share of the path's length instead of the least, to the side with the smaller torques.
@@ -101,7 +101,8 @@ def plan_request_with_modified_path(
     except UncontrolledMotions:
         raise
     except NoLaw as refusal:
-        proof = refusal.proof  # of an end, which a bend keeps?
+        proof = refusal.proof
+        # what is proved of an end of the path holds with any bend, which keeps the ends
         at_end = isinstance(proof, HoldingTorque) or (isinstance(proof, UnmetCondition) and proof.stop)
         modification = None if at_end else _modification_at_crossing(robot, request)
         if modification is None:
@@ -121,8 +122,8 @@ class _Modification(NamedTuple):
 
     robot: ParallelRobot
     request: Request
-    s: Array  # (m,)
-    unit: Array  # (m, n)
+    s: Array  # (m,) of the points of the bent spline
+    unit: Array  # (m, n) of which a share is added to these points
     size: Array  # (n,) [m] of 1 of each coordinate
     length: float  # [m]
 
@@ -140,7 +141,7 @@ class _Modification(NamedTuple):
         """Plan with this bend, to the side of smaller torques; None without a plan."""
         plans = [plan for side in (1.0, -1.0) if (plan := self.plan_bent(side * bend)) is not None]
         best = min(plans, key=lambda plan: max(plan.peak_torque.values()), default=None)
-        return None if best is None else self._measure(best, ())
+        return None if best is None else self._measure(best, choices=())
 
     def plan_with_least(self) -> ModifiedPathPlan | None:
         """Plan with the least sufficient bend, and with larger ones to compare; None without a plan."""
@@ -148,16 +149,20 @@ class _Modification(NamedTuple):
         if least is None:
             return None
         share, plan = least
-        side, largest = float(np.sign(share)), max(MAX_BEND_SHARE, abs(share))
-        choices = [BendChoice(abs(share), plan.peak_torque)]
-        for larger in np.geomspace(abs(share), largest, BEND_CHOICES)[1:] if largest > abs(share) else ():
-            other = self.plan_bent(side * float(larger))
-            if other is not None:
-                choices.append(BendChoice(float(larger), other.peak_torque))
+        side, size = float(np.sign(share)), abs(share)
+        choices = [BendChoice(size, plan.peak_torque)]
+        larger_sizes = np.geomspace(size, MAX_BEND_SHARE, BEND_CHOICES)[1:] if size < MAX_BEND_SHARE else ()
+        for larger in map(float, larger_sizes):
+            larger_plan = self.plan_bent(side * larger)
+            if larger_plan is not None:
+                choices.append(BendChoice(larger, larger_plan.peak_torque))
         return self._measure(plan, tuple(choices))
 
     def _find_least(self) -> tuple[float, CrossingPlan] | None:
-        """Find the least sufficient share, signed by side, reserve included, and its plan."""
+        """Find the least sufficient share, signed by its side and with the reserve, and its plan.
+
+        The reserve is left out where the request is not planned with it.
+        """
         smallest = MAX_BEND_SHARE / 2.0**BEND_HALVINGS
         for share in (side * smallest * 2.0**k for k in range(BEND_HALVINGS + 1) for side in (1.0, -1.0)):
             plan = self.plan_bent(share)
@@ -165,26 +170,26 @@ class _Modification(NamedTuple):
                 break
         else:
             return None
-        too_little = 0.5 * share
-        for _ in range(BEND_BISECTIONS if abs(share) > smallest else 0):  # on a logarithmic scale
-            middle = float(np.sqrt(too_little * share)) * np.sign(share)
-            better = self.plan_bent(middle)
-            if better is None:
-                too_little = middle
+        refused = 0.5 * share
+        for _ in range(BEND_BISECTIONS if abs(share) > smallest else 0):
+            middle = float(np.sqrt(refused * share)) * np.sign(share)
+            middle_plan = self.plan_bent(middle)
+            if middle_plan is None:
+                refused = middle
             else:
-                share, plan = middle, better
+                share, plan = middle, middle_plan
         reserved = self.plan_bent((1.0 + BEND_RESERVE) * share)
         return (share, plan) if reserved is None else ((1.0 + BEND_RESERVE) * share, reserved)
 
     def _measure(self, plan: CrossingPlan, choices: tuple[BendChoice, ...]) -> ModifiedPathPlan:
         """Measure the distance and the turn by which a plan's path differs from the one asked for."""
-        s, shifts = np.linspace(0.0, 1.0, BEND_SAMPLES), self.robot.translations
+        s = np.linspace(0.0, 1.0, BEND_SAMPLES)
         change = plan.path(s) - self.request.path(s)
-        distance, turn, both = (
-            float(np.linalg.norm(part, axis=1).max())
-            for part in (change[:, shifts], change[:, ~shifts], change * self.size)
-        )
-        return ModifiedPathPlan(plan, distance, turn, both / self.length, choices)
+        is_translation = self.robot.translations
+        distance = _largest_norm(change[:, is_translation])
+        turn = _largest_norm(change[:, ~is_translation])
+        share = _largest_norm(change * self.size) / self.length
+        return ModifiedPathPlan(plan, distance, turn, share, choices)
 
 
 def _modification_at_crossing(robot: ParallelRobot, request: Request) -> _Modification | None:
@@ -198,28 +203,40 @@ def _modification_at_crossing(robot: ParallelRobot, request: Request) -> _Modifi
     ]
     if not candidates:
         return None
-    singular = min(candidates, key=lambda pair: pair[0])[1]
+    _, singular = min(candidates, key=lambda pair: pair[0])
     c = singular.s
     x = np.repeat(path(c)[None], robot.n, axis=0)
-    along_twist = np.linalg.solve(robot.platform.twist(x, np.eye(robot.n))[0].T, singular.twist)
+    twists_of_coordinates = robot.platform.twist(x, np.eye(robot.n))[0]  # of a unit rate of each
+    along_twist = np.linalg.solve(twists_of_coordinates.T, singular.twist)
     size, length = coordinate_sizes(robot), path_length(robot, path)
-    largest = np.abs(_bump(np.linspace(0.0, 1.0, BEND_SAMPLES), c)).max() * np.linalg.norm(along_twist * size)
-    s = np.linspace(0.0, 1.0, _intervals(path, c) + 1)
-    unit = _bump(s, c)[:, None] * along_twist * (length / largest)
+    peak = np.abs(_bump(np.linspace(0.0, 1.0, BEND_SAMPLES), c)).max() * np.linalg.norm(along_twist * size)
+    s = np.linspace(0.0, 1.0, _choose_intervals(path, c) + 1)
+    unit = _bump(s, c)[:, None] * along_twist * (length / peak)
     return _Modification(robot, request, s, unit, size, length)
 
 
-def _intervals(path: Path, c: float) -> int:
-    """Return a number of equal intervals of which c is inside one, not at a knot between panels of time."""
+def _choose_intervals(path: Path, c: float) -> int:
+    """Choose how many equal intervals the bent spline has, with c as near as possible to a middle of one.
+
+    A knot is an edge between panels of time, which a crossing must not meet.
+    """
     least = SPLINE_POINTS + 2 * len(path.knots)
     return min(range(least - 1, least + 3), key=lambda count: abs(c * count % 1.0 - 0.5))
 
 
+def _largest_norm(rows: Array) -> float:
+    """Return the largest norm of the rows (T, k)."""
+    return float(np.linalg.norm(rows, axis=1).max())
+
+
 def _bump(s: Array, c: float) -> Array:
-    """Evaluate b(s) of the head of this file for a crossing at c."""
+    """Evaluate b(s) of the head of this file for a crossing at c.
+
+    c is an inflexion before the peak m where (m - c)^2 (N - 1) = m (1 - m), a quadratic equation in m. For c
+    beyond the middle, the bump is that of 1 - c, mirrored.
+    """
     nearer, N = min(c, 1.0 - c), BUMP_EXPONENT
     half = 2.0 * nearer * (N - 1) + 1.0
-    # the inflexion before the peak: (m - c)^2 (N - 1) = m (1 - m)
     m = (half + np.sqrt(half**2 - 4.0 * N * (N - 1) * nearer**2)) / (2.0 * N)
     m = m if c <= 0.5 else 1.0 - m
     return (s / m) ** (N * m) * ((1.0 - s) / (1.0 - m)) ** (N * (1.0 - m))

@@ -19,7 +19,7 @@ from framework.crossing.crossing_points import PathToCross, path_to_cross
 from framework.crossing.optimal.optimal_motion import limit_excess, optimal_motion
 from framework.crossing.optimal.optimal_task import Task
 from framework.crossing.options import takes_options
-from framework.crossing.polynomial import polynomial_at_rest, polynomial_motion
+from framework.crossing.polynomial import polynomial_motion, undeformed_polynomial
 from framework.crossing.refusals.explanation import check_limits, with_explanation, with_remedy
 from framework.crossing.request import Request
 from framework.crossing.result import PEAK_SAMPLES, CrossingPlan, Optimality, certified_plan
@@ -90,7 +90,7 @@ def plan_request(
     work = _Work(path_to_cross(searched, request), request, started)
     try:
         plan = _plan_best(work)
-    except UncontrolledMotions:
+    except UncontrolledMotions:  # a NoLaw to which one condition (8) and its durations say nothing
         raise
     except NoLaw as refusal:
         raise with_explanation(refusal, work.to_cross.searched, request) from None
@@ -101,7 +101,12 @@ def plan_request(
 
 
 def _plan_best(work: _Work) -> CrossingPlan:
-    """Plan with the law asked for, else with the polynomial or the law that replaces a poor one."""
+    """Plan with the law of the request, or choose one.
+
+    A goal, or limits without a duration, ask for the optimal law; the polynomial replaces it where none is
+    found. Else the polynomial comes first. The optimal law replaces it where it is refused, exceeds the
+    limits, nearly stops, or has its largest torque beside a near miss of the locus.
+    """
     request = work.request
     if request.law == "optimal":
         return _plan_optimal(work, "it was asked for")
@@ -130,7 +135,7 @@ def _plan_best(work: _Work) -> CrossingPlan:
     if plan.crossings and advance < MIN_POLYNOMIAL_ADVANCE:
         nearly_stops = (
             f"the polynomial {NEARLY_STOPS}: its least speed is {advance:.2g} of its mean, its largest "
-            f"torque {largest_torque(plan)}"
+            f"torque {_peak_text(plan)}"
         )
         try:
             return _plan_optimal(work, nearly_stops)
@@ -141,7 +146,7 @@ def _plan_best(work: _Work) -> CrossingPlan:
 
 
 def _plan_after_refusal(work: _Work, refusal: NoLaw | NotConverged) -> CrossingPlan:
-    """Plan with the optimal law where the polynomial was refused."""
+    """Plan with the optimal law where the polynomial was refused; refuse with both reasons if need be."""
     polynomial = (
         "the polynomial is not resolved" if isinstance(refusal, NotConverged) else "there is no polynomial"
     )
@@ -185,7 +190,7 @@ def _limit_ratio(plan: CrossingPlan) -> float:
 def _plan_lower_peak(work: _Work, polynomial: CrossingPlan, miss: NearMiss) -> CrossingPlan:
     """Plan with the law of lower peak torque where the polynomial's peak stands beside a near miss."""
     why = (
-        f"the polynomial's largest torque, {largest_torque(polynomial)}, is beside s = {miss.s:.6g}, where "
+        f"the polynomial's largest torque, {_peak_text(polynomial)}, is beside s = {miss.s:.6g}, where "
         f"the path misses a singularity by |g| = {abs(miss.g):.2g}"
     )
     try:
@@ -193,31 +198,32 @@ def _plan_lower_peak(work: _Work, polynomial: CrossingPlan, miss: NearMiss) -> C
     except NoAnswer as refusal:
         return replace(polynomial, reason=f"{why}; the optimal law is not found: {refusal}")
     assert optimal.optimality is not None
-    peaks = [max_torque_ratio(plan, optimal.optimality.reference) for plan in (optimal, polynomial)]
-    if peaks[0] < peaks[1]:
+    reference = optimal.optimality.reference
+    if max_torque_ratio(optimal, reference) < max_torque_ratio(polynomial, reference):
         return optimal
-    return replace(polynomial, reason=f"{why}; the optimal law's is {largest_torque(optimal)}")
+    return replace(polynomial, reason=f"{why}; the optimal law's is {_peak_text(optimal)}")
 
 
 def miss_of_peak(plan: CrossingPlan, near_misses: Sequence[NearMiss]) -> NearMiss | None:
     """Return the near miss beside which the largest torque of a plan stands; None without one.
 
-    Of the motor that has the largest torque over its limit, or in N m or N. Beside a near miss |g| is about
-    g0 (1 + x^2) with x = (s - s0) / width, and the motors need (c + d x) / |g|: the demand along t_s to first
-    order, over the measure. Whatever c and d are, that is largest within |x| <= 1; other torques on top move
-    the largest outwards. The optimal law lowers such a peak.
+    The torque is that of the motor with the largest over its limit, or in N m or N. Beside a near miss |g| is
+    about g0 (1 + x^2) with x = (s - s0) / width, and motors need (c + d x) / |g|: the demand along t_s to
+    first order, over the measure. That is largest within |x| <= 1, whatever c and d are. Other torques on top
+    move the largest outwards, so that NEAR_MISS_WIDTHS are looked at.
     """
     if not near_misses:
         return None
     times = np.linspace(0.0, plan.duration, PEAK_SAMPLES)
     s = plan.law(times)
     widths = NEAR_MISS_WIDTHS * np.linspace(-1.0, 1.0, SAMPLES_BESIDE)
-    beside = [np.interp(miss.s + miss.width * widths, s, times) for miss in near_misses]
-    times = np.concatenate([times, *beside])
+    times_beside = [np.interp(miss.s + miss.width * widths, s, times) for miss in near_misses]
+    times = np.concatenate([times, *times_beside])
     limits = [motor.torque_limit for motor in plan.robot.description.actuators]
-    size = 1.0 if None in limits else np.array(limits, dtype=float)
-    peak = float(plan.law(times[int(np.argmax((np.abs(plan.torque(times)) / size).max(axis=1)))]))
-    return next((miss for miss in near_misses if abs(peak - miss.s) <= NEAR_MISS_WIDTHS * miss.width), None)
+    reference = 1.0 if None in limits else np.array(limits, dtype=float)
+    largest = (np.abs(plan.torque(times)) / reference).max(axis=1)
+    s_peak = float(plan.law(times[np.argmax(largest)]))
+    return next((miss for miss in near_misses if abs(s_peak - miss.s) <= NEAR_MISS_WIDTHS * miss.width), None)
 
 
 def max_torque_ratio(plan: CrossingPlan, reference: Array) -> float:
@@ -225,17 +231,16 @@ def max_torque_ratio(plan: CrossingPlan, reference: Array) -> float:
     return float((np.array(list(plan.peak_torque.values())) / reference).max())
 
 
-def largest_torque(plan: CrossingPlan) -> str:
-    """Return the largest torque of each kind of motor, with its unit."""
-    peaks = zip(plan.peak_torque.values(), plan.robot.torque_units, strict=True)
+def _peak_text(plan: CrossingPlan) -> str:
+    """Return the largest torque of turning and of sliding motors, in words with the unit."""
     largest: dict[str, float] = {}
-    for torque, unit in peaks:
+    for torque, unit in zip(plan.peak_torque.values(), plan.robot.torque_units, strict=True):
         largest[unit] = max(torque, largest.get(unit, 0.0))
     return ", ".join(f"{torque:.4g} {unit}" for unit, torque in largest.items())
 
 
 class _Work(NamedTuple):
-    """The input of planning with either law."""
+    """The input of planning with either law; started: by the clock of `time.perf_counter` [s]."""
 
     to_cross: PathToCross
     request: Request
@@ -244,29 +249,40 @@ class _Work(NamedTuple):
 
 def _plan_polynomial(work: _Work) -> tuple[CrossingPlan, float]:
     """Plan with the polynomial law; return the plan and `Law.advance` of its law."""
-    to_cross, request, started = work
-    dynamics, law, timing, conditions = polynomial_motion(to_cross, request)
-    advance = law.advance(request.smoothness)
+    request = work.request
+    motion = polynomial_motion(work.to_cross, request)
+    advance = motion.law.advance(request.smoothness)
     reason = ADVANCES if advance > 0 else "the polynomial, though it overshoots its ends"
     if request.kind == "polynomial":
         reason = "it was asked for" if request.law == "polynomial" else "times of the crossings are given"
         if 0 < advance < MIN_POLYNOMIAL_ADVANCE:
             reason += f"; it {NEARLY_STOPS}, at {advance:.2g} of its mean speed: try --law optimal"
-    seconds = time.perf_counter() - started
     plan = certified_plan(
-        to_cross, request, dynamics, law, timing, seconds=seconds, reason=reason, conditions=conditions
+        work.to_cross,
+        request,
+        motion.dynamics,
+        motion.law,
+        motion.timing,
+        seconds=time.perf_counter() - work.started,
+        reason=reason,
+        conditions=motion.conditions,
     )
     return plan, advance
 
 
 def _plan_optimal(work: _Work, reason: str) -> CrossingPlan:
-    """Plan with the optimal law."""
-    to_cross, request, started = work
-    specification = specification_of(to_cross.branch.robot, request)
-    dynamics, law, best = optimal_motion(Task(to_cross, request, specification))
-    seconds, optimality = time.perf_counter() - started, Optimality(specification, best.reference, best.gap)
+    """Plan with the optimal law, for a reason that the plan states."""
+    specification = specification_of(work.to_cross.branch.robot, work.request)
+    dynamics, law, best = optimal_motion(Task(work.to_cross, work.request, specification))
     return certified_plan(
-        to_cross, request, dynamics, law, (), seconds=seconds, reason=reason, optimality=optimality
+        work.to_cross,
+        work.request,
+        dynamics,
+        law,
+        timing=(),
+        seconds=time.perf_counter() - work.started,
+        reason=reason,
+        optimality=Optimality(specification, best.reference, best.gap),
     )
 
 
@@ -276,7 +292,8 @@ def uncertified_law(
 ) -> tuple[Law, tuple[SingularityCrossing, ...]]:
     """Compute the law of `plan_crossing` on the undeformed robot before its proof, for raw sampling.
 
-    Its crossings have the instants at singular points and t_s . W_p, zero or not.
+    Returns:
+        The law, and its crossings: the instants at singular points, with t_s . W_p whether zero or not.
 
     Raises:
         As `plan_crossing`, but no UnboundedTorque and no NotConverged.
@@ -291,5 +308,5 @@ def law_before_proof(searched: SearchedPath, request: Request) -> tuple[Law, tup
         As `uncertified_law`.
     """
     to_cross = path_to_cross(searched, request)
-    law = polynomial_at_rest(to_cross, request)
+    law = undeformed_polynomial(to_cross, request)
     return law, rigid_crossings(to_cross.branch, to_cross.points, law)

@@ -36,11 +36,11 @@ PATH_SMOOTHNESS = 2  # derivatives of s that vanish at both ends of the best law
 STEP_ASIDE = 1e-3  # [robot lengths] of the platform, for how the robot follows it
 
 
-class AskedForces(NamedTuple):
-    """Torques times g and t_s . W_p at M places: constant, per ds/dt squared and per d2s/dt2."""
+class RequiredForces(NamedTuple):
+    """Torques times g and t_s . W_p at M places: constant, per (ds/dt)^2 and per d2s/dt2."""
 
-    torque: Array  # (M, 3, n_a) [N m] and with 1/s^2 and 1/s^2 taken out
-    power: Array  # (M, 3) [N]
+    torque: Array  # (M, 3, n_a) [N m], [N m s^2] and [N m s^2]
+    power: Array  # (M, 3) [N], [N s^2] and [N s^2]
 
 
 class CrossingSamples(NamedTuple):
@@ -52,7 +52,7 @@ class CrossingSamples(NamedTuple):
     t_s: Array  # (M, n) of unit speed at the crossing, pointing along the path there
     motor_speed: Array  # (M, n_a, n) G, as in `PlatformWrench`
     torque_of_force: Array  # (M, n_a, n) g times the torques that hold a force on the platform
-    forces: dict[str, AskedForces]  # by "off" and "on" of gravity
+    forces: dict[str, RequiredForces]  # by "off" and "on" of gravity
 
 
 class PlanarCrossing(NamedTuple):
@@ -67,27 +67,39 @@ class PlanarCrossing(NamedTuple):
         return self.searched.points[0]
 
     def sample(self, s: Array) -> CrossingSamples:
-        """Sample the crossing at s (M,), ascending, none the crossing itself."""
+        """Sample the crossing at s (M,), ascending, none the crossing itself.
+
+        Twists and motions are divided by one number: the norm of the twist at the crossing, with the sign
+        that makes t_s point along the path. Motor speeds are G v for a twist v of the platform. So a force f
+        on the platform is held by the torques (G')^-1 f, which have a pole where g vanishes. Gravity changes
+        neither poses nor twists.
+        """
         robot, branch = self.robots["off"], self.searched.branch
         closed = branch.close(s)
         measure, twist = _measure_with_twist(robot, closed)
-        nearest = np.argmin(np.abs(measure.g))
         _, crossing_twist = _measure_with_twist(robot, branch.close(np.array([self.point.s])))
-        size = twist_norm(robot, crossing_twist[0]) * sign_along(twist[nearest], branch.path(s, 1)[nearest])
+        nearest = np.argmin(np.abs(measure.g))
+        sign = sign_along(twist[nearest], branch.path(s, 1)[nearest])
+        signed_norm = twist_norm(robot, crossing_twist[0]) * sign
         speeds = motor_speeds(robot, closed.linearised)[0]
         g = measure.g[:, None, None]
+        motion = measure.motion / signed_norm
         return CrossingSamples(
-            closed.q,
-            _step_aside(robot, closed),
-            measure.g,
-            twist / size,
-            speeds,
-            g * np.linalg.inv(speeds.transpose(0, 2, 1)),
-            {key: self._forces(each, s, g, measure.motion / size) for key, each in self.robots.items()},
+            q=closed.q,
+            q_aside=_close_aside(robot, closed),
+            g=measure.g,
+            t_s=twist / signed_norm,
+            motor_speed=speeds,
+            torque_of_force=g * np.linalg.inv(speeds.transpose(0, 2, 1)),
+            forces={gravity: self._forces(one, s, g, motion) for gravity, one in self.robots.items()},
         )
 
-    def _forces(self, robot: ParallelRobot, s: Array, g: Array, motion: Array) -> AskedForces:
-        """Compute torques times g and t_s . W_p of a robot at s (M,), `motion` (M, nv) that of t_s."""
+    def _forces(self, robot: ParallelRobot, s: Array, g: Array, motion: Array) -> RequiredForces:
+        """Compute torques times g and t_s . W_p of a robot at s (M,).
+
+        t_s . W_p is the power of the forces of the open tree in the uncontrolled motion (M, nv): of weight,
+        of inertia at ds/dt = 1 and at d2s/dt2 = 1.
+        """
         branch = self.searched.branch
         closed = branch.close(s)
         slope, bend = branch.path(s, 1), branch.path(s, 2)
@@ -97,15 +109,15 @@ class PlanarCrossing(NamedTuple):
             inertial_forces(robot, motion_at(robot, closed, 0.0 * slope, slope)),
         )
         torque = demand(replace(branch, robot=robot), Smoothstep(0), s, None, "rigid").torque
-        return AskedForces(
+        return RequiredForces(
             g * np.stack([torque.constant, torque.per_z, torque.per_u], axis=1),
             np.stack([np.sum(part * motion, axis=1) for part in parts], axis=1),
         )
 
 
-def _step_aside(robot: ParallelRobot, closed: ClosedStack) -> Array:
-    """Close the loops (n, 2, M, nq) with the platform a STEP_ASIDE along and against each axis."""
-    steps = STEP_ASIDE * robot.length * np.eye(robot.n)[:, None] * np.array([[1.0], [-1.0]])
+def _close_aside(robot: ParallelRobot, closed: ClosedStack) -> Array:
+    """Close the loops (n, 2, M, nq) with the platform one STEP_ASIDE along and against each axis."""
+    steps = STEP_ASIDE * robot.length * np.eye(robot.n)[:, None] * np.array([[1.0], [-1.0]])  # (n, 2, n)
     return np.array([[close_loops(robot, closed.x + step, closed.q).q for step in pair] for pair in steps])
 
 
@@ -116,7 +128,7 @@ def _measure_with_twist(robot: ParallelRobot, closed: ClosedStack) -> tuple[Sing
 
 
 def planar_crossing(robot: ParallelRobot, path: Path, duration: float, upwards: Array) -> PlanarCrossing:
-    """Search the path, and find the best laws with gravity off and on.
+    """Search the path, and plan the laws of least peak torque with gravity off and on.
 
     Args:
         robot: rigid, without damping; its platform shifts in a plane, by as many motors as axes.
@@ -147,10 +159,10 @@ def planar_crossing(robot: ParallelRobot, path: Path, duration: float, upwards: 
             f"one meets it {', '.join(met) or 'nowhere'}"
         )
     robots = {
-        key: _with_gravity(robot, -size * upwards) for key, size in (("off", 0.0), ("on", UPRIGHT_GRAVITY))
+        name: _with_gravity(robot, -size * upwards) for name, size in (("off", 0.0), ("on", UPRIGHT_GRAVITY))
     }
     options: dict[str, Any] = {"law": "optimal", "optimize": "peak_torque", "smoothness": PATH_SMOOTHNESS}
-    plans = {key: plan_crossing(each, path, duration=duration, **options) for key, each in robots.items()}
+    plans = {name: plan_crossing(one, path, duration=duration, **options) for name, one in robots.items()}
     return PlanarCrossing(searched, robots, plans)
 
 

@@ -46,15 +46,19 @@ class PolynomialMotion(NamedTuple):
 def polynomial_motion(to_cross: PathToCross, request: Request) -> PolynomialMotion:
     """Certify the motion with the polynomial of least degree; choose an open timing.
 
+    Deflections move the crossing points: then a law is solved for in each pass, and the last one is checked
+    again.
+
     Raises:
         As `plan_crossing`.
     """
     name, timing = to_cross.branch.robot.name, timing_of(to_cross, request)
-    chosen: dict[MotionLaw, tuple[Law, list[Condition8]]] = {}
+    chosen: dict[MotionLaw, tuple[Law, list[Condition8]]] = {}  # of every pass; one of these is the last
 
     def choose_law(deflections: TimeFunction | None, previous: MotionLaw | None) -> Law:
+        """Solve for the law at given deflections; check the first one."""
         if deflections is None or request.geometry != "deformed":
-            crossings = _crossings_at_rest(to_cross)
+            crossings = _undeformed_crossings(to_cross)
         else:
             crossings = _deformed_crossings(to_cross, timing, deflections, previous)
         law = _solve_law(crossings, timing, request, name)
@@ -76,13 +80,13 @@ def polynomial_motion(to_cross: PathToCross, request: Request) -> PolynomialMoti
     return PolynomialMotion(dynamics, law, timing, conditions)
 
 
-def polynomial_at_rest(to_cross: PathToCross, request: Request) -> Law:
+def undeformed_polynomial(to_cross: PathToCross, request: Request) -> Law:
     """Compute the law of the undeformed robot before anything is proved.
 
     Raises:
         As `plan_crossing`, but no UnboundedTorque and no NotConverged.
     """
-    crossings = _crossings_at_rest(to_cross)
+    crossings = _undeformed_crossings(to_cross)
     name = to_cross.branch.robot.name
     law = _solve_law(crossings, timing_of(to_cross, request), request, name)
     _check_advance(law, request, [point.s for point in to_cross.points], name)
@@ -95,11 +99,11 @@ def _check_advance(law: Law, request: Request, s: Sequence[float], name: str) ->
         check_advance(law, s, name)
 
 
-def _crossings_at_rest(to_cross: PathToCross) -> list[tuple[CrossingPoint, Condition8]]:
+def _undeformed_crossings(to_cross: PathToCross) -> list[tuple[CrossingPoint, Condition8]]:
     """Return the undeformed robot's crossing points with conditions (8); refuse as `condition_at`."""
     return [
-        (place, require_effect(to_cross.branch, place, condition, None))
-        for place, condition in to_cross.at_rest
+        (point, require_effect(to_cross.branch, point, condition, deflection=None))
+        for point, condition in to_cross.undeformed_crossings
     ]
 
 
@@ -113,7 +117,8 @@ def _deformed_crossings(
     branch, crossings = to_cross.branch, []
     for target, (time, _) in zip(to_cross.crossing_points, timing, strict=True):
         deflection = Deflection.evaluate(deflections, time)
-        point = crossing_point(branch, target, deflection, target.s if law is None else float(law(time)))
+        s_guess = target.s if law is None else float(law(time))
+        point = crossing_point(branch, target, deflection, s_guess)
         crossings.append((point, condition_at(branch, point, deflection)))
     return crossings
 
@@ -124,7 +129,11 @@ def _solve_law(
     request: Request,
     name: str,
 ) -> Law:
-    """Solve the polynomial through the crossings with their speeds and accelerations; refuse without one."""
+    """Solve for the polynomial through the crossings with their speeds and accelerations.
+
+    Raises:
+        NoLaw, InvalidInput: there is none; times of the user are an input, chosen ones are not.
+    """
     duration = request.fixed_duration
     values = [
         (point.s, speed, condition.acceleration(speed))
@@ -155,14 +164,15 @@ def timing_of(to_cross: PathToCross, request: Request) -> tuple[CrossingTime, ..
                 f"times: a crossing at t = {t:g} s must lie inside the motion, (0, {duration:g}) s; "
                 f"{OF_A_SCENE}"
             ).advising(OPTIMAL_LAW)
-    crossings = _crossings_at_rest(to_cross)
+    crossings = _undeformed_crossings(to_cross)
     s = [point.s for point, _ in crossings]
 
-    def laws(times: Array, speeds: Array) -> tuple[Array, Array]:
+    def measure(times: Array, speeds: Array) -> tuple[Array, Array]:
+        """Measure the laws through times and speeds (m, k), accelerations by condition (8)."""
         accelerations = [
             condition.acceleration(v) for (_, condition), v in zip(crossings, speeds.T, strict=True)
         ]
         values = np.stack(np.broadcast_arrays(s, speeds, np.transpose(accelerations)), axis=2)
         return advances_and_peaks(duration, request.smoothness, times, values)
 
-    return choose_timing(s, request, laws, to_cross.branch.robot.name)
+    return choose_timing(s, request, measure, to_cross.branch.robot.name)

@@ -79,7 +79,11 @@ class Request(PlanOptions):
 
     @property
     def kind(self) -> str:
-        """The kind of law: polynomial, optimal, or auto: polynomial where that advances and keeps limits."""
+        """The kind of law: polynomial, optimal, or auto: polynomial where that advances and keeps limits.
+
+        A goal or a bound of the duration ask for the optimal law. So do limits without a duration, and limits
+        beside times, which are then refused.
+        """
         chosen = self.law == "optimal" or self.optimize is not None or self.longest is not None
         if chosen or (self.bounded and (self.duration is None or self.times is not None)):
             return "optimal"

@@ -69,7 +69,7 @@ class Optimality(ReadOnlyArrays):
 
 @dataclass(frozen=True, repr=False, eq=False)
 class CrossingPlan:
-    """A motion law with its torques and its proof. All times in [s], t (T,) gives (T, n_a)."""
+    """A motion law with its torques and its certificate. Times are in [s]; t (T,) gives (T, n_a)."""
 
     robot: ParallelRobot
     request: Request
@@ -87,7 +87,7 @@ class CrossingPlan:
 
     @cached_property
     def loaded_points(self) -> tuple[LoadedPoint | None, ...]:
-        """The singular points of the loaded robot, beside each of `crossings`, the geometric ones.
+        """The singular points of the loaded robot, one beside each of `crossings`.
 
         None for rigid robots and rigid geometry; see `framework.dynamics.loaded_measure`.
         """
@@ -153,7 +153,7 @@ class CrossingPlan:
 
     @property
     def exceeded(self) -> dict[str, str]:
-        """Exceeded limits by joint, in words, each with the s of its largest excess.
+        """Exceeded limits by joint, in words, each with the s of the largest excess.
 
         Torques and speeds of motors by the robot file, positions of joints by the URDF.
         """
@@ -164,9 +164,12 @@ class CrossingPlan:
         return {joint: ", ".join(excesses) for joint, excesses in exceeded.items() if excesses}
 
     def _peak_sizes(self, values: Callable[[Array], Array]) -> Array:
-        """Compute the largest |value| (n_a,) of functions of time, (T,) to (T, n_a), between samples too."""
-        edges, size = self.dynamics.torques.edges, self.dynamics.torques.coefficients.shape[1]
-        return peak_sizes(values, edges, size)
+        """Compute the largest |value| (n_a,) of functions of time, (T,) to (T, n_a), between samples too.
+
+        Each is taken as a series on the panels of the torques, with as many coefficients.
+        """
+        torques = self.dynamics.torques
+        return peak_sizes(values, torques.edges, torques.coefficients.shape[1])
 
     def _motor_excesses(self) -> Iterator[tuple[str, str]]:
         """Yield joints of motors with a torque or a speed beyond its limit, in words."""
@@ -242,17 +245,18 @@ def certified_plan(
     """Return the plan of a motion that has its torques.
 
     Args:
-        timing: when and how fast the law was made to cross; a crossing that is measured so to rounding has
-            these numbers, any other its own.
+        timing: of the crossings that the law was made for. A crossing measured there, but for rounding, is
+            given these numbers; any other has its own.
         seconds, reason, optimality: of the plan.
         conditions: those that the law was made to meet, one for each crossing point; measured if not at hand.
     """
     crossings = []
-    for measured, k in zip(dynamics.crossings, _matches(to_cross, dynamics.crossings), strict=True):
-        time, speed = _timing(measured.time, law, timing)
-        condition = None
+    matches = _match_points(to_cross, dynamics.crossings)
+    for measured, k in zip(dynamics.crossings, matches, strict=True):
+        time, speed = _crossing_time(measured.time, law, timing)
+        condition = None  # where condition (8) was not asked for
         if k is not None:
-            condition = conditions[k] if conditions else _condition(to_cross, request, dynamics, k, time)
+            condition = conditions[k] if conditions else _find_condition(to_cross, request, dynamics, k, time)
         crossings.append(
             Crossing(
                 s=measured.s,
@@ -280,8 +284,8 @@ def certified_plan(
     )
 
 
-def _timing(measured: float, law: PlannedLaw, timing: Sequence[CrossingTime]) -> CrossingTime:
-    """Return when and how fast the law crosses near a measured instant [s]."""
+def _crossing_time(measured: float, law: PlannedLaw, timing: Sequence[CrossingTime]) -> CrossingTime:
+    """Return the time and speed of the crossing at a measured instant [s], as intended but for rounding."""
     for intended in timing:
         if abs(intended.time - measured) < SAME_PLACE * law.duration:
             speed = float(law(intended.time, 1))
@@ -291,23 +295,28 @@ def _timing(measured: float, law: PlannedLaw, timing: Sequence[CrossingTime]) ->
     return CrossingTime(measured, float(law(measured, 1)))
 
 
-def _matches(to_cross: PathToCross, crossings: Sequence[SingularityCrossing]) -> list[int | None]:
-    """Return which crossing point each crossing is; None where condition (8) was not asked for."""
+def _match_points(to_cross: PathToCross, crossings: Sequence[SingularityCrossing]) -> list[int | None]:
+    """Return the index of the crossing point of each crossing; None where condition (8) was not asked for.
+
+    Singular points and crossings have the order of the path, and are matched by it where they are as many:
+    springs may have moved the crossings. Imposed points are matched by s.
+    """
     points = to_cross.crossing_points
     if len(points) == len(crossings) and all(isinstance(target, SingularPoint) for target in points):
-        return list(range(len(points)))  # both in the order of the path; springs may have moved the crossings
+        return list(range(len(points)))
     return [
         next((k for k, target in enumerate(points) if abs(target.s - crossing.s) < SAME_PLACE), None)
         for crossing in crossings
     ]
 
 
-def _condition(
+def _find_condition(
     to_cross: PathToCross, request: Request, dynamics: InverseDynamics, k: int, time: float
 ) -> Condition8:
-    """Return condition (8) where and when the motion crosses, with its own deflections."""
+    """Find condition (8) at the crossing point k with the deflections of the motion at that time [s]."""
     if request.geometry != "deformed" or not dynamics.robot.n_e:
-        return to_cross.at_rest[k][1]
+        _, condition = to_cross.undeformed_crossings[k]
+        return condition
     deflection, s_guess = Deflection.evaluate(dynamics.deflection, time), float(dynamics.law(np.array(time)))
-    place = crossing_point(to_cross.branch, to_cross.crossing_points[k], deflection, s_guess)
-    return coefficients_at(to_cross.branch, place, deflection)
+    point = crossing_point(to_cross.branch, to_cross.crossing_points[k], deflection, s_guess)
+    return coefficients_at(to_cross.branch, point, deflection)

@@ -63,8 +63,8 @@ def plan_scene(robot: ParallelRobot, name: str, **options: Any) -> CrossingPlan:
 def scene_request(robot: ParallelRobot, name: str, **options: Any) -> Request:
     """Return the request of a scene; keyword options of `plan_crossing` override the scene's.
 
-    The timing of a scene's crossings belongs to the polynomial and is left out where the options are for an
-    optimal law; its duration where they ask for a law that finds its own.
+    A scene's times and speeds of crossings belong to the polynomial. They are left out where the options ask
+    for an optimal law, and the duration where they ask for a law that finds its own.
 
     Raises:
         InvalidInput: the robot has no such scene, or see `Request.of`.
@@ -75,9 +75,11 @@ def scene_request(robot: ParallelRobot, name: str, **options: Any) -> Request:
         stated.update(optimize=None)
     if options.get("duration") is not None and chosen.optimize == "time":
         stated.update(optimize=None)
-    bounding = any({**stated, **options}.get(key) is not None for key in ("optimize", "longest", "margin"))
-    limited = any(is_limited(options.get(key)) for key in ("torque_limit", "speed_limit"))
-    if options.get("law") == "optimal" or bounding or limited:
+    asked = {**stated, **options}
+    asks_for_optimal = options.get("law") == "optimal"
+    asks_for_optimal |= any(asked.get(key) is not None for key in ("optimize", "longest", "margin"))
+    asks_for_optimal |= any(is_limited(options.get(key)) for key in ("torque_limit", "speed_limit"))
+    if asks_for_optimal:
         stated.update(times=None, speeds=None)
     if options.get("optimize") == "time" or options.get("longest") is not None:
         stated.update(duration=None)

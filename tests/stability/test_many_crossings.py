@@ -64,7 +64,7 @@ def test_one_polynomial_swings_between_many_points():
 
 @pytest.mark.parametrize("count", COUNTS)
 def test_the_search_is_bounded(count):
-    starts = len(timing._starts([0.5], OPEN))
+    starts = len(timing._first_timings([0.5], OPEN))
     most = starts + 1 + MAX_ROUNDS * LAWS_PER_UNKNOWN * 2 * count
     assert trials(count) <= (0 if count > MAX_CROSSINGS else most)
 

@@ -65,10 +65,10 @@ def find_best_law(
         cells: (k + 1,) of xi, which are refined; uniform ones unless given.
     """
     goal = problem.specification.goal
-    found = find_least_cost(problem, cells)
-    if isinstance(found, NoneFound):
-        return found if goal == "peak_torque" else _find_gentlest(problem, found, share)
-    program, least, units = found
+    least_cost = find_least_cost(problem, cells)
+    if isinstance(least_cost, NoneFound):
+        return least_cost if goal == "peak_torque" else _find_gentlest(problem, least_cost, share)
+    program, least, units = least_cost
     longest = problem.specification.longest
     if goal == "time" and longest is not None and least.value > longest:
         return NoneFound(program, f"the quickest found takes {least.duration:.4g} s")
@@ -78,10 +78,10 @@ def find_best_law(
 def resume_law(best: Best, problem: LawProblem) -> Best | NoneFound:
     """Find the law of a problem that differs little from that of `best`, on the same cells."""
     program = SpeedProgram.on_cells(problem, best.program.cells)
-    found = solve_least_cost(program, best.search.units)
-    if isinstance(found, NoneFound):
-        return found
-    search = best.search._replace(program=program, least=found.speed, units=found.units)
+    least_cost = solve_least_cost(program, best.search.units)
+    if isinstance(least_cost, NoneFound):
+        return least_cost
+    search = best.search._replace(program=program, least=least_cost.speed, units=least_cost.units)
     return _search_smooth(search, best.speed)
 
 
@@ -90,10 +90,10 @@ def adapt_law(best: Best, *, excess: float = 1.0, share: float | None = None) ->
     search = best.search._replace(share=share or best.search.share)
     if excess > 1.0:
         search = search._replace(limit_share=search.limit_share * (1.0 - LIMIT_TIGHTENING) / excess)
-    found = _search_smooth(search, best.speed)
-    if isinstance(found, Best) or search.goal == "peak_torque":
-        return found
-    return _find_gentlest(search.program.problem, found, search.share)
+    adapted = _search_smooth(search, best.speed)
+    if isinstance(adapted, Best) or search.goal == "peak_torque":
+        return adapted
+    return _find_gentlest(search.program.problem, adapted, search.share)
 
 
 def _find_gentlest(problem: LawProblem, none: NoneFound, share: float) -> Best | NoneFound:
@@ -119,19 +119,19 @@ def _search_smooth(search: SmoothSearch, near: Speed | None = None) -> Best | No
     try:
         search = search.limit_duration()
         for _ in range(MAX_ROW_ROUNDS + 1):
-            found = search.find_smoothest(near) if duration is None else search.find_lasting(duration, near)
-            if isinstance(found, Speed):
-                best, near = _make_best(search, found), found
-                exceeded = find_exceeded_places(search.program, found, search.bounds)
+            smooth = search.find_smoothest(near) if duration is None else search.find_lasting(duration, near)
+            if isinstance(smooth, Speed):
+                best, near = _make_best(search, smooth), smooth
+                exceeded = find_exceeded_places(search.program, smooth, search.bounds)
                 if not len(exceeded):
                     return best
                 search = search._replace(program=search.program.extend(exceeded))
                 continue
             if search.program is program_solved_again:
-                return best or found
+                return best or smooth
             least = solve_least_cost(search.program, search.units, limit_share=search.limit_share)
             if isinstance(least, NoneFound):
-                return best or found
+                return best or smooth
             search = search._replace(least=least.speed, units=least.units).limit_duration()
             near, program_solved_again = None, search.program
     except InvalidInput as reason:  # z comes too near to zero
@@ -139,14 +139,14 @@ def _search_smooth(search: SmoothSearch, near: Speed | None = None) -> Best | No
     return best or NoneFound(search.program, "limits are exceeded between the points")
 
 
-def _make_best(search: SmoothSearch, found: Speed) -> Best:
+def _make_best(search: SmoothSearch, speed: Speed) -> Best:
     """Return the law of a speed, its coefficients adjusted to the exact duration if one is given.
 
     Raises:
         InvalidInput: the speed comes too near to zero.
     """
     program, specification = search.program, search.program.problem.specification
-    y = found.y
+    y = speed.y
     if specification.duration is not None:
         y = program.space.adjust(y, program.conditions, specification.duration)
     law = OptimalLaw(
@@ -156,4 +156,4 @@ def _make_best(search: SmoothSearch, found: Speed) -> Best:
         program.problem.task.stretch.at,
         tuple(program.basis.cells),
     )
-    return Best(law, search, program.speed(y)._replace(floor=found.floor))
+    return Best(law, search, program.speed(y)._replace(floor=speed.floor))

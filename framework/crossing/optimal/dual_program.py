@@ -90,32 +90,45 @@ class DualProgram:
     timed: bool
 
     def evaluate_bound(self, multipliers: Multipliers) -> Evidence:
-        """Compute the bound that multipliers prove, with all errors of series and sums against it.
-
-        On each cell the factor is replaced by a line below it. C is concave in the factor, so that the mean
-        of C over the cell is at least that of its values at both ends.
-        """
-        x, lam, series = multipliers.x, multipliers.lam, self.series
-        width, size = series.width, np.abs(x).max(axis=1)
+        """Compute the bound that multipliers prove: the total over the integral of |nu|_1, or over lambda."""
+        width, lam = self.series.width, multipliers.lam
         least_factor = multipliers.minorant + self._bound_distance(multipliers)[:, None]
-        least_damping, _ = _bound_sum(series.damping, x)
-        end_costs = _least_cost(np.maximum(least_factor, 0.0), least_damping[:, None], lam)
-        _, mean_constant = _bound_sum(series.constant, x)
-        terms = np.stack([mean_constant, -multipliers.mu.sum(axis=1), end_costs.mean(axis=1)])
-        nu = multiply(series.v.coefficients, x[..., None]).sum(axis=2)
-        nu_error = (size[..., None] * series.v.error).sum(axis=(1, 2))
-        norm = bound_mean_size(nu, HALVINGS).sum(axis=1) + nu_error  # of nu: mean of |nu|_1 on each cell
+        terms, norm = self._bound_terms(multipliers, least_factor), self._bound_norm(multipliers.x)
         total_norm = float(width @ norm)
         rounding = SUM_ROUNDING * float((np.abs(terms) @ width).sum() + total_norm)
         total = float((terms @ width).sum()) - rounding
         if self.timed:
             value = (total - total_norm) / lam
         else:
-            value = (total - (lam * self.longest if self.longest is not None else 0.0)) / total_norm
+            value = (total - lam * (self.longest or 0.0)) / total_norm
         return Evidence(value, np.maximum(-least_factor.min(axis=1), 0.0), width * norm / total_norm)
 
+    def _bound_terms(self, multipliers: Multipliers, least_factor: Array) -> Array:
+        """Bound the means (3, k) on each cell of nu . c, -mu and C(factor, nu . d) from below.
+
+        C is concave in the factor: on a line below the factor, its mean is at least that of both ends.
+
+        Args:
+            least_factor: of the line at both ends (k, 2).
+        """
+        x, series = multipliers.x, self.series
+        least_damping, _ = _bound_sum(series.damping, x)
+        end_costs = _least_cost(np.maximum(least_factor, 0.0), least_damping[:, None], multipliers.lam)
+        _, mean_constant = _bound_sum(series.constant, x)
+        return np.stack([mean_constant, -multipliers.mu.sum(axis=1), end_costs.mean(axis=1)])
+
+    def _bound_norm(self, x: Array) -> Array:
+        """Bound the mean (k,) of |nu|_1 on each cell from above."""
+        v = self.series.v
+        nu = multiply(v.coefficients, x[..., None]).sum(axis=2)
+        error = (np.abs(x).max(axis=1)[..., None] * v.error).sum(axis=(1, 2))
+        return bound_mean_size(nu, HALVINGS).sum(axis=1) + error
+
     def _bound_distance(self, multipliers: Multipliers) -> Array:
-        """Bound factor - minorant = nu . cz - p' + mu . k - minorant from below on each cell (k,)."""
+        """Bound factor - minorant from below on each cell (k,).
+
+        factor = nu . cz - p' + mu . k, each as SIZE coefficients on a cell.
+        """
         series, x, mu = self.series, multipliers.x, multipliers.mu
         p_slope = MULTIPLIER_DEGREE * np.diff(x[..., 0], axis=1) / series.width[:, None]
         distance = multiply(series.per_z.coefficients, x).sum(axis=2) - p_slope @ _ELEVATED_SLOPE.T
@@ -166,34 +179,35 @@ class DualProgram:
         return Multipliers(x, np.maximum(mu, 0.0), minorant, max(lam, 0.0))
 
     def _add_torques(self, draft: _Draft) -> None:
-        """Add x, with nu . c in the cost and nu . cz - p' in the factor, and t >= |nu| of each motor.
+        """Add x, in the cost nu . c and the factor nu . cz - p', and t >= |nu|.
 
         A bound of the peak is per integral of |nu|_1, so that this is at most 1. For a bound of the duration
-        it is part of the cost.
+        it is part of the cost. On a cell p' has the coefficients MULTIPLIER_DEGREE (p_(i+1) - p_i) / width.
         """
         series, m = self.series, self.series.v.error.shape[2]
         count = len(series.width) * SIZE
-        constant = self._x_rows(series.constant.coefficients)
-        per_z = self._x_rows(series.width[:, None, None] * series.per_z.coefficients)
+        nu_c = self._x_rows(series.constant.coefficients)
+        nu_cz = self._x_rows(series.width[:, None, None] * series.per_z.coefficients)
         slope = MULTIPLIER_DEGREE * _ELEVATED_SLOPE @ np.diff(np.eye(MULTIPLIER_DEGREE + 1), axis=0)
         slopes = np.broadcast_to(self.p_unit * slope, (len(series.width), *slope.shape))
-        draft.factor["x"] = per_z - _block_rows(slopes, self._x_columns[0], constant.shape[1])
-        draft.sizes |= {"x": constant.shape[1], "t": count * m}
-        draft.cost["x"] = -np.repeat(series.width / SIZE, SIZE) @ constant
+        p_slope = _block_rows(slopes, self._x_columns[0], nu_c.shape[1])
+        draft.factor["x"] = nu_cz - p_slope
+        draft.sizes |= {"x": nu_c.shape[1], "t": count * m}
+        draft.cost["x"] = -np.repeat(series.width / SIZE, SIZE) @ nu_c
         for j in range(m):
             nu = self._x_rows(series.v.coefficients[..., j] / self._nu_unit[:, None, None])
-            t = sparse.csr_array(sparse.kron(np.eye(1, m, j), sparse.identity(count)))
+            t = sparse.csr_array(sparse.kron(np.eye(1, m, j), sparse.identity(count)))  # of motor j
             draft.nonnegative += [
                 AffineRows({"x": sign * nu, "t": t}, np.zeros(count)) for sign in (-1.0, 1.0)
             ]
-        norm = np.full(count * m, 1.0 / count)
+        norm = np.full(count * m, 1.0 / count)  # of t: the integral of |nu|_1
         if self.timed:
             draft.cost["t"] = norm
         else:
             draft.nonnegative.append(AffineRows({"t": -sparse.csr_array(norm[None])}, np.ones(1)))
 
     def _add_speed_limits(self, draft: _Draft) -> None:
-        """Add mu >= 0 of each motor with a speed limit, constant on each cell, and mu . k to the factor."""
+        """Add mu >= 0 of each motor with a speed limit, and mu . k to the factor."""
         width, squared = self.series.width, self.series.squared_speed.coefficients
         count, _, n = squared.shape
         terms = (_ELEVATED_SERIES @ squared) * self._mu_unit * width[:, None, None]
@@ -280,7 +294,10 @@ class DualProgram:
 
     @cached_property
     def _slowness(self) -> Array:
-        """1 / (s' T) (k, 2) near both ends of each cell, of a law with s' ~ (s (1 - s))^(1/2)."""
+        """The unit of 1 / (s' T) near both ends of each cell (k, 2).
+
+        That of a law with s' proportional to (s (1 - s))^(1/2).
+        """
         low, high = self.series.edges[:-1, None], self.series.edges[1:, None]
         s = low + (high - low) * np.array([0.25, 0.75])
         return 1.0 / (np.pi * np.sqrt(s * (1.0 - s)))
@@ -321,18 +338,18 @@ def _least_cost(factor: Array, damping: Array, lam: float) -> Array:
     With w > 0, a share of lambda gives w z^(1/2) + share z^(-1/2) >= 2 (w share)^(1/2).
     For what remains, F z + lambda z^(-1/2) >= 1.5 (2 F lambda^2)^(1/3).
     """
+    positive, negative = np.maximum(damping, 0.0), np.minimum(damping, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        y = np.cbrt(0.5 * lam / factor) + np.maximum(-damping, 0.0) / (2.0 * factor)
+        y = np.cbrt(0.5 * lam / factor) - negative / (2.0 * factor)
         for _ in range(MAX_NEWTON_STEPS):
             y = y - (2.0 * factor * y**3 + damping * y**2 - lam) / (6.0 * factor * y**2 + 2.0 * damping * y)
         y = np.nan_to_num((1.0 + SUM_ROUNDING) * y, nan=0.0, posinf=0.0)
         tangent_slope = np.where(y > 0.0, damping / (2.0 * y), np.where(damping < 0.0, -np.inf, 0.0))
-    share = np.minimum(np.maximum(damping, 0.0) * y**2, lam)
+    share = np.minimum(positive * y**2, lam)
     remaining = factor + np.minimum(tangent_slope, 0.0)
-    cost = 1.5 * np.cbrt(2.0 * np.maximum(remaining, 0.0) * (lam - share) ** 2) + 2.0 * np.sqrt(
-        np.maximum(damping, 0.0) * share
-    )
-    return np.where(remaining >= 0.0, cost + 0.5 * np.minimum(damping, 0.0) * y, -np.inf)
+    cost = 1.5 * np.cbrt(2.0 * np.maximum(remaining, 0.0) * (lam - share) ** 2)
+    cost = cost + 2.0 * np.sqrt(positive * share)
+    return np.where(remaining >= 0.0, cost + 0.5 * negative * y, -np.inf)
 
 
 def _bound_sum(functions: Bernstein, x: Array) -> tuple[Array, Array]:

@@ -77,7 +77,10 @@ class LawProblem(NamedTuple):
 
     @property
     def reference(self) -> Array:
-        """Torques (n_a,) that peaks are relative to: limits, the largest where one is missing, or 1."""
+        """Torques (n_a,) [N m] that peaks are relative to.
+
+        The limits; of a motor without one the largest limit; 1 where no motor has a limit.
+        """
         if self.weighing is not None:
             return self.weighing
         limit = self.specification.torque_limit
@@ -102,7 +105,7 @@ class MotorRows(NamedTuple):
         return np.asarray(np.max([*torques, *(rows @ y for rows in self.squared_speed)], axis=0))
 
     def stack(self, other: MotorRows) -> MotorRows:
-        """Return the rows of both."""
+        """Return the rows of both, one below the other."""
         torque = tuple(
             Affine(sparse.vstack([a.matrix, b.matrix], format="csr"), np.append(a.offset, b.offset))
             for a, b in zip(self.torque, other.torque, strict=True)
@@ -116,23 +119,24 @@ def motor_rows(problem: LawProblem, basis: SpeedBasis, conditions: Affine, xi: A
 
     A torque is c + cz z + cu u, dry friction in c and damping linearised, with u = z'/2.
     """
-    specification = problem.specification
     sigma = problem.sigma(xi)
     required = problem.demand(sigma)
     before = None if problem.before is None else problem.before(sigma)
     constant, per_z, per_u = required.linearise_damping(before)
-    constant = constant + required.friction(specification.friction)
+    constant = constant + required.friction(problem.specification.friction)
     z = basis.matrix(xi)
     u = sparse.diags_array(0.5 * problem.task.stretch(sigma, 1)) @ basis.matrix(xi, 1)
     torques = []
     for j in range(constant.shape[1]):
         matrix = sparse.diags_array(per_z[:, j]) @ z + sparse.diags_array(per_u[:, j]) @ u
         torques.append(Affine(sparse.csr_array(matrix), constant[:, j].copy()))
-    for place in np.unique(problem.places):
-        beside = np.abs(xi - place) < POLE_WIDTH
-        its_conditions = np.flatnonzero(problem.places == place)
+    for crossing in np.unique(problem.places):
+        beside = np.abs(xi - crossing) < POLE_WIDTH
+        its_conditions = np.flatnonzero(problem.places == crossing)
         torques = [_subtract_conditions(torque, conditions, its_conditions, beside) for torque in torques]
-    return MotorRows(tuple(torques), _squared_speed_rows(required.speed, specification.speed_limit, z))
+    return MotorRows(
+        tuple(torques), _squared_speed_rows(required.speed, problem.specification.speed_limit, z)
+    )
 
 
 def _squared_speed_rows(speed: Array, limit: Array, z: Any) -> tuple[Any, ...]:

@@ -66,13 +66,17 @@ def cost_of(goal: str, speed: Speed) -> float:
 
 
 def first_cells(problem: LawProblem) -> Array:
-    """Return edges (k + 1,) of uniform cells in xi, shifted to have each condition in a middle."""
+    """Return edges (k + 1,) of uniform cells in xi, shifted to have each condition in a middle.
+
+    The cell about a condition is as wide as the others, less near an end. Edges within that cell, or nearer
+    to its edges than 0.35 widths, are left out.
+    """
     count = FIRST_CELLS if problem.degree is None else problem.degree
     edges, width = np.linspace(-1.0, 1.0, count + 1), 2.0 / count
-    for place in np.unique(problem.places):
-        half = min(0.5 * width, 0.7 * (1.0 - abs(place)))
-        apart = (np.abs(edges - place) > half + 0.35 * width) | (np.abs(edges) == 1.0)
-        edges = np.unique(np.concatenate([edges[apart], [place - half, place + half]]))
+    for condition in np.unique(problem.places):
+        half = min(0.5 * width, 0.7 * (1.0 - abs(condition)))
+        stays = (np.abs(edges - condition) > half + 0.35 * width) | (np.abs(edges) == 1.0)
+        edges = np.unique(np.concatenate([edges[stays], [condition - half, condition + half]]))
     return edges
 
 
@@ -94,13 +98,15 @@ def find_least_cost(
     best: LeastCost | None = None
     for _ in range(MAX_REFINEMENTS + 1):
         program = SpeedProgram.on_cells(problem, cells)
-        found = solve_least_cost(program, best and best.units, torque_limits=torque_limits)
-        if isinstance(found, NoneFound):
-            return best or _solve_on_cells_of_least_peak(problem, cells, found)
+        solved = solve_least_cost(program, best and best.units, torque_limits=torque_limits)
+        if isinstance(solved, NoneFound):
+            return best or _solve_on_cells_of_least_peak(problem, cells, solved)
         # a higher cost on smaller cells is right too: of more points, between which the limits were exceeded
-        change = np.inf if best is None else abs(1.0 - cost_of(goal, found.speed) / cost_of(goal, best.speed))
-        best = found
-        cut = _cells_to_cut(program, found.speed.y)
+        change = np.inf
+        if best is not None:
+            change = abs(1.0 - cost_of(goal, solved.speed) / cost_of(goal, best.speed))
+        best = solved
+        cut = _cells_to_cut(program, solved.speed.y)
         if change < MIN_REFINEMENT_CHANGE or not cut.any() or len(cells) > MAX_CELLS:
             break
         cells = _cut_cells(problem, cells, cut)
@@ -111,7 +117,7 @@ def find_least_cost(
 def _solve_on_cells_of_least_peak(
     problem: LawProblem, cells: Array, none: NoneFound
 ) -> LeastCost | NoneFound:
-    """Find the least cost on finer cells, those of the least peak; return `none` where that does not help.
+    """Find the least cost on the cells of the least peak; return `none` where that does not help.
 
     Limits may have no law on the first cells and one on cells that follow it.
     """
@@ -142,38 +148,38 @@ def solve_least_cost(
     bounds = Bounds(longest, torque_limits=torque_limits, share=share)
     units = units or _first_units(program)
     for _ in range(MAX_UNIT_CHANGES):
-        found = program.minimise(goal, bounds, units)
-        if isinstance(found, Unsolved):
-            if found.infeasible:
-                return NoneFound(program, found.status)
+        speed = program.minimise(goal, bounds, units)
+        if isinstance(speed, Unsolved):
+            if speed.infeasible:
+                return NoneFound(program, speed.status)
             units = (
                 units._replace(time=0.1 * units.time)
                 if goal == "time"
                 else Units(0.5 * units.time, 2.0 * units.torque)
             )
             continue
-        optimal = own_units(goal, found, units)
+        optimal = own_units(goal, speed, units)
         new, old = (optimal.time, units.time) if goal == "time" else (optimal.torque, units.torque)
         if max(new / old, old / new) < MAX_UNIT_RATIO:
-            return LeastCost(program, found, optimal)
+            return LeastCost(program, speed, optimal)
         units = optimal if goal == "time" else units._replace(torque=optimal.torque)
-    if isinstance(found, Unsolved):
-        return NoneFound(program, found.status)
-    return LeastCost(program, found, optimal)
+    if isinstance(speed, Unsolved):
+        return NoneFound(program, speed.status)
+    return LeastCost(program, speed, optimal)
 
 
-def own_units(goal: str, found: Speed, units: Units) -> Units:
+def own_units(goal: str, speed: Speed, units: Units) -> Units:
     """Return the units in which a speed is near 1: its duration, and its peak or root mean square torque.
 
     Args:
         units: returned where the speed has no finite duration.
     """
-    time = found.value if np.isfinite(found.value) else found.duration
+    time = speed.value if np.isfinite(speed.value) else speed.duration
     if not np.isfinite(time):
         return units
     if goal in ("limits", "peak_speed"):  # least multiples of squared speeds have no unit of torque
         return Units(time, 1.0)
-    return Units(time, float(np.sqrt(found.energy / time)) if goal == "energy" else found.peak)
+    return Units(time, float(np.sqrt(speed.energy / time)) if goal == "energy" else speed.peak)
 
 
 def _first_units(program: SpeedProgram) -> Units:
@@ -222,7 +228,7 @@ def _cells_to_cut(program: SpeedProgram, y: Array) -> BoolArray:
 
 
 def _cut_cells(problem: LawProblem, cells: Array, cut: BoolArray) -> Array:
-    """Return the cells after those of a mask (k,) are cut in two, or in three about a condition."""
+    """Return the cells (k + 1,) after some, a mask, are cut in two, or in three about a condition."""
     low, high = cells[:-1][cut], cells[1:][cut]
     has_condition = ((low[:, None] < problem.places) & (problem.places < high[:, None])).any(axis=1)
     middle, third = 0.5 * (low + high), (high - low) / 3.0

@@ -37,10 +37,10 @@ class MotorDemand(NamedTuple):
 
 
 class LimitCurves(NamedTuple):
-    """The law of a plan at T instants, none on a crossing, and the limits that the motors set to s' and s".
+    """The law of a plan at T instants, none on a crossing, with the motors' limits of s' and s".
 
-    Of the undeformed robot. `highest_speed` is infinite where nothing limits s', and not a number where the
-    motors cannot even hold the robot.
+    The limits are those of the undeformed robot. `highest_speed` is infinite where nothing limits s', and not
+    a number where the motors cannot even hold the robot.
     """
 
     s: Array  # (T,)
@@ -66,8 +66,7 @@ def limit_curves(plan: CrossingPlan) -> LimitCurves:
 
 def _motor_demand(plan: CrossingPlan, s: Array) -> MotorDemand:
     """Compute torques and speeds of the undeformed robot at s (T,), with damping and the planned friction."""
-    robot = plan.robot
-    branch = track_path(robot, plan.path).with_wrenches(plan.dynamics.wrenches)
+    branch, robot = track_path(plan.robot, plan.path).with_wrenches(plan.dynamics.wrenches), plan.robot
     asked = demand(branch, Smoothstep(0), s, None, "rigid")
     constant, per_z, per_u = asked.torque
     friction = asked.friction(motor_friction(robot, plan.request.friction))
@@ -136,10 +135,10 @@ def _intersect_edges(edges: Array, bound: Array) -> list[Array]:
     """
     per_speed, per_z, per_u = np.moveaxis(edges, -1, 0)
 
-    def without_u(part: Array) -> Array:
+    def eliminate_u(part: Array) -> Array:
         return np.asarray(part[:, 0] * per_u[:, 1] - part[:, 1] * per_u[:, 0])
 
-    a, b, c = without_u(per_z), without_u(per_speed), without_u(bound)
+    a, b, c = eliminate_u(per_z), eliminate_u(per_speed), eliminate_u(bound)
     steeper = np.arange(len(bound)), np.where(np.abs(per_u[:, 0]) > np.abs(per_u[:, 1]), 0, 1)
     corners = []
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -21,8 +21,6 @@ from framework.crossing.optimal.phase_plane import demand
 from framework.crossing.refusals.refusal_proofs import HoldingTorque, LeastLimits, SearchEvidence, advice_of
 from framework.errors import NoLaw, NotConverged, format_distinct
 
-ADVISED_RESERVE = 1.02  # of a duration over the quickest found, which is met at its limits alone
-
 
 def refuse_law(problem: LawProblem, none: NoneFound) -> NoLaw | NotConverged:
     """Return the reason why a problem has no law, by a proof or by numbers of the search."""
@@ -91,12 +89,12 @@ def _find_multiples(problem: LawProblem, goal: str) -> tuple[float | None, float
     """Return the multiples of torque and speed limits that the law of least peaks needs; None without one."""
     limit = problem.specification.torque_limit  # infinite of motors whose torque does not count
     weighed = problem._replace(weighing=limit)
-    found = find_least_cost(weighed.with_goal(goal), torque_limits=goal != "peak_torque")
-    return (None, None) if isinstance(found, NoneFound) else (found.speed.peak, found.speed.peak_speed)
+    least = find_least_cost(weighed.with_goal(goal), torque_limits=goal != "peak_torque")
+    return (None, None) if isinstance(least, NoneFound) else (least.speed.peak, least.speed.peak_speed)
 
 
 def _has_law(problem: LawProblem, limits: dict[str, Array]) -> bool:
-    """Return whether a law is found within raised limits (n_a,)."""
+    """Return whether a law is found within raised limits (n_a,), of which the margin is still to be taken."""
     margin = 1.0 - problem.task.request.margin
     within: dict[str, Any] = {name: margin * limit for name, limit in limits.items()}
     raised = replace(problem.specification, **within)
@@ -112,13 +110,13 @@ def _find_quickest(problem: LawProblem) -> float | None:
 
 
 def _overloaded_at_rest(problem: LawProblem) -> HoldingTorque | None:
-    """Return the holding torque of a motor above its limit at an end of the path, if there is any."""
+    """Return the holding torque of a motor above its limit at an end of the path; None without any."""
     task, limit = problem.task, problem.specification.torque_limit
     ends = np.array([0.0, 1.0])
     weight = demand(task.branch, task.phi, ends, problem.deflections, task.geometry).torque.constant
-    exceeded = np.argwhere(np.abs(weight) > limit)
-    if not len(exceeded):
+    over = np.argwhere(np.abs(weight) > limit)
+    if not len(over):
         return None
-    end, motor = map(int, exceeded[0])
+    end, motor = map(int, over[0])
     joint = task.branch.robot.actuator_names[motor]
     return HoldingTorque(joint, float(end), float(abs(weight[end, motor])), float(limit[motor]))

@@ -81,7 +81,7 @@ def _crossings(task: Task) -> Array:
 
 
 def resolve_series(task: Task, reference: Array, edges: Array) -> PathSeries | None:
-    """Compute the functions on cells that are cut in two until they resolve; None where they do not.
+    """Compute the functions on cells, cut in two until all functions resolve; None without success.
 
     Args:
         reference: (n_a,) of the torques; a motor where that is infinite is left out.
@@ -98,27 +98,34 @@ def resolve_series(task: Task, reference: Array, edges: Array) -> PathSeries | N
 
 def _fit_series(task: Task, reference: Array, edges: Array) -> tuple[PathSeries, BoolArray, BoolArray]:
     """Fit the functions on cells; return masks (k,), too: resolved, and where a rubbing motor reverses."""
-    branch, specification, motors = task.branch, task.specification, np.isfinite(reference)
-    s = (edges[:-1, None] + np.diff(edges)[:, None] * cell_nodes()).ravel()
-    required = demand(branch, Smoothstep(0), s, None, task.geometry)
-    friction, friction_error = _mean_friction(required, specification.friction)
-
-    def by_cell(torque: Array) -> Array:
-        """Return torques (k NODES, n_a) over the reference, (k, NODES, m) of the motors that count."""
-        return _split_by_cell(torque / reference)[..., motors]
-
-    constant = by_cell(required.torque.constant + friction)
-    per_z, damping = by_cell(required.torque.per_z), by_cell(required.damping)
-    directions, v = _multiplier_basis(by_cell(required.torque.per_u))
+    (constant, per_z, damping, per_u), speed_ratio, friction_error = _sample_cells(task, reference, edges)
+    directions, v = _multiplier_basis(per_u)
     products = [(v @ torque[..., None])[..., 0] for torque in (constant, per_z, damping)]
+    functions, masks = zip(*(fit_bernstein(values) for values in (v, *products, speed_ratio**2)), strict=True)
+    series = PathSeries(edges, directions, *functions)
+    error = (np.abs(v).max(axis=1) @ friction_error[..., None])[..., 0]
+    series = series._replace(constant=series.constant._replace(error=series.constant.error + error))
+    return series, np.asarray(np.all(masks, axis=0)), np.asarray(friction_error.any(axis=1))
+
+
+def _sample_cells(task: Task, reference: Array, edges: Array) -> tuple[list[Array], Array, Array]:
+    """Sample torques and speeds at the nodes of each cell, of the motors that count.
+
+    Returns:
+        Torques over the reference (k, NODES, m): constant, per z, per sqrt(z) and per u.
+        Speeds per s' over the limits (k, NODES, n) of motors with a limit.
+        The error (k, m) of dry friction in the constant.
+    """
+    specification, motors = task.specification, np.isfinite(reference)
+    s = (edges[:-1, None] + np.diff(edges)[:, None] * cell_nodes()).ravel()
+    required = demand(task.branch, Smoothstep(0), s, None, task.geometry)
+    friction, friction_error = _mean_friction(required, specification.friction)
+    torque = required.torque
+    parts = (torque.constant + friction, torque.per_z, required.damping, torque.per_u)
+    torques = [_split_by_cell(part / reference)[..., motors] for part in parts]
     limited = np.isfinite(specification.speed_limit)
     speed_ratio = _split_by_cell(required.speed / specification.speed_limit)[..., limited]
-    fitted = [fit_bernstein(values) for values in (v, *products, speed_ratio**2)]
-    series = PathSeries(edges, directions, *(function for function, _ in fitted))
-    resolved = np.asarray(np.all([mask for _, mask in fitted], axis=0))
-    error = (np.abs(v).max(axis=1) @ (friction_error / reference)[:, motors, None])[..., 0]
-    with_friction_error = series.constant._replace(error=series.constant.error + error)
-    return series._replace(constant=with_friction_error), resolved, np.asarray(friction_error.any(axis=1))
+    return torques, speed_ratio, (friction_error / reference)[:, motors]
 
 
 def _split_by_cell(values: Array) -> Array:
@@ -138,7 +145,7 @@ def _mean_friction(required: Demand, size: Array) -> tuple[Array, Array]:
 
 
 def _multiplier_basis(per_u: Array) -> tuple[Array, Array]:
-    """Return e_i (k, m - 1, m) and v_i (k, NODES, m, m) of the head of this file, from cu (k, NODES, m).
+    """Return e (k, m - 1, m) and v (k, NODES, m, m) for torques per u (k, NODES, m).
 
     The e_i are orthogonal to cu at a node beside the middle of the cell.
     """

@@ -75,7 +75,7 @@ def bound_duration(task: Task) -> PeakBound | None:
 
 
 def prove_no_law(problem: LawProblem) -> PeakBound | None:
-    """Return the proof that no law keeps the limits: a bound of the peak over the limits above 1, or None."""
+    """Return a bound of the peak over the limits that is above 1, by which no law exists; None without."""
     return None if problem.deflections is not None else find_refuting_bound(problem.task)
 
 
@@ -99,7 +99,7 @@ def bound_plan(plan: CrossingPlan) -> PeakBound | None:
 
 
 class _Proof(NamedTuple):
-    """Multipliers on the cells of a series, and the bound that they prove."""
+    """A bound proved by multipliers on the cells of a series."""
 
     series: PathSeries
     multipliers: Multipliers
@@ -151,7 +151,7 @@ def _find_proof(task: Task, reference: Array, *, timed: bool) -> _Proof | None:
 
 
 def _choose_parts(evidence: Evidence) -> IntArray:
-    """Return into how many parts (k,) each cell is cut: 1, 2 or 4, at least as many as its neighbours."""
+    """Return the number of parts (k,) of each cell: 1, 2 or 4, at least that of its neighbours."""
     relative = evidence.shares * len(evidence.shares)
     parts = 1 + (relative > CUT_SHARES[0]) + 2 * (relative > CUT_SHARES[1])
     parts = np.where(evidence.lacking > 0.0, np.maximum(parts, 2), parts)
@@ -191,6 +191,6 @@ def _peak_at_rest(task: Task, reference: Array) -> float:
     """
     if task.specification.smoothness < 2:
         return 0.0
-    holding = demand(task.branch, Smoothstep(0), np.array([0.0, 1.0]), None, task.geometry)
-    torque = holding.torque.constant + holding.friction(task.specification.friction)
+    asked = demand(task.branch, Smoothstep(0), np.array([0.0, 1.0]), None, task.geometry)
+    torque = asked.torque.constant + asked.friction(task.specification.friction)
     return float(np.abs(torque / reference).max())

@@ -57,13 +57,16 @@ class SquaredSpeed(Protocol):
 
 
 class DeflectionsOnPath(NamedTuple):
-    """Deflections of a motion as functions of sigma: with t(sigma), q_e' = dq_e/dt z^(-1/2) and so on."""
+    """Deflections of a motion as functions of sigma, where d sigma/dt = z^(1/2) and d2 sigma/dt2 = u."""
 
     law: OptimalLaw
     in_time: TimeFunction
 
     def __call__(self, sigma: Array, order: int = 0) -> Array:
-        """Evaluate q_e or its derivative in sigma up to order 2, (M, n_e)."""
+        """Evaluate q_e or its derivative in sigma up to order 2, (M, n_e).
+
+        dq_e/dt = q_e' z^(1/2) and d2q_e/dt2 = q_e" z + q_e' u, solved for q_e' and q_e".
+        """
         t = np.minimum(self.law.time(sigma), self.law.duration)
         if order == 0:
             return self.in_time(t)
@@ -92,18 +95,21 @@ class Demand(NamedTuple):
     direction: Array | None = None  # (M, n_a) motor speeds over ds/dt, if dry friction acts on any
 
     def linearise_damping(self, before: Array | None) -> AffineInSpeed:
-        """Return the torques with the tangent of damping at z (M,) [1/s^2], if given."""
+        """Return the torques with damping replaced by its tangent at z (M,) [1/s^2]; without damping at None.
+
+        damping sqrt(z) = damping (sqrt(z0) / 2 + z / (2 sqrt(z0))) to first order.
+        """
         if before is None:
             return self.torque
         root = np.sqrt(before)[:, None]
         constant = self.torque.constant + 0.5 * self.damping * root
         return AffineInSpeed(constant, self.torque.per_z + 0.5 * self.damping / root, self.torque.per_u)
 
-    def friction(self, size: Array, take: Array | None = None) -> Array:
-        """Return torques (M, n_a) of dry friction of this size (n_a,), or at combinations `take` (R, M)."""
+    def friction(self, size: Array) -> Array:
+        """Return torques (M, n_a) of dry friction of this size (n_a,), signed by the motors' speeds."""
         if self.direction is None:
-            return np.zeros((len(self.speed if take is None else take), len(size)))
-        return size * speed_signs(self.direction if take is None else take @ self.direction)
+            return np.zeros((len(self.speed), len(size)))
+        return size * speed_signs(self.direction)
 
 
 def demand(
@@ -115,25 +121,25 @@ def demand(
 ) -> Demand:
     """Compute torques and speeds of the motors at sigma (M,).
 
-    As in `resolve`: with geometry "rigid" forces are those of the undeformed robot, and only the motors move
-    by what the springs give way.
+    As in `resolve`: with geometry "rigid" forces are those of the undeformed robot, and the deflections only
+    move the motors.
     """
     robot = branch.robot
     deflected = _three_motions(branch, phi, sigma, deflections)
-    carrying = deflected
+    force_motion = deflected
     if geometry == "rigid" and deflections is not None:
-        carrying = _three_motions(branch, phi, sigma, None)
+        force_motion = _three_motions(branch, phi, sigma, None)
     at_rest, per_z = slice(len(sigma)), slice(len(sigma), 2 * len(sigma))
 
     def motor_torques(forces: Array) -> Array:
-        balanced = balanced_forces(robot, carrying.linearised, forces)
+        balanced = balanced_forces(robot, force_motion.linearised, forces)
         return motor_torque(robot, deflected, balanced.joint_torque)
 
-    forces = _linearised_forces(branch, carrying, (sigma, phi(sigma)), None)
+    forces = _linearised_forces(branch, force_motion, (sigma, phi(sigma)), None)
     torque = motor_torques(forces)
     damping = np.zeros_like(torque[at_rest])
     if robot.is_damped:
-        forces[at_rest] += robot.joint_damping * carrying.v[per_z]
+        forces[at_rest] += robot.joint_damping * force_motion.v[per_z]
         damping = motor_torques(forces)[at_rest] - torque[at_rest]
     speed = deflected.v[per_z, robot.actuated] * robot.gear_ratio
     affine = AffineInSpeed(*torque.reshape(3, len(sigma), -1))
@@ -245,7 +251,7 @@ def _conditions_at_points(
 
 
 def _independent_rows(rows: Array, size: float) -> Array:
-    """Return independent combinations of rows (corank, 4), without those that are rounding of a size.
+    """Return independent combinations of rows (corank, 4), without any that is rounding of a size.
 
     Two motions of a symmetric robot may ask the same of the law.
     """
@@ -295,7 +301,10 @@ def _three_motions(
     deflections: Deflections | None,
     closed: ClosedStack | None = None,
 ) -> Motion:
-    """Return all coordinates at points sigma (M,) for (z, u) = (0, 0), (1, 0), (0, 1), stacked (3 M,)."""
+    """Return all coordinates at points sigma (M,) for (z, u) = (0, 0), (1, 0), (0, 1), stacked (3 M,).
+
+    dx/dt = x' phi' z^(1/2) and d2x/dt2 = x' (phi' u + phi" z) + x" phi'^2 z.
+    """
     robot, s = branch.robot, phi(sigma)
     if closed is None:
         guess = branch.guess(s)

@@ -85,11 +85,11 @@ class SmoothSearch(NamedTuple):
     def find_lasting(self, duration: float, near: Speed | None = None) -> Speed | NoneFound:
         """Find a smooth law within the bounds that takes a duration [s].
 
-        If the smoothest law is too quick, a slow law is found and improved by the tangent of T(z), twice from
-        scratch and once from a law near by.
+        If the smoothest law is too quick, a law of this duration is improved by the tangent of T(z): once if
+        one is given, else twice, from a blend with a slow law.
 
         Args:
-            near: a law of this duration, from which the search begins.
+            near: a law of this duration, if one is known.
         """
         if self.goal == "energy":
             return self._find_least_energy(duration, near)
@@ -108,17 +108,20 @@ class SmoothSearch(NamedTuple):
     def _solve_above_floor(
         self, bounds: Bounds, goal: str = "bend", near: Speed | None = None
     ) -> tuple[Speed | NoneFound, float]:
-        """Solve with the highest floor under z that has a solution; return the law and the floor [1/s^2]."""
+        """Solve with the highest floor under z that has a solution; return the law and the floor [1/s^2].
+
+        Floors far above that of a law `near` are not tried: they had no solution.
+        """
         assert bounds.longest is not None
         status = ""
         floors = np.array(SQUARED_SPEED_FLOORS) / bounds.longest**2
         if near is not None and near.floor > 0.0:
             floors = floors[floors <= 10.0 * near.floor]
-        for floor in floors:
-            found = self.program.minimise(goal, bounds, self.units, floor=floor)
-            if isinstance(found, Speed) and np.isfinite(found.duration):
-                return found, floor
-            status = found.status if isinstance(found, Unsolved) else "z is not positive"
+        for floor in floors:  # the highest first
+            law = self.program.minimise(goal, bounds, self.units, floor=floor)
+            if isinstance(law, Speed) and np.isfinite(law.duration):
+                return law, floor
+            status = law.status if isinstance(law, Unsolved) else "z is not positive"
         return NoneFound(self.program, status), 0.0
 
     def _blend(self, quick: Speed, slow: Speed, duration: float) -> Speed:
@@ -151,21 +154,28 @@ class SmoothSearch(NamedTuple):
         return NoneFound(self.program, f"no law that takes {duration:.4g} s was found")
 
     def _improve(self, goal: str, law: Speed, quick: Speed, bounds: Bounds, floor: float) -> Speed:
-        """Lower the cost of a law at its duration, by the tangent of T(z) and a blend with a quick law.
+        """Lower the cost of a law at its duration, by a tangent of T(z) and a blend.
 
         Where the program has no solution, or one that is too quick all the same, the law itself is returned.
         """
         duration = law.duration
         bounded = bounds._replace(longest=4.0 * duration)
-        found = self.program.minimise(goal, bounded, self.units, floor=floor, about=(law.y, duration))
-        if isinstance(found, Unsolved) or not duration * (1.0 - BLENDED_DURATION) <= found.duration < np.inf:
+        slow = self.program.minimise(goal, bounded, self.units, floor=floor, about=(law.y, duration))
+        if isinstance(slow, Unsolved) or not duration * (1.0 - BLENDED_DURATION) <= slow.duration < np.inf:
             return law
-        return self._blend(quick, found, duration)
+        return self._blend(quick, slow, duration)
 
     # -------------------------------------------------------------- energy at a duration
 
     def _find_least_energy(self, duration: float, near: Speed | None) -> Speed | NoneFound:
-        """Find a law of little energy that takes a duration [s], from several that do, then a smooth one."""
+        """Find a law of little energy that takes a duration [s], then a smooth one of hardly more.
+
+        The law of least energy may be quicker than the duration. Then the best of several laws of the
+        duration is improved. Last, the smoothest law within a share of that energy is slowed to the duration.
+
+        Args:
+            near: a law of this duration, in place of these.
+        """
         limits = Bounds(share=self.bounds.share)
         quick, floor = self._solve_above_floor(limits._replace(longest=duration), "energy", near)
         if isinstance(quick, NoneFound):
@@ -252,7 +262,7 @@ def _energy_of(speed: Speed) -> float:
     return speed.energy
 
 
-def find_exceeded_places(program: SpeedProgram, found: Speed, bounds: Bounds) -> Array:
+def find_exceeded_places(program: SpeedProgram, speed: Speed, bounds: Bounds) -> Array:
     """Find places in xi (R,) between the points where a limit or the bound of the peak is exceeded.
 
     If any is, places where it is nearly reached are added: the next law would exceed it there. Of places side
@@ -261,7 +271,7 @@ def find_exceeded_places(program: SpeedProgram, found: Speed, bounds: Bounds) ->
     limit, reference = program.problem.specification.torque_limit, program.problem.reference
     peak_bound = np.inf if bounds.peak is None else bounds.peak * (1.0 + LIMIT_MARGIN) * reference
     allowed = np.minimum(limit, peak_bound)
-    at_points = program.rows.used_share(found.y, allowed)[: len(program.xi)]
+    at_points = program.rows.used_share(speed.y, allowed)[: len(program.xi)]
     gaps = np.flatnonzero(np.maximum(at_points[1:], at_points[:-1]) > NEARLY_REACHED)
     if not len(gaps):
         return np.empty(0)
@@ -269,7 +279,7 @@ def find_exceeded_places(program: SpeedProgram, found: Speed, bounds: Bounds) ->
     on_crossing = np.abs(between[:, None] - program.problem.places).min(axis=1, initial=np.inf) <= SAME_PLACE
     between = between[~on_crossing]
     rows = motor_rows(program.problem, program.basis, program.conditions, between)
-    used = rows.used_share(found.y, allowed)
+    used = rows.used_share(speed.y, allowed)
     if not used.max(initial=0.0) > 1.0:
         return np.empty(0)
     padded = np.pad(used, 1, constant_values=-np.inf)

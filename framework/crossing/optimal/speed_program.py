@@ -127,7 +127,7 @@ class SpeedProgram:
 
     @cached_property
     def positive(self) -> tuple[Any, Array]:
-        """Rows (m, n) on y that are positive only if z is, and their places in xi (m,).
+        """Rows (m, n) on y whose positive values make z positive, and their places in xi (m,).
 
         The coefficients themselves for splines; the values at the points for a series.
         """
@@ -213,7 +213,6 @@ class SpeedProgram:
         sizes |= {"r": count} if timed or powered else {}
         sizes |= {"v": count} if timed else {}
         sizes |= {"e": count} if powered else {}
-        inside = self.weights[self._integrated]
         equal = [_limit_entries(AffineRows({"y": self.conditions.matrix / scale}, self.conditions.offset))]
         positive = self.positive[0]
         nonnegative = [AffineRows({"y": positive}, np.full(positive.shape[0], -floor * scale))]
@@ -222,31 +221,50 @@ class SpeedProgram:
             capped = np.flatnonzero(np.isfinite(cap))
             nonnegative.append(AffineRows({"y": -positive[capped]}, cap[capped] * scale))
         if bounds.longest is not None:
-            nonnegative.append(_weighted_sum("v", -inside, bounds.longest / units.time))
+            nonnegative.append(self._integral_bound("v", bounds.longest / units.time))
         if bounds.energy is not None:
-            largest = bounds.energy / (units.torque**2 * units.time)
-            nonnegative.append(_weighted_sum("e", -inside, largest))
+            nonnegative.append(self._integral_bound("e", bounds.energy / (units.torque**2 * units.time)))
         if about is not None:
             nonnegative.append(self._duration_tangent(*about, units))
-        cost: dict[str, Array] = {
-            "time": {"v": inside},
-            "energy": {"e": inside},
-            "slowness": {} if weights is None else {"y": (inside * weights) @ self.z},
-            "bend": {},
-        }.get(goal, {"peak": np.ones(1)})
         square = self.bend if goal == "bend" else None
         if square is not None:  # in the unit of its own size
             size = np.sqrt(np.mean(np.square(square.parts["y"].data)) * count)
             square = AffineRows({"y": square.parts["y"] / size}, square.offset)
         program = ConeProgram(
-            sizes, cost, square, equal, nonnegative, self._cones(units, timed=timed, powered=powered)
+            sizes,
+            self._linear_cost(goal, weights),
+            square,
+            equal,
+            nonnegative,
+            self._cones(units, timed=timed, powered=powered),
         )
         optimum = solve_cone_program(program)
         if isinstance(optimum, Unsolved):
             return optimum
         y = self.meet_conditions(optimum.unknowns["y"] / scale)
+        inside = self.weights[self._integrated]
         value = float(inside @ optimum.unknowns["v"]) * units.time if goal == "time" else np.nan
         return self.speed(y, value)._replace(floor=floor)
+
+    def _linear_cost(self, goal: str, weights: Array | None) -> dict[str, Array]:
+        """Return the cost of each unknown by a goal; none for "bend", whose cost is quadratic."""
+        inside = self.weights[self._integrated]
+        match goal:
+            case "time":
+                return {"v": inside}
+            case "energy":
+                return {"e": inside}
+            case "slowness":
+                assert weights is not None
+                return {"y": (inside * weights) @ self.z}
+            case "bend":
+                return {}
+        return {"peak": np.ones(1)}
+
+    def _integral_bound(self, name: str, largest: float) -> AffineRows:
+        """Return largest - the integral of an unknown at the points with a weight."""
+        weights = self.weights[self._integrated]
+        return AffineRows({name: sparse.csr_array(-weights[None])}, np.array([largest]))
 
     def _duration_tangent(self, y: Array, duration: float, units: Units) -> AffineRows:
         """Return T_lin(z) - duration, with the tangent T_lin of the duration at the coefficients y.
@@ -286,13 +304,13 @@ class SpeedProgram:
         return rows
 
     def _cones(self, units: Units, *, timed: bool, powered: bool) -> list[list[AffineRows]]:
-        """Return r^2 <= z, v r >= 1 and e r >= the sum of squared torques, at the points with a weight."""
+        """Return r^2 <= z, v r >= 1 and e r >= |torque|^2 at the points with a weight."""
         count = self.z.shape[0]
         cones: list[list[AffineRows]] = []
         if timed or powered:
-            z = AffineRows({"y": self.z}, np.zeros(count))
+            z_plus_and_minus_1 = [AffineRows({"y": self.z}, np.full(count, offset)) for offset in (1.0, -1.0)]
             twice_r = AffineRows({"r": 2.0 * sparse.identity(count, format="csr")}, np.zeros(count))
-            cones.append([_shift(z, 1.0), _shift(z, -1.0), twice_r])
+            cones.append([*z_plus_and_minus_1, twice_r])
         if timed:
             cones.append(_product_cone("v", "r", count, [AffineRows({}, np.full(count, 2.0))]))
         if powered:
@@ -375,15 +393,6 @@ def _bound_by_peak(rows: AffineRows, share: float) -> list[AffineRows]:
 def _column(matrix: Any, value: float) -> Any:
     """Return a sparse column of one value with as many rows as a matrix."""
     return sparse.csr_array(np.full((matrix.shape[0], 1), value))
-
-
-def _shift(rows: AffineRows, offset: float) -> AffineRows:
-    return AffineRows(rows.parts, rows.offset + offset)
-
-
-def _weighted_sum(name: str, weights: Array, offset: float) -> AffineRows:
-    """Return the one row weights @ unknowns + offset."""
-    return AffineRows({name: sparse.csr_array(weights[None])}, np.array([offset]))
 
 
 def _product_cone(first: str, second: str, count: int, others: Sequence[AffineRows]) -> list[AffineRows]:

@@ -26,7 +26,7 @@ DURATION_RESERVE = 1.02  # over the least duration, which is met at its limits a
 
 
 def with_explanation(refusal: NoLaw, searched: SearchedPath, request: Request) -> NoLaw:
-    """Return the refusal with condition (8) at each singular point, durations and remedy appended."""
+    """Return the refusal with condition (8) at each singular point, durations and a remedy appended."""
     sentences = [str(refusal)]
     sentences += [
         feasibility.short_sentence for feasibility in feasibility_on_path(searched) if feasibility is not None
@@ -39,13 +39,13 @@ def with_explanation(refusal: NoLaw, searched: SearchedPath, request: Request) -
 
 
 def with_remedy(pole: UnboundedTorque, searched: SearchedPath, request: Request) -> UnboundedTorque:
-    """Return the refusal of a law without condition (8), the remedy appended."""
+    """Return the refusal of a law that does not meet condition (8), with the remedy."""
     optimal = _untried_durations(searched, request)
     return pole.advising(remedy_of(pole, searched.branch.robot, request, optimal))
 
 
 def _untried_durations(searched: SearchedPath, request: Request) -> OptimalDurations | None:
-    """Return the durations of the optimal law if the request excludes this law, else None."""
+    """Return the durations of the optimal law if the request excludes that law, else None."""
     return None if request.may_be_optimal else optimal_durations(searched, request)
 
 

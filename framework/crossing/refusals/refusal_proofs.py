@@ -12,9 +12,8 @@ from framework.errors import format_distinct, round_up
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.tolerances import LIMIT_MARGIN
 
-RAISED_RATIO = (
-    1.0 + 10.0 * LIMIT_MARGIN
-)  # of limits over the least peak: nearer ones leave little room for a smooth law
+# of limits over the least peak: nearer ones leave little room for a smooth law
+RAISED_RATIO = 1.0 + 10.0 * LIMIT_MARGIN
 
 
 @dataclass(frozen=True)
@@ -35,10 +34,12 @@ class UnmetCondition:
 class LeastLimits(NamedTuple):
     """Limits (n_a,) within which a law was found, in proportion to the limits asked for.
 
-    torque_peak, speed_peak: the least peaks of torque and of speed found, over their limits, in the duration
-        asked, each within the limits of the other; None where none was found or that has no limit.
-    torque, speed: those limits, motor side, the share included that planning leaves free; None as the peaks.
-    together: neither is enough alone. Then the larger of torque and squared speed is least.
+    torque_peak: the least peak of torque found in the duration asked, over the torque limits and within the
+        speed limits; None where no law was found, or without a torque limit.
+    speed_peak: the same of speed, within the torque limits.
+    torque, speed: limits a little above these peaks, motor side; None as the peaks.
+    together: neither is enough alone, and the peaks are those of one law, with the larger of torque and
+        squared speed least.
     """
 
     torque_peak: float | None
@@ -52,7 +53,6 @@ class LeastLimits(NamedTuple):
         specification: Specification, torque: float | None, speed: float | None, *, together: bool
     ) -> LeastLimits:
         """Return the least limits for peaks over the limits of a specification."""
-
         return LeastLimits(
             torque,
             speed,
@@ -70,7 +70,7 @@ class LeastLimits(NamedTuple):
 
 
 def advice_of(robot: ParallelRobot, limits: dict[str, Array]) -> str:
-    """Return in words the limits (n_a,) of torque and speed that would do."""
+    """Return, in words, limits (n_a,) of torque and speed within which a law was planned."""
     units = {"torque_limit": robot.torque_units, "speed_limit": robot.speed_units}
     words = (f"{name} {_format_limits(robot, limit, units[name])}" for name, limit in limits.items())
     return f"{' with '.join(words)} would do"
@@ -102,6 +102,7 @@ class HoldingTorque:
 
 
 def _ratio_text(ratio: float | None) -> str:
+    """Return a ratio with enough digits to differ from 1; empty without one."""
     return "" if ratio is None else format_distinct(ratio, 1.0)[0]
 
 
@@ -109,10 +110,10 @@ def _ratio_text(ratio: float | None) -> str:
 class SearchEvidence:
     """Numbers of a search that found no law within the limits: no proof that none exists.
 
-    cells: of the squared speed, on which it was searched.
+    cells: number of intervals of the piecewise polynomial that the squared speed was sought as.
     least: the limits within which a law was found, in the duration asked.
     quickest: the least duration [s] found within the limits; None where none was found.
-    limits: options with raised limits that were planned, or None.
+    limits: options with raised limits within which a law was planned, or None.
     """
 
     cells: int
@@ -131,12 +132,11 @@ class SearchEvidence:
                 f"{_ratio_text(self.least.speed_peak)} times the limits were needed together"
             )
             peaks = {}
-        parts += [
-            f"the least peak of {what} found is {_ratio_text(peak)} times the limits"
-            + (f", of which a search leaves {LIMIT_MARGIN:.2%}" if peak <= 1.0 else "")
-            for what, peak in peaks.items()
-            if peak is not None
-        ]
+        for quantity, peak in peaks.items():
+            if peak is not None:
+                parts.append(f"the least peak of {quantity} found is {_ratio_text(peak)} times the limits")
+                if peak <= 1.0:
+                    parts[-1] += f", of which a search leaves {LIMIT_MARGIN:.2%}"
         if self.quickest is not None:
             parts.append(f"within the limits the quickest law found takes {self.quickest:.4g} s")
         return "; ".join([*parts, f"searched on {self.cells} cells"])

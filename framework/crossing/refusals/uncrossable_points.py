@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from framework.crossing.condition import CrossingPoint, coefficients_at, crossing_point
+from framework.crossing.condition import CrossingPoint, coefficients_at, undeformed_crossing
 from framework.crossing.refusals.refusal_proofs import UnmetCondition
 from framework.dynamics.singularity_crossings import check_kind
 from framework.errors import NoLaw
@@ -24,12 +24,12 @@ def check_crossable(branch: Branch, singular: SingularPoint) -> None:
     check_kind(branch.robot, singular)
     if stops_at(singular):
         end = "starts" if singular.s < 0.5 else "ends"
-        condition = coefficients_at(branch, crossing_point(branch, singular, None, singular.s), None)
-        unmet = UnmetCondition(singular.s, *condition[:3], stop=True)
+        alpha, beta, gamma, _ = coefficients_at(branch, undeformed_crossing(singular), deflection=None)
+        unmet = UnmetCondition(singular.s, alpha, beta, gamma, stop=True)
         raise NoLaw(
             f"{branch.robot.name}: at s = {singular.s:.6g} the path {end} on a Type 2 singularity; a stop on "
             f"the locus can never be crossed: move the path's end",
-            proof=unmet if condition.gamma != 0.0 else None,
+            proof=unmet if gamma != 0.0 else None,
         )
 
 
@@ -39,7 +39,7 @@ def stops_at(singular: SingularPoint) -> bool:
 
 
 def check_one_condition_each(robot: ParallelRobot, points: Sequence[SingularPoint | CrossingPoint]) -> None:
-    """Refuse for the polynomial law a point where a law has to meet more than one condition.
+    """Refuse a point with more than one condition for the polynomial law.
 
     At a tangential touch these are condition (8) and its derivative; where several motions escape at once,
     one for each.
