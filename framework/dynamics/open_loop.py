@@ -55,15 +55,16 @@ def error_dynamics(result: InverseDynamics, times: Array) -> ErrorDynamics:
         motion = motion_at(robot, closed, dx, ddx).with_wrenches(world)
         return platform_wrench(robot, motion).missing_wrench(torque)
 
-    def close_beside_path(step: Array) -> ClosedStack:
-        return close_loops(robot, x + step, guess)
-
-    # W is linear in d2x/dt2 and quadratic in dx/dt: steps of any size are exact
-    steps, rates = DIFFERENCE_STEP * robot.platform_scale, robot.platform_scale / result.duration
+    # W is linear in d2x/dt2 and quadratic in dx/dt: differences of any size are exact
     inertia = _central_slopes(lambda step: missing_wrench(on_path, dx, ddx + step), np.ones(robot.n))
+    by_rate = _central_slopes(
+        lambda step: missing_wrench(on_path, dx + step, ddx), robot.platform_scale / result.duration
+    )
+    by_x = _central_slopes(
+        lambda step: missing_wrench(close_loops(robot, x + step, guess), dx, ddx),
+        DIFFERENCE_STEP * robot.platform_scale,
+    )
     forced = np.asarray(-np.linalg.inv(inertia))
-    by_rate = _central_slopes(lambda step: missing_wrench(on_path, dx + step, ddx), rates)
-    by_x = _central_slopes(lambda step: missing_wrench(close_beside_path(step), dx, ddx), steps)
     return ErrorDynamics(forced=forced, damped=forced @ by_rate, own=forced @ by_x)
 
 
