@@ -56,7 +56,7 @@ class Designs(NamedTuple):
 
 
 class StudyTask(NamedTuple):
-    """What to compute for each design: quantities `keys` at `size` x `size` poses over two axes."""
+    """The map of each design: quantities `keys` at `size` x `size` poses over two axes."""
 
     file: str
     names: tuple[str, ...]
@@ -138,7 +138,7 @@ def _part_arrays(task: StudyTask, values: Array) -> dict[str, ArrayField]:
 
 
 def map_designs(task: StudyTask, values: Array) -> dict[str, NDArray[Any]]:
-    """Map designs (D, P); return the columns (D,) of statistics, and `why`, the reason if there is no map."""
+    """Map designs (D, P); return columns (D,) of statistics, and reasons for missing maps as `why`."""
     rows: list[dict[str, float]] = []
     why: list[str] = []
     for design in values:
@@ -176,7 +176,7 @@ def column_units(robot: ParallelRobot, task: StudyTask) -> dict[str, str]:
 
 
 def _map_design(task: StudyTask, parameters: Mapping[str, float]) -> WorkspaceMap:
-    """Map the robot of one design over the window of the task, or over the window that it reaches."""
+    """Map the robot of one design over the task's window, or else over its own reach."""
     robot = ParallelRobot.from_file(task.file, flexibility=task.flexibility, parameters=parameters)
     if task.window is None:
         window = survey_window(robot, axes=task.axes, size=task.size)

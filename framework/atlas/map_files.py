@@ -129,7 +129,7 @@ def write_files(
     arrays: Mapping[str, np.ndarray],
     table: Sequence[tuple[str, Sequence[Any]]],
 ) -> list[Path]:
-    """Write `document` to `file`; beside it arrays with their setup (.npz) and a table by columns (.csv)."""
+    """Write a document to `file`, and beside this file arrays with their setup (.npz) and a table (.csv)."""
     array_file, table_file = file.with_suffix(".npz"), file.with_suffix(".csv")
     file.write_text(json_text(document), encoding="utf-8")
     setup_text = np.array(json.dumps(setup, sort_keys=True))

@@ -37,8 +37,8 @@ RAYS_IN_MORE = 600  # of a platform with more coordinates
 MAX_STARTS = 8  # of Newton's method, from where the shortest rays meet the locus
 FAR_RATIO = 1.25  # start of a ray's stretch over the nearest end of all, from which on it is left out
 MAX_FOOT_STEPS = 30  # steps towards a foot point
-MAX_HALVINGS = 45  # of a step along the nearest ray: to rounding
-COARSE_HALVINGS = 10  # of steps along all rays, to find the nearest
+# of a step along the nearest ray, to rounding; of steps along all rays, to find the nearest
+MAX_HALVINGS, COARSE_HALVINGS = 45, 10
 DIFFERENCE_STEP = 1e-5  # [robot lengths, rad] for the slope of g
 
 
@@ -220,7 +220,7 @@ def _leg_end_distance(robot: ParallelRobot, ended: Stretches, x: Array) -> float
 
 
 def _join_nearest(stretches: list[Stretches], robot: ParallelRobot, x: Array) -> Stretches:
-    """Join stretches, without those whose start is farther from x than FAR_RATIO times the nearest end."""
+    """Join stretches that start within FAR_RATIO times the distance of the nearest end from x."""
     joined = join(stretches)
     start, end = _distances(robot, joined.start, x), _distances(robot, joined.end, x)
     return select(joined, start <= FAR_RATIO * end.min(initial=np.inf))
@@ -285,7 +285,7 @@ def _measure(robot: ParallelRobot, q: Array) -> Array:
 
 
 def _find_foot(robot: ParallelRobot, hit: Foot, x: Array) -> Foot | None:
-    """Find the foot point of x from a start on the locus by Newton's method; None if it does not converge.
+    """Find the foot point of x by Newton's method from a start on the locus; None without convergence.
 
     Each step is the one of the module's docstring, shortened to RAY_STEP; slopes of g are central
     differences.

@@ -182,7 +182,7 @@ QUANTITIES = {
 def choose_quantities(
     robot: ParallelRobot, names: Sequence[str] | None, wrench: ArrayLike | None = None
 ) -> tuple[Quantity, ...]:
-    """Return g, from which the locus is drawn, and the quantities of these names.
+    """Return g, from which the locus is drawn, and the quantities named.
 
     By default conditioning, torque of a platform that translates, and stiffness and frequency of a robot with
     springs.

@@ -169,7 +169,7 @@ def _step_once(robot: ParallelRobot, q: Array, start: Array, end: Array) -> Step
 def _tangent_turn(
     robot: ParallelRobot, linearised: LinearisedLoops, steps: IntArray, twist: Array, move: Array
 ) -> Array:
-    """Return the largest change (k,) of joint moves from the tangents at the start to those at the end."""
+    """Return the largest change (k,) of joint moves between the tangents at start and end."""
     no_deflection = np.zeros((len(steps), robot.n_e))
     end_move = joint_rates(robot, linearised.select(steps), twist[steps], no_deflection)
     return np.abs((end_move - move[steps]) / robot.column_scale).max(axis=1)

@@ -76,13 +76,13 @@ class WorkspaceMap(ReadOnlyArrays):
         return locus_on_map(self.robot, poses)
 
     def _lead(self, q: Array, start: Array, end: Array) -> tuple[Array, BoolArray]:
-        """Step q (T, nq) from start (T, n) to end (T, n); return ends, and which are on the same branch."""
+        """Step q (T, nq) from start to end (T, n); return the ends and a mask: on the same branch."""
         ends = step_poses(self.robot, q, start, end)
         return ends.q, ends.reason == PoseReason.REACHED
 
     @property
     def counts(self) -> dict[str, int]:
-        """The numbers of poses by reason in words, first of those reached."""
+        """The numbers of poses by reason in words; the first is `reached`."""
         return {word: int(np.sum(self.reason == code)) for code, word in enumerate(self.reason_words)}
 
     @property
@@ -105,7 +105,7 @@ class WorkspaceMap(ReadOnlyArrays):
 
 
 class RowBand(NamedTuple):
-    """Rows `first` to `stop` - 1 of the window, with their coarse poses and those of the next row.
+    """Rows `first` to `stop` - 1 of the window, with the coarse poses of these and the next row.
 
     The last band has no next row.
     """

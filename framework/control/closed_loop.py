@@ -40,7 +40,7 @@ class DelayLine(NamedTuple):
         return DelayLine(delays, deque(maxlen=int(delays.max(initial=0)) + 1))
 
     def delay(self, torque: Array) -> Array:
-        """Store commanded torques (R, n_a); return those that act now, at first the first ones."""
+        """Store commanded torques (R, n_a); return the delayed ones, at first the first."""
         self.past.append(torque)
         if len(self.past) == 1:
             return torque

@@ -81,7 +81,7 @@ def forward_dynamics(
 
 @lru_cache(maxsize=16)  # megabytes each
 def _equations_of(robot: ParallelRobot, thread: int) -> EquationsOfMotion:
-    """Return the equations of a robot for one thread: they have working memory."""
+    """Return the equations of a robot for one thread, with working memory."""
     return EquationsOfMotion.of(robot)
 
 

@@ -273,7 +273,7 @@ def type2_pose(robot: ParallelRobot, x: Array, torque: str) -> SingularPose:
 
 
 def instant_of(robot: ParallelRobot, motion: Motion, r: Array, forces: Forces, entry: int | slice) -> Instant:
-    """Return the record of a motion with forces r (T, nv) of the open tree and the forces that balance r."""
+    """Return the record of a motion, forces r (T, nv) of the open tree, and the forces in balance with r."""
     freeze((motion, r))
     return Instant(
         robot=robot,

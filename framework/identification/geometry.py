@@ -107,7 +107,7 @@ def _end(joint: ElementTree.Element, end: str) -> str:
 
 
 def _split(urdf: ElementTree.Element, joint: ElementTree.Element) -> str:
-    """Insert a fixed joint, which takes the origin of a moving joint, before it; return its name."""
+    """Insert a fixed joint with the origin of a moving joint before this joint; return its name."""
     name = f"{joint.get('name')}_{PLACED}"
     link = f"{name}_link"
     ElementTree.SubElement(urdf, "link", name=link)

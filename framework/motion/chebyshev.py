@@ -270,7 +270,7 @@ def _nodes_between(edges: Array, size: int) -> Array:
 
 @lru_cache(maxsize=64)
 def derivative_matrix(size: int, order: int = 1) -> Array:
-    """Return the matrix (size, size) from coefficients of a series to those of its derivative."""
+    """Return the matrix (size, size) from coefficients of a series to coefficients of its derivative."""
     matrix = np.eye(size)
     count = max(size - order, 0)  # of coefficients of the derivative
     matrix[:count] = chebyshev.chebder(matrix, order, axis=0)[:count]

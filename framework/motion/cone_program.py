@@ -18,8 +18,8 @@ from framework.arrays import Array
 # first, in half the time of the others.
 REGULARIZATIONS = ((1e-8, 0), (3e-8, 2), (1e-7, 10))
 MAX_ITERATIONS = 200
-TOLERANCE = 1e-8  # of the solver, in the units of the optimum
-STALLED_TOLERANCE = 1e-7  # with which a solution is accepted where the solver stalls
+# of the solver, in the units of the optimum; and that with which a solution is accepted where it stalls
+TOLERANCE, STALLED_TOLERANCE = 1e-8, 1e-7
 
 
 class Affine(NamedTuple):

@@ -54,7 +54,7 @@ class MotionLaw(Protocol):
 
 
 class PlannedLaw(ABC):
-    """A motion law of this package: its derivatives are exact, and files can store it.
+    """A motion law of this package, with exact derivatives, that files can store.
 
     `kind` is its name in files, `coefficients` are those of its Chebyshev series or splines.
     """
@@ -109,7 +109,7 @@ class Condition(NamedTuple):
 
 
 def conditions_at_instants(times: Iterable[float], values: Iterable[Iterable[float]]) -> list[Condition]:
-    """Return the conditions that derivatives of s of orders 0 to m - 1 have `values` (k, m) at times (k,)."""
+    """Return the conditions that s and its derivatives have `values` (k, m) at times (k,)."""
     return [
         Condition(float(time), order, float(value))
         for time, derivatives in zip(times, values, strict=True)

@@ -29,8 +29,8 @@ from framework.motion.speed_basis import ONE_CELL, SPLINE_DEGREE, SpeedBasis
 from framework.tolerances import NEWTON_STEP, SAME_PLACE, SLOWNESS_ROUNDING
 
 HIGHEST_SMOOTHNESS = 6  # beyond, the squared speed grows so much at the ends that its digits are lost
-TURN_SAMPLES = 4001  # of s' along the path
-MIN_SWING = 1e-3  # change of s' over the largest s' that counts as a turn
+# samples of s' along the path; change of s' over the largest s' that counts as a turn
+TURN_SAMPLES, MIN_SWING = 4001, 1e-3
 PANEL_NODES = 24  # nodes of a panel of t(sigma)
 SLOWNESS_TAIL = 1e-15  # truncation error of a panel's time over the duration
 MAX_PANELS = 1024
@@ -95,7 +95,7 @@ class Stretch:
         return float(start), float(end)
 
     def _raw(self, sigma: Array, order: int) -> Array:
-        """Evaluate the map before it is scaled, or its derivative up to order 3."""
+        """Evaluate the map before scaling, or its derivative up to order 3."""
         identity = sigma if order == 0 else np.full(sigma.shape, float(order == 1))
         if not self.at:
             return identity
@@ -299,7 +299,7 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         return count_reversals(self.phi(sigma, 1) * np.sqrt(self.squared_speed(sigma)))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the law as plan.json has it."""
+        """Return the entry `law` of plan.json."""
         return {
             "kind": self.kind,
             "smoothness": self.smoothness,
@@ -362,7 +362,7 @@ def evaluate_on_cells(cells: Array, series: Array, xi: ArrayLike, order: int = 0
 
 
 def slowness_on_panels(cells: Array, series: Array, stretch: Stretch) -> TimeFunction:
-    """Resolve dt/d sigma = z^(-1/2) on panels, for z by Chebyshev series (k, size) on cells (k + 1,) of xi.
+    """Resolve dt/d sigma = z^(-1/2) on panels; z by Chebyshev series (k, size) on cells of xi.
 
     Panels are halved until the truncation error of each panel's time is below a share of the duration, or
     below the error that rounding eps of z makes: eps z^(-3/2) / 2, which grows where z is near zero.
