@@ -77,7 +77,8 @@ def forward_derivatives(
             f"acceleration; give the links of the springs mass, or leave the springs out"
         )
     motion = instant._motion
-    motion = motion.with_wrenches(tuple(one._replace(turns=one.frame in turning) for one in motion.wrenches))
+    wrenches_that_turn = (wrench._replace(turns=wrench.frame in turning) for wrench in motion.wrenches)
+    motion = motion.with_wrenches(tuple(wrenches_that_turn))
     x, dx, ddx = platform_rates_of(robot, motion)
     steps = coordinate_steps(robot, (x, dx, ddx), _undetermined_columns(robot))
     changes = motion_changes(robot, motion, steps)

@@ -379,8 +379,8 @@ class GaussNewton:
         matrix = np.concatenate(
             [rows_of(weights[..., None] * equations.matrix), rows_of(equations.loop_slopes)]
         )
-        right = np.concatenate([(weights * equations.right).ravel(), equations.open_loops.ravel()])
-        return matrix * self.prior, right
+        residual = np.concatenate([(weights * equations.right).ravel(), equations.open_loops.ravel()])
+        return matrix * self.prior, residual
 
     def _change(self, equations: ParameterEquations, damping: float) -> Array:
         """Return the damped Gauss-Newton step (p,) by least squares on data, prior and damping."""

@@ -91,6 +91,7 @@ class Stretch:
 
     @cached_property
     def _ends(self) -> tuple[float, float]:
+        """The map at sigma = 0 and 1 before scaling."""
         start, end = self._raw(np.array([0.0, 1.0]), 0)
         return float(start), float(end)
 
@@ -99,15 +100,16 @@ class Stretch:
         identity = sigma if order == 0 else np.full(sigma.shape, float(order == 1))
         if not self.at:
             return identity
-        w, distance = STRETCH_WIDTH, sigma[..., None] - np.array(self.at)
+        w, d = STRETCH_WIDTH, sigma[..., None] - np.array(self.at)
+        denominator = w**2 + d**2
         if order == 0:
-            arctangents = np.arctan(distance / w)
+            arctangents = np.arctan(d / w)
         elif order == 1:
-            arctangents = w / (w**2 + distance**2)
+            arctangents = w / denominator
         elif order == 2:
-            arctangents = -2.0 * w * distance / (w**2 + distance**2) ** 2
+            arctangents = -2.0 * w * d / denominator**2
         else:
-            arctangents = w * (6.0 * distance**2 - 2.0 * w**2) / (w**2 + distance**2) ** 3
+            arctangents = w * (6.0 * d**2 - 2.0 * w**2) / denominator**3
         return np.asarray(identity + STRETCH_HEIGHT * arctangents.sum(axis=-1))
 
     def inverse(self, xi: ArrayLike) -> Array:
