@@ -108,9 +108,8 @@ def loop_loads(robot: ParallelRobot, linearised: LinearisedLoops, r: Array, join
 def _least_multipliers(J: Array, forces: Array) -> tuple[Array, Array]:
     """Solve J' lambda = forces (T, f) for least lambda (T, rows), and span the null space of J'.
 
-    With J = U S V' it is U S^-1 V forces over the nonzero singular values. The other columns of U span the
-    null
-    space: they are the rows of the second array (T, rows, rows), in which the other rows are zero.
+    With J = U S V' it is U S^-1 V' forces over the nonzero singular values. The other columns of U span the
+    null space. They are rows of the second array (T, rows, rows); its other rows are zero.
     """
     U, singular_values, V_rows = np.linalg.svd(J)
     count = singular_values.shape[1]

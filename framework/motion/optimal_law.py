@@ -326,10 +326,9 @@ def _invert_time(law: OptimalLaw, instants: bytes) -> Array:
     start, width = time_in_panel.edges[panel], np.diff(time_in_panel.edges)[panel]
     target = t - panel_starts[panel]
     series = time_in_panel.coefficients[panel, :, 0]  # (T, PANEL_NODES + 1)
-    k = np.arange(series.shape[1])
     x = np.clip(2.0 * target / np.diff(panel_starts)[panel] - 1.0, -1.0, 1.0)
     for _ in range(12):
-        time = np.einsum("tk,tk->t", np.cos(np.arccos(x)[:, None] * k), series)
+        time = _evaluate_each(x, series)
         slowness = law.squared_speed(start + 0.5 * width * (x + 1.0)) ** -0.5  # dt/d sigma
         step = (target - time) / (0.5 * width * slowness)
         x = np.clip(x + step, -1.0, 1.0)
@@ -359,8 +358,13 @@ def evaluate_on_cells(cells: Array, series: Array, xi: ArrayLike, order: int = 0
     derivative = series @ derivative_matrix(series.shape[1], order).T / half_widths[:, None] ** order
     if len(cells) == 2:
         return evaluate(local, derivative[0]).reshape(xi.shape)
-    polynomials = np.cos(np.arccos(local)[:, None] * np.arange(series.shape[1]))  # T_k(x) = cos(k arccos x)
-    return np.asarray(np.einsum("tk,tk->t", polynomials, derivative[cell])).reshape(xi.shape)
+    return _evaluate_each(local, derivative[cell]).reshape(xi.shape)
+
+
+def _evaluate_each(x: Array, series: Array) -> Array:
+    """Evaluate T Chebyshev series (T, size), each at its own x (T,): T_k(x) = cos(k arccos x)."""
+    polynomials = np.cos(np.arccos(x)[:, None] * np.arange(series.shape[1]))
+    return np.asarray(np.einsum("tk,tk->t", polynomials, series))
 
 
 def slowness_on_panels(cells: Array, series: Array, stretch: Stretch) -> TimeFunction:
