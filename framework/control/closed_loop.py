@@ -147,8 +147,8 @@ class _Robots(NamedTuple):
     def measure(self, k: int, q: Array, v: Array, sensors: str) -> Measurement:
         """Return the readings of the encoders at instant k, with their noise.
 
-        With encoders on all joints the platform follows by the planned dx/dq, the pseudo-inverse of N =
-        dq/dx.
+        With encoders on all joints their noise moves the measured platform by dx/dq, the pseudo-inverse of
+        the planned N = dq/dx.
         """
         ref, robot = self.reference, self.reference.robot
         noise = np.zeros_like(v) if self.noise is None else self.noise[k][:, 0]

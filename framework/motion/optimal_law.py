@@ -290,9 +290,11 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
 
     def advance(self, smoothness: int) -> float:
         """Return the least z over its mean in xi: positive, so that s' > 0 between the ends."""
-        # of each cell on [-1, 1]: times half the cell's width for xi, and by 2 for the length of [-1, 1]
+        # A cell's integral over xi is that over its local coordinate in [-1, 1] times half its width. The
+        # mean is the sum over cells divided by 2, the length of [-1, 1] in xi.
         integrals = np.asarray(chebyshev.chebint(self.series, lbnd=-1, axis=1)).sum(axis=1)
-        return least_value(self.series) / float(0.25 * np.diff(self.cells) @ integrals)
+        mean = float(0.25 * np.diff(self.cells) @ integrals)
+        return least_value(self.series) / mean
 
     @cached_property
     def turns(self) -> int:
