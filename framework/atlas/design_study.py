@@ -1,8 +1,8 @@
-"""A study of a robot's dimensions: one small map for each set of its named parameters, told by a few numbers.
+"""A study of a robot's dimensions: one small map for each set of named parameters, and a few numbers of it.
 
-The sets are the grid of all values that the robot file declares, or the rows of a table. They go out in
-chunks of `DESIGNS_PER_TASK`, here or through any `concurrent.futures.Executor`; a set that makes no robot is
-told why, and the others go on.
+The sets are the grid of all values that the robot file declares, or the rows of a table. They are computed in
+chunks of `DESIGNS_PER_TASK`, in this process or by any `concurrent.futures.Executor`. For a set that makes no
+robot the reason is recorded, and the others go on.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Designs(NamedTuple):
 
 
 class StudyTask(NamedTuple):
-    """The quantities to be computed of each design."""
+    """The map of each design: quantities `keys` at `size` x `size` poses over two axes."""
 
     file: str
     names: tuple[str, ...]
@@ -81,13 +81,14 @@ class DesignStudy(ReadOnlyArrays):
 
 
 def designs_of(file: str | Path, table: str | Path | None = None) -> Designs:
-    """Return the grid of all values that a robot file declares for its parameters, or rows of a CSV table.
+    """Return the grid of all values that a robot file declares for its parameters, or the rows of a table.
 
     Args:
-        table: its first line names parameters, each further one has their values.
+        table: CSV file with names of parameters in the first line and values in each further one.
 
     Raises:
-        InvalidInput: the file declares no parameters; a table with other names, or what is no number.
+        InvalidInput: the file declares no parameters; the table has other names, or cells that are no
+            numbers.
     """
     text = read_text(file, f"{file}: cannot read it")
     declared = declared_parameters(text)
@@ -113,17 +114,17 @@ def design_study(
     progress: Callable[[int], None] = lambda done: None,
 ) -> DesignStudy:
     """Map all designs and reduce each map to areas and ranges. Options as for `workspace_map`."""
-    parts = {}
+    chunks = {}
     for first in range(0, len(designs.values), DESIGNS_PER_TASK):
         values = designs.values[first : first + DESIGNS_PER_TASK]
-        parts[f"{first:07d}-{first + len(values):07d}"] = values
+        chunks[f"{first:07d}-{first + len(values):07d}"] = values
     columns = complete_chunks(
         partial(map_designs, task),
-        parts,
+        chunks,
         partial(_part_arrays, task),
         executor=executor,
         keeper=keeper,
-        progress=lambda names: progress(sum(len(parts[name]) for name in names)),
+        progress=lambda names: progress(sum(len(chunks[name]) for name in names)),
     )
     why = tuple(columns.pop("why").tolist())
     robot = ParallelRobot.from_file(task.file, flexibility=task.flexibility)
@@ -131,13 +132,13 @@ def design_study(
 
 
 def _part_arrays(task: StudyTask, values: Array) -> dict[str, ArrayField]:
-    """Return the fields of the chunk of designs (D, P)."""
+    """Return types and shapes of the results of a chunk of designs (D, P), by column."""
     numbers = dict.fromkeys(column_names(task), ArrayField("f", (len(values),)))
     return numbers | {"why": ArrayField("U", (len(values),))}
 
 
 def map_designs(task: StudyTask, values: Array) -> dict[str, NDArray[Any]]:
-    """Map designs (D, P); return their numbers by column, and the reasons why some have none."""
+    """Map designs (D, P); return columns (D,) of statistics, and reasons for missing maps as `why`."""
     rows: list[dict[str, float]] = []
     why: list[str] = []
     for design in values:
@@ -161,41 +162,52 @@ def column_names(task: StudyTask) -> tuple[str, ...]:
 
 
 def column_units(robot: ParallelRobot, task: StudyTask) -> dict[str, str]:
-    """Return the units of the columns."""
-    edges = {"m" if robot.translations[k] else "rad" for k in map_axes(robot, task.axes)}
-    area = "m^2" if edges == {"m"} else "rad^2" if edges == {"rad"} else "m rad"
+    """Return the units of the columns, by name."""
+    edge_units = {"m" if robot.translations[k] else "rad" for k in map_axes(robot, task.axes)}
+    area_unit = "m rad"
+    if len(edge_units) == 1:
+        area_unit = f"{edge_units.pop()}^2"
     units = {
         f"{quantity.key}_{part}": unit_of(robot, quantity)
         for quantity in choose_quantities(robot, task.keys)
         for part in STATISTICS
     }
-    return {key: area for key in column_names(task) if key.endswith("area")} | units
+    return {key: area_unit for key in column_names(task) if key.endswith("area")} | units
 
 
 def _map_design(task: StudyTask, parameters: Mapping[str, float]) -> WorkspaceMap:
-    """Map the robot of one design."""
+    """Map the robot of one design over the task's window, or else over its own reach."""
     robot = ParallelRobot.from_file(task.file, flexibility=task.flexibility, parameters=parameters)
     if task.window is None:
         window = survey_window(robot, axes=task.axes, size=task.size)
     else:
         ends, shape = np.array(task.window), (task.size, task.size)
-        window = Window(map_axes(robot, task.axes), ends[::2], ends[1::2], shape, robot.reference.x)
+        window = Window(
+            axes=map_axes(robot, task.axes),
+            lower=ends[::2],
+            upper=ends[1::2],
+            shape=shape,
+            held=robot.reference.x,
+        )
     return workspace_map(robot, window, task.keys)
 
 
 def _statistics(workspace: WorkspaceMap) -> dict[str, float]:
-    """Return areas of poses: all reached, on the reference's side, under load; and ranges."""
+    """Return areas and ranges of quantities, by column.
+
+    Areas are those of all reached poses, of poses in the reference's assembly mode (free_area), and of poses
+    that carry the load. That mode is the mode of the pose nearest to the reference.
+    """
+    reached = workspace.reached
     distance = np.abs(workspace.window.points() - workspace.robot.reference.x).max(axis=2)
-    side = workspace.assembly.flat[np.argmin(np.where(workspace.reached, distance, np.inf))]
-    cell = float(np.prod(workspace.window.cell))
+    reference_mode = workspace.assembly.flat[np.argmin(np.where(reached, distance, np.inf))]
+    cell_area = float(np.prod(workspace.window.cell))
     columns = {
-        "area": cell * int(workspace.reached.sum()),
-        "free_area": cell * int((workspace.reached & (workspace.assembly == side)).sum()),
+        "area": cell_area * int(reached.sum()),
+        "free_area": cell_area * int((reached & (workspace.assembly == reference_mode)).sum()),
     }
     if workspace.load is not None:
-        columns["carried_area"] = cell * int(
-            (workspace.reached & (workspace.load == LoadReason.CARRIED)).sum()
-        )
+        columns["carried_area"] = cell_area * int((reached & (workspace.load == LoadReason.CARRIED)).sum())
     for quantity in workspace.quantities:
         values = value_range(workspace.values[quantity.key])
         columns |= {f"{quantity.key}_{part}": value for part, value in values.items() if value is not None}
@@ -234,6 +246,7 @@ def write_study(study: DesignStudy, folder: Path) -> list[Path]:
 
 
 def _read_table(table: Path, declared: Mapping[str, Sequence[float]]) -> Designs:
+    """Read designs from a CSV table; raises as `designs_of`."""
     rows = list(csv.reader(io.StringIO(read_text(table, f"{table}: cannot read the table"))))
     rows = [row for row in rows if row]
     if len(rows) < 2:
@@ -244,9 +257,9 @@ def _read_table(table: Path, declared: Mapping[str, Sequence[float]]) -> Designs
             raise InvalidInput(f"{table}: {choose_from('parameter', name, declared)}")
     if len(set(names)) < len(names):
         raise InvalidInput(f"{table}: needs each parameter once, got {', '.join(names)}")
-    short = next((row for row in rows if len(row) != len(names)), None)
-    if short is not None:
-        raise InvalidInput(f"{table}: needs {len(names)} numbers in each line, got {', '.join(short)}")
+    uneven = next((row for row in rows if len(row) != len(names)), None)
+    if uneven is not None:
+        raise InvalidInput(f"{table}: needs {len(names)} numbers in each line, got {', '.join(uneven)}")
     if len(rows) > MAX_DESIGNS:
         raise InvalidInput(f"{table}: {len(rows) - 1} designs; at most {MAX_DESIGNS} are studied")
     try:

@@ -1,6 +1,6 @@
-"""A map as files: arrays in map.npz, a table in map.csv, and what they are in map.json.
+"""A map as files: arrays in map.npz, a table in map.csv, settings and a summary in map.json.
 
-None of them tells when or how long: the same map gives the same files, byte for byte.
+They contain no dates and durations: the same map gives the same files, byte for byte.
 """
 
 from __future__ import annotations
@@ -8,6 +8,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
+import math
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
@@ -28,7 +29,7 @@ PACKAGES = ("parallel-singularity-crossing", "pin", "numpy", "scipy")
 
 
 def robot_hash(robot: ParallelRobot) -> str:
-    """Return SHA-256 of the robot file and of its URDF."""
+    """Return the SHA-256 hash of the robot file together with its URDF."""
     digest = hashlib.sha256()
     file = robot.description.file
     if file.is_file():
@@ -38,7 +39,7 @@ def robot_hash(robot: ParallelRobot) -> str:
 
 
 def package_versions() -> dict[str, str]:
-    """Return the versions that results depend on, to the last bit."""
+    """Return the versions of packages on which the last bit of results depends."""
     return {package: version(package) for package in PACKAGES}
 
 
@@ -129,26 +130,26 @@ def write_files(
     arrays: Mapping[str, np.ndarray],
     table: Sequence[tuple[str, Sequence[Any]]],
 ) -> list[Path]:
-    """Write a document, and beside its file arrays with their setup and a table of named columns."""
-    files = [file, file.with_suffix(".npz"), file.with_suffix(".csv")]
+    """Write a document to `file`, and beside this file arrays with their setup (.npz) and a table (.csv)."""
+    array_file, table_file = file.with_suffix(".npz"), file.with_suffix(".csv")
     file.write_text(json_text(document), encoding="utf-8")
-    words = np.array(json.dumps(setup, sort_keys=True))
-    np.savez_compressed(files[1], allow_pickle=False, setup=words, **arrays)
-    with open(files[2], "w", encoding="utf-8", newline="") as stream:
+    setup_text = np.array(json.dumps(setup, sort_keys=True))
+    np.savez_compressed(array_file, allow_pickle=False, setup=setup_text, **arrays)
+    with open(table_file, "w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream, lineterminator="\n")
         names, columns = zip(*table, strict=True)
         writer.writerow(names)
         writer.writerows(zip(*columns, strict=True))
-    return files
+    return [file, array_file, table_file]
 
 
 def table_cells(values: np.ndarray) -> list[Any]:
     """Return the numbers of a column for a table, NaN as empty cells."""
-    return ["" if value != value else value for value in values.ravel().tolist()]
+    return ["" if math.isnan(value) else value for value in values.ravel().tolist()]
 
 
 def _table(workspace: WorkspaceMap) -> dict[str, list[Any]]:
-    """Return the table of a map, a row a pose."""
+    """Return the columns of a map's table, one entry a pose, by name."""
     points = workspace.window.points()
     columns: dict[str, list[Any]] = {
         workspace.robot.axis_names[k]: points[..., k].ravel().tolist() for k in workspace.window.axes

@@ -1,19 +1,20 @@
-"""The nearest singular pose to a pose: the margin that a user keeps from Type 2.
+"""The nearest singular pose to a pose: the margin from Type 2.
 
-Rays leave the pose in many directions and are followed by continuation, all at once, until a leg ends or g
-changes its sign; where they do is found by halving steps. From where the shortest ones meet the locus g = 0,
-its foot point is found by Newton's method: the nearest point x' to x on the tangent plane of g at y,
+Rays leave the pose in many directions. They are followed by continuation, all together, until the branch ends
+at Type 1 or g changes its sign; the place is found by halving steps. Where the shortest rays meet the locus g
+= 0, Newton's method starts for the foot point, the point of the locus nearest to the pose x. From y it steps
+to the nearest point to x on the plane of g linearised at y,
 
-    x' = x + a (a . (y - x) - g(y)) / a . a,        a = dg/dy,
+    y' = x + a (a . (y - x) - g(y)) / a . a,        a = dg/dy.
 
-again and again. What is found is a singular pose, so the margin is at most its distance. It is at least the
-radius of the ball in which `regular_ball` proves that no pose is singular, of Type 1 either: where that ball
-ends at the edge of the workspace, or the proof at what time it may take, the two differ.
+The foot point is a singular pose, so its distance is an upper bound of the margin. The lower bound is the
+radius of the ball in which `regular_ball` proves that no pose is singular, of Type 1 or Type 2. The bounds
+differ where that ball ends at Type 1, or the proof at its largest number of cells.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -34,9 +35,10 @@ RAY_STEP = 0.02  # [robot lengths, rad] along a ray
 RAYS = {1: 2, 2: 96, 3: 300}  # directions, by the number of platform coordinates
 RAYS_IN_MORE = 600  # of a platform with more coordinates
 MAX_STARTS = 8  # of Newton's method, from where the shortest rays meet the locus
-FAR_RATIO = 1.25  # of where a ray's stretch begins, to where the first one ends: farther ones are left out
+FAR_RATIO = 1.25  # start of a ray's stretch over the nearest end of all, from which on it is left out
 MAX_FOOT_STEPS = 30  # steps towards a foot point
-MAX_HALVINGS, COARSE_HALVINGS = 45, 10  # of a step along a ray: to rounding; of those that are compared
+# of a step along the nearest ray, to rounding; of steps along all rays, to find the nearest
+MAX_HALVINGS, COARSE_HALVINGS = 45, 10
 DIFFERENCE_STEP = 1e-5  # [robot lengths, rad] for the slope of g
 
 
@@ -58,7 +60,7 @@ class NearestSingularPose(ReadOnlyArrays):
 
     @property
     def status(self) -> str:
-        """The margin in a sentence."""
+        """The sentence about the margin."""
         regular = "no proof of regular poses about it"
         if self.at_least > 0:
             regular = f"at least {self.at_least:.6g} {self.unit}, proved for Type 1 and Type 2"
@@ -77,9 +79,9 @@ def nearest_singular_pose(
     """Find the nearest Type 2 singular pose to an assembled configuration q (nq,), on its working mode.
 
     Args:
-        within: how far to look [m if all coordinates are translations, rad if all are turns, else robot
-            lengths and rad], half a robot length or 0.5 rad by default.
-        max_cells: cells that the proof may take, see `regular_ball`.
+        within: largest distance of the search [m if all coordinates are translations, rad if all are turns,
+            else robot lengths and rad], by default half a robot length or 0.5 rad.
+        max_cells: largest number of cells of the proof, see `regular_ball`.
 
     Raises:
         InvalidInput: q leaves the loops open; redundant motors, whose g has no sign; no passive joints.
@@ -93,36 +95,46 @@ def nearest_singular_pose(
         )
     if within is not None and not 0 < within < np.inf:
         raise InvalidInput(f"within: needs a positive number, got {within!r}")
-    centre = assembled_at(robot, q)
-    size = robot.length if robot.translations.all() else 1.0
-    reach = 0.5 if within is None else within / size
-    unit = "robot lengths and rad" if robot.translations.any() else "rad"
-    unit = "m" if robot.translations.all() else unit
+    assembled = assembled_at(robot, q)
+    centre_q, centre = assembled.q[0], assembled.x[0]
+    unit_length, unit = _distance_unit(robot)
+    reach = 0.5 if within is None else within / unit_length
     directions = _directions(robot.n)
-    crossed, ended = _follow_rays(robot, centre.q[0], centre.x[0], directions, reach)
-    hits = _advance_to_ends(robot, crossed, centre.x[0], by_sign=True)
-    ends = _advance_to_ends(robot, ended, centre.x[0], by_sign=False)
-    feet = [_find_foot(robot, hit, centre.x[0]) for hit in hits[:MAX_STARTS]]
-    feet += [hit for hit in hits if _is_singular(robot, hit)][:1]
-    near = [foot for foot in feet if foot is not None and foot.distance <= reach]
-    nearest = min(near, key=lambda foot: foot.distance, default=None)
+    crossed, ended = _follow_rays(robot, centre_q, centre, directions, reach)
+    nearest = _nearest_foot(robot, crossed, centre, reach)
+    leg_end = _leg_end_distance(robot, ended, centre)
     radius = reach if nearest is None else nearest.distance
-    proved = regular_ball(robot, centre.q[0], centre.x[0], radius, max_cells=max_cells).radius
-    search = (proved * size, unit, reach * size, len(directions))
-    leg_end = size * min((end.distance for end in ends if _is_type_1(robot, end)), default=np.inf)
+    proved = regular_ball(robot, centre_q, centre, radius, max_cells=max_cells).radius
+    margin = NearestSingularPose(
+        distance=np.inf,
+        at_least=proved * unit_length,
+        unit=unit,
+        within=reach * unit_length,
+        rays=len(directions),
+        x=None,
+        q=None,
+        twist=None,
+        leg_end=leg_end * unit_length,
+    )
     if nearest is None:
-        return NearestSingularPose(np.inf, *search, None, None, None, leg_end)
+        return margin
     twist = uncontrolled_motion(robot, linearised_at(robot, nearest.q[None], None)).twist
-    found = nearest.x, nearest.q, twist
-    return NearestSingularPose(nearest.distance * size, *search, *found, leg_end)
+    return replace(margin, distance=nearest.distance * unit_length, x=nearest.x, q=nearest.q, twist=twist)
+
+
+def _distance_unit(robot: ParallelRobot) -> tuple[float, str]:
+    """Return the unit of distances of the platform, in [robot lengths, rad] and as text."""
+    if robot.translations.all():
+        return robot.length, "m"
+    return 1.0, "robot lengths and rad" if robot.translations.any() else "rad"
 
 
 class Stretches(NamedTuple):
-    """Stretches of K rays, from poses that are reached."""
+    """Stretches of K rays: from a reached pose to a point not reached, or with another sign of g."""
 
     q: Array  # (K, nq) at the start
-    start: Array  # (K, n) of the platform
-    end: Array  # (K, n)
+    start: Array  # (K, n) platform coordinates
+    end: Array  # (K, n) platform coordinates
 
 
 class Foot(NamedTuple):
@@ -134,7 +146,12 @@ class Foot(NamedTuple):
 
 
 def _directions(n: int) -> Array:
-    """Return unit vectors (K, n), evenly spread: a circle, a spiral on the sphere, or drawn from one seed."""
+    """Return unit vectors (K, n), spread evenly.
+
+    In the plane they are on a circle, in space on a spiral: heights z are equidistant, so that bands of equal
+    height have equal areas, and the golden angle is between neighbours. In one and more than three dimensions
+    they are both directions of each axis and random ones of a fixed seed.
+    """
     count = RAYS.get(n, RAYS_IN_MORE)
     k = np.arange(count)
     if n == 2:
@@ -142,10 +159,11 @@ def _directions(n: int) -> Array:
         return np.stack([np.cos(angle), np.sin(angle)], axis=1)
     if n == 3:
         z, angle = 1 - (2 * k + 1) / count, np.pi * (1 + np.sqrt(5)) * k
-        return np.stack([*(np.sqrt(1 - z**2) * [np.cos(angle), np.sin(angle)]), z], axis=1)
-    drawn = np.random.default_rng(0).standard_normal((count - 2 * n, n))
-    drawn /= np.linalg.norm(drawn, axis=1, keepdims=True)
-    return np.concatenate([np.eye(n), -np.eye(n), drawn])
+        radius = np.sqrt(1 - z**2)
+        return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
+    random = np.random.default_rng(0).standard_normal((count - 2 * n, n))
+    random /= np.linalg.norm(random, axis=1, keepdims=True)
+    return np.concatenate([np.eye(n), -np.eye(n), random])
 
 
 def _sign(robot: ParallelRobot, q: Array) -> Array:
@@ -156,34 +174,56 @@ def _sign(robot: ParallelRobot, q: Array) -> Array:
 def _follow_rays(
     robot: ParallelRobot, q: Array, x: Array, directions: Array, reach: float
 ) -> tuple[Stretches, Stretches]:
-    """Find stretches of rays (K, n) with a sign change of g, and stretches with an end of the branch."""
+    """Follow rays (K, n) step by step; return the stretches where g changes its sign, and where branches end.
+
+    A ray is followed no farther than its first such stretch.
+    """
     rays = directions * robot.platform_scale
     count = max(int(np.ceil(reach / RAY_STEP)), 1)
-    live = np.arange(len(rays))
+    live = np.arange(len(rays))  # rays that go on
     all_q = np.repeat(q[None], len(rays), axis=0)
     sign = _sign(robot, q[None])[0]
     crossed: list[Stretches] = []
     ended: list[Stretches] = []
     for k in range(count):
-        start, end = (x + rays[live] * (reach * step / count) for step in (k, k + 1))
+        start, end = (x + rays[live] * (reach * i / count) for i in (k, k + 1))
         step = step_poses(robot, all_q[live], start, end, STEP_PARTS)
-        reached = step.reason == PoseReason.REACHED
-        across = reached.copy()
-        across[reached] = _sign(robot, step.q[reached]) != sign
-        for stretches, mask in ((crossed, across), (ended, ~reached)):
-            stretches.append(Stretches(all_q[live[mask]], start[mask], end[mask]))
+        is_reached = step.reason == PoseReason.REACHED
+        is_crossed = is_reached.copy()
+        is_crossed[is_reached] = _sign(robot, step.q[is_reached]) != sign
+        stretches = Stretches(all_q[live], start, end)
+        crossed.append(select(stretches, is_crossed))
+        ended.append(select(stretches, ~is_reached))
         all_q[live] = step.q
-        live = live[reached & ~across]
+        live = live[is_reached & ~is_crossed]
         if not len(live):
             break
     return _join_nearest(crossed, robot, x), _join_nearest(ended, robot, x)
 
 
+def _nearest_foot(robot: ParallelRobot, crossed: Stretches, x: Array, reach: float) -> Foot | None:
+    """Return the nearest singular pose to x (n,) found from stretches where g changes its sign, within reach.
+
+    Candidates are foot points, and the nearest sign change itself if g is zero there to rounding.
+    """
+    hits = _advance_to_ends(robot, crossed, x, by_sign=True)
+    feet = [_find_foot(robot, hit, x) for hit in hits[:MAX_STARTS]]
+    feet += [hit for hit in hits if _is_singular(robot, hit)][:1]
+    within_reach = [foot for foot in feet if foot is not None and foot.distance <= reach]
+    return min(within_reach, key=lambda foot: foot.distance, default=None)
+
+
+def _leg_end_distance(robot: ParallelRobot, ended: Stretches, x: Array) -> float:
+    """Return the distance from x (n,) of the nearest Type 1 pose at the end of a branch; infinite without."""
+    ends = _advance_to_ends(robot, ended, x, by_sign=False)
+    return min((end.distance for end in ends if _is_type_1(robot, end)), default=np.inf)
+
+
 def _join_nearest(stretches: list[Stretches], robot: ParallelRobot, x: Array) -> Stretches:
-    """Return the stretches that begin hardly farther from x than the first one ends."""
+    """Join stretches that start within FAR_RATIO times the distance of the nearest end from x."""
     joined = join(stretches)
-    begin, end = _distances(robot, joined.start, x), _distances(robot, joined.end, x)
-    return select(joined, begin <= FAR_RATIO * end.min(initial=np.inf))
+    start, end = _distances(robot, joined.start, x), _distances(robot, joined.end, x)
+    return select(joined, start <= FAR_RATIO * end.min(initial=np.inf))
 
 
 def _distances(robot: ParallelRobot, y: Array, x: Array) -> Array:
@@ -192,9 +232,9 @@ def _distances(robot: ParallelRobot, y: Array, x: Array) -> Array:
 
 
 def _advance_to_ends(robot: ParallelRobot, stretches: Stretches, x: Array, *, by_sign: bool) -> list[Foot]:
-    """Find the last poses before rays end, or before g changes its sign, the nearest first.
+    """Find the last poses before branches end, or before g changes its sign, the nearest first.
 
-    All are found coarsely, and the nearest to rounding.
+    All are found coarsely by few halvings, then the nearest to rounding.
     """
     coarse = _advance(robot, stretches, by_sign=by_sign, halvings=COARSE_HALVINGS)
     order = np.argsort(_distances(robot, coarse.start, x), kind="stable")
@@ -206,21 +246,24 @@ def _advance_to_ends(robot: ParallelRobot, stretches: Stretches, x: Array, *, by
 
 
 def _advance(robot: ParallelRobot, stretches: Stretches, *, by_sign: bool, halvings: int) -> Stretches:
-    """Advance along stretches until their ends, or a sign change of g, halving each refused step.
+    """Advance the starts of stretches towards an end of the branch, or a sign change of g, by bisection.
 
-    A long step near an end is not trusted and a shorter one is, so a length is kept until it is refused.
+    `share` of a stretch is done. A step of `size` is repeated while it is accepted, and halved when it is
+    refused: near an end a long step is not trusted where a shorter one is.
     """
     q, start, end = (part.copy() for part in stretches)
     sign, share, size = _sign(robot, q), np.zeros(len(q)), np.full(len(q), 0.5)
     while (live := np.flatnonzero(size > 0.5 ** (halvings + 1))).size:
-        ends = (share + size)[live]
-        origin, target = (start[live] + (end - start)[live] * part[:, None] for part in (share[live], ends))
+        next_share = (share + size)[live]
+        direction = (end - start)[live]
+        origin = start[live] + direction * share[live][:, None]
+        target = start[live] + direction * next_share[:, None]
         step = step_poses(robot, q[live], origin, target)
-        good = (step.reason == PoseReason.REACHED) & (ends < 1.0)
+        accepted = (step.reason == PoseReason.REACHED) & (next_share < 1.0)
         if by_sign:
-            good[good] = _sign(robot, step.q[good]) == sign[live[good]]
-        q[live[good]], share[live[good]] = step.q[good], ends[good]
-        size[live[~good]] *= 0.5
+            accepted[accepted] = _sign(robot, step.q[accepted]) == sign[live[accepted]]
+        q[live[accepted]], share[live[accepted]] = step.q[accepted], next_share[accepted]
+        size[live[~accepted]] *= 0.5
     return Stretches(q, start + (end - start) * share[:, None], end)
 
 
@@ -232,34 +275,39 @@ def _is_singular(robot: ParallelRobot, hit: Foot) -> bool:
 def _is_type_1(robot: ParallelRobot, end: Foot) -> bool:
     """Return whether the inverse kinematics of a pose is singular, within TYPE_1_END."""
     matrix = type1_matrix(robot, linearised_at(robot, end.q[None], None))
-    return bool(np.linalg.svd(matrix, compute_uv=False)[0, -1] < TYPE_1_END)
+    least_singular_value = np.linalg.svd(matrix, compute_uv=False)[0, -1]
+    return bool(least_singular_value < TYPE_1_END)
 
 
 def _measure(robot: ParallelRobot, q: Array) -> Array:
-    """Compute g (T,) at q (T, nq), with the border of the first."""
+    """Compute g (T,) at q (T, nq), all with the border vectors of the first pose."""
     return bordered_solution(type2_matrix(robot, linearised_at(robot, q, None)), 0).g
 
 
 def _find_foot(robot: ParallelRobot, hit: Foot, x: Array) -> Foot | None:
-    """Find the foot point of x near a hit; None where Newton's method does not lead to one."""
+    """Find the foot point of x by Newton's method from a start on the locus; None without convergence.
+
+    Each step is the one of the module's docstring, shortened to RAY_STEP; slopes of g are central
+    differences.
+    """
     scale, n = robot.platform_scale, robot.n
     _, y, q = hit
     offsets = np.concatenate([np.zeros((1, n)), np.eye(n), -np.eye(n)]) * DIFFERENCE_STEP * scale
     for _ in range(MAX_FOOT_STEPS):
-        step = step_poses(robot, np.tile(q, (2 * n + 1, 1)), np.tile(y, (2 * n + 1, 1)), y + offsets)
-        if (step.reason != PoseReason.REACHED).any():
+        stencil = step_poses(robot, np.tile(q, (2 * n + 1, 1)), np.tile(y, (2 * n + 1, 1)), y + offsets)
+        if (stencil.reason != PoseReason.REACHED).any():
             return None
-        g = _measure(robot, step.q)
-        slope = (g[1 : n + 1] - g[n + 1 :]) / (2 * DIFFERENCE_STEP)
-        if not float(slope @ slope) > 0:
+        g = _measure(robot, stencil.q)
+        a = (g[1 : n + 1] - g[n + 1 :]) / (2 * DIFFERENCE_STEP)
+        if not float(a @ a) > 0:
             return None
-        foot = x + scale * slope * (slope @ ((y - x) / scale) - g[0]) / float(slope @ slope)
-        move = float(_distances(robot, foot, y))
-        if move < NEWTON_STEP:
+        target = x + scale * a * (a @ ((y - x) / scale) - g[0]) / float(a @ a)
+        distance = float(_distances(robot, target, y))
+        if distance < NEWTON_STEP:
             return Foot(float(_distances(robot, y, x)), y, q) if abs(g[0]) < RANK_LOST else None
-        foot = y + min(1.0, RAY_STEP / move) * (foot - y)
-        step = step_poses(robot, q[None], y[None], foot[None], STEP_PARTS)
+        next_y = y + min(1.0, RAY_STEP / distance) * (target - y)
+        step = step_poses(robot, q[None], y[None], next_y[None], STEP_PARTS)
         if step.reason[0] != PoseReason.REACHED:
             return None
-        q, y = step.q[0], foot
+        q, y = step.q[0], next_y
     return None

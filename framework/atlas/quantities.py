@@ -1,4 +1,4 @@
-"""The quantities of a map, pose by pose: one line a quantity, with its name in words and its unit."""
+"""The quantities of a map: each with its name, its unit and the function that computes it at many poses."""
 
 from __future__ import annotations
 
@@ -46,25 +46,25 @@ class Poses(ReadOnlyArrays):
         return loaded_stack(self.robot, self.q, wrench=self.wrench)
 
     def mask_loaded(self, values: Array) -> Array:
-        """Return values (T,) of the loaded poses, not a number where the load is not carried."""
+        """Return values (T,) of the loaded poses, NaN where the load is not carried."""
         return np.where(self.loaded.reason == LoadReason.CARRIED, values, np.nan)
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """`name` in words, `unit` as printed, and its values (T,)."""
+    """A quantity of a map: `name` in words, `unit` as printed, and the function `of` of its values (T,)."""
 
     key: str
     name: str
     unit: str
     of: Callable[[Poses], Array]
     large_is_good: bool = True
-    decades: bool = False  # told in decades: a colour for each factor of ten
+    decades: bool = False  # drawn on a logarithmic scale
     signed: bool = False
-    springs: bool = False  # of robots that have some
-    loaded: bool = False  # under weight and `wrench`, deflected by them
-    holding: bool = False  # against weight and `wrench`, of robots whose motors have limits of torque
-    wrench: tuple[float, ...] | None = None
+    springs: bool = False  # needs springs
+    loaded: bool = False  # computed at poses deflected by weight and `wrench`
+    holding: bool = False  # torque against weight and `wrench`; needs torque limits
+    wrench: tuple[float, ...] | None = None  # of the world ON the platform
 
     @property
     def takes_wrench(self) -> bool:
@@ -72,27 +72,27 @@ class Quantity:
         return self.loaded or self.holding
 
     def __reduce__(self) -> tuple[Callable[..., Quantity], tuple[str, tuple[float, ...] | None]]:
-        return quantity_of_key, (self.key, self.wrench)  # another process has its own functions
+        return quantity_of_key, (self.key, self.wrench)  # lambdas cannot be pickled
 
 
 def quantity_of_key(key: str, wrench: tuple[float, ...] | None = None) -> Quantity:
-    """Return the quantity of a key; KeyError for any other."""
+    """Return the quantity of this key with a wrench; KeyError for an unknown key."""
     return replace(QUANTITIES[key], wrench=wrench)
 
 
 def holding_share(poses: Poses) -> Array:
-    """Compute the largest motor torque at rest over its limit, (T,); a motor without one counts for nothing.
+    """Compute the largest motor torque at rest over its limit (T,); motors without a limit do not count.
 
-    By virtual work, dry friction not counted: torque . dq_a + wrench . dx = power of weight and springs, the
-    springs of links deflected as at q. The torques grow without bound towards Type 2.
+    The torques balance weight, springs and wrench at the deflections of q, without dry friction. They grow
+    without bound towards Type 2.
     """
     robot, forces = poses.robot, static_forces(poses.robot, poses.q)
     if poses.wrench is not None:
         forces = forces - np.einsum("tnv,n->tv", poses.linearised.platform, poses.wrench)
     torques = balanced_forces(robot, poses.linearised, forces).joint_torque / robot.gear_ratio
-    limits = [actuator.torque_limit for actuator in robot.description.actuators]
-    limit = np.array([np.inf if one is None else one for one in limits])
-    return (np.abs(torques) / limit).max(axis=1)
+    in_file = [actuator.torque_limit for actuator in robot.description.actuators]
+    limits = np.array([np.inf if limit is None else limit for limit in in_file])
+    return (np.abs(torques) / limits).max(axis=1)
 
 
 QUANTITIES = {
@@ -182,16 +182,17 @@ QUANTITIES = {
 def choose_quantities(
     robot: ParallelRobot, names: Sequence[str] | None, wrench: ArrayLike | None = None
 ) -> tuple[Quantity, ...]:
-    """Return the quantities of names, by default all that apply, and g, from which the locus is drawn.
+    """Return g, from which the locus is drawn, and the quantities named.
 
-    "Apply" leaves out torques that differ by gears or by a norm alone, and what takes a load.
+    By default conditioning, torque of a platform that translates, and stiffness and frequency of a robot with
+    springs.
 
     Args:
         wrench: (n,) of the world ON the platform beside the weight, for quantities under load.
 
     Raises:
-        InvalidInput: an unknown name, or one that asks for springs which the robot has not; a wrench without
-            a potential, or that no quantity asks for.
+        InvalidInput: an unknown name; a quantity that needs springs, torque limits or translations that the
+            robot does not have; a wrench without a potential, or without a quantity that depends on it.
     """
     has_springs = bool(robot.n_e or robot.joint_stiffness.any())
     if names is None:
@@ -217,11 +218,11 @@ def choose_quantities(
     if wrench is None:
         return quantities
     if not any(quantity.takes_wrench for quantity in quantities):
-        loaded = [quantity.key for quantity in QUANTITIES.values() if quantity.takes_wrench]
-        raise InvalidInput(f"wrench: counts for {', '.join(loaded)} alone; ask for one of them")
+        with_wrench = [quantity.key for quantity in QUANTITIES.values() if quantity.takes_wrench]
+        raise InvalidInput(f"wrench: counts for {', '.join(with_wrench)} alone; ask for one of them")
     load = tuple(finite_numbers("wrench", wrench, robot.n).tolist())
     if any(quantity.loaded for quantity in quantities):
-        check_wrench(robot, load)  # a load that deflects has to have a potential
+        check_wrench(robot, load)  # deflections minimise an energy: the wrench needs a potential
     return tuple(
         replace(quantity, wrench=load) if quantity.takes_wrench else quantity for quantity in quantities
     )
@@ -233,14 +234,13 @@ def has_torque_limits(robot: ParallelRobot) -> bool:
 
 
 def unit_of(robot: ParallelRobot, quantity: Quantity) -> str:
-    """Return the unit for this robot: its motors may slide, its platform may only turn."""
+    """Return the unit of a quantity for this robot: motors may slide, and a platform may only turn."""
     if quantity.key.endswith("torque"):
-        units = (
-            set(robot.torque_units)
-            if quantity.key != "joint_torque"
-            else {"N" if slide else "N m" for slide in robot.sliding[robot.actuated]}
-        )
-        return "N/N" if units == {"N"} else "N m/N" if units == {"N m"} else "N m/N, N/N"
+        if quantity.key == "joint_torque":
+            units = {"N" if slides else "N m" for slides in robot.sliding[robot.actuated]}
+        else:
+            units = set(robot.torque_units)
+        return f"{units.pop()}/N" if len(units) == 1 else "N m/N, N/N"
     if quantity.key in ("stiffness", "loaded_stiffness") and not robot.translations.any():
         return "N m/rad"
     return quantity.unit
@@ -249,14 +249,15 @@ def unit_of(robot: ParallelRobot, quantity: Quantity) -> str:
 def quantity_values(
     robot: ParallelRobot, quantities: Sequence[Quantity], q: Array, linearised: LinearisedLoops
 ) -> dict[str, Array]:
-    """Compute values (T,) by the quantity's key at assembled configurations q (T, nq).
+    """Compute the values (T,) of quantities at assembled configurations q (T, nq), by key.
 
-    With a quantity under load also the `LoadReason` of each configuration, under the key "load".
+    If a quantity is under load, the key "load" has the `LoadReason` of each configuration.
     """
-    loaded = any(quantity.loaded for quantity in quantities)
     load = next((quantity.wrench for quantity in quantities if quantity.takes_wrench), None)
     wrench = None if load is None else np.array(load)
     poses = Poses(robot, q, linearised, wrench)
     with np.errstate(all="ignore"):  # infinite at Type 2
         values = {quantity.key: np.asarray(quantity.of(poses), dtype=float) for quantity in quantities}
-    return values | ({"load": poses.loaded.reason} if loaded else {})
+    if any(quantity.loaded for quantity in quantities):
+        values["load"] = poses.loaded.reason
+    return values

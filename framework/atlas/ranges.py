@@ -1,4 +1,4 @@
-"""A map within the limits of a robot: what is reached beyond a joint's range has that as its reason."""
+"""Maps within the limits of a robot: poses beyond a limit have no values and that limit as their reason."""
 
 from __future__ import annotations
 
@@ -23,11 +23,12 @@ TOO_WEAK = "beyond the torque limits at rest"
 
 
 def restrict_to_ranges(workspace: WorkspaceMap) -> WorkspaceMap:
-    """Return the map with values only at poses that are joined to the reference within all joints' ranges.
+    """Return the map with values only at poses that neighbours within all limits join to the reference.
 
-    Where motors have limits of torque also within these at rest, by the quantity `holding`. A pose beyond
-    several ranges counts for the joint that is farthest beyond its own, as a share of it. Codes of `reason`
-    after those of `PoseReason` mean the reasons of `reason_words` in their order.
+    Limits are the ranges of joints and, if motors have torque limits, these at rest, by the quantity
+    `holding`. The reason of a pose beyond several ranges is the joint farthest beyond its range, as a share
+    of the range. Codes of `reason` are indices into `reason_words`: first those of `PoseReason`, then not
+    joined, too weak, and one for each joint.
 
     Raises:
         InvalidInput: motors have limits of torque and the map lacks `holding`; or see `check_window`.
@@ -41,23 +42,22 @@ def restrict_to_ranges(workspace: WorkspaceMap) -> WorkspaceMap:
             f"quantities: {robot.name} has limits of torque, with which the quantity holding is compared; "
             f"add it"
         )
-    joints = [limit.joint for limit in robot.limits]
     shares = shares_beyond_limits(robot.limits, workspace.q)
-    within = workspace.reached & (shares <= 0.0).all(axis=-1)
-    beyond = workspace.reached & ~within
-    weak = within & (workspace.values.get("holding", np.zeros(within.shape)) > 1.0)
-    within &= ~weak
+    in_range = workspace.reached & (shares <= 0.0).all(axis=-1)
+    beyond = workspace.reached & ~in_range
+    too_weak = in_range & (workspace.values.get("holding", np.zeros(in_range.shape)) > 1.0)
+    within = in_range & ~too_weak
     joined = _join_to_reference(workspace, within)
     reason = workspace.reason.astype(np.uint16)
     reason[within & ~joined] = len(PoseReason)
-    reason[weak] = len(PoseReason) + 1
+    reason[too_weak] = len(PoseReason) + 1
     if beyond.any():
         reason[beyond] = len(PoseReason) + 2 + np.argmax(shares[beyond], axis=-1)
     words = (
         *REASON_WORDS.values(),
         NOT_JOINED,
         TOO_WEAK,
-        *(f"beyond the range of {joint}" for joint in joints),
+        *(f"beyond the range of {limit.joint}" for limit in robot.limits),
     )
     return replace(
         workspace,
@@ -86,13 +86,13 @@ def check_window(robot: ParallelRobot, window: Window) -> None:
 
 
 def _steps_from_reference(robot: ParallelRobot, window: Window) -> Array:
-    """Compute the distance (I, J) of poses from the reference, in the longer edge of the window's cells."""
+    """Compute distances (I, J) of poses from the reference, over the longer edge of the window's cells."""
     offset = np.abs(window.points() - robot.reference.x) / robot.platform_scale
     return offset.max(axis=2) / (longest_cell_edge(robot, window) * (1.0 + SAME_PLACE))
 
 
 def _join_to_reference(workspace: WorkspaceMap, within: BoolArray) -> BoolArray:
-    """Return the poses within limits that neighbours join to the pose nearest to the reference, (I, J).
+    """Mark poses (I, J) that neighbours within limits join to the one nearest to the reference.
 
     Raises:
         LimitsExceeded: the nearest pose is more than one step away from the reference.

@@ -1,4 +1,4 @@
-"""The window of a map where none is given, and its coarse poses, reached from the reference on."""
+"""The default window of a map, and coarse poses of a window, reached from the reference."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import shares_beyond_limits
 
 EDGE_POSES = 200  # poses along an edge
-MAX_NEIGHBOUR_DISTANCE = 0.15  # [robot lengths, rad] between neighbours that are reached one from the other
+MAX_NEIGHBOUR_DISTANCE = 0.15  # [robot lengths, rad] of a step from a pose to its neighbour
 FIRST_POSE_TRIES = 9  # coarse poses near the reference that are tried as the first one
 SURVEY_EDGE_POSES = 33  # poses along an edge of a look for the reach of a robot
 SURVEY_REACH, SURVEY_TURN = 1.6, 1.6  # [robot lengths], [rad] half an edge of the first
@@ -32,16 +32,16 @@ def survey_window(
     size: int = EDGE_POSES,
     keep_limits: bool = False,
 ) -> Window:
-    """Find the window about all that the reference's working mode reaches, within bounds.
+    """Find the smallest window that contains all poses that the reference's working mode reaches.
 
     Looks at coarse poses, then at those of the window found, which is widened where that reaches its edge.
     The bounds are `SURVEY_REACH` robot lengths and `SURVEY_TURN` about the point `at`.
 
     Args:
         axes: two of the platform's axes, by default its first translations.
-        at: platform point (n,), the reference by default; its other coordinates are held.
+        at: platform point (n,), by default the reference; its other coordinates are constant over the map.
         size: poses along an edge.
-        keep_limits: about what it reaches within the ranges of all joints, if that is any pose.
+        keep_limits: contain only poses within the ranges of all joints, if there are any.
 
     Raises:
         InvalidInput: see `map_axes`; or `at` has the wrong length.
@@ -79,22 +79,30 @@ def _add_margin(window: Window, bounds: Window, margin: Array) -> Window:
 def seed_poses(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array, NDArray[np.uint8]]:
     """Compute configurations (I, J, nq) and reasons at every `stride`-th pose, reached from the reference.
 
-    Where cells are longer than a step may be, poses between them are looked at on the way.
+    The poses nearest to the reference are assembled from it until one succeeds; the others are reached from
+    their neighbours. Where cells are longer than a step may be, `subdivisions` of them are computed and left
+    out.
+
+    Raises:
+        InvalidInput: the window is too wide.
+        OutOfReach: no pose near the reference is reached.
     """
-    finer = max(1, int(np.ceil(longest_cell_edge(robot, window) / MAX_NEIGHBOUR_DISTANCE)))
-    shape = tuple((count - 1) * finer + 1 for count in window.shape)
+    subdivisions = max(1, int(np.ceil(longest_cell_edge(robot, window) / MAX_NEIGHBOUR_DISTANCE)))
+    shape = tuple((count - 1) * subdivisions + 1 for count in window.shape)
     if max(shape) > MAX_EDGE_POSES:
-        wide = float((window.upper - window.lower).max()) / robot.length
+        width = float((window.upper - window.lower).max()) / robot.length
         raise InvalidInput(
-            f"window: {wide:.3g} robot lengths wide is more than poses can be followed over; lengths are in m"
+            f"window: {width:.3g} robot lengths wide is more than poses can be followed over; "
+            f"lengths are in m"
         )
     x = replace(window, shape=(shape[0], shape[1])).points()
     q = np.full((*shape, robot.model.nq), np.nan)
     reason = np.full(shape, PoseReason.NO_NEIGHBOUR, dtype=np.uint8)
-    away = np.abs(x[::stride, ::stride] - robot.reference.x).max(axis=2)
-    order = np.dstack(np.unravel_index(np.argsort(away, axis=None, kind="stable"), away.shape))[0]
+    distance = np.abs(x[::stride, ::stride] - robot.reference.x).max(axis=2)
+    nearest_first = np.argsort(distance, axis=None, kind="stable")
+    coarse_indices = np.dstack(np.unravel_index(nearest_first, distance.shape))[0]
     refusal: NoAnswer | None = None
-    for i, j in order[:FIRST_POSE_TRIES] * stride:
+    for i, j in coarse_indices[:FIRST_POSE_TRIES] * stride:
         try:
             q[i, j] = assemble(robot, x[i, j]).q
         except NoAnswer as error:
@@ -102,7 +110,8 @@ def seed_poses(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array
             continue
         reason[i, j] = PoseReason.REACHED
         fill_grid(robot, x, q, reason, np.array([stride]))
-        return q[::finer, ::finer].copy(), reason[::finer, ::finer].copy()
+        window_poses = np.s_[::subdivisions, ::subdivisions]
+        return q[window_poses].copy(), reason[window_poses].copy()
     raise OutOfReach(
         f"{robot.name}: no pose of the map near the reference is reached from there: {refusal}",
         q=robot.reference.q,

@@ -1,9 +1,9 @@
-"""Reach the poses of a grid from poses that are reached already, never jumping to another mode.
+"""Reach the poses of a grid from poses that are reached already, in the same working mode.
 
-A pose is tried from a neighbour, along the tangent and by Newton's method, and belongs to the neighbour's
-branch only if what corrects the tangent is small and no Type 1 singularity lies between (the rules of
-`continuation.follow`, here for a stack of steps). Strides halve: the coarse poses first, those between them
-from there, so that each pose is computed once and the stacks are long.
+A pose is predicted from a neighbour along the tangent and corrected by Newton's method. It is accepted, on
+the neighbour's branch, only if the correction is small and no Type 1 singularity lies between (the rules of
+`continuation.follow`, here for a stack of steps). Strides halve: coarse poses first, then those between them.
+So each pose is computed once, and stacks are long.
 """
 
 from __future__ import annotations
@@ -18,27 +18,27 @@ from framework.arrays import Array, BoolArray, IntArray
 from framework.kinematics.continuation.predictor_corrector import is_small, is_straight
 from framework.kinematics.frames import difference, integrate
 from framework.kinematics.inverse_kinematics import close_each
-from framework.kinematics.linearised_loops import linearised_at
+from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.kinematics.loop_matrices import lost_equations
 from framework.kinematics.modes import keeps_sign, keeps_working_mode
 from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.tolerances import BRANCHES_CROSS
 
-NEWTON_STEPS = 10  # Newton steps to a neighbour; a step along the tangent that needs more is no good one
-MAX_JOINT_STEP = 0.5  # [rad, lengths] that such a step may move a joint by
+NEWTON_STEPS = 10  # to correct a prediction; one that needs more is refused
+MAX_JOINT_STEP = 0.5  # [rad, lengths] that a Newton step may move a joint by
 
 STEP_PARTS = 4  # of a step that is too long to be trusted, with the last stride
 DIRECTIONS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 
 
 class PoseReason(IntEnum):
-    """The reason why a pose has no value. Of several neighbours the one that came nearest counts."""
+    """The reason why a pose has no value; the largest of all its neighbours' steps."""
 
     REACHED = 0
-    NO_NEIGHBOUR = 1  # no neighbour of it is reached
-    OPEN = 2  # the loops do not close there, from no neighbour
-    OTHER_MODE = 3  # they close only beyond a Type 1 singularity, or too near one for a step to be trusted
+    NO_NEIGHBOUR = 1  # no neighbour is reached
+    OPEN = 2  # the loops close from no neighbour
+    OTHER_MODE = 3  # they close beyond a Type 1 singularity, or too near one for a step to be trusted
 
 
 REASON_WORDS = {
@@ -59,37 +59,40 @@ class StepEnds(NamedTuple):
 def fill_grid(robot: ParallelRobot, x: Array, q: Array, reason: NDArray[np.uint8], strides: IntArray) -> None:
     """Assemble the poses of a grid from their neighbours, in place.
 
-    A pose whose reason is NO_NEIGHBOUR is tried from each neighbour that is reached, until one leads to it;
-    poses with any other reason keep it.
+    A pose whose reason is NO_NEIGHBOUR is tried from each reached neighbour until one succeeds. Poses with
+    another reason are not tried.
 
     Args:
         x: (I, J, n) platform coordinates.
         q: (I, J, nq) configurations; NaN at poses that are not reached.
         reason: (I, J) `PoseReason` of each pose.
-        strides: between neighbours, falling: coarse poses first, those between them from there. Poses are
-            counted from the first one. With the last stride a step that cannot be trusted is tried in parts.
+        strides: between neighbours, falling: coarse poses first, counted from the first pose, then those
+            between them. With the last stride a step that cannot be trusted is tried in parts.
     """
     missing = reason == PoseReason.NO_NEIGHBOUR
     for stride in strides:
-        coarse = np.s_[::stride, ::stride]
+        lattice = np.s_[::stride, ::stride]
         parts = STEP_PARTS if stride == strides[-1] else 1
-        _fill(robot, x[coarse], q[coarse], reason[coarse], missing[coarse], parts)
+        _fill(robot, x[lattice], q[lattice], reason[lattice], missing[lattice], parts)
 
 
 def _fill(
     robot: ParallelRobot, x: Array, q: Array, reason: NDArray[np.uint8], unfilled: BoolArray, parts: int
 ) -> None:
-    """Fill one lattice of a grid (views of the whole), wave by wave; see `fill_grid`."""
+    """Fill one lattice of a grid (views of the whole), wave by wave; see `fill_grid`.
+
+    In each wave every unfilled pose is tried from one filled neighbour, from which it has not been tried yet.
+    """
     untried = np.ones((len(DIRECTIONS), *reason.shape), dtype=bool)
     while True:
         filled = np.isfinite(q[..., 0])
         is_target = np.zeros(reason.shape, dtype=bool)
         sources = np.zeros((*reason.shape, 2), dtype=np.intp)
         for k, (down, right) in enumerate(DIRECTIONS):
-            reachable = _shift(filled, down, right) & unfilled & ~filled & untried[k] & ~is_target
-            untried[k] &= ~reachable
-            is_target |= reachable
-            sources[reachable] = np.argwhere(reachable) - (down, right)
+            chosen = _shift(filled, down, right) & unfilled & ~filled & untried[k] & ~is_target
+            untried[k] &= ~chosen
+            is_target |= chosen
+            sources[chosen] = np.argwhere(chosen) - (down, right)
         if not is_target.any():
             return
         target, (i, j) = np.nonzero(is_target), sources[is_target].T
@@ -100,7 +103,7 @@ def _fill(
 
 
 def _shift(mask: BoolArray, down: int, right: int) -> BoolArray:
-    """Whether the neighbour at -(down, right) is known."""
+    """Return the mask (I, J) of poses whose neighbour at -(down, right) is in `mask`."""
     rows, columns = mask.shape
     return np.pad(mask, 1)[1 - down :, 1 - right :][:rows, :columns]
 
@@ -108,27 +111,31 @@ def _shift(mask: BoolArray, down: int, right: int) -> BoolArray:
 def step_poses(robot: ParallelRobot, q: Array, start: Array, end: Array, parts: int = 1) -> StepEnds:
     """Assemble configurations at platform coordinates `end` (T, n), from q (T, nq) at `start` (T, n).
 
-    A step that is refused is tried in `parts`.
+    A step that closes the loops but is not trusted is tried again in `parts` equal steps.
     """
     step = _step_once(robot, q, start, end)
-    again = step.reason == PoseReason.OTHER_MODE
-    if parts == 1 or not again.any():
+    refused = step.reason == PoseReason.OTHER_MODE
+    if parts == 1 or not refused.any():
         return step
-    part_q, reason = q[again], np.zeros(np.count_nonzero(again), dtype=np.uint8)
-    offset = end[again] - start[again]
+    part_q, reason = q[refused], np.zeros(np.count_nonzero(refused), dtype=np.uint8)
+    offset = end[refused] - start[refused]
     for k in range(parts):
-        good = reason == PoseReason.REACHED
-        if not good.any():
+        reached = reason == PoseReason.REACHED  # after k parts
+        if not reached.any():
             break
-        part_start = start[again][good] + offset[good] * (k / parts)
-        part = _step_once(robot, part_q[good], part_start, part_start + offset[good] / parts)
-        part_q[good], reason[good] = part.q, part.reason
-    step.q[again], step.reason[again] = part_q, reason
+        part_start = start[refused][reached] + offset[reached] * (k / parts)
+        part = _step_once(robot, part_q[reached], part_start, part_start + offset[reached] / parts)
+        part_q[reached], reason[reached] = part.q, part.reason
+    step.q[refused], step.reason[refused] = part_q, reason
     return step
 
 
 def _step_once(robot: ParallelRobot, q: Array, start: Array, end: Array) -> StepEnds:
-    """Assemble configurations at `end` (T, n), from q (T, nq) at `start` (T, n), in one step each."""
+    """Assemble configurations at `end` (T, n), from q (T, nq) at `start` (T, n), in one step each.
+
+    A step is accepted if its correction is small beside the prediction, if the working mode is the same at
+    both ends, and if the tangent turns no more than the correction explains, or no branches cross there.
+    """
     linearised = linearised_at(robot, q, start)
     twist = robot.platform.twist(start, end - start)[0]
     move = joint_rates(robot, linearised, twist, np.zeros((len(q), robot.n_e)))
@@ -139,22 +146,30 @@ def _step_once(robot: ParallelRobot, q: Array, start: Array, end: Array) -> Step
     with np.errstate(invalid="ignore"):
         correction = np.abs(difference(robot, predicted, corrected) / robot.column_scale).max(axis=1)
         advance = np.abs(move / robot.column_scale).max(axis=1)
-        # no Type 1 singularity lies between
-        sure = keeps_sign(linearised.factors.slogdet, end_linearised.factors.slogdet)
-        same = np.array(
+        has_same_sign = keeps_sign(linearised.factors.slogdet, end_linearised.factors.slogdet)
+        same_mode = np.array(
             [
                 k
                 for k in np.flatnonzero(closed & is_small(correction, advance)).tolist()
-                if sure[k] or keeps_working_mode(robot, linearised.select(k), end_linearised.select(k))[0]
+                if has_same_sign[k]
+                or keeps_working_mode(robot, linearised.select(k), end_linearised.select(k))[0]
             ],
             dtype=np.intp,
         )
-        # where branches cross, the tangent turns by more than the correction of one branch tells
-        twist = robot.platform.twist(end, twist)[0]
-        turn = joint_rates(robot, end_linearised.select(same), twist[same], np.zeros((len(same), robot.n_e)))
-        turn = np.abs((turn - move[same]) / robot.column_scale).max(axis=1)
-        bent = ~is_straight(turn, correction[same], advance[same])
-        bent[bent] = lost_equations(robot, end_linearised.select(same[bent]), BRANCHES_CROSS) > 0
+        turn = _tangent_turn(robot, end_linearised, same_mode, robot.platform.twist(end, twist)[0], move)
+        refused = ~is_straight(turn, correction[same_mode], advance[same_mode])
+        refused[refused] = (
+            lost_equations(robot, end_linearised.select(same_mode[refused]), BRANCHES_CROSS) > 0
+        )
     reason = np.where(closed, PoseReason.OTHER_MODE, PoseReason.OPEN).astype(np.uint8)
-    reason[same[~bent]] = PoseReason.REACHED
+    reason[same_mode[~refused]] = PoseReason.REACHED
     return StepEnds(corrected, reason)
+
+
+def _tangent_turn(
+    robot: ParallelRobot, linearised: LinearisedLoops, steps: IntArray, twist: Array, move: Array
+) -> Array:
+    """Return the largest change (k,) of joint moves between the tangents at start and end."""
+    no_deflection = np.zeros((len(steps), robot.n_e))
+    end_move = joint_rates(robot, linearised.select(steps), twist[steps], no_deflection)
+    return np.abs((end_move - move[steps]) / robot.column_scale).max(axis=1)

@@ -1,4 +1,4 @@
-"""The poses of a map: a grid over two of the platform's coordinates, the others held."""
+"""The poses of a map: a grid over two of the platform's coordinates, with the others constant."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Window(ReadOnlyArrays):
     lower: Array  # (2,) [m, rad]
     upper: Array  # (2,)
     shape: tuple[int, int]
-    held: Array  # (n,) platform coordinates; those among `axes` do not count
+    held: Array  # (n,) platform coordinates, constant over the map but for those of `axes`
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -35,7 +35,7 @@ class Window(ReadOnlyArrays):
 
     @property
     def spans(self) -> tuple[Array, Array]:
-        """The values of both coordinates."""
+        """The values of both coordinates along the edges of the grid."""
         first, second = (
             np.linspace(low, high, count)
             for low, high, count in zip(self.lower, self.upper, self.shape, strict=True)
@@ -59,7 +59,7 @@ def map_axes(robot: ParallelRobot, names: tuple[str, str] | None = None) -> tupl
     """Return the two platform coordinates of a map, by default the first two, translations first.
 
     Raises:
-        InvalidInput: the robot has fewer than two, or none of these names.
+        InvalidInput: the robot has fewer than two coordinates, or not those of `names`.
     """
     if robot.n < 2:
         raise InvalidInput(

@@ -1,10 +1,10 @@
 """A map of a robot over its workspace: quantities at the poses of one working mode.
 
-Coarse poses are reached one from the other in this process, from the reference on. Then bands of rows, each
-with the coarse poses in it, are filled independently of one another, here or through any
-`concurrent.futures.Executor`. Bands depend on the window alone, so a map comes out the same to the last bit
-whatever computes it, and finished ones may be kept for a map that is stopped. At last the poses that are
-joined to the reference only across the border of two bands are reached from there.
+Coarse poses are reached from the reference, one from the other, in this process. Then bands of rows, each
+with its coarse poses, are filled independently of one another, in this process or by any
+`concurrent.futures.Executor`. Bands depend only on the window, so a map is the same to the last bit whatever
+computes it, and finished bands can be stored for a map that is interrupted. Finally those poses are reached
+that only steps across the border of two bands join to the reference.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ class WorkspaceMap(ReadOnlyArrays):
     quantities: tuple[Quantity, ...]
     values: Mapping[str, Array]  # (I, J) by the quantity's key
     q: Array  # (I, J, nq)
-    reason: NDArray[np.uint8 | np.uint16]  # (I, J) why a pose is not reached, the place in `reason_words`
-    working_mode: int  # sign at the reference
+    reason: NDArray[np.uint8 | np.uint16]  # (I, J) why a pose is not reached: index into `reason_words`
+    working_mode: int  # its sign at the reference
     assembly: NDArray[np.int8]  # (I, J) sign of the assembly mode, 0 where not reached
     load: (
         NDArray[np.uint8] | None
@@ -62,7 +62,7 @@ class WorkspaceMap(ReadOnlyArrays):
 
     @cached_property
     def locus(self) -> MapLocus:
-        """The singular locus over the window on this branch, traced at the first use."""
+        """The singular locus over the window in this working mode, traced at the first use."""
         window = self.window
         poses = MapPoses(
             axes=window.axes,
@@ -78,13 +78,13 @@ class WorkspaceMap(ReadOnlyArrays):
         return locus_on_map(self.robot, poses)
 
     def _lead(self, q: Array, start: Array, end: Array) -> tuple[Array, BoolArray]:
-        """Lead q (T, nq) from start (T, n) to end (T, n); return whether on the same branch."""
+        """Step q (T, nq) from start to end (T, n); return the ends and a mask: on the same branch."""
         ends = step_poses(self.robot, q, start, end)
         return ends.q, ends.reason == PoseReason.REACHED
 
     @property
     def counts(self) -> dict[str, int]:
-        """The number of poses reached, and of others by the reason in words."""
+        """The numbers of poses by reason in words; the first is `reached`."""
         return {word: int(np.sum(self.reason == code)) for code, word in enumerate(self.reason_words)}
 
     @property
@@ -101,12 +101,12 @@ class WorkspaceMap(ReadOnlyArrays):
 
     @property
     def beyond_ranges(self) -> BoolArray:
-        """(I, J) reached, but not within the ranges of the joints (`ranges.restrict_to_ranges`)."""
+        """Mask (I, J) of poses reached but left out because of limits (`ranges.restrict_to_ranges`)."""
         return self.reason >= len(PoseReason)
 
     @property
     def load_counts(self) -> dict[str, int]:
-        """The number of poses reached that carry the load, and of others by reason; empty without a load."""
+        """The numbers of reached poses by `LoadReason` in words; empty without a load."""
         if self.load is None:
             return {}
         load = self.load[self.reached]
@@ -114,11 +114,14 @@ class WorkspaceMap(ReadOnlyArrays):
 
 
 class RowBand(NamedTuple):
-    """A task: rows of the window, with the coarse poses of the rows and the next one."""
+    """Rows `first` to `stop` - 1 of the window, with the coarse poses of these and the next row.
+
+    The last band has no next row.
+    """
 
     first: int
     stop: int
-    q: Array  # (rows + 1 or rows, J, nq) NaN but at coarse poses
+    q: Array  # (rows + 1 or rows, J, nq) NaN except at coarse poses
     reason: NDArray[np.uint8]  # (rows + 1 or rows, J)
 
     @property
@@ -139,15 +142,15 @@ def workspace_map(
     """Compute quantities over a window, at the poses that continuation from the reference reaches.
 
     Args:
-        window: what is reached over the first two translations by default, see `survey_window`.
-        quantities: keys of `QUANTITIES`; those that apply by default, and g always.
+        window: by default all that is reached over the first two translations, see `survey_window`.
+        quantities: keys of `QUANTITIES`; by default see `choose_quantities`; g always.
         wrench: (n,) of the world ON the platform [N, N m], beside the weight, for quantities under load.
-        executor: where bands are computed; this process when None. It must be able to pickle the robot.
-        keeper: where finished bands are kept, and taken from if they are there already.
+        executor: computes bands; this process if None. It must be able to pickle the robot.
+        keeper: stores finished bands; bands that it has already are not computed again.
         progress: called with the number of poses that are done.
 
     Raises:
-        InvalidInput: x and the loops do not determine the robot's joints, or see `choose_quantities`.
+        InvalidInput: the platform does not determine the robot's joints, or see `choose_quantities`.
         OutOfReach: no pose near the reference is reached.
     """
     expect_robot(robot)
@@ -186,9 +189,10 @@ def fill_band(robot: ParallelRobot, window: Window, quantities: tuple[Quantity, 
     """Compute the poses and quantities of one band."""
     x = window.points()[band.first : band.first + len(band.q)]
     q, reason = band.q.copy(), band.reason.copy()
-    strides = np.array([1, 2, 4])
-    fill_grid(robot, x, q, reason, strides[strides < max(_stride(robot, window), 2)][::-1])
-    rows = band.stop - band.first
+    coarse_stride = _stride(robot, window)
+    strides = np.array([stride for stride in (4, 2, 1) if stride < max(coarse_stride, 2)])
+    fill_grid(robot, x, q, reason, strides)
+    rows = band.stop - band.first  # without the next band's row
     return _evaluate(robot, quantities, q[:rows], reason[:rows])
 
 
@@ -196,28 +200,28 @@ def fill_band(robot: ParallelRobot, window: Window, quantities: tuple[Quantity, 
 
 
 def _stride(robot: ParallelRobot, window: Window) -> int:
-    """Return the number of poses between coarse ones: a power of 2."""
-    ratio = MAX_NEIGHBOUR_DISTANCE / longest_cell_edge(robot, window)
-    return int(2 ** np.clip(np.floor(np.log2(ratio)), 0, np.log2(BAND_ROWS)))
+    """Return the stride of coarse poses: a power of 2 of at most MAX_NEIGHBOUR_DISTANCE and BAND_ROWS."""
+    largest = MAX_NEIGHBOUR_DISTANCE / longest_cell_edge(robot, window)
+    return int(2 ** np.clip(np.floor(np.log2(largest)), 0, np.log2(BAND_ROWS)))
 
 
 def _bands(robot: ParallelRobot, window: Window) -> list[RowBand]:
     """Return the bands of a window with their coarse poses."""
     q, reason = seed_poses(robot, window, _stride(robot, window))
-    reason[reason != PoseReason.REACHED] = PoseReason.NO_NEIGHBOUR  # a nearer neighbour may reach it
+    reason[reason != PoseReason.REACHED] = PoseReason.NO_NEIGHBOUR  # try again from nearer neighbours
     bands = []
     for first in range(0, len(q), BAND_ROWS):
         stop = min(first + BAND_ROWS, len(q))
         rows = slice(first, min(stop + 1, len(q)))
         band_reason = reason[rows].copy()
         next_row = band_reason[stop - first :]
-        next_row[next_row == PoseReason.NO_NEIGHBOUR] = PoseReason.OPEN  # the next band's own
+        next_row[next_row == PoseReason.NO_NEIGHBOUR] = PoseReason.OPEN  # left to the next band
         bands.append(RowBand(first, stop, q[rows], band_reason))
     return bands
 
 
 def _band_arrays(band: RowBand, quantities: tuple[Quantity, ...]) -> dict[str, ArrayField]:
-    """Return the arrays of a band that is filled."""
+    """Return types and shapes of the arrays of a filled band, by name."""
     shape = (band.stop - band.first, band.q.shape[1])
     arrays = {
         "q": ArrayField("f", (*shape, band.q.shape[2])),
@@ -232,7 +236,7 @@ def _band_arrays(band: RowBand, quantities: tuple[Quantity, ...]) -> dict[str, A
 def _evaluate(
     robot: ParallelRobot, quantities: tuple[Quantity, ...], q: Array, reason: NDArray[np.uint8]
 ) -> dict[str, NDArray]:
-    """Compute the arrays of a chunk from its poses q (I, J, nq)."""
+    """Compute quantities and assembly modes of poses q (I, J, nq); return all arrays, with q and reason."""
     reached = reason == PoseReason.REACHED
     chunk: dict[str, NDArray] = {"q": q, "reason": reason, "assembly": np.zeros(reason.shape, dtype=np.int8)}
     chunk |= {quantity.key: np.full(reason.shape, np.nan) for quantity in quantities}
@@ -249,18 +253,22 @@ def _evaluate(
 def _join_bands(
     robot: ParallelRobot, x: Array, quantities: tuple[Quantity, ...], grids: dict[str, NDArray]
 ) -> None:
-    """Reach the poses that only steps across the border of two bands reach, in place."""
-    reason, filled = grids["reason"], grids["reason"] == PoseReason.REACHED
-    border = np.zeros_like(filled)
+    """Reach the poses that only steps across the border of two bands reach, in place.
+
+    First unfilled poses with a filled neighbour across a border are tried. If one is reached, all unfilled
+    poses are tried, as it may lead to them.
+    """
+    reason, was_filled = grids["reason"], grids["reason"] == PoseReason.REACHED
+    border = np.zeros_like(was_filled)
     for first in range(BAND_ROWS, len(x), BAND_ROWS):
-        border[first - 1] = ~filled[first - 1] & filled[first]
-        border[first] = ~filled[first] & filled[first - 1]
-    for unfilled in (border, ~filled):  # the others only if a border has let something in
+        border[first - 1] = ~was_filled[first - 1] & was_filled[first]
+        border[first] = ~was_filled[first] & was_filled[first - 1]
+    for unfilled in (border, ~was_filled):
         reason[unfilled & (reason != PoseReason.REACHED)] = PoseReason.NO_NEIGHBOUR
         fill_grid(robot, x, grids["q"], reason, np.array([1]))
         if not (reason[border] == PoseReason.REACHED).any():
             return
-    i, j = np.nonzero((reason == PoseReason.REACHED) & ~filled)
+    i, j = np.nonzero((reason == PoseReason.REACHED) & ~was_filled)
     chunk = _evaluate(robot, quantities, grids["q"][i, j][None], reason[i, j][None])
     for key, values in chunk.items():
         grids[key][i, j] = values[0]

@@ -40,7 +40,7 @@ class DelayLine(NamedTuple):
         return DelayLine(delays, deque(maxlen=int(delays.max(initial=0)) + 1))
 
     def delay(self, torque: Array) -> Array:
-        """Store commanded torques (R, n_a); return those that act now, at first the first ones."""
+        """Store commanded torques (R, n_a); return the delayed ones, at first the first."""
         self.past.append(torque)
         if len(self.past) == 1:
             return torque
@@ -125,15 +125,18 @@ class _Robots(NamedTuple):
         ref, count = controller.reference, len(variations)
         world = WorldForces.of(ref.robot, ref.wrenches, ref.law)
         try:
-            stepper = Stepper.of([vary(ref.robot, each) for each in variations], like=ref.robot)
+            varied_robots = [vary(ref.robot, variation) for variation in variations]
+            stepper = Stepper.of(varied_robots, like=ref.robot)
             torque, q = np.tile(ref.torque[0], (count, 1)), np.tile(ref.motion.q[0], (count, 1))
             start = stepper.start(q, None, torque, world=world)
         except NotAssembled as error:
             raise InvalidInput(
                 f"places: with so large a spread a robot cannot be assembled: {error}"
             ) from None
-        noise = draw_noise(ref.robot, spread, [each.seed for each in variations], len(ref.times))
-        friction = np.array([each.friction for each in variations]) * np.abs(ref.torque).max(axis=0)
+        seeds = [variation.seed for variation in variations]
+        noise = draw_noise(ref.robot, spread, seeds, len(ref.times))
+        shares = np.array([variation.friction for variation in variations])
+        friction = shares * np.abs(ref.torque).max(axis=0)
         smoothing_speed = FRICTION_SMOOTHING * np.maximum(np.abs(ref.motor_speed).max(axis=0), MIN_SPEED)
         return _Robots(ref, stepper, start, world, friction, smoothing_speed, noise)
 
@@ -144,8 +147,8 @@ class _Robots(NamedTuple):
     def measure(self, k: int, q: Array, v: Array, sensors: str) -> Measurement:
         """Return the readings of the encoders at instant k, with their noise.
 
-        With encoders on all joints the platform follows by the planned dx/dq, the pseudo-inverse of N =
-        dq/dx.
+        With encoders on all joints their noise moves the measured platform by dx/dq, the pseudo-inverse of
+        the planned N = dq/dx.
         """
         ref, robot = self.reference, self.reference.robot
         noise = np.zeros_like(v) if self.noise is None else self.noise[k][:, 0]

@@ -140,7 +140,7 @@ class ControlCycle:
 
     @property
     def type2(self) -> float:
-        """Distance from Type 2: 1 / |P^-1| in the 1-norm, in radians and lengths of the robot; 0 at Type 2.
+        """Distance from Type 2: 1 / |P^-1| in the 1-norm, in radians and robot lengths.
 
         P (m, m) are the passive columns of the loops, with least singular value sigma: the distance lies in
         [sigma / sqrt(m), sigma sqrt(m)]. It is never negative, as the cycle stays in its assembly mode.

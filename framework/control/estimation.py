@@ -48,7 +48,7 @@ class Controller(Protocol):
 
 
 def estimated_state(reference: Reference, k: int, measurement: Measurement, *, aware: bool) -> RobotState:
-    """Return the measured state at sampling instant k, or estimate it by one Newton step from the plan.
+    """Return the state at sampling instant k: measured, or estimated by one Newton step from the plan.
 
     G dx = (measured - planned motor angles) gives the step of the platform, N dx that of the joints; rates
     alike.

@@ -64,9 +64,10 @@ class TimeVaryingLQR:
 
 
 def linearise_error(reference: Reference) -> tuple[Array, Array]:
-    """Linearise the dynamics of the error e = [x; dx] along the plan: return A (K, 2n, 2n), B (K, 2n, n_a).
+    """Compute A (K, 2n, 2n) and B (K, 2n, n_a) of the linearised error dynamics along the plan.
 
-    de/dt = A e + B tau with A = [[0, 1], [d(ddx)/dx, d(ddx)/d(dx)]] and B = [[0], [d(ddx)/dtau]].
+    With the error e = [x; dx], de/dt = A e + B tau with A = [[0, 1], [d(ddx)/dx, d(ddx)/d(dx)]] and B = [[0],
+    [d(ddx)/dtau]].
     """
     robot, motion, n = reference.robot, reference.motion, reference.robot.n
     slopes = forward_derivatives(

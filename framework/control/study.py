@@ -116,7 +116,7 @@ def _join_chunks(chunks: Sequence[Run], controller: str, spread: Spread, seed: i
 
 
 def _select_chunks(stored: list[tuple[range, Run]], runs: int) -> dict[range, Run]:
-    """Return stored chunks within the first `runs` runs, without those that overlap an earlier one."""
+    """Return stored chunks within the first `runs` runs that overlap no earlier chunk."""
     chunks: dict[range, Run] = {}
     end = 0
     for part, run in sorted(stored, key=lambda item: item[0].start):

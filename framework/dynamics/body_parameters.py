@@ -104,7 +104,7 @@ def from_pseudo_inertia(matrix: Array) -> Array:
 
 
 def parameter_transform(placement: pin.SE3) -> Array:
-    """Return the matrix (10, 10) that maps parameters on a frame to those on its reference frame.
+    """Return the matrix (10, 10) from parameters on a frame to parameters on its reference frame.
 
     `placement` is the pose H of the frame in its reference: the pseudo-inertia becomes H P H'. Columns are
     the images of unit parameters.

@@ -17,7 +17,7 @@ from framework.motion.path import time_derivatives
 
 
 class Pass(NamedTuple):
-    """The motion on the nodes with deflections `function`, its forces, and the deflections they cause."""
+    """The motion on the nodes with deflections `function`, its forces, and the deflections caused."""
 
     law: MotionLaw
     function: TimeFunction  # (n_e) deflections of the motion
@@ -28,7 +28,7 @@ class Pass(NamedTuple):
 
     @property
     def residual(self) -> Array:
-        """Caused deflections less those of the motion (T, n_e); zero in balance."""
+        """Caused deflections less the motion's deflections (T, n_e); zero in balance."""
         return self.caused - self.q_e
 
 

@@ -51,10 +51,10 @@ def force_slopes(robot: ParallelRobot, motion: Motion) -> ForceSlopes:
 
 
 def wrench_slope(robot: ParallelRobot, screws: Array, applied: AppliedWrench) -> Array:
-    """Compute the derivative (T, nv, nv) by q of the joint forces S_j . w of a wrench of the world.
+    """Compute the derivative (T, nv, nv) by q of the joint forces S_j . w of a wrench.
 
-    S_j is the screw of joint column j, and w = (f, m + p x f) acts about the base's origin, with p the
-    frame's origin. A step of column i changes
+    S_j is the screw of joint column j, and w = (f, m + p x f) of the world acts about the base's origin, with
+    p the frame's origin. A step of column i changes
 
     * S_j by the Lie bracket [S_i, S_j], if i comes before j on the way to the frame;
     * w by (0, d_i x f) if its components are constant on base axes, where d_i is the step of p;

@@ -156,9 +156,10 @@ def balanced_forces(robot: ParallelRobot, linearised: LinearisedLoops, r: Array)
 def loop_multipliers(
     robot: ParallelRobot, linearised: LinearisedLoops, r: Array, joint_torque: Array
 ) -> Array:
-    """Solve r - S' tau_joint = X' w + J' lambda for [w; lambda] (T, n + m), with forces r (T, nv).
+    """Solve r - S' tau_joint = X' w + J' lambda for [w; lambda] (T, n + m).
 
-    w is the wrench that would have to hold the platform, lambda the forces of the independent loop equations.
+    r (T, nv) are forces of the open tree, w the wrench that would have to hold the platform, lambda the
+    forces of the independent loop equations.
     """
     right_side = r.take(robot.moving, axis=1)
     right_side[:, : robot.n_a] -= joint_torque
@@ -166,7 +167,7 @@ def loop_multipliers(
 
 
 def _solve_motor_torques(robot: ParallelRobot, M: Array, w: Array) -> Array:
-    """Solve M (T, n, n_a) tau = w (T, n) for joint torques tau (T, n_a); least motor torques if redundant."""
+    """Solve M (T, n, n_a) tau = w (T, n) for joint torques tau (T, n_a), of least norm if redundant."""
     if robot.n_a > robot.n:
         geared = M * robot.gear_ratio
         return robot.gear_ratio * least_motor_torques(robot, geared, w[..., None])[..., 0]

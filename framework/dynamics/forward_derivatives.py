@@ -77,17 +77,13 @@ def forward_derivatives(
             f"acceleration; give the links of the springs mass, or leave the springs out"
         )
     motion = instant._motion
-    motion = motion.with_wrenches(tuple(one._replace(turns=one.frame in turning) for one in motion.wrenches))
+    wrenches_that_turn = (wrench._replace(turns=wrench.frame in turning) for wrench in motion.wrenches)
+    motion = motion.with_wrenches(tuple(wrenches_that_turn))
     x, dx, ddx = platform_rates_of(robot, motion)
     steps = coordinate_steps(robot, (x, dx, ddx), _undetermined_columns(robot))
     changes = motion_changes(robot, motion, steps)
     force_change = _force_changes(robot, motion, np.atleast_2d(instant.joint_torque), changes)
-    unit_rates = _unit_rates(robot, motion)  # T'
-    by_y, by_dy, inertia = np.split(unit_rates @ force_change.swapaxes(1, 2), 3, axis=2)
-    d = robot.n + robot.n_e
-    by_torque = robot.gear_ratio * unit_rates[..., robot.actuated]
-    right_side = np.concatenate([-by_y[..., :d], -by_dy[..., :d], by_torque], axis=2)
-    slopes = np.linalg.solve(inertia, right_side)
+    slopes, d = _coordinate_slopes(robot, motion, force_change), robot.n + robot.n_e
     motor = _motor_slopes(changes.a[..., robot.actuated], slopes, d)
     entry, y_slopes = entry_of(q), slopes[:, :d]  # without idle joints
     return ForwardDerivatives(
@@ -100,6 +96,19 @@ def forward_derivatives(
         motor_dy=motor[entry, ..., d : 2 * d],
         motor_torque=motor[entry, ..., 2 * d :],
     )
+
+
+def _coordinate_slopes(robot: ParallelRobot, motion: Motion, force_change: Array) -> Array:
+    """Compute the derivatives (T, k, 2 d + n_a) of y" and idle accelerations by y, dy and torque.
+
+    T' `force_change` (T, 3 k, nv) are the changes of generalised forces by steps of y, y' and y"; the last
+    block is the inertia, which is solved.
+    """
+    unit_rates, d = _unit_rates(robot, motion), robot.n + robot.n_e
+    by_y, by_dy, inertia = np.split(unit_rates @ force_change.swapaxes(1, 2), 3, axis=2)
+    by_torque = robot.gear_ratio * unit_rates[..., robot.actuated]
+    right_side = np.concatenate([-by_y[..., :d], -by_dy[..., :d], by_torque], axis=2)
+    return np.linalg.solve(inertia, right_side)
 
 
 def _motor_slopes(changes: Array, slopes: Array, d: int) -> Array:

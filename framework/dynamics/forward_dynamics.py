@@ -68,10 +68,9 @@ def forward_dynamics(
     applied = sum((wrench.generalised for wrench in unaccelerated.wrenches), start=np.zeros((count, nv)))
     solution = accelerations(_equations_of(robot, threading.get_ident()), closed.q, rates, torques, applied)
     motion = replace(unaccelerated, a=solution.a)
-    rotor_torque = (robot.rotors * solution.a)[:, robot.actuated]
     deflections = robot.coordinates.positions(closed.q)[:, robot.elastic]
     forces = Forces(
-        joint_torque=robot.gear_ratio * torques - rotor_torque,
+        joint_torque=robot.gear_ratio * torques - (robot.rotors * solution.a)[:, robot.actuated],
         spring_force=-robot.stiffness * deflections,
     )
     entry = entry_of(q)
@@ -82,7 +81,7 @@ def forward_dynamics(
 
 @lru_cache(maxsize=16)  # megabytes each
 def _equations_of(robot: ParallelRobot, thread: int) -> EquationsOfMotion:
-    """Return the equations of a robot for one thread: they have working memory."""
+    """Return the equations of a robot for one thread, with working memory."""
     return EquationsOfMotion.of(robot)
 
 

@@ -113,7 +113,7 @@ def inverse_dynamics(
 def resolve_law(
     searched: SearchedPath, law: MotionLaw, *, geometry: str, tolerance: float, friction: str
 ) -> InverseDynamics:
-    """Call `resolve` with a given law; where passes find no deflections, with those of `restoration`."""
+    """Call `resolve` with a given law, and again with deflections of `restoration` if passes fail."""
 
     def with_deflections(known: KnownDeflections | None) -> InverseDynamics:
         return resolve(
@@ -267,7 +267,7 @@ def _planned_friction(result: InverseDynamics, friction: str) -> PlannedFriction
 
 
 def is_stalled(changes: list[float]) -> bool:
-    """Return whether the last two grids have changes above STALLED times that of the grid before them."""
+    """Return whether both last grids have changes above STALLED times the change before."""
     return len(changes) > 2 and min(changes[-2:]) > STALLED * changes[-3]
 
 

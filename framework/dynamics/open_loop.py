@@ -55,15 +55,16 @@ def error_dynamics(result: InverseDynamics, times: Array) -> ErrorDynamics:
         motion = motion_at(robot, closed, dx, ddx).with_wrenches(world)
         return platform_wrench(robot, motion).missing_wrench(torque)
 
-    def close_beside_path(step: Array) -> ClosedStack:
-        return close_loops(robot, x + step, guess)
-
-    # W is linear in d2x/dt2 and quadratic in dx/dt: steps of any size are exact
-    steps, rates = DIFFERENCE_STEP * robot.platform_scale, robot.platform_scale / result.duration
+    # W is linear in d2x/dt2 and quadratic in dx/dt: differences of any size are exact
     inertia = _central_slopes(lambda step: missing_wrench(on_path, dx, ddx + step), np.ones(robot.n))
+    by_rate = _central_slopes(
+        lambda step: missing_wrench(on_path, dx + step, ddx), robot.platform_scale / result.duration
+    )
+    by_x = _central_slopes(
+        lambda step: missing_wrench(close_loops(robot, x + step, guess), dx, ddx),
+        DIFFERENCE_STEP * robot.platform_scale,
+    )
     forced = np.asarray(-np.linalg.inv(inertia))
-    by_rate = _central_slopes(lambda step: missing_wrench(on_path, dx + step, ddx), rates)
-    by_x = _central_slopes(lambda step: missing_wrench(close_beside_path(step), dx, ddx), steps)
     return ErrorDynamics(forced=forced, damped=forced @ by_rate, own=forced @ by_x)
 
 
@@ -88,8 +89,10 @@ def repelling_rates(result: InverseDynamics, times: Array) -> Array:
 def open_loop_error(dynamics: ErrorDynamics, times: Array, lacking: Array) -> Array:
     """Compute the platform's error (T, n) [m, rad] under torques that miss a wrench W - G' tau (T, n).
 
-    The state (d, d') follows y' = A y + f from rest on the path. It is integrated by the trapezoidal rule,
-    (1 - h A_k / 2) y_k = (1 + h A_(k-1) / 2) y_(k-1) + h (f_(k-1) + f_k) / 2.
+    The state y = (d, d') follows y' = A y + f from rest on the path, with f = (0, `forced` times the wrench).
+    It is integrated by the trapezoidal rule with steps h,
+
+        (1 - h/2 A_k) y_k = (1 + h/2 A_(k-1)) y_(k-1) + h/2 (f_(k-1) + f_k).
 
     Args:
         dynamics: at the instants `times` (T,) [s], equidistant.
@@ -97,14 +100,17 @@ def open_loop_error(dynamics: ErrorDynamics, times: Array, lacking: Array) -> Ar
     """
     count, n = lacking.shape
     half_step = 0.5 * float(times[1] - times[0])
-    forces, A = np.zeros((count, 2 * n)), np.zeros((count, 2 * n, 2 * n))
-    forces[:, n:] = half_step * np.einsum("tij,tj->ti", dynamics.forced, lacking)
-    A[:, :n, n:], A[:, n:, :n], A[:, n:, n:] = np.eye(n), dynamics.own, dynamics.damped
-    explicit, implicit = np.eye(2 * n) + half_step * A, np.linalg.inv(np.eye(2 * n) - half_step * A)
-    state = np.zeros((count, 2 * n))
+    half_f, A = np.zeros((count, 2 * n)), np.zeros((count, 2 * n, 2 * n))  # half_f: h/2 f
+    half_f[:, n:] = half_step * np.einsum("tij,tj->ti", dynamics.forced, lacking)
+    A[:, :n, n:] = np.eye(n)
+    A[:, n:, :n] = dynamics.own
+    A[:, n:, n:] = dynamics.damped
+    identity = np.eye(2 * n)
+    forward, backward = identity + half_step * A, np.linalg.inv(identity - half_step * A)
+    y = np.zeros((count, 2 * n))
     for k in range(1, count):
-        state[k] = implicit[k] @ (explicit[k - 1] @ state[k - 1] + forces[k - 1] + forces[k])
-    return state[:, :n]
+        y[k] = backward[k] @ (forward[k - 1] @ y[k - 1] + half_f[k - 1] + half_f[k])
+    return y[:, :n]
 
 
 def open_loop_growth(result: InverseDynamics) -> float:

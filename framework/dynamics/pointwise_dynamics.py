@@ -70,7 +70,7 @@ class Instant(ReadOnlyArrays):
     @cached_property
     def loop_forces(self) -> Mapping[str, Array]:
         """Wrench of each closure [a, b], BY b's body ON a's body at a's origin; NaN if undetermined."""
-        return self._unstack_each(closure_wrenches(self.robot, self._loops))
+        return self._unstack_each(closure_wrenches(self.robot, self._loop_loads))
 
     @cached_property
     def coupling_torques(self) -> Mapping[str, Array | float]:
@@ -78,7 +78,7 @@ class Instant(ReadOnlyArrays):
 
         It is minus `ratio` times the torque on the second joint.
         """
-        torques = coupling_torques(self.robot, self._loops)
+        torques = coupling_torques(self.robot, self._loop_loads)
         return MappingProxyType({name: self._unstack(torque) for name, torque in torques.items()})
 
     @cached_property
@@ -88,7 +88,7 @@ class Instant(ReadOnlyArrays):
         The part along the joint's axis comes from a motor (rotor not included), a spring, damping or a
         coupling.
         """
-        return self._unstack_each(joint_reactions(self.robot, self._motion, self._loops))
+        return self._unstack_each(joint_reactions(self.robot, self._motion, self._loop_loads))
 
     @cached_property
     def platform_inertia(self) -> Array:
@@ -151,7 +151,8 @@ class Instant(ReadOnlyArrays):
         )
 
     @cached_property
-    def _loops(self) -> LoopLoads:
+    def _loop_loads(self) -> LoopLoads:
+        """Multipliers of all loop equations that balance the robot, at T instants."""
         torque = np.atleast_2d(self.joint_torque)
         loads = loop_loads(self.robot, self._motion.linearised, self._forces, torque)
         freeze(loads)
@@ -159,13 +160,16 @@ class Instant(ReadOnlyArrays):
 
     @cached_property
     def _matrices(self) -> tuple[VelocityMatrices, VelocityMatrices]:
+        """The velocity matrices and their time derivatives."""
         matrices, rates = matrices_and_rates(self.robot, self._motion)
         return VelocityMatrices(*map(self._unstack, matrices)), VelocityMatrices(*map(self._unstack, rates))
 
     def _unstack(self, stack: Array) -> Array:
+        """Return a stack (T, ...) for T instants, its only item for one instant."""
         return read_only(stack if self.q.ndim == 2 else stack[0])
 
     def _unstack_each(self, stacks: Mapping[str, Array]) -> Mapping[str, Array]:
+        """Return each of the stacks as `_unstack` does."""
         return MappingProxyType({name: self._unstack(stack) for name, stack in stacks.items()})
 
 
@@ -273,7 +277,7 @@ def type2_pose(robot: ParallelRobot, x: Array, torque: str) -> SingularPose:
 
 
 def instant_of(robot: ParallelRobot, motion: Motion, r: Array, forces: Forces, entry: int | slice) -> Instant:
-    """Return the record of a motion with forces r (T, nv) of the open tree and the forces that balance r."""
+    """Return the record of a motion, forces r (T, nv) of the open tree, and the forces in balance with r."""
     freeze((motion, r))
     return Instant(
         robot=robot,

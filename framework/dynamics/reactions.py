@@ -86,7 +86,7 @@ def apply_wrenches(robot: ParallelRobot, motion: Motion, wrenches: Wrenches) -> 
 
 
 def loop_loads(robot: ParallelRobot, linearised: LinearisedLoops, r: Array, joint_torque: Array) -> LoopLoads:
-    """Solve r = S' tau_joint + J' lambda for all rows of J, with r (T, nv) and tau_joint (T, n_a).
+    """Solve r (T, nv) = S' tau_joint + J' lambda for all rows of J.
 
     The row of J for a loop equation is the power of its unit wrench along the screws of the joints that move
     one of its bodies: positive for the second body, negative for the first.
@@ -106,11 +106,10 @@ def loop_loads(robot: ParallelRobot, linearised: LinearisedLoops, r: Array, join
 
 
 def _least_multipliers(J: Array, forces: Array) -> tuple[Array, Array]:
-    """Solve J' lambda = forces (T, f) for lambda (T, rows) of least norm, and span the null space of J'.
+    """Solve J' lambda = forces (T, f) for least lambda (T, rows), and span the null space of J'.
 
-    With J = U S V' it is U S^-1 V forces over the nonzero singular values. The other columns of U span the
-    null
-    space: they are the rows of the second array (T, rows, rows), in which the other rows are zero.
+    With J = U S V' it is U S^-1 V' forces over the nonzero singular values. The other columns of U span the
+    null space. They are rows of the second array (T, rows, rows); its other rows are zero.
     """
     U, singular_values, V_rows = np.linalg.svd(J)
     count = singular_values.shape[1]

@@ -136,7 +136,7 @@ def _remedy(robot: ParallelRobot, column: int) -> str:
 def _instants(robot: ParallelRobot, nodes: Array) -> Array:
     """Return the instants half-way between the nodes; with idle joints the nodes too.
 
-    Idle joints are not solved for, so the nodes are no check of all other joints but one of these.
+    On the nodes the equations of all other joints are solved, so only instants between them are a check.
     """
     middle = 0.5 * (nodes[1:] + nodes[:-1])
     return np.sort(np.concatenate([nodes, middle])) if len(robot.structure.idle) else middle

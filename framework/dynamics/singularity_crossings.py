@@ -26,8 +26,7 @@ from framework.singularity.type2 import UNCROSSABLE, escaping_motions, uncontrol
 from framework.tolerances import SAME_PLACE, STOP_AT_CROSSING
 
 LAW_ROOT_ROUNDING = 1e-12  # residual in s of a root of the law
-MAX_NEWTON_STEPS = 3  # to a root of the law
-NEWTON_RESIDUAL = 1e-15  # in s, that ends the steps
+MAX_NEWTON_STEPS, NEWTON_RESIDUAL = 3, 1e-15  # to a root of the law; residual in s that ends them
 SAMPLES = 17  # of a motion, for the size of its forces
 EDGE_CLEARANCE = 0.1  # of a panel: an edge nearer to a crossing is moved, as edges are nodes
 

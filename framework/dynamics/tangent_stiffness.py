@@ -105,18 +105,23 @@ def tangent_stiffness(
 
     The multipliers lambda balance the forces in the least squares: J' lambda = forces.
     """
-    model, data, columns = robot.model, scratch_of(robot).data, moving_columns(robot)
+    columns = moving_columns(robot)
     J = scaled_loops(robot, linearised)[:, :, columns]
     spring_forces, load_forces = _forces(robot, linearised, q, load)
     forces = (spring_forces + load.share[:, None] * load_forces)[:, columns] * robot.column_scale[columns]
     Q, R, _ = factor_transposed(J)
     multipliers = solve(R, matvec(Q.swapaxes(1, 2), forces)) * (1.0 / robot.loop_lengths)
-    gradient = np.array([pin.computeGeneralizedGravityDerivatives(model, data, row) for row in q])
-    symmetric = 0.5 * (gradient + gradient.swapaxes(1, 2))
-    gravity_stiffness = symmetric[:, columns[:, None], columns] * load.share[:, None, None]
+    gravity_stiffness = _gravity_stiffness(robot, q)[:, columns[:, None], columns] * load.share[:, None, None]
     force_changes = robot.all_stiffness[columns][:, None] * steps + matmul(gravity_stiffness, steps)
     curvature = _curvature(robot, linearised.frames, steps, multipliers, load.share[:, None] * load.w)
     return matmul(steps.swapaxes(1, 2), force_changes) - curvature
+
+
+def _gravity_stiffness(robot: ParallelRobot, q: Array) -> Array:
+    """Compute the symmetric derivative (T, nv, nv) of the joint forces of weight by q (T, nq)."""
+    model, data = robot.model, scratch_of(robot).data
+    derivative = np.array([pin.computeGeneralizedGravityDerivatives(model, data, row) for row in q])
+    return 0.5 * (derivative + derivative.swapaxes(1, 2))
 
 
 def _curvature(robot: ParallelRobot, frames: FrameStack, steps: Array, multipliers: Array, w: Array) -> Array:

@@ -98,7 +98,7 @@ class HighestLevel:
 
     @classmethod
     def of(cls, plan: CrossingPlan, tolerance: float) -> HighestLevel:
-        """Simulate a plan of the highest level, with shorter steps if it leaves its path.
+        """Simulate a plan of the highest level, with shorter steps if the platform leaves the path.
 
         The allowed error of a step is STEP_ERRORS times the tolerance times the path's length.
 
@@ -139,7 +139,7 @@ class HighestLevel:
         return max(MAX_ERROR, 2.0 * self.tolerance)
 
     def compare(self, level: Level, below: list[Comparison]) -> Comparison:
-        """Compare a level, after those in `below`; reuse a result where robot or torques are equal."""
+        """Compare a level, after the levels `below`; reuse a result where robot or torques are equal."""
         description = self.plan.robot.description
         if below and adds_nothing(description, level, below[-1].level):
             return replace(below[-1], level=level, same_as=below[-1].same_as or below[-1].level.name)

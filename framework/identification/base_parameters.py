@@ -30,8 +30,8 @@ from framework.tolerances import BRANCHES_MEET, MIN_RANK_GAP
 RANDOM_SETS = 3  # of instants, whose ranks must agree
 ROWS_PER_PARAMETER = 1.5  # of a set
 STEP = 0.5  # [rad, robot lengths] largest move of the platform in a step of a random walk
-STEPS = 16  # of each walk
-MAX_STEPS = 36  # of walks that have not moved yet: each further step is half as long
+# of each walk; of walks that have not moved yet, where each further step is half as long
+STEPS, MAX_STEPS = 16, 36
 
 
 @dataclass(frozen=True, eq=False)

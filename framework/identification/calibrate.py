@@ -379,8 +379,8 @@ class GaussNewton:
         matrix = np.concatenate(
             [rows_of(weights[..., None] * equations.matrix), rows_of(equations.loop_slopes)]
         )
-        right = np.concatenate([(weights * equations.right).ravel(), equations.open_loops.ravel()])
-        return matrix * self.prior, right
+        residual = np.concatenate([(weights * equations.right).ravel(), equations.open_loops.ravel()])
+        return matrix * self.prior, residual
 
     def _change(self, equations: ParameterEquations, damping: float) -> Array:
         """Return the damped Gauss-Newton step (p,) by least squares on data, prior and damping."""
@@ -451,8 +451,8 @@ class GaussNewton:
     def _powers(self, equations: ParameterEquations) -> Array:
         """Return squared singular values (p,) of the data's rows on parameters over their deviations.
 
-        The deviations are those by the prior and the equations of loops that no joint can close: 1 / sqrt(1 +
-        w^2) along the right singular vectors of these equations, w their singular values.
+        Deviations are those by the prior and by the loop equations that no joint can close. Along the right
+        singular vectors of these equations they are (1 + w^2)^(-1/2), with w the singular values.
         """
         size = len(self.prior)
         loops = np.concatenate([rows_of(equations.loop_slopes) * self.prior, np.zeros((size, size))])

@@ -1,8 +1,9 @@
 """The geometric parameters of a robot: errors of the origins of the joints in its URDF.
 
-Each joint between the base and a frame of the platform or of a closure, fixed joints included, has six:
-displacements along, then turns about the axes of its origin. They are virtual joints, like springs, so that
-the robot's own equations have loop equations, frames and derivatives along the parameters.
+Each joint between the base and a frame of the platform or of a closure, fixed joints included, has six
+parameters: displacements along the axes of its origin, then turns about them. Each parameter is a virtual
+joint, like a spring. So the robot's equations give loop equations, frames and derivatives along the
+parameters, too.
 """
 
 from __future__ import annotations
@@ -21,16 +22,16 @@ from framework.model.placement import about, placement
 from framework.model.urdf_writing import joint_element, origin_element
 from framework.model.xml_reading import origin_of
 
-ERRORS = "errors"  # ending of a virtual joint's name
-PLACED = "placed"  # ending of the fixed joint with the origin of a joint that moves
+ERRORS = "errors"  # end of the name of a virtual joint
+PLACED = "placed"  # end of the name of the fixed joint that takes the origin of a moving joint
 
 
 @dataclass(frozen=True, eq=False)
 class Geometry(ReadOnlyArrays):
     """A robot with errors of its joint origins: `model` has an elastic virtual joint for each parameter.
 
-    joints: whose origins are parameters; names: (p,) JOINT.x .. JOINT.rz.
-    turning: (p,) whether a parameter is an angle [rad], not a length [m].
+    joints: those whose origins are parameters; names: (p,) JOINT.x .. JOINT.rz.
+    turning: (p,) true for an angle [rad], false for a length [m].
     """
 
     robot: ParallelRobot
@@ -54,7 +55,8 @@ def geometry_of(robot: ParallelRobot, joints: Sequence[str] | None = None) -> Ge
     """Return a robot with its geometric parameters.
 
     Args:
-        joints: whose origins are parameters; by default all between the base and frames of platform or loops.
+        joints: those whose origins are parameters; by default all between the base and the frames of the
+            platform and of closures.
 
     Raises:
         InvalidInput: unknown joints; too many.
@@ -62,19 +64,19 @@ def geometry_of(robot: ParallelRobot, joints: Sequence[str] | None = None) -> Ge
     description = robot.description
     urdf = ElementTree.fromstring(description.urdf_text)
     elements = {joint.get("name", ""): joint for joint in urdf.findall("joint")}
-    leading = _leading(description, elements)
+    candidates = _leading(description, elements)
     for name in joints or ():
-        check_choice("joint", name, leading)
-    chosen = tuple(name for name in leading if joints is None or name in joints)
+        check_choice("joint", name, candidates)
+    chosen = tuple(name for name in candidates if joints is None or name in joints)
     springs = []
     for name in chosen:
         after = name if elements[name].get("type") == "fixed" else _split(urdf, elements[name])
         springs.append(Spring(f"{name}_{ERRORS}", "joint", after, AXES, (1.0,) * len(AXES)))
     text = ElementTree.tostring(urdf, encoding="unicode")
-    varied = replace(description, urdf_text=text, springs=tuple(springs))
+    with_errors = replace(description, urdf_text=text, springs=tuple(springs))
     return Geometry(
         robot=robot,
-        model=ParallelRobot.from_description(varied, flexibility="flexible_joints"),
+        model=ParallelRobot.from_description(with_errors, flexibility="flexible_joints"),
         joints=chosen,
         names=tuple(f"{name}.{axis}" for name in chosen for axis in AXES),
         turning=np.tile([axis.startswith("r") for axis in AXES], len(chosen)),
@@ -82,25 +84,30 @@ def geometry_of(robot: ParallelRobot, joints: Sequence[str] | None = None) -> Ge
 
 
 def _leading(description: RobotDescription, elements: dict[str, ElementTree.Element]) -> list[str]:
-    """Return the joints between the root and the frames of the platform and of closures, as in the URDF."""
-    above = {_end(joint, "child"): joint for joint in elements.values()}
-    used = {description.platform.frame, *(name for c in description.closures for name in c.frames)}
+    """Return the joints between the base and the frames of the platform and of closures, in the URDF's order.
+
+    A frame is the name of a link, or of a joint for its child link.
+    """
+    joint_of_link = {_end(joint, "child"): joint for joint in elements.values()}
+    frames = {description.platform.frame, *(name for c in description.closures for name in c.frames)}
     leading = set()
-    for frame in used:
-        link = frame if frame in above or frame not in elements else _end(elements[frame], "child")
-        while link in above:
-            leading.add(above[link].get("name", ""))
-            link = _end(above[link], "parent")
+    for frame in frames:
+        is_joint = frame not in joint_of_link and frame in elements
+        link = _end(elements[frame], "child") if is_joint else frame
+        while link in joint_of_link:
+            leading.add(joint_of_link[link].get("name", ""))
+            link = _end(joint_of_link[link], "parent")
     return [name for name in elements if name in leading]
 
 
 def _end(joint: ElementTree.Element, end: str) -> str:
+    """Return the name of the joint's link "parent" or "child"; empty without one."""
     element = joint.find(end)
     return "" if element is None else element.get("link", "")
 
 
 def _split(urdf: ElementTree.Element, joint: ElementTree.Element) -> str:
-    """Insert a fixed joint with the origin of a moving joint before the latter; return its name."""
+    """Insert a fixed joint with the origin of a moving joint before this joint; return its name."""
     name = f"{joint.get('name')}_{PLACED}"
     link = f"{name}_link"
     ElementTree.SubElement(urdf, "link", name=link)
@@ -115,11 +122,11 @@ def _split(urdf: ElementTree.Element, joint: ElementTree.Element) -> str:
 
 
 def _move_origin(joint: ElementTree.Element, move: Array) -> None:
-    """Move the origin of a joint by displacements along and turns about its axes (6,)."""
+    """Move a joint's origin by displacements along its axes, then turns about x, y and z in turn (6,)."""
     old = joint.find("origin")
-    place = origin_of(old, f"joint {joint.get('name')!r}") @ placement(None, move[:3])
+    pose = origin_of(old, f"joint {joint.get('name')!r}") @ placement(None, move[:3])
     for axis, angle in zip(np.eye(3), move[3:], strict=True):
-        place = place @ placement(about(axis, angle))
+        pose = pose @ placement(about(axis, angle))
     if old is not None:
         joint.remove(old)
-    joint.append(origin_element(place))
+    joint.append(origin_element(pose))

@@ -1,8 +1,8 @@
 """Identification of inertial and motor parameters from motor angles, torques and time.
 
-Weighted least squares on the base parameters, from rows N' Y theta = N' S tau (`torque_parameters`) whose
-noise is that of the torques, G' e of `platform_wrench`. At a Type 2 singularity G' e has no component along
-t_s, and errors of the motion dominate: a floor of the noise bounds the weight of such rows.
+Base parameters are found by weighted least squares from rows N' Y theta = N' S tau (`torque_parameters`). The
+noise of a row is that of the torques, G' e of `platform_wrench`. At a Type 2 singularity G' e has no
+component along t_s, and errors of the motion dominate; a least noise bounds the weight of such rows.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from framework.output import Document, plain
 from framework.tolerances import MIN_NOISE_RATIO, RANK_ROUNDING, SIGNIFICANT_DEVIATIONS
 
 HELD_OUT_BLOCKS, HELD_OUT_EVERY = 20, 4  # blocks of time in a recording, every fourth held out
-DEFAULT_PRIOR = 1.0  # standard deviation of the file's values, as a share of each body's own size
+DEFAULT_PRIOR = 1.0  # standard deviation of the file's values over the size of each body's parameters
 
 
 class Rows(NamedTuple):
@@ -45,7 +45,7 @@ class Rows(NamedTuple):
     right: Array  # (T, n)
 
     def select(self, instants: BoolArray) -> Rows:
-        """Return the rows of some instants, matrix (rows, p) and right side (rows,)."""
+        """Return the rows of the marked instants (T,) as one matrix (rows, p) with right side (rows,)."""
         return Rows(self.matrix[instants].reshape(-1, self.matrix.shape[2]), self.right[instants].ravel())
 
 
@@ -87,7 +87,7 @@ class Identification(ReadOnlyArrays):
 
     @property
     def changed(self) -> tuple[str, ...]:
-        """Base parameters that are off the file's values by more than chance explains."""
+        """Base parameters that differ significantly from the file's values."""
         change = np.abs(self.values - self.base.values)
         return self._base_names(change > SIGNIFICANT_DEVIATIONS * self.deviations)
 
@@ -206,36 +206,45 @@ def identify(
 
 
 def _whiten(robot: ParallelRobot, regressor: ParameterRegressor, measured: MeasuredMotion) -> Rows:
-    """Return the rows of all instants, whitened by the noise G' e of the torques."""
-    arm = robot.platform_scale
+    """Return the rows of all instants, whitened by the noise G' e of the torques.
+
+    The covariance of a wrench is C = G' E E' G = V diag(variance) V', with E the noise of the torques. Rows
+    times diag(variance)^(-1/2) V' are independent and have unit noise.
+    """
+    scale = robot.platform_scale  # forces and moments are compared as forces
     noise = np.maximum(measured.torque_noise, RANK_ROUNDING * np.abs(measured.torque).max(axis=0))
-    spread = regressor.motors * noise / arm[:, None]  # (T, n, n_a), forces and couples by the robot's length
-    variance, axes = np.linalg.eigh(spread @ spread.swapaxes(1, 2))
-    floor = MIN_NOISE_RATIO**2 * variance[:, -1:]
-    weights = axes.swapaxes(1, 2) / np.sqrt(np.maximum(variance, floor))[..., None] / arm
+    wrench_noise = regressor.motors * noise / scale[:, None]  # (T, n, n_a) G' E
+    variance, axes = np.linalg.eigh(wrench_noise @ wrench_noise.swapaxes(1, 2))
+    least_variance = MIN_NOISE_RATIO**2 * variance[:, -1:]
+    deviation = np.sqrt(np.maximum(variance, least_variance))
+    weights = axes.swapaxes(1, 2) / deviation[..., None] / scale
     wrench = np.einsum("tna,ta->tn", regressor.motors, measured.torque) - regressor.known
     return Rows(weights @ regressor.matrix, np.einsum("tmn,tn->tm", weights, wrench))
 
 
 def _held_out(times: Array) -> BoolArray:
-    """Whether instants (T,) are held out: every fourth block of time."""
+    """Mark the instants (T,) held out for validation: every fourth block of time."""
     share = (times - times[0]) / (times[-1] - times[0])
     blocks = np.minimum((share * HELD_OUT_BLOCKS).astype(int), HELD_OUT_BLOCKS - 1)
     return blocks % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
 
 
 def _least_squares(base: BaseParameters, rows: Rows) -> tuple[Array, Array, float]:
-    """Return base parameters, their standard deviations, and the noise of rows assumed to have 1."""
+    """Return base parameters and standard deviations, both (rank,), and the noise of rows over the assumed 1.
+
+    With A = U S V' the solution is V S^-1 U' b, its covariance noise^2 V S^-2 V'. Parameters with a part
+    along directions of zero singular value have infinite deviations.
+    """
     leading = base.combinations.leading
     sizes = base.described.sizes[leading]
-    left, values, right = np.linalg.svd(rows.matrix[:, leading] * sizes, full_matrices=False)
-    seen = values > RANK_ROUNDING * values[0]
-    solution = right[seen].T @ ((left.T @ rows.right)[seen] / values[seen])
+    U, sigma, V_rows = np.linalg.svd(rows.matrix[:, leading] * sizes, full_matrices=False)
+    seen = sigma > RANK_ROUNDING * sigma[0]
+    solution = V_rows[seen].T @ ((U.T @ rows.right)[seen] / sigma[seen])
     residual = rows.right - rows.matrix[:, leading] @ (sizes * solution)
     noise = float(np.sqrt(residual @ residual / (len(residual) - np.count_nonzero(seen))))
-    deviations = noise * np.sqrt(np.sum((right[seen] / values[seen, None]) ** 2, axis=0))
-    unseen = np.sum(right[~seen] ** 2, axis=0) > RANK_ROUNDING
-    return sizes * solution, np.where(unseen, np.inf, sizes * deviations), noise
+    deviations = noise * np.sqrt(np.sum((V_rows[seen] / sigma[seen, None]) ** 2, axis=0))
+    undetermined = np.sum(V_rows[~seen] ** 2, axis=0) > RANK_ROUNDING
+    return sizes * solution, np.where(undetermined, np.inf, sizes * deviations), noise
 
 
 def torque_error(
@@ -245,18 +254,19 @@ def torque_error(
     instants: BoolArray,
     parameters: Array,
 ) -> Array:
-    """Compute the error (n_a,) of motor torques by parameters (p,), root mean square over the measured ones.
+    """Compute root mean square errors (n_a,) of torques predicted by parameters (p,), over the measured.
 
-    Only instants at which the motors hold the robot well count; NaN without any.
+    The error e solves G' e = W - G' tau with the predicted wrench W. Only instants count at which G is well
+    conditioned; NaN without any.
     """
-    speeds = regressor.motors / robot.platform_scale[:, None] / robot.column_scale[robot.actuated]
-    values = singular_values(speeds / robot.gear_ratio)
-    which = np.flatnonzero(instants & (values[:, -1] > MIN_NOISE_RATIO * values[:, 0]))
-    if not len(which):
+    scaled_G = regressor.motors / robot.platform_scale[:, None] / robot.column_scale[robot.actuated]
+    values = singular_values(scaled_G / robot.gear_ratio)
+    used = np.flatnonzero(instants & (values[:, -1] > MIN_NOISE_RATIO * values[:, 0]))
+    if not len(used):
         return np.full(robot.n_a, np.nan)
-    wrench = regressor.matrix[which] @ parameters + regressor.known[which]
-    to_motors, torque = regressor.motors[which], measured.torque[which]
-    missing = wrench - np.einsum("tna,ta->tn", to_motors, torque)
-    error = np.einsum("tan,tn->ta", np.linalg.pinv(to_motors), missing)
+    wrench = regressor.matrix[used] @ parameters + regressor.known[used]
+    G_transposed, torque = regressor.motors[used], measured.torque[used]
+    missing_wrench = wrench - np.einsum("tna,ta->tn", G_transposed, torque)
+    error = np.einsum("tan,tn->ta", np.linalg.pinv(G_transposed), missing_wrench)
     size = np.sqrt(np.mean(torque**2, axis=0))
     return np.sqrt(np.mean(error**2, axis=0)) / np.maximum(size, np.finfo(float).tiny)

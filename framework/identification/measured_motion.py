@@ -1,8 +1,8 @@
-"""From recorded samples to the motion of all joints: filtered, differentiated, loops closed.
+"""The motion of all joints from recorded samples: filter, differentiate, close the loops.
 
-Angles, platform and torques pass the same filter without delay (scipy: a Butterworth filter of order 4,
-forwards and backwards); derivatives are those of splines of degree 5 through the result (scipy, too). The
-instants used are half a period of the cutoff apart, so that their noise is nearly independent, and away from
+Angles, platform and torques pass the same filter without delay, a Butterworth filter of order 4 forwards and
+backwards (scipy). Derivatives are those of splines of degree 5 through the filtered samples (scipy). The
+instants used are half a period of the cutoff apart, so that their noise is nearly independent, and not near
 the ends of the recording. The signs of the motors' speeds, on which dry friction depends, pass the same
 filter.
 """
@@ -31,9 +31,9 @@ from framework.tolerances import MAX_MOTOR_MISFIT
 ORDER, SPLINE_DEGREE = 4, 5  # of the filter, of the splines
 MIN_INSTANTS = 8
 MIN_SAMPLES = 64
-SIGNAL_TO_NOISE = 10.0  # of spectra, at the end of a signal
-SMOOTHING_BINS = 9  # of a spectrum
-MAX_CUTOFF = 0.4  # of the sampling rate: half of it is the limit of any sampling
+SIGNAL_TO_NOISE = 10.0  # of a spectrum, below which a frequency counts as noise
+SMOOTHING_BINS = 9  # of a spectrum, over which its mean is taken
+MAX_CUTOFF = 0.4  # over the sampling rate; 0.5 is the Nyquist frequency
 MIN_PERIODS = 8  # of the cutoff in a recording
 END_PERIODS = 1.0  # of the cutoff, left out at either end
 
@@ -46,7 +46,7 @@ class MeasuredMotion:
     cutoff: float  # [Hz] of the filter
     times: Array  # (T,)
     motion: Motion
-    signs: Array  # (T, n_a) of the motors' speeds, filtered
+    signs: Array  # (T, n_a) signs of the motors' speeds, filtered
     torque: Array  # (T, n_a) filtered, motor side
     torque_noise: Array  # (n_a,) standard deviation of the noise after filtering
     motor_misfit: float  # [rad, robot lengths] of poses by the platform to the motors' joints; 0 by motors
@@ -60,12 +60,16 @@ def measured_motion(
     poses: str | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> MeasuredMotion:
-    """Compute the recorded motion of all joints.
+    """Compute the recorded motion of all joints, with filtered torques and their noise.
+
+    The noise of torques is what the filter removes, times sqrt(2 cutoff period): the filter passes this share
+    of the band of white noise, which ends at half the sampling rate.
 
     Args:
-        cutoff: of the filter [Hz]; by default the frequency at which the angles' spectra meet their noise.
-        poses: their source: "motors", or "platform" (all its coordinates measured), which passes Type 2
-            singularities; by default motors, unless they lead to one.
+        cutoff: of the filter [Hz]; by default the frequency above which the angles' spectra are noise.
+        poses: "motors" computes poses from the motor angles, "platform" from measured coordinates of the
+            platform, which works at Type 2 singularities, too. By default "motors", or "platform" if that
+            fails.
         progress: called with the number of poses computed from the motors.
 
     Raises:
@@ -81,15 +85,16 @@ def measured_motion(
     torque = _measured_torques(robot, data)
     low_pass = _LowPass(period, _choose_cutoff(data, joints, period, cutoff))
     angles, instants = low_pass.differentiate(joints), low_pass.instants(data)
-    smooth = low_pass.filter(torque)
-    noise = np.std(torque - smooth, axis=0) * np.sqrt(2.0 * low_pass.cutoff * period)
+    filtered_torque = low_pass.filter(torque)
+    removed = np.std(torque - filtered_torque, axis=0)
+    torque_noise = removed * np.sqrt(2.0 * low_pass.cutoff * period)
     if poses not in (None, "motors", "platform"):
         raise InvalidInput(f"poses: needs motors or platform, got {poses!r}")
     motion, misfit = None, 0.0
     if poses != "platform":
         try:
             motion = _motion_of_motors(robot, [rows[instants] for rows in angles], progress)
-        except NotAssembled:
+        except NotAssembled:  # by default try the platform, if it was measured
             if poses == "motors" or not data.has("platform", robot.axis_names):
                 raise
     source = "platform" if motion is None else "motors"
@@ -103,14 +108,14 @@ def measured_motion(
         times=data.column("time")[instants],
         motion=motion,
         signs=low_pass.filter(np.sign(angles[1]))[instants],
-        torque=smooth[instants],
-        torque_noise=noise,
+        torque=filtered_torque[instants],
+        torque_noise=torque_noise,
         motor_misfit=misfit,
     )
 
 
 def _measured_torques(robot: ParallelRobot, data: Recording) -> Array:
-    """Return the motors' torques (samples, n_a); refuse a motor without any."""
+    """Return the motors' torques (samples, n_a); refuse a motor whose torque is zero at all samples."""
     torque = data.columns("torque", robot.actuator_names)
     for joint, column in zip(robot.actuator_names, torque.T, strict=True):
         if not column.any():
@@ -121,36 +126,44 @@ def _measured_torques(robot: ParallelRobot, data: Recording) -> Array:
 
 
 def _from_reference(robot: ParallelRobot, joints: Array) -> Array:
-    """Return motors' joints (T, n_a) less whole turns, to begin within half a turn of the reference."""
+    """Subtract whole turns from motors' joints (T, n_a) to start within half a turn of the reference."""
     offset = joints[0] - robot.actuated_coordinates(robot.reference.q[None])[0]
     return joints - np.where(robot.sliding[robot.actuated], 0.0, whole_turns(offset))
 
 
 def _choose_cutoff(data: Recording, joints: Array, period: float, cutoff: float | None) -> float:
-    """Check a cutoff [Hz], by default the frequency at which all angles' spectra have met their noise."""
-    least, most = MIN_PERIODS / (len(data) * period), MAX_CUTOFF / period
+    """Return the cutoff [Hz], by default the frequency above which all angles' spectra are noise.
+
+    Raises:
+        InvalidInput: the cutoff is not in the range that the recording allows, or there is no such range.
+    """
+    lowest, highest = MIN_PERIODS / (len(data) * period), MAX_CUTOFF / period
     if cutoff is None:
-        if least > most:
+        if lowest > highest:
             raise InvalidInput(f"{data.source}: {len(data)} samples are too few to filter")
-        return float(np.clip(_signal_frequency(joints, period), least, most))
-    if not least <= cutoff <= most:
-        raise InvalidInput(f"cutoff: needs {least:.3g} to {most:.3g} Hz for these data, got {cutoff:g}")
+        return float(np.clip(_signal_frequency(joints, period), lowest, highest))
+    if not lowest <= cutoff <= highest:
+        raise InvalidInput(f"cutoff: needs {lowest:.3g} to {highest:.3g} Hz for these data, got {cutoff:g}")
     return cutoff
 
 
 def _signal_frequency(joints: Array, period: float) -> float:
-    """Compute the highest frequency [Hz] up to which a spectrum of joints (T, n_a) is above its noise."""
+    """Return the lowest frequency [Hz] at which all spectra of joints (T, n_a) have fallen to their noise.
+
+    Noise is the median of the upper half of a smoothed power spectrum. The chord of each signal is subtracted
+    and a window applied, so that the ends of the recording add no high frequencies.
+    """
     from scipy.ndimage import uniform_filter1d
 
     count = len(joints)
-    straight = joints[0] + np.linspace(0.0, 1.0, count)[:, None] * (joints[-1] - joints[0])
+    chord = joints[0] + np.linspace(0.0, 1.0, count)[:, None] * (joints[-1] - joints[0])
     window = np.hanning(count)[:, None]
-    power = np.abs(np.fft.rfft((joints - straight) * window, axis=0)) ** 2
+    power = np.abs(np.fft.rfft((joints - chord) * window, axis=0)) ** 2
     power = uniform_filter1d(power, SMOOTHING_BINS, axis=0, mode="nearest")
-    floor = np.median(power[len(power) // 2 :], axis=0)
-    above = power > SIGNAL_TO_NOISE * np.maximum(floor, np.finfo(float).tiny)
-    first = [len(column) if column.all() else np.argmin(column) for column in above.T]
-    return max(first) / (count * period)
+    noise = np.median(power[len(power) // 2 :], axis=0)
+    is_signal = power > SIGNAL_TO_NOISE * np.maximum(noise, np.finfo(float).tiny)
+    first_noise_bin = [len(column) if column.all() else np.argmin(column) for column in is_signal.T]
+    return max(first_noise_bin) / (count * period)
 
 
 class _LowPass(NamedTuple):
@@ -160,7 +173,7 @@ class _LowPass(NamedTuple):
     cutoff: float  # [Hz]
 
     def filter(self, values: Array) -> Array:
-        """Filter values (samples, k)."""
+        """Filter values (samples, k) forwards and backwards."""
         from scipy.signal import butter, sosfiltfilt
 
         sections = butter(ORDER, self.cutoff, fs=1.0 / self.period, output="sos")
@@ -176,10 +189,10 @@ class _LowPass(NamedTuple):
         return [spline(times, order) for order in range(3)]
 
     def instants(self, data: Recording) -> IntArray:
-        """Return samples half a period of the cutoff apart, away from the ends."""
-        samples = 1.0 / (self.cutoff * self.period)  # in a period of the cutoff
-        margin = int(np.ceil(END_PERIODS * samples))
-        instants = np.arange(margin, len(data) - margin, max(round(0.5 * samples), 1))
+        """Return indices of samples half a period of the cutoff apart, without the ends of the recording."""
+        samples_per_period = 1.0 / (self.cutoff * self.period)  # of the cutoff
+        margin = int(np.ceil(END_PERIODS * samples_per_period))
+        instants = np.arange(margin, len(data) - margin, max(round(0.5 * samples_per_period), 1))
         if len(instants) < MIN_INSTANTS:
             raise InvalidInput(
                 f"{data.source}: {len(instants)} instants are left between the ends, at least "
@@ -189,25 +202,30 @@ class _LowPass(NamedTuple):
 
 
 def _motion_of_motors(robot: ParallelRobot, angles: list[Array], progress: Callable[[int], None]) -> Motion:
-    """Compute the motion of all joints for motor joints, their rates and accelerations (T, n_a)."""
+    """Compute the motion of all joints for motor joints, their rates and accelerations (T, n_a).
+
+    With joint rates N for unit twists, whose rows of motors are N_a: v = N N_a^+ dq_a, and
+    a = drift + N N_a^+ (ddq_a - drift_a), with the drift at zero accelerations of the platform.
+    """
     q_a, dq_a, ddq_a = angles
     q = _poses_of_motors(robot, q_a, progress)
     linearised = linearised_at(robot, q, None)
     _check_clearance(robot, q, linearised)
-    units = np.broadcast_to(np.eye(robot.n)[:, None], (robot.n, len(q), robot.n))
-    rates = joint_rates(robot, linearised, units, np.zeros((len(q), 0))).transpose(1, 2, 0)  # (T, nv, n)
-    to_twist = np.linalg.pinv(rates[:, robot.actuated])
-    v = np.einsum("tvn,tna,ta->tv", rates, to_twist, dq_a)
+    unit_twists = np.broadcast_to(np.eye(robot.n)[:, None], (robot.n, len(q), robot.n))
+    N = joint_rates(robot, linearised, unit_twists, np.zeros((len(q), 0))).transpose(1, 2, 0)  # (T, nv, n)
+    N_a_inverse = np.linalg.pinv(N[:, robot.actuated])
+    v = np.einsum("tvn,tna,ta->tv", N, N_a_inverse, dq_a)
     drift = freeze_deflections(robot, q, v, np.zeros_like(v)).a
-    missing = ddq_a - drift[:, robot.actuated]
-    return freeze_deflections(robot, q, v, drift + np.einsum("tvn,tna,ta->tv", rates, to_twist, missing))
+    relative = ddq_a - drift[:, robot.actuated]
+    a = drift + np.einsum("tvn,tna,ta->tv", N, N_a_inverse, relative)
+    return freeze_deflections(robot, q, v, a)
 
 
 def _poses_of_motors(robot: ParallelRobot, q_a: Array, progress: Callable[[int], None]) -> Array:
-    """Follow the motors' joints (T, n_a) and return the poses (T, nq).
+    """Follow the motors' joints (T, n_a) from instant to instant; return the poses (T, nq).
 
     Raises:
-        Type2Singularity: the assembly mode ends at an instant or before it.
+        Type2Singularity: the assembly mode ends at a singularity before the last instant.
     """
     q: list[Array] = []
     try:
@@ -220,18 +238,19 @@ def _poses_of_motors(robot: ParallelRobot, q_a: Array, progress: Callable[[int],
 
 
 def _check_clearance(robot: ParallelRobot, q: Array, linearised: LinearisedLoops) -> None:
-    """Refuse motors that may pass a Type 2 singularity between two instants, where modes are ambiguous.
+    """Raise Type2Singularity if the motors may pass a Type 2 singularity between two instants.
 
-    They may if the least singular value of P, extrapolated linearly from either side, reaches zero before the
-    next instant; a return on another mode looks the same.
+    Motor angles do not tell whether the robot continues in the same mode there. A singularity is possible
+    where the least singular value of P, extrapolated linearly from either side, reaches zero before the next
+    instant.
     """
     value = clearance(robot, linearised)
     change = np.diff(value)
-    meets = np.zeros(len(value), dtype=bool)
-    meets[1:-1] = (value[1:-1] + change[:-1] <= 0.0) | (value[1:-1] - change[1:] <= 0.0)
-    if not meets.any():
+    may_vanish = np.zeros(len(value), dtype=bool)
+    may_vanish[1:-1] = (value[1:-1] + change[:-1] <= 0.0) | (value[1:-1] - change[1:] <= 0.0)
+    if not may_vanish.any():
         return
-    k = int(np.flatnonzero(meets)[0])
+    k = int(np.flatnonzero(may_vanish)[0])
     x = robot.platform.coordinates(linearised.frames)[k]
     raise _type2_of_motors(robot, q[k], x, float(linearised.gap[k]), k / len(q))
 
@@ -239,7 +258,7 @@ def _check_clearance(robot: ParallelRobot, q: Array, linearised: LinearisedLoops
 def _type2_of_motors(
     robot: ParallelRobot, q: Array, x: Array, residual: float, share: float
 ) -> Type2Singularity:
-    """Return the error for motors that pass Type 2 beside q (nq,), after a share of the recording."""
+    """Return the error for motors that pass Type 2 near q (nq,), at a share of the recording's time."""
     return Type2Singularity(
         f"{robot.name}: the recorded motors pass a Type 2 singularity or come near one beside "
         f"{robot.place(x)}, where they do not say how the robot goes on; the poses "
@@ -254,26 +273,26 @@ def _type2_of_motors(
 def _motion_of_platform(robot: ParallelRobot, platform: list[Array]) -> Motion:
     """Compute the motion of all joints for platform coordinates, rates and accelerations (T, n)."""
     x, dx, ddx = platform
-    q = [assemble(robot, x[0]).q]
-    for coordinates in x:
-        q.append(close_loops(robot, coordinates[None], q[-1][None]).q[0])
-    stack = np.array(q[1:])
-    return motion_at(robot, ClosedStack(stack, x, linearised_at(robot, stack, x)), dx, ddx)
+    poses = [assemble(robot, x[0]).q]
+    for coordinates in x:  # each from the pose before
+        poses.append(close_loops(robot, coordinates[None], poses[-1][None]).q[0])
+    q = np.array(poses[1:])
+    return motion_at(robot, ClosedStack(q, x, linearised_at(robot, q, x)), dx, ddx)
 
 
 def _motor_misfit(robot: ParallelRobot, source: str, motion: Motion, q_a: Array, samples: IntArray) -> float:
-    """Compute the largest distance of poses to the motors' joints q_a (T, n_a) [rad, robot lengths].
+    """Compute the largest difference of poses from the measured motors' joints q_a (T, n_a).
 
-    Whole turns of hinges do not count.
+    In radians, without whole turns, or robot lengths.
 
     Raises:
-        InvalidInput: the distance is larger than small errors of the file explain.
+        InvalidInput: the difference is too large for small errors of the file.
     """
     offset = robot.actuated_coordinates(motion.q) - q_a
-    offset = np.abs(np.where(robot.sliding[robot.actuated], offset, offset - whole_turns(offset)))
-    offset /= robot.column_scale[robot.actuated]
-    k, motor = np.unravel_index(offset.argmax(), offset.shape)
-    largest = float(offset[k, motor])
+    distance = np.abs(np.where(robot.sliding[robot.actuated], offset, offset - whole_turns(offset)))
+    distance /= robot.column_scale[robot.actuated]
+    k, motor = np.unravel_index(distance.argmax(), distance.shape)
+    largest = float(distance[k, motor])
     if largest > MAX_MOTOR_MISFIT:
         raise InvalidInput(
             f"{source}: at sample {int(samples[k]) + 1} motor_angle_{robot.actuator_names[motor]} "

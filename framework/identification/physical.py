@@ -1,10 +1,10 @@
-"""Physically possible parameters of bodies and motors, nearest to the file and to the data.
+"""Physically possible parameters of bodies and motors that fit the data and are near the file's values.
 
-The misfit to the data is a quadratic form of all parameters; a prior keeps parameters that they do not
-determine at the file's values. Every body's pseudo-inertia is positive semidefinite (Wensing, Kim and
-Slotine, IEEE Robotics and Automation Letters 3(1), 2018), rotor inertia, damping and friction are not
-negative: a semidefinite program. Links fixed to one another make one body, whose parameters the prior divides
-among them.
+The misfit to the data is a quadratic form of all parameters. A prior keeps parameters that the data do not
+determine at the file's values. Every body's pseudo-inertia must be positive semidefinite (Wensing, Kim and
+Slotine, IEEE Robotics and Automation Letters 3(1), 2018); rotor inertia, damping and friction must not be
+negative. This is a semidefinite program. Links fixed to one another are one body, whose parameters the prior
+divides among the links.
 """
 
 from __future__ import annotations
@@ -31,54 +31,60 @@ from framework.model.xml_reading import attribute, child_element, origin_of
 from framework.motion.cone_program import Affine, LinearMatrix, Unsolved, semidefinite_least_squares
 
 MOMENTS = ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")  # in the order of pinocchio
-NO_ROTOR = 1e-9  # of the size of a motor's inertia: spread of a rotor that the file does not have
-ROUNDED_BODY = 1e-9  # of mass and second moments: negative parts that rounding may leave
+NO_ROTOR = 1e-9  # over the size of a motor's inertia: prior deviation of a rotor that is zero in the file
+ROUNDED_BODY = 1e-9  # over mass and second moments: negative eigenvalues that count as rounding
 
 
 class LinkParameters(NamedTuple):
-    """The u parameters of single links, (10,) each on its own axes, and of motors."""
+    """The u parameters of all links, (10,) each on the link's axes, and of motors."""
 
     links: tuple[str, ...]  # with mass in the file
-    values: Array  # (u,) ten of each link, then three of each motor
-    spread: Array  # (u,) sizes of each link and motor
-    to_parameters: Array  # (p, u) to those of bodies and motors, `TorqueParameters`
+    values: Array  # (u,) of the file: ten of each link, then three of each motor
+    spread: Array  # (u,) sizes of the parameters, units of their prior deviation
+    to_parameters: Array  # (p, u) matrix from these to parameters of bodies and motors, `TorqueParameters`
 
 
 def link_parameters_of(robot: ParallelRobot, parameters: TorqueParameters) -> LinkParameters:
-    """Return the parameters of all links with mass and of the motors."""
+    """Return the parameters of all links with mass and of the motors.
+
+    The parameters of a body are the sum of those of its links, each transformed to the axes of the body.
+    """
     urdf = ElementTree.fromstring(robot.description.urdf_text)
-    own = {link.get("name", ""): inertial_parameters(link) for link in urdf.findall("link")}
+    in_file = {link.get("name", ""): inertial_parameters(link) for link in urdf.findall("link")}
     links, blocks = [], []
     for i, j in enumerate(map(int, parameters.bodies)):
         for frame in robot.model.frames:
             is_link = frame.parentJoint == j and frame.type == pin.FrameType.BODY
-            if is_link and own.get(frame.name, np.zeros(1))[0] > 0.0:
+            if is_link and in_file.get(frame.name, np.zeros(1))[0] > 0.0:
                 block = np.zeros((len(parameters.names), 10))
-                place = link_axes(robot.model, j).inverse() * frame.placement
-                block[10 * i : 10 * i + 10] = parameter_transform(place)
+                link_pose = link_axes(robot.model, j).inverse() * frame.placement  # in the body
+                block[10 * i : 10 * i + 10] = parameter_transform(link_pose)
                 links.append(str(frame.name))
                 blocks.append(block)
     motors = slice(10 * len(parameters.bodies), None)
-    spread = parameters.sizes[motors].copy()
+    motor_spread = parameters.sizes[motors].copy()
     rotors = slice(None, None, len(OF_MOTORS))
-    spread[rotors] = np.maximum(parameters.values[motors][rotors], NO_ROTOR * spread[rotors])
+    motor_spread[rotors] = np.maximum(parameters.values[motors][rotors], NO_ROTOR * motor_spread[rotors])
     return LinkParameters(
         links=tuple(links),
-        values=np.concatenate([*(own[link] for link in links), parameters.values[motors]]),
-        spread=np.concatenate([*(_body_sizes(own[link]) for link in links), spread]),
+        values=np.concatenate([*(in_file[link] for link in links), parameters.values[motors]]),
+        spread=np.concatenate([*(_body_sizes(in_file[link]) for link in links), motor_spread]),
         to_parameters=np.concatenate([*blocks, np.eye(len(parameters.names))[:, motors]], axis=1),
     )
 
 
 def _body_sizes(body: Array) -> Array:
-    """Return sizes (10,) of a body's parameters, by its mass and its extent; a point stays a point."""
-    moments = np.trace(pseudo_inertia(body)[:3, :3])
-    arm = np.sqrt(max(moments, 0.0) / body[0])
-    return body[0] * arm**LENGTH_POWERS
+    """Return sizes (10,) of a body's parameters: mass times powers 0, 1, 2 of its radius of gyration.
+
+    A point mass at the origin has the radius 0: its moments remain zero.
+    """
+    trace = np.trace(pseudo_inertia(body)[:3, :3])
+    radius = np.sqrt(max(trace, 0.0) / body[0])
+    return body[0] * radius**LENGTH_POWERS
 
 
 def inertial_parameters(link: ElementTree.Element) -> Array:
-    """Return the ten parameters of a URDF's link, about its origin; zeros without <inertial>."""
+    """Return the ten parameters of a link of the URDF, about its origin; zeros without <inertial>."""
     inertial = link.find("inertial")
     if inertial is None:
         return np.zeros(10)
@@ -86,34 +92,35 @@ def inertial_parameters(link: ElementTree.Element) -> Array:
     mass = attribute(child_element(inertial, where, "mass"), where, "value")
     inertia = child_element(inertial, where, "inertia")
     entries = [float(attribute(inertia, where, key)) for key in MOMENTS]
-    place = origin_of(inertial.find("origin"), where)
-    return parameter_transform(pin.SE3(place)) @ np.array([float(mass), 0.0, 0.0, 0.0, *entries])
+    pose = origin_of(inertial.find("origin"), where)
+    return parameter_transform(pin.SE3(pose)) @ np.array([float(mass), 0.0, 0.0, 0.0, *entries])
 
 
 def possible_parameters(
     robot: ParallelRobot, links: LinkParameters, information: Array, residual: Array, prior: float
 ) -> Array:
-    """Compute possible parameters (u,) of links and motors, nearest to the data and the file.
+    """Compute the most probable possible parameters (u,) of links and motors.
 
-    They minimise |A (theta - theta_file) - r|^2 and their distance from the file's.
+    They minimise |A T (theta - theta_file) - r|^2 + |(theta - theta_file) / deviation|^2, with T of
+    `to_parameters`. With theta = best + change y, where best is the unconstrained minimum and `change` makes
+    the quadratic form |y|^2, this is the shortest y for which all parameters are possible.
 
     Args:
         information: A' A (p, p) of rows of unit noise; residual: A' r (p,).
-        prior: standard deviation of the file's values, as a share of each link's own size.
+        prior: standard deviation of the file's values, as a share of the size of each link's parameters.
 
     Raises:
-        NotConverged: the solver does not settle.
+        NotConverged: the solver does not converge.
     """
-    spread = prior * links.spread
-    along = links.to_parameters * spread
-    # unknowns in which the quadratic form is a distance
-    squares, axes = np.linalg.eigh(along.T @ information @ along + np.eye(len(spread)))
-    change = spread[:, None] * axes / np.sqrt(squares)  # of the parameters along the unknowns
-    best = links.values + change @ (axes.T @ (along.T @ residual) / np.sqrt(squares))  # possible or not
+    deviation = prior * links.spread
+    scaled = links.to_parameters * deviation
+    eigenvalues, axes = np.linalg.eigh(scaled.T @ information @ scaled + np.eye(len(deviation)))
+    change = deviation[:, None] * axes / np.sqrt(eigenvalues)
+    best = links.values + change @ (axes.T @ (scaled.T @ residual) / np.sqrt(eigenvalues))
     bodies = [slice(10 * i, 10 * i + 10) for i in range(len(links.links))]
     matrices = [_inertia_cone(links.values[body], change[body], best[body]) for body in bodies]
     motors = slice(10 * len(links.links), None)
-    positive = Affine(change[motors] / spread[motors, None], best[motors] / spread[motors])
+    positive = Affine(change[motors] / deviation[motors, None], best[motors] / deviation[motors])
     solution = semidefinite_least_squares(matrices, positive)
     if isinstance(solution, Unsolved):
         raise NotConverged(
@@ -126,22 +133,25 @@ def possible_parameters(
 
 
 def _inertia_cone(file: Array, change: Array, best: Array) -> LinearMatrix:
-    """Return a body's pseudo-inertia, linear in u unknowns by changes (10, u) of its parameters."""
-    balance = _balance(file)
-    slopes = np.moveaxis(balance @ pseudo_inertia(change.T) @ balance, 0, 2)
-    offset = balance @ pseudo_inertia(best) @ balance
+    """Return the scaled pseudo-inertia of a link with parameters best + change y (10,), affine in y (u,).
+
+    D P D is scaled by the file's values, and a small multiple of 1 is added for rounding.
+    """
+    D = _balance(file)
+    slopes = np.moveaxis(D @ pseudo_inertia(change.T) @ D, 0, 2)
+    offset = D @ pseudo_inertia(best) @ D
     return LinearMatrix(slopes, offset + ROUNDED_BODY * np.eye(4))
 
 
 def _balance(parameters: Array) -> Array:
-    """Return the diagonal matrix (4, 4) that makes mass and the largest second moment of mass 1."""
+    """Return the diagonal D (4, 4) for which D P D has mass 1 and largest second moment 1."""
     diagonal = np.diag(pseudo_inertia(parameters))
     largest = diagonal[:3].max() or diagonal[3]
     return np.diag(1.0 / np.sqrt([largest, largest, largest, diagonal[3]]))
 
 
 def with_masses_and_motors(robot: ParallelRobot, links: LinkParameters, values: Array) -> RobotDescription:
-    """Return the robot's description with parameters (u,) of links and motors, its URDF rewritten."""
+    """Return the robot's description, with its URDF, for parameters (u,) of links and motors."""
     description = robot.description
     urdf = ElementTree.fromstring(description.urdf_text)
     elements = {link.get("name", ""): link for link in urdf.findall("link")}
@@ -153,8 +163,8 @@ def with_masses_and_motors(robot: ParallelRobot, links: LinkParameters, values: 
     actuators, joints = [], dict(description.joints)
     for actuator, (rotor, damping, friction) in zip(description.actuators, motors.tolist(), strict=True):
         actuators.append(replace(actuator, rotor_inertia=rotor))
-        own = joints.get(actuator.joint, JointDynamics())
-        joints[actuator.joint] = replace(own, damping=damping, friction=friction)
+        in_file = joints.get(actuator.joint, JointDynamics())
+        joints[actuator.joint] = replace(in_file, damping=damping, friction=friction)
     return replace(
         description,
         urdf_text=ElementTree.tostring(urdf, encoding="unicode"),
@@ -164,8 +174,12 @@ def with_masses_and_motors(robot: ParallelRobot, links: LinkParameters, values: 
 
 
 def _write_inertial(link: ElementTree.Element, parameters: Array) -> None:
-    """Write the ten parameters of a link about its origin into its <inertial>, about the centre of mass."""
+    """Write the <inertial> of a link, about its centre of mass, from ten parameters about its origin.
+
+    Second moments about the centre c are S - m c c', and the inertia is tr(S) - S.
+    """
     mass, centre = float(parameters[0]), parameters[1:4] / parameters[0]
-    moments = pseudo_inertia(parameters)[:3, :3] - mass * np.outer(centre, centre)
+    second_moments = pseudo_inertia(parameters)[:3, :3] - mass * np.outer(centre, centre)
+    inertia = np.trace(second_moments) * np.eye(3) - second_moments
     remove_children(link, "inertial")
-    link.insert(0, inertial_element(mass, centre, np.trace(moments) * np.eye(3) - moments))
+    link.insert(0, inertial_element(mass, centre, inertia))

@@ -30,7 +30,7 @@ LINEAR_AXES = ("x", "y", "z")
 class Recording(ReadOnlyArrays):
     """Measured samples by column name: `values` (T, columns), SI units, motor side of the gears."""
 
-    source: str  # what complaints name
+    source: str  # name for error messages
     names: tuple[str, ...]
     values: Array
 
@@ -60,12 +60,12 @@ class Recording(ReadOnlyArrays):
         return all(f"{prefix}_{ending}" in self.names for ending in endings)
 
     def as_csv(self) -> str:
-        """Return the samples as text, numbers to their last digit."""
+        """Return the samples as CSV text, with all digits of numbers."""
         lines = [",".join(map(repr, row)) for row in self.values.tolist()]
         return "\n".join([",".join(self.names), *lines]) + "\n"
 
     def rows(self, which: slice | IntArray) -> Recording:
-        """Return some of the samples."""
+        """Return the samples `which`."""
         return Recording(self.source, self.names, self.values[which])
 
 
@@ -87,9 +87,8 @@ def read_recording(robot: ParallelRobot, file: str | Path) -> Recording:
     """Read a recording of a robot from a CSV file, without unknown columns.
 
     Raises:
-        InvalidInput: no such file; a row with another number of cells than columns, or a cell that is no
-            finite number, with its row and column; a column twice; no column of this robot; motor angles in
-            degrees.
+        InvalidInput: no such file; a row with too many or too few cells; a cell that is no finite number; a
+            column twice; no column of this robot; motor angles in degrees. Messages name row and column.
     """
     text = read_text(file, f"{file}", largest=LARGEST_RECORDING)
     reader = csv.reader(io.StringIO(text))
@@ -113,7 +112,7 @@ def read_recording(robot: ParallelRobot, file: str | Path) -> Recording:
 
 
 def _numbers(where: str, header: Sequence[str], used: Sequence[int], cells: Sequence[str]) -> list[float]:
-    """Return the cells of some columns as numbers."""
+    """Return the numbers of the columns `used` in one row of cells."""
     if len(cells) != len(header):
         raise InvalidInput(f"{where}: {len(cells)} cells for {len(header)} columns")
     numbers = []
@@ -129,7 +128,7 @@ def _numbers(where: str, header: Sequence[str], used: Sequence[int], cells: Sequ
 
 
 def recording_of(robot: ParallelRobot, data: Recording | str | Path) -> Recording:
-    """Return a recording, or that of a file; raises as `check_recording`."""
+    """Return a checked recording, read if `data` is a file name; raises as `read_recording`."""
     if not isinstance(data, Recording):
         return read_recording(robot, data)
     check_recording(robot, data)
@@ -139,9 +138,11 @@ def recording_of(robot: ParallelRobot, data: Recording | str | Path) -> Recordin
 def check_recording(robot: ParallelRobot, recording: Recording) -> None:
     """Raise InvalidInput for time that does not advance, and for motor angles in degrees."""
     if "time" in recording.names:
-        back = np.flatnonzero(np.diff(recording.column("time")) <= 0.0)
-        if len(back):
-            raise InvalidInput(f"{recording.source}: time does not advance after sample {int(back[0]) + 1}")
+        not_later = np.flatnonzero(np.diff(recording.column("time")) <= 0.0)
+        if len(not_later):
+            raise InvalidInput(
+                f"{recording.source}: time does not advance after sample {int(not_later[0]) + 1}"
+            )
     start = robot.actuated_coordinates(robot.reference.q[None])[0]
     turning = [
         k
@@ -160,14 +161,15 @@ def check_recording(robot: ParallelRobot, recording: Recording) -> None:
 def _is_in_degrees(angles: Array, start: Array) -> bool:
     """Whether angles (T, k) are near their reference (k,) only after conversion from degrees.
 
-    Whole turns do not count as distance, once a sample is farther away than half a turn.
+    Yes if the first angles are more than half a turn off, conversion brings them nearer than subtraction of
+    whole turns does, and all converted angles are within half a turn of the reference.
     """
-    distance, converted = angles[0] - start, np.radians(angles) - start
-    without_turns = np.abs(distance - whole_turns(distance)).max()
+    distance, converted_distance = angles[0] - start, np.radians(angles) - start
+    distance_without_turns = np.abs(distance - whole_turns(distance)).max()
     return bool(
         np.abs(distance).max() > np.pi
-        and np.abs(converted[0]).max() < without_turns
-        and np.abs(converted).max() <= np.pi
+        and np.abs(converted_distance[0]).max() < distance_without_turns
+        and np.abs(converted_distance).max() <= np.pi
     )
 
 

@@ -18,10 +18,10 @@ MAX_SAMPLES = 10_000_000
 
 @dataclass(frozen=True)
 class Sensors:
-    """Noise (standard deviation) and steps of sensors, on the motor side; 0 for none.
+    """Standard deviations of the noise and steps of sensors, on the motor side; 0 for none.
 
-    By default encoders of 16 bits a motor turn or of a micrometre, torques to 1 % of each motor's largest, as
-    from its current, and a tracker of 20 micrometres.
+    Defaults: encoders of 16 bits a motor turn, or of a micrometre; torques from motor currents, to 1 % of
+    each motor's largest; a tracker of the platform to 20 micrometres.
     """
 
     rate: float = 1000.0  # [Hz]
@@ -29,15 +29,16 @@ class Sensors:
     angle_step: float = 2.0 * np.pi / 2**16  # [rad]
     slide_step: float = 1e-6  # [m] of slides without a gear
     torque_noise: float = 0.01  # share of the motor's largest torque
-    torque_step: float = 0.0  # the same
-    platform_noise: float = 2e-5  # [m], and that over the robot's length [rad]
+    torque_step: float = 0.0  # share of the motor's largest torque
+    platform_noise: float = 2e-5  # [m]; of turns over the robot's length [rad]
     seed: int = 0
 
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            if not (np.isfinite(value) and (value > 0 if field.name == "rate" else value >= 0)):
-                least = "more than 0" if field.name == "rate" else "at least 0"
+            is_rate = field.name == "rate"
+            if not (np.isfinite(value) and value >= 0) or (is_rate and value == 0):
+                least = "more than 0" if is_rate else "at least 0"
                 raise InvalidInput(f"sensors: {field.name} needs a number of {least}, got {value!r}")
 
 
@@ -76,14 +77,16 @@ def record_sensors(
 
 
 def _measure(random: np.random.Generator, values: Array, noise: Array | float, step: Array | float) -> Array:
-    """Add noise of a standard deviation to values (T, k), then round to steps; 0 for none."""
+    """Add noise of this standard deviation to values (T, k), then round to multiples of a nonzero step."""
     noisy = values + noise * random.standard_normal(values.shape)
-    size = np.broadcast_to(step, values.shape)
-    return np.where(size > 0, np.round(noisy / np.where(size > 0, size, 1.0)) * size, noisy)
+    steps = np.broadcast_to(step, values.shape)
+    has_step = steps > 0
+    rounded = np.round(noisy / np.where(has_step, steps, 1.0)) * steps
+    return np.where(has_step, rounded, noisy)
 
 
 def sensors_of(words: dict[str, float]) -> Sensors:
-    """Return the sensors of values by name.
+    """Return sensors with the properties in `words`, defaults for the others.
 
     Raises:
         InvalidInput: an unknown name, or a value out of range.

@@ -31,13 +31,13 @@ OF_MOTORS = ("rotor_inertia", "damping", "friction")
 
 
 class TorqueParameters(NamedTuple):
-    """The p parameters of a robot's bodies and motors, bodies first."""
+    """The p parameters of a robot's bodies, ten each, then of its motors, three each."""
 
     bodies: IntArray  # (b,) joints of pinocchio that carry the bodies
     links: tuple[str, ...]  # (b,) names of the bodies
     names: tuple[str, ...]  # (p,)
     values: Array  # (p,) of the file, SI units
-    sizes: Array  # (p,) typical of a body of this robot [kg, kg m, kg m^2] and of a motor
+    sizes: Array  # (p,) typical sizes for a body [kg, kg m, kg m^2] and a motor of this robot
 
 
 def torque_parameters(robot: ParallelRobot, *, massless: bool = False) -> TorqueParameters:
@@ -61,27 +61,33 @@ def torque_parameters(robot: ParallelRobot, *, massless: bool = False) -> Torque
         *(f"{link}.{name}" for link in links for name in INERTIAL),
         *(f"{joint}.{name}" for joint in robot.actuator_names for name in OF_MOTORS),
     )
-    motors = [robot.rotor_inertia, robot.joint_damping[columns], robot.joint_friction[columns]]
+    by_motor = np.stack(
+        [robot.rotor_inertia, robot.joint_damping[columns], robot.joint_friction[columns]], axis=1
+    )
     body_sizes = np.tile((robot.mass or 1.0) * robot.length**LENGTH_POWERS, len(bodies))
     return TorqueParameters(
         bodies=np.array(bodies, dtype=np.intp),
         links=links,
         names=names,
-        values=np.concatenate([*(link_parameters(model, j) for j in bodies), np.stack(motors, 1).ravel()]),
+        values=np.concatenate([*(link_parameters(model, j) for j in bodies), by_motor.ravel()]),
         sizes=np.concatenate([body_sizes, _motor_sizes(robot).ravel()]),
     )
 
 
 def _motor_sizes(robot: ParallelRobot) -> Array:
-    """Return typical sizes (n_a, 3) of rotor inertia, viscous and dry friction."""
-    arm = robot.column_scale[robot.actuated]  # 1 of a hinge, whose inertia is mass length^2
-    inertia = (robot.mass or 1.0) * (robot.length / arm) ** 2
+    """Return typical sizes (n_a, 3) of rotor inertia, viscous and dry friction.
+
+    A hinge has the inertia I = mass length^2, a slide the mass. With w = sqrt(g / length) viscous friction
+    has the size I w, dry friction I w^2.
+    """
+    scale = robot.column_scale[robot.actuated]  # 1 for a hinge, the robot's length for a slide
+    inertia = (robot.mass or 1.0) * (robot.length / scale) ** 2
     rate = np.sqrt(gravity_of(robot) / robot.length)
     return np.stack([inertia / robot.gear_ratio**2, inertia * rate, inertia * rate**2], axis=1)
 
 
 def gravity_of(robot: ParallelRobot) -> float:
-    """Return the size of gravity, or 1 m/s^2; with the length a scale of time."""
+    """Return the size of gravity [m/s^2], or 1 without gravity: with the robot's length a scale of time."""
     return float(np.linalg.norm(robot.model.gravity.linear)) or 1.0
 
 
@@ -98,19 +104,24 @@ def parameter_regressor(
 ) -> ParameterRegressor:
     """Compute the regressor of the closed robot at T instants of a motion, along its parameters.
 
+    On its joint a motor has the torque n^2 I a + damping v + friction sign(v), with the gear ratio n. The
+    known part is N' r of `tree_forces` less what the regressor explains: r contains bodies and damping, but
+    neither rotors nor dry friction.
+
     Args:
-        signs: (T, n_a) of the motors' speeds, as a filter leaves them; by default those of the motion.
+        signs: (T, n_a) of the motors' speeds, as filtered; by default those of the motion.
     """
-    G, rates = motor_speeds(robot, motion.linearised)  # (T, n_a, n), (T, nv, n)
-    columns, bodies = robot.actuated, rates.swapaxes(1, 2) @ tree_regressor(robot, motion, parameters.bodies)
+    G, N = motor_speeds(robot, motion.linearised)  # (T, n_a, n), (T, nv, n)
+    columns = robot.actuated
+    bodies = N.swapaxes(1, 2) @ tree_regressor(robot, motion, parameters.bodies)
     v, a = motion.v[:, columns], motion.a[:, columns]
-    along = rates[:, columns].transpose(0, 2, 1)  # (T, n, n_a)
-    motors = (
-        np.stack([robot.gear_ratio**2 * a, v, np.sign(v) if signs is None else signs], axis=2)[:, None]
-        * along[..., None]
-    )
+    signs = np.sign(v) if signs is None else signs
+    motor_torques = np.stack([robot.gear_ratio**2 * a, v, signs], axis=2)  # (T, n_a, 3) per unit
+    N_motors = N[:, columns].transpose(0, 2, 1)  # (T, n, n_a)
+    motors = motor_torques[:, None] * N_motors[..., None]
     matrix = np.concatenate([bodies, motors.reshape(*motors.shape[:2], -1)], axis=2)
     values = parameters.values.copy()
-    values[bodies.shape[2] :].reshape(-1, len(OF_MOTORS))[:, [0, 2]] = 0.0  # tree_forces has neither of them
-    known = np.einsum("tvn,tv->tn", rates, tree_forces(robot, motion)) - matrix @ values
+    motor_values = values[bodies.shape[2] :].reshape(-1, len(OF_MOTORS))  # a view
+    motor_values[:, [0, 2]] = 0.0  # rotors and dry friction
+    known = np.einsum("tvn,tv->tn", N, tree_forces(robot, motion)) - matrix @ values
     return ParameterRegressor(matrix, known, G.transpose(0, 2, 1))

@@ -18,8 +18,8 @@ from numpy.polynomial import chebyshev
 
 from framework.arrays import Array, BoolArray, read_only
 
-DEGREE = 3  # of the polynomials
-NODES = 6  # of a cell, at which functions are sampled: an even number, so that none is in the middle
+# degree of the polynomials; number of nodes of a cell, even so that none is in the middle
+DEGREE, NODES = 3, 6
 # sum of the last two Chebyshev coefficients over the largest coefficient, for a function to be resolved
 MAX_TAIL = 2.0 ** (1 - DEGREE - 2)
 VALUE_ROUNDING = 1e-11  # error of values at nodes, over the largest coefficient
@@ -75,10 +75,10 @@ def _from_chebyshev() -> Array:
 
 @lru_cache(maxsize=8)
 def product_weights(m: int, n: int) -> Array:
-    """Return weights w (m + n + 1, m + 1, n + 1) for products of polynomials of degrees m and n.
+    """Return weights w (m + n + 1, m + 1, n + 1) of products of coefficients.
 
-    The product of coefficients a and b has the coefficients c_k = sum of w_kij a_i b_j, where w_kij =
-    binom(m, i) binom(n, j) / binom(m + n, k) for k = i + j, and 0 for other k.
+    The product of polynomials of degrees m and n with coefficients a and b has the coefficients c_k = sum of
+    w_kij a_i b_j, where w_kij = binom(m, i) binom(n, j) / binom(m + n, k) for k = i + j, and 0 for other k.
     """
     weights = np.zeros((m + n + 1, m + 1, n + 1))
     for i in range(m + 1):

@@ -124,7 +124,7 @@ def _colleague_eigenvalues(series: Array) -> NDArray[Any]:
 def _colleague(degree: int) -> tuple[Array, Array]:
     """Return the colleague matrix of T_degree and weights (degree,) of the lower coefficients in its column.
 
-    Rows and columns are in reverse order: small roots are then more accurate.
+    Rows and columns are in reverse order, which reduces rounding errors, as in numpy's `chebroots`.
     """
     weights = np.full(degree, 0.5)
     weights[0] = np.sqrt(0.5) if degree > 1 else 1.0
@@ -270,7 +270,7 @@ def _nodes_between(edges: Array, size: int) -> Array:
 
 @lru_cache(maxsize=64)
 def derivative_matrix(size: int, order: int = 1) -> Array:
-    """Return the matrix (size, size) from coefficients of a series to those of its derivative."""
+    """Return the matrix (size, size) from coefficients of a series to coefficients of its derivative."""
     matrix = np.eye(size)
     count = max(size - order, 0)  # of coefficients of the derivative
     matrix[:count] = chebyshev.chebder(matrix, order, axis=0)[:count]

@@ -18,8 +18,8 @@ from framework.arrays import Array
 # first, in half the time of the others.
 REGULARIZATIONS = ((1e-8, 0), (3e-8, 2), (1e-7, 10))
 MAX_ITERATIONS = 200
-TOLERANCE = 1e-8  # of the solver, in the units of the optimum
-STALLED_TOLERANCE = 1e-7  # with which a solution is accepted where the solver stalls
+# of the solver, in the units of the optimum; and that with which a solution is accepted where it stalls
+TOLERANCE, STALLED_TOLERANCE = 1e-8, 1e-7
 
 
 class Affine(NamedTuple):
@@ -165,13 +165,13 @@ def semidefinite_least_squares(matrices: Sequence[LinearMatrix], positive: Affin
     import clarabel
     from scipy import sparse
 
-    rows, right = [-positive.matrix], [positive.offset]
+    rows, offsets = [-positive.matrix], [positive.offset]
     cones: list[Any] = [clarabel.NonnegativeConeT(len(positive.offset))]
     for slopes, offset in matrices:
         column, row = np.tril_indices(len(offset))  # transposed: the upper triangle by columns
         weight = np.where(row == column, 1.0, np.sqrt(2.0))
         rows.append(-weight[:, None] * slopes[row, column])
-        right.append(weight * offset[row, column])
+        offsets.append(weight * offset[row, column])
         cones.append(clarabel.PSDTriangleConeT(len(offset)))
     count = positive.matrix.shape[1]
     squares = sparse.csc_array(np.eye(count))
@@ -180,7 +180,7 @@ def semidefinite_least_squares(matrices: Sequence[LinearMatrix], positive: Affin
     largest_slopes = [float(np.abs(slopes).max(initial=0.0)) or 1.0 for slopes, _ in matrices]
     scale = 1.0 / min(largest_slopes, default=1.0)
     scaled_rows = sparse.csc_array(scale * np.concatenate(rows))
-    problem = (squares, np.zeros(count), scaled_rows, np.concatenate(right), cones, _settings())
+    problem = (squares, np.zeros(count), scaled_rows, np.concatenate(offsets), cones, _settings())
     solution = clarabel.DefaultSolver(*problem).solve()
     status = str(solution.status)
     return scale * np.array(solution.x) if status in ("Solved", "AlmostSolved") else Unsolved(status)

@@ -54,7 +54,7 @@ class MotionLaw(Protocol):
 
 
 class PlannedLaw(ABC):
-    """A motion law of this package: its derivatives are exact, and files can store it.
+    """A motion law of this package, with exact derivatives, that files can store.
 
     `kind` is its name in files, `coefficients` are those of its Chebyshev series or splines.
     """
@@ -109,7 +109,7 @@ class Condition(NamedTuple):
 
 
 def conditions_at_instants(times: Iterable[float], values: Iterable[Iterable[float]]) -> list[Condition]:
-    """Return the conditions that derivatives of s of orders 0 to m - 1 have `values` (k, m) at times (k,)."""
+    """Return the conditions that s and its derivatives have `values` (k, m) at times (k,)."""
     return [
         Condition(float(time), order, float(value))
         for time, derivatives in zip(times, values, strict=True)
@@ -237,9 +237,9 @@ def advances_and_peaks(duration: float, smoothness: int, times: Array, values: A
     angles = np.arccos(np.clip(local, -1.0, 1.0))
     polynomials = np.cos(angles.T[..., None] * np.arange(integrals.shape[1]))  # T_k(x) = cos(k arccos x)
     rows = (polynomials @ integrals).swapaxes(0, 1)
-    right = np.append(values.reshape(count, len(orders) - 1), np.ones((count, 1)), axis=1) / scale**orders
+    targets = np.append(values.reshape(count, len(orders) - 1), np.ones((count, 1)), axis=1) / scale**orders
     regular = np.linalg.det(rows) != 0.0
-    series = np.linalg.solve(rows[regular], right[regular][..., None])[..., 0]
+    series = np.linalg.solve(rows[regular], targets[regular][..., None])[..., 0]
     p, accelerations = np.split(series @ _search_samples(smoothness, len(orders)), 2, axis=1)
     advances, peaks = np.full(count, -np.inf), np.full(count, np.inf)
     advances[regular] = p.min(axis=1) / np.abs(series @ _interior_values(len(orders)).T).mean(axis=1)
@@ -272,12 +272,12 @@ def _condition_rows(conditions: tuple[tuple[float, int], ...]) -> tuple[Array, A
     rows = np.einsum("ij,ijk->ik", chebyshev.chebvander(x, count - 1), derivatives)
     sizes = np.abs(rows).max(axis=1)
     rows /= np.where(sizes > 0, sizes, 1.0)[:, None]
-    left, singular_values, right = np.linalg.svd(rows)
+    U, singular_values, V_rows = np.linalg.svd(rows)
     if not singular_values[-1] > INDEPENDENT_CONDITIONS:
         raise InvalidInput(
             "the conditions on the law repeat or contradict each other, or are too near to each other in time"
         )
-    return rows, (right.T / singular_values) @ left.T, sizes
+    return rows, (V_rows.T / singular_values) @ U.T, sizes
 
 
 @lru_cache(maxsize=64)

@@ -29,8 +29,8 @@ from framework.motion.speed_basis import ONE_CELL, SPLINE_DEGREE, SpeedBasis
 from framework.tolerances import NEWTON_STEP, SAME_PLACE, SLOWNESS_ROUNDING
 
 HIGHEST_SMOOTHNESS = 6  # beyond, the squared speed grows so much at the ends that its digits are lost
-TURN_SAMPLES = 4001  # of s' along the path
-MIN_SWING = 1e-3  # change of s' over the largest s' that counts as a turn
+# samples of s' along the path; change of s' over the largest s' that counts as a turn
+TURN_SAMPLES, MIN_SWING = 4001, 1e-3
 PANEL_NODES = 24  # nodes of a panel of t(sigma)
 SLOWNESS_TAIL = 1e-15  # truncation error of a panel's time over the duration
 MAX_PANELS = 1024
@@ -91,23 +91,25 @@ class Stretch:
 
     @cached_property
     def _ends(self) -> tuple[float, float]:
+        """The map at sigma = 0 and 1 before scaling."""
         start, end = self._raw(np.array([0.0, 1.0]), 0)
         return float(start), float(end)
 
     def _raw(self, sigma: Array, order: int) -> Array:
-        """Evaluate the map before it is scaled, or its derivative up to order 3."""
+        """Evaluate the map before scaling, or its derivative up to order 3."""
         identity = sigma if order == 0 else np.full(sigma.shape, float(order == 1))
         if not self.at:
             return identity
-        w, distance = STRETCH_WIDTH, sigma[..., None] - np.array(self.at)
+        w, d = STRETCH_WIDTH, sigma[..., None] - np.array(self.at)
+        denominator = w**2 + d**2
         if order == 0:
-            arctangents = np.arctan(distance / w)
+            arctangents = np.arctan(d / w)
         elif order == 1:
-            arctangents = w / (w**2 + distance**2)
+            arctangents = w / denominator
         elif order == 2:
-            arctangents = -2.0 * w * distance / (w**2 + distance**2) ** 2
+            arctangents = -2.0 * w * d / denominator**2
         else:
-            arctangents = w * (6.0 * distance**2 - 2.0 * w**2) / (w**2 + distance**2) ** 3
+            arctangents = w * (6.0 * d**2 - 2.0 * w**2) / denominator**3
         return np.asarray(identity + STRETCH_HEIGHT * arctangents.sum(axis=-1))
 
     def inverse(self, xi: ArrayLike) -> Array:
@@ -288,9 +290,11 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
 
     def advance(self, smoothness: int) -> float:
         """Return the least z over its mean in xi: positive, so that s' > 0 between the ends."""
-        # of each cell on [-1, 1]: times half the cell's width for xi, and by 2 for the length of [-1, 1]
+        # A cell's integral over xi is that over its local coordinate in [-1, 1] times half its width. The
+        # mean is the sum over cells divided by 2, the length of [-1, 1] in xi.
         integrals = np.asarray(chebyshev.chebint(self.series, lbnd=-1, axis=1)).sum(axis=1)
-        return least_value(self.series) / float(0.25 * np.diff(self.cells) @ integrals)
+        mean = float(0.25 * np.diff(self.cells) @ integrals)
+        return least_value(self.series) / mean
 
     @cached_property
     def turns(self) -> int:
@@ -299,7 +303,7 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         return count_reversals(self.phi(sigma, 1) * np.sqrt(self.squared_speed(sigma)))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the law as plan.json has it."""
+        """Return the entry `law` of plan.json."""
         return {
             "kind": self.kind,
             "smoothness": self.smoothness,
@@ -324,10 +328,9 @@ def _invert_time(law: OptimalLaw, instants: bytes) -> Array:
     start, width = time_in_panel.edges[panel], np.diff(time_in_panel.edges)[panel]
     target = t - panel_starts[panel]
     series = time_in_panel.coefficients[panel, :, 0]  # (T, PANEL_NODES + 1)
-    k = np.arange(series.shape[1])
     x = np.clip(2.0 * target / np.diff(panel_starts)[panel] - 1.0, -1.0, 1.0)
     for _ in range(12):
-        time = np.einsum("tk,tk->t", np.cos(np.arccos(x)[:, None] * k), series)
+        time = _evaluate_each(x, series)
         slowness = law.squared_speed(start + 0.5 * width * (x + 1.0)) ** -0.5  # dt/d sigma
         step = (target - time) / (0.5 * width * slowness)
         x = np.clip(x + step, -1.0, 1.0)
@@ -357,12 +360,17 @@ def evaluate_on_cells(cells: Array, series: Array, xi: ArrayLike, order: int = 0
     derivative = series @ derivative_matrix(series.shape[1], order).T / half_widths[:, None] ** order
     if len(cells) == 2:
         return evaluate(local, derivative[0]).reshape(xi.shape)
-    polynomials = np.cos(np.arccos(local)[:, None] * np.arange(series.shape[1]))  # T_k(x) = cos(k arccos x)
-    return np.asarray(np.einsum("tk,tk->t", polynomials, derivative[cell])).reshape(xi.shape)
+    return _evaluate_each(local, derivative[cell]).reshape(xi.shape)
+
+
+def _evaluate_each(x: Array, series: Array) -> Array:
+    """Evaluate T Chebyshev series (T, size), each at its own x (T,): T_k(x) = cos(k arccos x)."""
+    polynomials = np.cos(np.arccos(x)[:, None] * np.arange(series.shape[1]))
+    return np.asarray(np.einsum("tk,tk->t", polynomials, series))
 
 
 def slowness_on_panels(cells: Array, series: Array, stretch: Stretch) -> TimeFunction:
-    """Resolve dt/d sigma = z^(-1/2) on panels, for z by Chebyshev series (k, size) on cells (k + 1,) of xi.
+    """Resolve dt/d sigma = z^(-1/2) on panels; z by Chebyshev series (k, size) on cells of xi.
 
     Panels are halved until the truncation error of each panel's time is below a share of the duration, or
     below the error that rounding eps of z makes: eps z^(-3/2) / 2, which grows where z is near zero.

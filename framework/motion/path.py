@@ -164,10 +164,10 @@ class Arc(PointPath):
     def __call__(self, s: ArrayLike, order: int = 0) -> Array:
         check_order(order)
         phase = np.atleast_1d(np.asarray(s, dtype=float)).reshape(-1, 1) * self.angle
-        turned = phase + order * np.pi / 2
+        phase = phase + order * np.pi / 2  # each derivative turns by a quarter
         u, w = self._spokes
-        wheel = self.radius * self.angle**order * (np.cos(turned) * u + np.sin(turned) * w)
-        return _stack(s, wheel + self.center if order == 0 else wheel)
+        values = self.radius * self.angle**order * (np.cos(phase) * u + np.sin(phase) * w)
+        return _stack(s, values + self.center if order == 0 else values)
 
 
 def _circle_center(points: Array) -> Array:
@@ -354,7 +354,10 @@ def check_path(path: Path) -> None:
 
 
 def _check_derivative(path: Path, order: int, starts: Array, lengths: Array) -> None:
-    """Compare mean rates of a derivative over intervals with difference quotients of the order below."""
+    """Compare means of a derivative over intervals with difference quotients of the order below.
+
+    The mean of path(s, order) over [a, b] must be (path(b, order - 1) - path(a, order - 1)) / (b - a).
+    """
     nodes, weights = _gauss()
     inside = starts[:, None] + 0.5 * lengths[:, None] * (nodes + 1.0)
     ends = np.concatenate([starts, starts + lengths])
