@@ -47,7 +47,7 @@ def allowed_motions(equations: EquationsOfMotion, tangent: Tangent) -> AllowedMo
     diagonal = np.diagonal(mass, axis1=1, axis2=2)
     largest = np.maximum(values.max(axis=1, initial=0.0), diagonal.max(axis=1, initial=0.0))
     light = values <= EIGENVALUE_ROUNDING * largest[:, None]
-    closing = _pseudo_inverse(left, sizes, right) / robot.row_lengths[robot.structure.independent]
+    closing = _pseudo_inverse(left, sizes, right) / robot.loop_lengths
     return AllowedMotions(scale * matmul(allowed, vectors), light, scale * closing)
 
 
