@@ -28,12 +28,11 @@ from framework.kinematics.tree_model import (
     named_axes,
     tree_model,
 )
-from framework.model.bare_urdf import bare_urdf
 from framework.model.description import Coupling, JointDynamics, ParsedRobot, RobotDescription, Spring
 from framework.model.documents import naming, parse_xml
 from framework.model.loop_rows import CoupledJoints, LockedDirections, LoopRows, locked_directions, loop_rows
 from framework.model.readers.recognise import parse_any
-from framework.model.spring_joints import insert_springs, make_continuous_joints_revolute
+from framework.model.spring_joints import bare_urdf, insert_springs, make_continuous_joints_revolute
 from framework.model.urdf_elements import SEVERAL, coordinates_of
 
 MAX_JOINTS = 250  # a `pin.Data` for them takes 0.5 GB

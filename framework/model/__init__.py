@@ -17,14 +17,13 @@ The robot file (YAML)
 The URDF
     urdf, urdf_elements  where it is; its joints and links, read and checked
     inertia             which inertia a body can have
-    bare_urdf           the part that pinocchio parses
     visuals             the solids that it shows
     urdf_writing        write its elements
     documents, xml_reading  XML and YAML within limits; attributes of an element
 
 Springs
     beams               stiffness of a link from its section and material
-    spring_joints       springs as virtual joints in the URDF
+    spring_joints       springs as virtual joints in the part of the URDF that pinocchio parses
 
 Files of other programs
     readers/            one file a dialect

@@ -14,8 +14,8 @@ import numpy as np
 from framework.arrays import LEAST_DIVISOR, Array, BoolArray
 from framework.errors import InvalidInput, NotAssembled, NotConverged
 from framework.kinematics.closures import loop_wrenches, scale_jacobian
+from framework.kinematics.frame_variations import loop_curvature
 from framework.kinematics.frames import integrate
-from framework.kinematics.loop_curvature import loop_curvature
 from framework.linalg.ordered_sums import matmul
 from framework.simulation.equations import EquationsOfMotion, Tangent
 from framework.simulation.world_forces import NO_FORCES, WorldForces

@@ -14,8 +14,7 @@ import robots
 from framework.cli import main
 from framework.errors import RobotFileError
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.model.bare_urdf import bare_urdf
-from framework.model.spring_joints import make_continuous_joints_revolute
+from framework.model.spring_joints import bare_urdf, make_continuous_joints_revolute
 from tests.urdf_edits import edited
 
 VISUALS = [
