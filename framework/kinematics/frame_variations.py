@@ -4,10 +4,12 @@ With the screws S_i of the joints about the base's origin, V_p and A_p the twist
 before joint i, and eta a small motion, a frame is displaced by Phi = sum eta_i S_i over the joints that carry
 it, and
 
-    dV = Phi' + Phi x V + sum S_i dv_i,                 Phi'  = sum eta_i (V_p x S_i),
-    dA = Phi" + Phi' x V + Phi x A + (terms of dv, da),  Phi" = sum eta_i (V_p x (V_p x S_i) + A_p x S_i),
+    dV = Phi' + Phi x V + sum S_i dv_i,            Phi'  = sum eta_i (V_p x S_i),
+    dA = Phi" + Phi' x V + Phi x A                 Phi" = sum eta_i (V_p x (V_p x S_i) + A_p x S_i),
+         + sum (V_p x S_i + V_i x S_i - V x S_i) dv_i
 
-x the bracket of screws. Every loop equation is a product of two vectors of frames (`LoopRows`), so its value,
+for changes dv of the rates and none of the accelerations, V_i the twist of the body behind joint i, x the
+bracket of screws. Every loop equation is a product of two vectors of frames (`LoopRows`), so its value,
 rates and their changes are those of a product. Source of the rules for screws: J. Carpentier and N. Mansard,
 Analytical Derivatives of Rigid Body Dynamics Algorithms, Robotics: Science and Systems 2018.
 
@@ -77,11 +79,9 @@ class FrameRates(NamedTuple):
 class TreeMotion:
     """Twists and accelerations of bodies and frames at T instants, about the base's origin."""
 
-    columns: TreeColumns
     frames: FrameStack
-    v: Array  # (T, nv)
     moved_screws: Array  # (T, nv, 18) S, V_p x S and V_p x (V_p x S) + A_p x S
-    own_rates: Array  # (T, nv, 6) time derivatives of the screws as they move with their own body
+    rate_screws: Array  # (T, nv, 12) S, and V_p x S + V_i x S
     twist: Array  # (T, F, 6) V
     acceleration: Array  # (T, F, 6) A = dV/dt
     rates: FrameRates
@@ -95,28 +95,23 @@ class TreeMotion:
         A = columns.carried @ (S * a[..., None] + own * v[..., None])
         by_parent = bracket(V[:, columns.parent], S)
         twice = bracket(V[:, columns.parent], by_parent) + bracket(A[:, columns.parent], S)
-        screws = np.concatenate([S, by_parent, twice], axis=2)
+        moved_screws = np.concatenate([S, by_parent, twice], axis=2)
+        rate_screws = np.concatenate([S, by_parent + own], axis=2)
         bodies = scratch_of(mechanism).bodies
         twist, acceleration = V[:, bodies], A[:, bodies]
         rate = move_frames(twist, frames.placements)
         second = move_frames(acceleration, frames.placements) + turn_vectors(twist, rate)
         rates = FrameRates(frames.placements, rate, second)
-        return TreeMotion(columns, frames, v, screws, own, twist, acceleration, rates)
+        return TreeMotion(frames, moved_screws, rate_screws, twist, acceleration, rates)
 
-    def variation(self, dq: Array, dv: Array, da: Array) -> FrameVariation:
-        """Compute the changes of the frames for small motions dq (T, k, nv) and changes dv, da of rates."""
-        carried, S = self.frames.carried, self.frames.screws[:, None]
+    def variation(self, dq: Array, dv: Array) -> FrameVariation:
+        """Compute the changes of the frames for small motions dq and changes dv of rates, (T, k, nv)."""
+        carried, V, A = self.frames.carried, self.twist[:, None], self.acceleration[:, None]
         displaced = (dq[:, :, None] * carried) @ self.moved_screws[:, None]  # (T, k, F, 18)
         phi, dphi, ddphi = displaced[..., :6], displaced[..., 6:12], displaced[..., 12:]
-        V, A = self.twist[:, None], self.acceleration[:, None]
-        rate_twists = S * dv[..., None]
-        acceleration_twists = S * da[..., None] + self.own_rates[:, None] * dv[..., None]
-        if dv.any():
-            bodies = self.columns.carried @ rate_twists
-            turned_screws = bracket(bodies[:, :, self.columns.owner], S)
-            acceleration_twists = acceleration_twists + turned_screws * self.v[:, None, :, None]
-        dV = dphi + bracket(phi, V) + carried @ rate_twists
-        dA = ddphi + bracket(dphi, V) + bracket(phi, A) + carried @ acceleration_twists
+        by_rates = (dv[:, :, None] * carried) @ self.rate_screws[:, None]  # (T, k, F, 12)
+        dV = dphi + bracket(phi, V) + by_rates[..., :6]
+        dA = ddphi + bracket(dphi, V) + bracket(phi, A) + by_rates[..., 6:] - bracket(V, by_rates[..., :6])
         return FrameVariation(phi, dV, dA, self._changed_rates(phi, dV, dA))
 
     def _changed_rates(self, phi: Array, dV: Array, dA: Array) -> FrameRates:
