@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -29,6 +30,7 @@ from framework.model.description import AXES, Platform
 from framework.motion.path import Path
 
 CoordinateRates = tuple[Array, Array, Array]  # x and two time derivatives, or displacements and rates
+COMPLEX_STEP = 1e-200  # of a complex-step derivative: its square is zero, so that nothing is cut off
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,20 +235,13 @@ class FramePlatform(PlatformCoordinates):
 
     def _turn_changes(self, motion: TreeMotion, variation: FrameVariation) -> tuple[Array, Array]:
         """Compute the changes (T k, r) of the turns in v and in dv/dt for a variation of the frames."""
-        turn, dw, dalpha = (part[:, :, 0, 3:].reshape(-1, 3) for part in variation[:3])
-        w, alpha, rotation = (
-            np.repeat(part, variation.twist.shape[1], axis=0)
-            for part in (motion.twist[:, 0, 3:], motion.acceleration[:, 0, 3:], motion.frames.rotation[:, 0])
-        )
-        attitude = self.attitude
-        couples = attitude.couples(rotation)
-        first, second = matvec(couples, dw), matvec(couples, dalpha)
-        if not attitude.constant:
-            changed = attitude.couple_rates(rotation, turn)
-            first = first + matvec(changed, w)
-            second = second + matvec(changed, alpha) + matvec(attitude.couple_rates(rotation, w), dw)
-            second = second + matvec(attitude.couple_rate_changes(rotation, w, turn, dw), w)
-        return first, second
+        axes = variation.rates.value[:, :, 0, :3].swapaxes(2, 3), motion.frames.rotation[:, None, 0]
+        spins = variation.twist[:, :, 0, 3:], motion.twist[:, None, 0, 3:]
+        accelerations = variation.acceleration[:, :, 0, 3:], motion.acceleration[:, None, 0, 3:]
+        rotation, w, alpha = (_complex_step(*parts) for parts in (axes, spins, accelerations))
+        couples = self.attitude.couples(rotation)
+        second = matvec(couples, alpha) + matvec(self.attitude.couple_rates(rotation, w), w)
+        return matvec(couples, w).imag / COMPLEX_STEP, second.imag / COMPLEX_STEP
 
     def _yield(self, frames: FrameStack, twists: Array) -> Array:
         """Compute the power (T, n, k) of the wrenches on twists (T, 6, k) of the frame."""
@@ -310,3 +305,8 @@ class JointPlatform(PlatformCoordinates):
         wrenches = screws[:, self.columns].copy()
         wrenches[:, ~self.translations, :3] = 0.0
         return wrenches
+
+
+def _complex_step(change: Array, value: Array) -> Any:
+    """Return values (T k, ...) a complex step along changes (T, k, ...) from values (T, 1, ...)."""
+    return (value + 1j * COMPLEX_STEP * change).reshape(-1, *value.shape[2:])
