@@ -9,13 +9,12 @@ it, and
          + sum (V_p x S_i + V_i x S_i - V x S_i) dv_i
 
 for changes dv of the rates and none of the accelerations, V_i the twist of the body behind joint i, x the
-bracket of screws. Every loop equation is a product of two vectors of frames (`LoopRows`), so its value,
-rates and their changes are those of a product. Source of the rules for screws: J. Carpentier and N. Mansard,
-Analytical Derivatives of Rigid Body Dynamics Algorithms, Robotics: Science and Systems 2018.
+bracket of screws. What follows from the frames' motion, as loop equations and velocities of the platform, is
+analytic in the motion and differentiated by a complex step. Source of the rules for screws: J. Carpentier and
+N. Mansard, Analytical Derivatives of Rigid Body Dynamics Algorithms, Robotics: Science and Systems 2018.
 
-So is the derivative of the loop forces J(q)' lambda by q at fixed multipliers (`loop_curvature`). The second
-derivative of a frame's motion is a product of first ones (Bruyninckx and De Schutter 1996,
-"Symbolic differentiation of the velocity mapping for a serial kinematic chain", Mechanism and Machine Theory
+Here too is the derivative of the loop forces J(q)' lambda by q at fixed multipliers (`loop_curvature`). The
+second derivative of a frame's motion is a product of first ones (Bruyninckx and De Schutter 1996, "Symbolic differentiation of the velocity mapping for a serial kinematic chain", Mechanism and Machine Theory
 31(2)): with i a column of the joint of j or of one before it, an axis or origin c of a frame has
 
     d^2 c / dq_i dq_j = omega_i x dc/dq_j.
@@ -29,7 +28,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -40,6 +39,8 @@ from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.pinocchio_memory import carriers, scratch_of
 from framework.linalg.ordered_sums import cross, dot, product_rates
 from framework.model.loop_rows import LoopRows
+
+STEP: Any = 1e-200j  # of complex-step derivatives: its square is zero, so that nothing is cut off
 
 
 class TreeColumns(NamedTuple):
@@ -74,6 +75,13 @@ class FrameRates(NamedTuple):
     rate: Array
     second: Array
 
+    @staticmethod
+    def of(placements: Array, twist: Array, acceleration: Array) -> FrameRates:
+        """Compute the rates of placements (..., F, 4, 3) by twists and their rates (..., F, 6)."""
+        rate = move_frames(twist, placements)
+        second = move_frames(acceleration, placements) + turn_vectors(twist, rate)
+        return FrameRates(placements, rate, second)
+
 
 @dataclass(frozen=True, eq=False)
 class TreeMotion:
@@ -84,7 +92,6 @@ class TreeMotion:
     rate_screws: Array  # (T, nv, 12) S, and V_p x S + V_i x S
     twist: Array  # (T, F, 6) V
     acceleration: Array  # (T, F, 6) A = dV/dt
-    rates: FrameRates
 
     @staticmethod
     def of(mechanism: Mechanism, frames: FrameStack, v: Array, a: Array) -> TreeMotion:
@@ -98,11 +105,7 @@ class TreeMotion:
         moved_screws = np.concatenate([S, by_parent, twice], axis=2)
         rate_screws = np.concatenate([S, by_parent + own], axis=2)
         bodies = scratch_of(mechanism).bodies
-        twist, acceleration = V[:, bodies], A[:, bodies]
-        rate = move_frames(twist, frames.placements)
-        second = move_frames(acceleration, frames.placements) + turn_vectors(twist, rate)
-        rates = FrameRates(frames.placements, rate, second)
-        return TreeMotion(frames, moved_screws, rate_screws, twist, acceleration, rates)
+        return TreeMotion(frames, moved_screws, rate_screws, V[:, bodies], A[:, bodies])
 
     def variation(self, dq: Array, dv: Array) -> FrameVariation:
         """Compute the changes of the frames for small motions dq and changes dv of rates, (T, k, nv)."""
@@ -112,33 +115,29 @@ class TreeMotion:
         by_rates = (dv[:, :, None] * carried) @ self.rate_screws[:, None]  # (T, k, F, 12)
         dV = dphi + bracket(phi, V) + by_rates[..., :6]
         dA = ddphi + bracket(dphi, V) + bracket(phi, A) + by_rates[..., 6:] - bracket(V, by_rates[..., :6])
-        return FrameVariation(phi, dV, dA, self._changed_rates(phi, dV, dA))
-
-    def _changed_rates(self, phi: Array, dV: Array, dA: Array) -> FrameRates:
-        """Compute the changes of axes and origins for a displacement and changes of twist, (T, k, F, 6)."""
-        V, A = self.twist[:, None], self.acceleration[:, None]
-        value, rate = self.rates.value[:, None], self.rates.rate[:, None]
-        change = move_frames(phi, value)
-        rate_change = move_frames(dV, value) + turn_vectors(V, change)
-        second_change = move_frames(dA, value) + turn_vectors(A, change)
-        second_change = second_change + turn_vectors(dV, rate) + turn_vectors(V, rate_change)
-        return FrameRates(change, rate_change, second_change)
+        placements = self.frames.placements[:, None]
+        moved = placements + STEP * move_frames(phi, placements)
+        twist, acceleration = V + STEP * dV, A + STEP * dA
+        return FrameVariation(twist, acceleration, FrameRates.of(moved, twist, acceleration))
 
 
 class FrameVariation(NamedTuple):
-    """Changes of the frames at T instants by k small steps; screws about the base's origin."""
+    """The frames at T instants, a complex step along k small changes of their motion, see `changes_of`."""
 
-    displacement: Array  # (T, k, F, 6) Phi
-    twist: Array  # (T, k, F, 6) dV
-    acceleration: Array  # (T, k, F, 6) dA
+    twist: Array  # (T, k, F, 6)
+    acceleration: Array  # (T, k, F, 6)
     rates: FrameRates  # (T, k, F, 4, 3)
 
 
-def row_variation(rows: LoopRows, motion: TreeMotion, variation: FrameVariation) -> tuple[Array, Array]:
+def changes_of(values: Array) -> Array:
+    """Return the changes of values along the steps of a `FrameVariation`, of which they are analytic."""
+    return values.imag / STEP.imag
+
+
+def row_variation(rows: LoopRows, variation: FrameVariation) -> tuple[Array, Array]:
     """Compute the changes (T, k, m) of the first and the second time derivative of loop equations."""
-    a, b = row_factors(rows, np.stack(motion.rates)[:, :, None])
-    da, db = row_factors(rows, np.stack(variation.rates))
-    _, rate, second = rows.weight * (product_rates(dot, da, b) + product_rates(dot, a, db))
+    a, b = row_factors(rows, np.stack(variation.rates))
+    _, rate, second = rows.weight * changes_of(product_rates(dot, a, b))
     return rate, second
 
 

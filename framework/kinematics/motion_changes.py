@@ -74,8 +74,8 @@ def motion_changes(robot: ParallelRobot, motion: Motion, steps: MotionSteps) -> 
     def missing_change(dv: Array, order: int) -> Array:
         """Compute the change of the equations' derivative still to be made by rates of this order."""
         variation = tree.variation(dq, dv)
-        platform = robot.platform.velocity_changes(tree, variation)[order]
-        loops = row_variation(robot.loops, tree, variation)[order]
+        platform = robot.platform.velocity_changes(variation)[order]
+        loops = row_variation(robot.loops, variation)[order]
         return np.concatenate([steps.twist[1 + order] - platform, -loops], axis=2)
 
     dv = solve_rates(robot, linearised, missing_change(still, 0), columns, joints[1])

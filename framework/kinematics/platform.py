@@ -16,21 +16,19 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from framework.arrays import Array, BoolArray, IntArray, ReadOnlyArrays
 from framework.kinematics.attitude import Attitude, TwistAngle, attitude_about, twist_angle_for
-from framework.kinematics.frame_variations import FrameVariation, TreeMotion
+from framework.kinematics.frame_variations import FrameVariation, changes_of
 from framework.kinematics.frames import FrameMotions, FrameStack
 from framework.linalg.ordered_sums import matmul, matvec
 from framework.model.description import AXES, Platform
 from framework.motion.path import Path
 
 CoordinateRates = tuple[Array, Array, Array]  # x and two time derivatives, or displacements and rates
-COMPLEX_STEP = 1e-200  # of a complex-step derivative: its square is zero, so that nothing is cut off
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +112,7 @@ class PlatformCoordinates(ReadOnlyArrays, ABC):
         return step
 
     @abstractmethod
-    def velocity_changes(self, motion: TreeMotion, variation: FrameVariation) -> tuple[Array, Array]:
+    def velocity_changes(self, variation: FrameVariation) -> tuple[Array, Array]:
         """Compute the changes (T, k, n) of v and of dv/dt for a variation of the frames."""
 
     def rate_matrix(self, x: Array) -> Array:
@@ -225,23 +223,17 @@ class FramePlatform(PlatformCoordinates):
         displacement, rate, acceleration = changes
         return displacement, rate, acceleration
 
-    def velocity_changes(self, motion: TreeMotion, variation: FrameVariation) -> tuple[Array, Array]:
+    def velocity_changes(self, variation: FrameVariation) -> tuple[Array, Array]:
         rate, second = np.empty((2, *variation.twist.shape[:2], self.n))
-        rate[..., self.sliding] = variation.rates.rate[:, :, 0, 3, self.along]
-        second[..., self.sliding] = variation.rates.second[:, :, 0, 3, self.along]
-        for change, turns in zip((rate, second), self._turn_changes(motion, variation), strict=True):
-            change[..., self.turning] = turns.reshape(*change.shape[:2], -1)
+        rates, turning, attitude = variation.rates, self.turning, self.attitude
+        rate[..., self.sliding] = changes_of(rates.rate[:, :, 0, 3, self.along])
+        second[..., self.sliding] = changes_of(rates.second[:, :, 0, 3, self.along])
+        rotation = rates.value[:, :, 0, :3].swapaxes(2, 3).reshape(-1, 3, 3)
+        w, alpha = (part[:, :, 0, 3:].reshape(-1, 3) for part in variation[:2])
+        couples, couple_rates = attitude.couples(rotation), attitude.couple_rates(rotation, w)
+        turns = changes_of(matvec(couples, w)), changes_of(matvec(couples, alpha) + matvec(couple_rates, w))
+        rate[..., turning], second[..., turning] = (part.reshape(*rate.shape[:2], -1) for part in turns)
         return rate, second
-
-    def _turn_changes(self, motion: TreeMotion, variation: FrameVariation) -> tuple[Array, Array]:
-        """Compute the changes (T k, r) of the turns in v and in dv/dt for a variation of the frames."""
-        axes = variation.rates.value[:, :, 0, :3].swapaxes(2, 3), motion.frames.rotation[:, None, 0]
-        spins = variation.twist[:, :, 0, 3:], motion.twist[:, None, 0, 3:]
-        accelerations = variation.acceleration[:, :, 0, 3:], motion.acceleration[:, None, 0, 3:]
-        rotation, w, alpha = (_complex_step(*parts) for parts in (axes, spins, accelerations))
-        couples = self.attitude.couples(rotation)
-        second = matvec(couples, alpha) + matvec(self.attitude.couple_rates(rotation, w), w)
-        return matvec(couples, w).imag / COMPLEX_STEP, second.imag / COMPLEX_STEP
 
     def _yield(self, frames: FrameStack, twists: Array) -> Array:
         """Compute the power (T, n, k) of the wrenches on twists (T, 6, k) of the frame."""
@@ -290,7 +282,7 @@ class JointPlatform(PlatformCoordinates):
     def drift(self, frames: FrameStack, motions: FrameMotions) -> Array:
         return np.zeros((len(frames.q), self.n))
 
-    def velocity_changes(self, motion: TreeMotion, variation: FrameVariation) -> tuple[Array, Array]:
+    def velocity_changes(self, variation: FrameVariation) -> tuple[Array, Array]:
         nothing = np.zeros((*variation.twist.shape[:2], self.n))
         return nothing, nothing
 
@@ -305,8 +297,3 @@ class JointPlatform(PlatformCoordinates):
         wrenches = screws[:, self.columns].copy()
         wrenches[:, ~self.translations, :3] = 0.0
         return wrenches
-
-
-def _complex_step(change: Array, value: Array) -> Any:
-    """Return values (T k, ...) a complex step along changes (T, k, ...) from values (T, 1, ...)."""
-    return (value + 1j * COMPLEX_STEP * change).reshape(-1, *value.shape[2:])
