@@ -1,21 +1,19 @@
 """How frames and loop equations of a moving robot change with its configuration, rates and accelerations.
 
-With the screws S_i of the joints about the base's origin, V_p and A_p the twist and its rate of the body
-before joint i, and eta a small motion, a frame is displaced by Phi = sum eta_i S_i over the joints that carry
-it, and
+With the screws S_i of the joints about the base's origin, the twist of a body and its rate are
 
-    dV = Phi' + Phi x V + sum S_i dv_i,            Phi'  = sum eta_i (V_p x S_i),
-    dA = Phi" + Phi' x V + Phi x A                 Phi" = sum eta_i (V_p x (V_p x S_i) + A_p x S_i),
-         + sum (V_p x S_i + V_i x S_i - V x S_i) dv_i
+    V = sum S_i v_i,        A = sum S_i a_i + (V_i x S_i) v_i
 
-for changes dv of the rates and none of the accelerations, V_i the twist of the body behind joint i, x the
-bracket of screws. What follows from the frames' motion, as loop equations and velocities of the platform, is
-analytic in the motion and differentiated by a complex step. Source of the rules for screws: J. Carpentier and
-N. Mansard, Analytical Derivatives of Rigid Body Dynamics Algorithms, Robotics: Science and Systems 2018.
+over the joints that carry it, V_i the twist of the body behind joint i and x the bracket of screws. A small
+motion eta displaces that body by Phi_i = sum eta_j S_j over the joints that carry it, and S_i by Phi_i x S_i.
+All this, loop equations and velocities of the platform with it, is analytic in the motion: a complex step
+differentiates them to rounding. Source of the rules for screws: J. Carpentier and N. Mansard, Analytical
+Derivatives of Rigid Body Dynamics Algorithms, Robotics: Science and Systems 2018.
 
 Here too is the derivative of the loop forces J(q)' lambda by q at fixed multipliers (`loop_curvature`). The
-second derivative of a frame's motion is a product of first ones (Bruyninckx and De Schutter 1996, "Symbolic differentiation of the velocity mapping for a serial kinematic chain", Mechanism and Machine Theory
-31(2)): with i a column of the joint of j or of one before it, an axis or origin c of a frame has
+second derivative of a frame's motion is a product of first ones (Bruyninckx and De Schutter 1996, "Symbolic
+differentiation of the velocity mapping for a serial kinematic chain", Mechanism and Machine Theory 31(2)):
+with i a column of the joint of j or of one before it, an axis or origin c of a frame has
 
     d^2 c / dq_i dq_j = omega_i x dc/dq_j.
 
@@ -26,7 +24,6 @@ second derivative is a_i . b_j + a_j . b_i, plus the sum of omega_i x c_j . g ov
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -83,50 +80,33 @@ class FrameRates(NamedTuple):
         return FrameRates(placements, rate, second)
 
 
-@dataclass(frozen=True, eq=False)
-class TreeMotion:
-    """Twists and accelerations of bodies and frames at T instants, about the base's origin."""
-
-    frames: FrameStack
-    moved_screws: Array  # (T, nv, 18) S, V_p x S and V_p x (V_p x S) + A_p x S
-    rate_screws: Array  # (T, nv, 12) S, and V_p x S + V_i x S
-    twist: Array  # (T, F, 6) V
-    acceleration: Array  # (T, F, 6) A = dV/dt
-
-    @staticmethod
-    def of(mechanism: Mechanism, frames: FrameStack, v: Array, a: Array) -> TreeMotion:
-        """Compute the motion for rates and accelerations v, a (T, nv) at the configurations of `frames`."""
-        columns, S = tree_columns(mechanism), frames.screws
-        V = columns.carried @ (S * v[..., None])  # (T, bodies, 6)
-        own = bracket(V[:, columns.owner], S)
-        A = columns.carried @ (S * a[..., None] + own * v[..., None])
-        by_parent = bracket(V[:, columns.parent], S)
-        twice = bracket(V[:, columns.parent], by_parent) + bracket(A[:, columns.parent], S)
-        moved_screws = np.concatenate([S, by_parent, twice], axis=2)
-        rate_screws = np.concatenate([S, by_parent + own], axis=2)
-        bodies = scratch_of(mechanism).bodies
-        return TreeMotion(frames, moved_screws, rate_screws, V[:, bodies], A[:, bodies])
-
-    def variation(self, dq: Array, dv: Array) -> FrameVariation:
-        """Compute the changes of the frames for small motions dq and changes dv of rates, (T, k, nv)."""
-        carried, V, A = self.frames.carried, self.twist[:, None], self.acceleration[:, None]
-        displaced = (dq[:, :, None] * carried) @ self.moved_screws[:, None]  # (T, k, F, 18)
-        phi, dphi, ddphi = displaced[..., :6], displaced[..., 6:12], displaced[..., 12:]
-        by_rates = (dv[:, :, None] * carried) @ self.rate_screws[:, None]  # (T, k, F, 12)
-        dV = dphi + bracket(phi, V) + by_rates[..., :6]
-        dA = ddphi + bracket(dphi, V) + bracket(phi, A) + by_rates[..., 6:] - bracket(V, by_rates[..., :6])
-        placements = self.frames.placements[:, None]
-        moved = placements + STEP * move_frames(phi, placements)
-        twist, acceleration = V + STEP * dV, A + STEP * dA
-        return FrameVariation(twist, acceleration, FrameRates.of(moved, twist, acceleration))
-
-
 class FrameVariation(NamedTuple):
     """The frames at T instants, a complex step along k small changes of their motion, see `changes_of`."""
 
     twist: Array  # (T, k, F, 6)
     acceleration: Array  # (T, k, F, 6)
     rates: FrameRates  # (T, k, F, 4, 3)
+
+
+def vary_frames(
+    mechanism: Mechanism, frames: FrameStack, motion: tuple[Array, Array], dq: Array, dv: Array
+) -> FrameVariation:
+    """Compute frames a step along small motions dq and changes dv of rates, (T, k, nv).
+
+    `motion` are rates and accelerations v, a (T, nv) at the configurations of `frames`.
+    """
+    columns, placements = tree_columns(mechanism), frames.placements[:, None]
+    displaced = frames.screws[:, None] * dq[..., None]  # (T, k, nv, 6)
+    of_axes = columns.before.T.astype(float) @ displaced
+    screws = frames.screws[:, None] + STEP * bracket(of_axes, frames.screws[:, None])
+    v, a = (part[:, None, :, None] for part in motion)
+    rates = v + STEP * dv[..., None]
+    twists = columns.carried @ (screws * rates)  # (T, k, bodies, 6)
+    accelerations = columns.carried @ (screws * a + bracket(twists[:, :, columns.owner], screws) * rates)
+    bodies = scratch_of(mechanism).bodies
+    twist, acceleration = twists[:, :, bodies], accelerations[:, :, bodies]
+    moved = placements + STEP * move_frames(frames.carried @ displaced, placements)
+    return FrameVariation(twist, acceleration, FrameRates.of(moved, twist, acceleration))
 
 
 def changes_of(values: Array) -> Array:
