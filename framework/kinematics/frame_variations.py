@@ -44,9 +44,12 @@ class TreeColumns(NamedTuple):
     """How the columns of pinocchio's velocity vector belong to the bodies of the tree."""
 
     owner: IntArray  # (nv,) the joint of each column, which is the body that it moves
-    parent: IntArray  # (nv,) the body before it
     carried: Array  # (bodies, nv) 1 where the column moves the body
     before: BoolArray  # (nv, nv) True where column i moves the axis that column j turns about or slides along
+
+    def screw_changes(self, screws: Array, steps: Array) -> Array:
+        """Compute the changes of screws by small steps along each of them, all (..., nv, 6)."""
+        return bracket(self.before.T.astype(float) @ steps, screws)
 
 
 @lru_cache(maxsize=64)
@@ -55,7 +58,7 @@ def tree_columns(mechanism: Mechanism) -> TreeColumns:
     model = mechanism.model
     owner = np.repeat(np.arange(1, model.njoints), [joint.nv for joint in model.joints[1:]])
     carried = carriers(model, np.arange(model.njoints))
-    return TreeColumns(owner, np.array(model.parents)[owner], carried, carried[owner].T > 0.0)
+    return TreeColumns(owner, carried, carried[owner].T > 0.0)
 
 
 def bracket(a: Array, b: Array) -> Array:
@@ -65,60 +68,44 @@ def bracket(a: Array, b: Array) -> Array:
     return np.concatenate([linear, cross(turning, b[..., 3:])], axis=-1)
 
 
-class FrameRates(NamedTuple):
-    """The axes of frames and their origins, one below the other, and two time derivatives."""
-
-    value: Array  # (..., F, 4, 3)
-    rate: Array
-    second: Array
-
-    @staticmethod
-    def of(placements: Array, twist: Array, acceleration: Array) -> FrameRates:
-        """Compute the rates of placements (..., F, 4, 3) by twists and their rates (..., F, 6)."""
-        rate = move_frames(twist, placements)
-        second = move_frames(acceleration, placements) + turn_vectors(twist, rate)
-        return FrameRates(placements, rate, second)
-
-
 class FrameVariation(NamedTuple):
     """The frames at T instants, a complex step along k small changes of their motion, see `changes_of`."""
 
     twist: Array  # (T, k, F, 6)
     acceleration: Array  # (T, k, F, 6)
-    rates: FrameRates  # (T, k, F, 4, 3)
+    rates: Array  # (3, T, k, F, 4, 3) axes and origins, one below the other, with two time derivatives
 
 
 def vary_frames(
-    mechanism: Mechanism, frames: FrameStack, motion: tuple[Array, Array], dq: Array, dv: Array
+    mechanism: Mechanism, frames: FrameStack, v: Array, a: Array, dq: Array, dv: Array
 ) -> FrameVariation:
-    """Compute frames a step along small motions dq and changes dv of rates, (T, k, nv).
+    """Compute frames a step along small motions dq and changes dv, (T, k, nv).
 
-    `motion` are rates and accelerations v, a (T, nv) at the configurations of `frames`.
+    dv are changes of the rates v; v and the accelerations a are (T, nv).
     """
-    columns, placements = tree_columns(mechanism), frames.placements[:, None]
-    displaced = frames.screws[:, None] * dq[..., None]  # (T, k, nv, 6)
-    of_axes = columns.before.T.astype(float) @ displaced
-    screws = frames.screws[:, None] + STEP * bracket(of_axes, frames.screws[:, None])
-    v, a = (part[:, None, :, None] for part in motion)
-    rates = v + STEP * dv[..., None]
-    twists = columns.carried @ (screws * rates)  # (T, k, bodies, 6)
-    accelerations = columns.carried @ (screws * a + bracket(twists[:, :, columns.owner], screws) * rates)
-    bodies = scratch_of(mechanism).bodies
-    twist, acceleration = twists[:, :, bodies], accelerations[:, :, bodies]
-    moved = placements + STEP * move_frames(frames.carried @ displaced, placements)
-    return FrameVariation(twist, acceleration, FrameRates.of(moved, twist, acceleration))
+    columns, S = tree_columns(mechanism), frames.screws[:, None]
+    displaced = S * dq[..., None]  # (T, k, nv, 6)
+    screws = S + STEP * columns.screw_changes(S, displaced)
+    rates = v[:, None, :, None] + STEP * dv[..., None]
+    V = columns.carried @ (screws * rates)  # (T, k, bodies, 6)
+    A = columns.carried @ (screws * a[:, None, :, None] + bracket(V[:, :, columns.owner], screws) * rates)
+    twist, acceleration = (part[:, :, scratch_of(mechanism).bodies] for part in (V, A))
+    still = frames.placements[:, None]
+    moved = still + STEP * move_frames(frames.carried @ displaced, still)
+    rate = move_frames(twist, moved)
+    second = move_frames(acceleration, moved) + turn_vectors(twist, rate)
+    return FrameVariation(twist, acceleration, np.stack([moved, rate, second]))
 
 
 def changes_of(values: Array) -> Array:
-    """Return the changes of values along the steps of a `FrameVariation`, of which they are analytic."""
+    """Return the changes of values along the steps of a `FrameVariation`."""
     return values.imag / STEP.imag
 
 
-def row_variation(rows: LoopRows, variation: FrameVariation) -> tuple[Array, Array]:
-    """Compute the changes (T, k, m) of the first and the second time derivative of loop equations."""
-    a, b = row_factors(rows, np.stack(variation.rates))
-    _, rate, second = rows.weight * changes_of(product_rates(dot, a, b))
-    return rate, second
+def row_variation(rows: LoopRows, variation: FrameVariation) -> Array:
+    """Compute the changes (2, T, k, m) of rates and second derivatives of loop equations."""
+    a, b = row_factors(rows, variation.rates)
+    return rows.weight * changes_of(product_rates(dot, a, b)[1:])
 
 
 def loop_curvature(mechanism: Mechanism, rows: LoopRows, frames: FrameStack, multipliers: Array) -> Array:

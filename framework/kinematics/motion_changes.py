@@ -72,7 +72,7 @@ def motion_changes(robot: ParallelRobot, motion: Motion, steps: MotionSteps) -> 
 
     def missing_change(dv: Array, order: int) -> Array:
         """Compute the change of the equations' derivative still to be made by rates of this order."""
-        variation = vary_frames(robot, linearised.frames, (motion.v, motion.a), dq, dv)
+        variation = vary_frames(robot, linearised.frames, motion.v, motion.a, dq, dv)
         platform = robot.platform.velocity_changes(variation)[order]
         loops = row_variation(robot.loops, variation)[order]
         return np.concatenate([steps.twist[1 + order] - platform, -loops], axis=2)

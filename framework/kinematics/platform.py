@@ -112,8 +112,8 @@ class PlatformCoordinates(ReadOnlyArrays, ABC):
         return step
 
     @abstractmethod
-    def velocity_changes(self, variation: FrameVariation) -> tuple[Array, Array]:
-        """Compute the changes (T, k, n) of v and of dv/dt for a variation of the frames."""
+    def velocity_changes(self, variation: FrameVariation) -> Array:
+        """Compute the changes (2, T, k, n) of v and of dv/dt for a variation of the frames."""
 
     def rate_matrix(self, x: Array) -> Array:
         """Compute E (T, n, n) of v = E(x) dx for coordinates x (T, n)."""
@@ -223,17 +223,15 @@ class FramePlatform(PlatformCoordinates):
         displacement, rate, acceleration = changes
         return displacement, rate, acceleration
 
-    def velocity_changes(self, variation: FrameVariation) -> tuple[Array, Array]:
-        rate, second = np.empty((2, *variation.twist.shape[:2], self.n))
-        rates, turning, attitude = variation.rates, self.turning, self.attitude
-        rate[..., self.sliding] = changes_of(rates.rate[:, :, 0, 3, self.along])
-        second[..., self.sliding] = changes_of(rates.second[:, :, 0, 3, self.along])
-        rotation = rates.value[:, :, 0, :3].swapaxes(2, 3).reshape(-1, 3, 3)
+    def velocity_changes(self, variation: FrameVariation) -> Array:
+        changes = np.empty((2, *variation.twist.shape[:2], self.n))
+        changes[..., self.sliding] = changes_of(variation.rates[1:, :, :, 0, 3, self.along])
+        rotation = variation.rates[0, :, :, 0, :3].swapaxes(2, 3).reshape(-1, 3, 3)
         w, alpha = (part[:, :, 0, 3:].reshape(-1, 3) for part in variation[:2])
-        couples, couple_rates = attitude.couples(rotation), attitude.couple_rates(rotation, w)
-        turns = changes_of(matvec(couples, w)), changes_of(matvec(couples, alpha) + matvec(couple_rates, w))
-        rate[..., turning], second[..., turning] = (part.reshape(*rate.shape[:2], -1) for part in turns)
-        return rate, second
+        couples, couple_rates = self.attitude.couples(rotation), self.attitude.couple_rates(rotation, w)
+        turns = np.stack([matvec(couples, w), matvec(couples, alpha) + matvec(couple_rates, w)])
+        changes[..., self.turning] = changes_of(turns).reshape(*changes.shape[:3], -1)
+        return changes
 
     def _yield(self, frames: FrameStack, twists: Array) -> Array:
         """Compute the power (T, n, k) of the wrenches on twists (T, 6, k) of the frame."""
@@ -282,9 +280,8 @@ class JointPlatform(PlatformCoordinates):
     def drift(self, frames: FrameStack, motions: FrameMotions) -> Array:
         return np.zeros((len(frames.q), self.n))
 
-    def velocity_changes(self, variation: FrameVariation) -> tuple[Array, Array]:
-        nothing = np.zeros((*variation.twist.shape[:2], self.n))
-        return nothing, nothing
+    def velocity_changes(self, variation: FrameVariation) -> Array:
+        return np.zeros((2, *variation.twist.shape[:2], self.n))
 
     def frame_twist(self, frames: FrameStack, v: Array) -> Array:
         screws = frames.screws[:, self.columns]
