@@ -17,9 +17,8 @@ import pinocchio as pin
 
 from framework.arrays import Array
 from framework.kinematics.external_wrenches import AppliedWrench
-from framework.kinematics.frame_variations import bracket, tree_columns
+from framework.kinematics.frame_variations import bracket, loop_curvature, tree_columns
 from framework.kinematics.frames import forces_on_joints_slope
-from framework.kinematics.loop_curvature import loop_curvature
 from framework.kinematics.motion_changes import MotionChanges
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot

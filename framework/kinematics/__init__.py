@@ -3,7 +3,8 @@
 What a robot is
     tree_model          pinocchio's tree, the names of its coordinates, their limits
     mechanism           a tree and its loops, not yet closed
-    parallel_robot      a mechanism that closes, with platform and motors: what is proved when it is made
+    parallel_robot      a mechanism that closes, with platform and motors: what is proved when it is made; the
+                        table of its equations and the sparsity of dF/dq
     platform, attitude  the platform's coordinates x and its velocity v; charts of SO(3)
     assembly            the loops closed at the reference
     loop_structure      which loop equations repeat others, which joints move nothing
@@ -13,15 +14,13 @@ The equations, for stacks of configurations
     pinocchio_memory    pinocchio's working memory as arrays
     frames              poses, screws and motions of the frames; steps between configurations
     closures            the loop equations, their derivatives and drift
-    loop_curvature      how the forces of the loops change with the configuration
-    equations           the table of all equations and the sparsity of dF/dq
     single_pose         the loop equations of one configuration after another, for control cycles
     linearised_loops    F and dF/dq at given configurations
 
 From the platform to the joints, and back
     newton, inverse_kinematics  all joints at prescribed x
     motion_rates        velocities and accelerations of all joints; how dF/dq changes
-    motion_changes      exact derivatives of these; `frame_variations` are those of the frames
+    motion_changes      exact derivatives of these; `frame_variations` are those of frames and loop forces
     loop_matrices       the matrices of Type 1 and Type 2, without dimension
     kinematic_derivatives   pose, A, B, C along motors and springs
     velocity_matrices   A v = B dq_a + C dq_e

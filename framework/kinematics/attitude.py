@@ -5,7 +5,8 @@ powers of k couples on the angular velocity w of the frame,
 
     v = couples(R) w = E(x) dx.
 
-A, B, C, t_s and W_p of the robot refer to this v, so W_p . v is a power in every chart.
+A, B, C, t_s and W_p of the robot refer to this v, so W_p . v is a power in every chart. The couples and their
+rates are analytic in R and w: a complex step differentiates them.
 
     one axis      the twist angle about that base axis [rad], counted on through full turns: v = dx; the
                   couple is along the axis where the platform turns about it alone
@@ -34,7 +35,6 @@ from framework.linalg.rotations import left_jacobian_coefficients, rotation_matr
 from framework.tolerances import FILE_ROUNDING
 
 AttitudeRates = tuple[Array, Array, Array]  # coordinates (T, k) and two time derivatives, or turns and rates
-COMPLEX_STEP = 1e-200  # of a complex-step derivative: its square is zero, so that nothing is cut off
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,10 +62,6 @@ class Attitude(ReadOnlyArrays):
 
     def couple_rates(self, rotation: Array, w: Array) -> Array:
         """Compute the couples' time derivatives (T, k, 3) at angular velocities w (T, 3)."""
-        return np.zeros((len(w), len(self.axes), 3))
-
-    def couple_rate_changes(self, rotation: Array, w: Array, turn: Array, dw: Array) -> Array:
-        """Compute the change (T, k, 3) of `couple_rates` for a small `turn` (T, 3) and a change dw of w."""
         return np.zeros((len(w), len(self.axes), 3))
 
     def turning(self, rotation: Array, v: Array) -> Array:
@@ -126,13 +122,6 @@ class DirectionChart(Attitude):
     def couple_rates(self, rotation: Array, w: Array) -> Array:
         u = rotation[:, :, self.frame_axis]
         return self.direction_couples(u, cross(w, u))[1]
-
-    def couple_rate_changes(self, rotation: Array, w: Array, turn: Array, dw: Array) -> Array:
-        u = rotation[:, :, self.frame_axis]
-        shift, step = cross(turn, u), 1j * COMPLEX_STEP
-        swung = cross(dw, u) + cross(w, shift)
-        rates = self.direction_couples(u + step * shift, cross(w, u) + step * swung)[1]
-        return rates.imag / COMPLEX_STEP
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,22 +1,31 @@
 """How frames and loop equations of a moving robot change with its configuration, rates and accelerations.
 
-With the screws S_i of the joints about the base's origin, V_p and A_p the twist and its rate of the body
-before joint i, and eta a small motion, a frame is displaced by Phi = sum eta_i S_i over the joints that carry
-it, and
+With the screws S_i of the joints about the base's origin, the twist of a body and its rate are
 
-    dV = Phi' + Phi x V + sum S_i dv_i,                 Phi'  = sum eta_i (V_p x S_i),
-    dA = Phi" + Phi' x V + Phi x A + (terms of dv, da),  Phi" = sum eta_i (V_p x (V_p x S_i) + A_p x S_i),
+    V = sum S_i v_i,        A = sum S_i a_i + (V_i x S_i) v_i
 
-x the bracket of screws. Every loop equation is a product of two vectors of frames (`LoopRows`), so its value,
-rates and their changes are those of a product. Source of the rules for screws: J. Carpentier and N. Mansard,
-Analytical Derivatives of Rigid Body Dynamics Algorithms, Robotics: Science and Systems 2018.
+over the joints that carry it, V_i the twist of the body behind joint i and x the bracket of screws. A small
+motion eta displaces that body by Phi_i = sum eta_j S_j over the joints that carry it, and S_i by Phi_i x S_i.
+All this, loop equations and velocities of the platform with it, is analytic in the motion: a complex step
+differentiates them to rounding. Source of the rules for screws: J. Carpentier and N. Mansard, Analytical
+Derivatives of Rigid Body Dynamics Algorithms, Robotics: Science and Systems 2018.
+
+Here too is the derivative of the loop forces J(q)' lambda by q at fixed multipliers (`loop_curvature`). The
+second derivative of a frame's motion is a product of first ones (Bruyninckx and De Schutter 1996, "Symbolic
+differentiation of the velocity mapping for a serial kinematic chain", Mechanism and Machine Theory 31(2)):
+with i a column of the joint of j or of one before it, an axis or origin c of a frame has
+
+    d^2 c / dq_i dq_j = omega_i x dc/dq_j.
+
+Every row is a product a . b of two vectors that are linear in axes and origins (`row_factors`), and so its
+second derivative is a_i . b_j + a_j . b_i, plus the sum of omega_i x c_j . g over all c, g = d(a . b)/dc.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,14 +37,19 @@ from framework.kinematics.pinocchio_memory import carriers, scratch_of
 from framework.linalg.ordered_sums import cross, dot, product_rates
 from framework.model.loop_rows import LoopRows
 
+STEP: Any = 1e-200j  # of complex-step derivatives: its square is zero, so that nothing is cut off
+
 
 class TreeColumns(NamedTuple):
     """How the columns of pinocchio's velocity vector belong to the bodies of the tree."""
 
     owner: IntArray  # (nv,) the joint of each column, which is the body that it moves
-    parent: IntArray  # (nv,) the body before it
     carried: Array  # (bodies, nv) 1 where the column moves the body
     before: BoolArray  # (nv, nv) True where column i moves the axis that column j turns about or slides along
+
+    def screw_changes(self, screws: Array, steps: Array) -> Array:
+        """Compute the changes of screws by small steps along each of them, all (..., nv, 6)."""
+        return bracket(self.before.T.astype(float) @ steps, screws)
 
 
 @lru_cache(maxsize=64)
@@ -44,7 +58,7 @@ def tree_columns(mechanism: Mechanism) -> TreeColumns:
     model = mechanism.model
     owner = np.repeat(np.arange(1, model.njoints), [joint.nv for joint in model.joints[1:]])
     carried = carriers(model, np.arange(model.njoints))
-    return TreeColumns(owner, np.array(model.parents)[owner], carried, carried[owner].T > 0.0)
+    return TreeColumns(owner, carried, carried[owner].T > 0.0)
 
 
 def bracket(a: Array, b: Array) -> Array:
@@ -54,83 +68,87 @@ def bracket(a: Array, b: Array) -> Array:
     return np.concatenate([linear, cross(turning, b[..., 3:])], axis=-1)
 
 
-class FrameRates(NamedTuple):
-    """The axes of frames and their origins, one below the other, and two time derivatives."""
-
-    value: Array  # (..., F, 4, 3)
-    rate: Array
-    second: Array
-
-
-@dataclass(frozen=True, eq=False)
-class TreeMotion:
-    """Twists and accelerations of bodies and frames at T instants, about the base's origin."""
-
-    columns: TreeColumns
-    frames: FrameStack
-    v: Array  # (T, nv)
-    moved_screws: Array  # (T, nv, 18) S, V_p x S and V_p x (V_p x S) + A_p x S
-    own_rates: Array  # (T, nv, 6) time derivatives of the screws as they move with their own body
-    twist: Array  # (T, F, 6) V
-    acceleration: Array  # (T, F, 6) A = dV/dt
-    rates: FrameRates
-
-    @staticmethod
-    def of(mechanism: Mechanism, frames: FrameStack, v: Array, a: Array) -> TreeMotion:
-        """Compute the motion for rates and accelerations v, a (T, nv) at the configurations of `frames`."""
-        columns, S = tree_columns(mechanism), frames.screws
-        V = columns.carried @ (S * v[..., None])  # (T, bodies, 6)
-        own = bracket(V[:, columns.owner], S)
-        A = columns.carried @ (S * a[..., None] + own * v[..., None])
-        by_parent = bracket(V[:, columns.parent], S)
-        twice = bracket(V[:, columns.parent], by_parent) + bracket(A[:, columns.parent], S)
-        screws = np.concatenate([S, by_parent, twice], axis=2)
-        bodies = scratch_of(mechanism).bodies
-        twist, acceleration = V[:, bodies], A[:, bodies]
-        rate = move_frames(twist, frames.placements)
-        second = move_frames(acceleration, frames.placements) + turn_vectors(twist, rate)
-        rates = FrameRates(frames.placements, rate, second)
-        return TreeMotion(columns, frames, v, screws, own, twist, acceleration, rates)
-
-    def variation(self, dq: Array, dv: Array, da: Array) -> FrameVariation:
-        """Compute the changes of the frames for small motions dq (T, k, nv) and changes dv, da of rates."""
-        carried, S = self.frames.carried, self.frames.screws[:, None]
-        displaced = (dq[:, :, None] * carried) @ self.moved_screws[:, None]  # (T, k, F, 18)
-        phi, dphi, ddphi = displaced[..., :6], displaced[..., 6:12], displaced[..., 12:]
-        V, A = self.twist[:, None], self.acceleration[:, None]
-        rate_twists = S * dv[..., None]
-        acceleration_twists = S * da[..., None] + self.own_rates[:, None] * dv[..., None]
-        if dv.any():
-            bodies = self.columns.carried @ rate_twists
-            turned_screws = bracket(bodies[:, :, self.columns.owner], S)
-            acceleration_twists = acceleration_twists + turned_screws * self.v[:, None, :, None]
-        dV = dphi + bracket(phi, V) + carried @ rate_twists
-        dA = ddphi + bracket(dphi, V) + bracket(phi, A) + carried @ acceleration_twists
-        return FrameVariation(phi, dV, dA, self._changed_rates(phi, dV, dA))
-
-    def _changed_rates(self, phi: Array, dV: Array, dA: Array) -> FrameRates:
-        """Compute the changes of axes and origins for a displacement and changes of twist, (T, k, F, 6)."""
-        V, A = self.twist[:, None], self.acceleration[:, None]
-        value, rate = self.rates.value[:, None], self.rates.rate[:, None]
-        change = move_frames(phi, value)
-        rate_change = move_frames(dV, value) + turn_vectors(V, change)
-        second_change = move_frames(dA, value) + turn_vectors(A, change)
-        second_change = second_change + turn_vectors(dV, rate) + turn_vectors(V, rate_change)
-        return FrameRates(change, rate_change, second_change)
-
-
 class FrameVariation(NamedTuple):
-    """Changes of the frames at T instants by k small steps; screws about the base's origin."""
+    """The frames at T instants, a complex step along k small changes of their motion, see `changes_of`."""
 
-    displacement: Array  # (T, k, F, 6) Phi
-    twist: Array  # (T, k, F, 6) dV
-    acceleration: Array  # (T, k, F, 6) dA
-    rates: FrameRates  # (T, k, F, 4, 3)
+    twist: Array  # (T, k, F, 6)
+    acceleration: Array  # (T, k, F, 6)
+    rates: Array  # (3, T, k, F, 4, 3) axes and origins, one below the other, with two time derivatives
 
 
-def row_variation(rows: LoopRows, motion: TreeMotion, variation: FrameVariation) -> tuple[Array, Array]:
-    """Compute the changes (T, k, m) of the first and the second time derivative of loop equations."""
-    a, b = row_factors(rows, np.stack(motion.rates)[:, :, None])
-    da, db = row_factors(rows, np.stack(variation.rates))
-    _, rate, second = rows.weight * (product_rates(dot, da, b) + product_rates(dot, a, db))
-    return rate, second
+def vary_frames(
+    mechanism: Mechanism, frames: FrameStack, v: Array, a: Array, dq: Array, dv: Array
+) -> FrameVariation:
+    """Compute frames a step along small motions dq and changes dv, (T, k, nv).
+
+    dv are changes of the rates v; v and the accelerations a are (T, nv).
+    """
+    columns, S = tree_columns(mechanism), frames.screws[:, None]
+    displaced = S * dq[..., None]  # (T, k, nv, 6)
+    screws = S + STEP * columns.screw_changes(S, displaced)
+    rates = v[:, None, :, None] + STEP * dv[..., None]
+    V = columns.carried @ (screws * rates)  # (T, k, bodies, 6)
+    A = columns.carried @ (screws * a[:, None, :, None] + bracket(V[:, :, columns.owner], screws) * rates)
+    twist, acceleration = (part[:, :, scratch_of(mechanism).bodies] for part in (V, A))
+    still = frames.placements[:, None]
+    moved = still + STEP * move_frames(frames.carried @ displaced, still)
+    rate = move_frames(twist, moved)
+    second = move_frames(acceleration, moved) + turn_vectors(twist, rate)
+    return FrameVariation(twist, acceleration, np.stack([moved, rate, second]))
+
+
+def changes_of(values: Array) -> Array:
+    """Return the changes of values along the steps of a `FrameVariation`."""
+    return values.imag / STEP.imag
+
+
+def row_variation(rows: LoopRows, variation: FrameVariation) -> Array:
+    """Compute the changes (2, T, k, m) of rates and second derivatives of loop equations."""
+    a, b = row_factors(rows, variation.rates)
+    return rows.weight * changes_of(product_rates(dot, a, b)[1:])
+
+
+def loop_curvature(mechanism: Mechanism, rows: LoopRows, frames: FrameStack, multipliers: Array) -> Array:
+    """Compute d(J' lambda)/dq (T, nv, nv) for multipliers (T, m), row by row along the second index."""
+    slopes = frames.slopes  # (T, F, 4, nv, 3)
+    count, size, _, nv, _ = slopes.shape
+    load = (rows.weight * multipliers)[..., None]  # (T, m, 1)
+    mixed = _products(*_factor_slopes(rows, slopes, load))
+
+    used, *shares = _used_vectors(rows, size)
+    gradient = _gradients(rows, frames, load, shares)
+    turns = frames.screws[:, None, :, 3:] * frames.carried[used // 4, :, None]  # (T, used, nv, 3)
+    upper = _products(cross(gradient[:, :, None], turns), slopes.reshape(count, 4 * size, nv, 3)[:, used])
+    before = tree_columns(mechanism).before
+    strictly = before & ~before.T  # not two columns of one ball, whose order matters
+    second = (upper * before).swapaxes(1, 2) + np.where(strictly, upper, 0.0)
+    return np.asarray(mixed + mixed.swapaxes(1, 2) + second, dtype=float)
+
+
+def _factor_slopes(rows: LoopRows, slopes: Array, load: Array) -> list[Array]:
+    """Return the derivatives (T, m, nv, 3) of load a and of b along the joints."""
+    count, size, _, nv, _ = slopes.shape
+    da, db = row_factors(rows, slopes.reshape(count, size, 4, 3 * nv))
+    return [part.reshape(count, -1, nv, 3) for part in (load * da, db)]
+
+
+@lru_cache(maxsize=64)
+def _used_vectors(rows: LoopRows, size: int) -> tuple[IntArray, Array, Array]:
+    """Return the k axes and origins c in a or b, and their shares (m, k) in each."""
+    in_a, in_b = row_factors(rows, np.eye(4 * size).reshape(size, 4, 4 * size))
+    used = np.flatnonzero(np.any([in_a, in_b], axis=(0, 1)))
+    return used, in_a[:, used], in_b[:, used]
+
+
+def _gradients(rows: LoopRows, frames: FrameStack, load: Array, shares: Sequence[Array]) -> Array:
+    """Compute sums g (T, k, 3) of load d(a . b)/dc over rows, from shares (m, k) of c."""
+    a, b = row_factors(rows, frames.placements)  # (T, m, 3)
+    from_a = np.einsum("mc,tmx->tcx", shares[0], load * b)
+    return from_a + np.einsum("mc,tmx->tcx", shares[1], load * a)
+
+
+def _products(a: Array, b: Array) -> Array:
+    """Compute sums of a_i . b_j over vectors, (T, nv, nv), of stacks (T, vectors, nv, 3)."""
+    count, _, nv, _ = a.shape
+    left = a.transpose(0, 2, 1, 3).reshape(count, nv, -1)
+    return left @ b.transpose(0, 1, 3, 2).reshape(count, -1, nv)

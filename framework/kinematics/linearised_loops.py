@@ -15,12 +15,11 @@ from framework.arrays import Array, ArrayLike, IntArray, freeze
 from framework.errors import InvalidInput
 from framework.kinematics.assembly import Configuration, configuration
 from framework.kinematics.closures import LoopWrenches, loop_wrenches
-from framework.kinematics.equations import Equations
 from framework.kinematics.frames import (
     FrameStack,
     frames_at,
 )
-from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.parallel_robot import Equations, ParallelRobot, expect_robot
 from framework.linalg.banded_lu import Band, Factors
 from framework.linalg.ordered_sums import cross
 from framework.linalg.sparsity import Part

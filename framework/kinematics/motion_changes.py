@@ -16,7 +16,7 @@ import numpy as np
 
 from framework.arrays import Array, IntArray
 from framework.errors import InvalidInput
-from framework.kinematics.frame_variations import TreeMotion, row_variation
+from framework.kinematics.frame_variations import row_variation, vary_frames
 from framework.kinematics.idle_turns import driven_turns
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.motion_rates import Motion, moving_rates
@@ -65,7 +65,6 @@ def motion_changes(robot: ParallelRobot, motion: Motion, steps: MotionSteps) -> 
         numpy.linalg.LinAlgError: the platform does not determine the joints at some instant.
     """
     linearised, (count, k) = motion.linearised, steps.twist[0].shape[:2]
-    tree = TreeMotion.of(robot, linearised.frames, motion.v, motion.a)
     still, closed = np.zeros((count, k, robot.model.nv)), np.zeros((count, k, len(robot.loops.names)))
     columns, joints = steps.columns, steps.joints
     displacement = np.concatenate([steps.twist[0], closed], axis=2)
@@ -73,9 +72,9 @@ def motion_changes(robot: ParallelRobot, motion: Motion, steps: MotionSteps) -> 
 
     def missing_change(dv: Array, order: int) -> Array:
         """Compute the change of the equations' derivative still to be made by rates of this order."""
-        variation = tree.variation(dq, dv, still)
-        platform = robot.platform.velocity_changes(tree, variation)[order]
-        loops = row_variation(robot.loops, tree, variation)[order]
+        variation = vary_frames(robot, linearised.frames, motion.v, motion.a, dq, dv)
+        platform = robot.platform.velocity_changes(variation)[order]
+        loops = row_variation(robot.loops, variation)[order]
         return np.concatenate([steps.twist[1 + order] - platform, -loops], axis=2)
 
     dv = solve_rates(robot, linearised, missing_change(still, 0), columns, joints[1])

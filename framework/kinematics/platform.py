@@ -22,7 +22,7 @@ import pinocchio as pin
 
 from framework.arrays import Array, BoolArray, IntArray, ReadOnlyArrays
 from framework.kinematics.attitude import Attitude, TwistAngle, attitude_about, twist_angle_for
-from framework.kinematics.frame_variations import FrameVariation, TreeMotion
+from framework.kinematics.frame_variations import FrameVariation, changes_of
 from framework.kinematics.frames import FrameMotions, FrameStack
 from framework.linalg.ordered_sums import matmul, matvec
 from framework.model.description import AXES, Platform
@@ -112,8 +112,8 @@ class PlatformCoordinates(ReadOnlyArrays, ABC):
         return step
 
     @abstractmethod
-    def velocity_changes(self, motion: TreeMotion, variation: FrameVariation) -> tuple[Array, Array]:
-        """Compute the changes (T, k, n) of v and of dv/dt for a variation of the frames."""
+    def velocity_changes(self, variation: FrameVariation) -> Array:
+        """Compute the changes (2, T, k, n) of v and of dv/dt for a variation of the frames."""
 
     def rate_matrix(self, x: Array) -> Array:
         """Compute E (T, n, n) of v = E(x) dx for coordinates x (T, n)."""
@@ -223,30 +223,15 @@ class FramePlatform(PlatformCoordinates):
         displacement, rate, acceleration = changes
         return displacement, rate, acceleration
 
-    def velocity_changes(self, motion: TreeMotion, variation: FrameVariation) -> tuple[Array, Array]:
-        rate, second = np.empty((2, *variation.twist.shape[:2], self.n))
-        rate[..., self.sliding] = variation.rates.rate[:, :, 0, 3, self.along]
-        second[..., self.sliding] = variation.rates.second[:, :, 0, 3, self.along]
-        for change, turns in zip((rate, second), self._turn_changes(motion, variation), strict=True):
-            change[..., self.turning] = turns.reshape(*change.shape[:2], -1)
-        return rate, second
-
-    def _turn_changes(self, motion: TreeMotion, variation: FrameVariation) -> tuple[Array, Array]:
-        """Compute the changes (T k, r) of the turns in v and in dv/dt for a variation of the frames."""
-        turn, dw, dalpha = (part[:, :, 0, 3:].reshape(-1, 3) for part in variation[:3])
-        w, alpha, rotation = (
-            np.repeat(part, variation.twist.shape[1], axis=0)
-            for part in (motion.twist[:, 0, 3:], motion.acceleration[:, 0, 3:], motion.frames.rotation[:, 0])
-        )
-        attitude = self.attitude
-        couples = attitude.couples(rotation)
-        first, second = matvec(couples, dw), matvec(couples, dalpha)
-        if not attitude.constant:
-            changed = attitude.couple_rates(rotation, turn)
-            first = first + matvec(changed, w)
-            second = second + matvec(changed, alpha) + matvec(attitude.couple_rates(rotation, w), dw)
-            second = second + matvec(attitude.couple_rate_changes(rotation, w, turn, dw), w)
-        return first, second
+    def velocity_changes(self, variation: FrameVariation) -> Array:
+        changes = np.empty((2, *variation.twist.shape[:2], self.n))
+        changes[..., self.sliding] = changes_of(variation.rates[1:, :, :, 0, 3, self.along])
+        rotation = variation.rates[0, :, :, 0, :3].swapaxes(2, 3).reshape(-1, 3, 3)
+        w, alpha = (part[:, :, 0, 3:].reshape(-1, 3) for part in variation[:2])
+        couples, couple_rates = self.attitude.couples(rotation), self.attitude.couple_rates(rotation, w)
+        turns = np.stack([matvec(couples, w), matvec(couples, alpha) + matvec(couple_rates, w)])
+        changes[..., self.turning] = changes_of(turns).reshape(*changes.shape[:3], -1)
+        return changes
 
     def _yield(self, frames: FrameStack, twists: Array) -> Array:
         """Compute the power (T, n, k) of the wrenches on twists (T, 6, k) of the frame."""
@@ -295,9 +280,8 @@ class JointPlatform(PlatformCoordinates):
     def drift(self, frames: FrameStack, motions: FrameMotions) -> Array:
         return np.zeros((len(frames.q), self.n))
 
-    def velocity_changes(self, motion: TreeMotion, variation: FrameVariation) -> tuple[Array, Array]:
-        nothing = np.zeros((*variation.twist.shape[:2], self.n))
-        return nothing, nothing
+    def velocity_changes(self, variation: FrameVariation) -> Array:
+        return np.zeros((2, *variation.twist.shape[:2], self.n))
 
     def frame_twist(self, frames: FrameStack, v: Array) -> Array:
         screws = frames.screws[:, self.columns]

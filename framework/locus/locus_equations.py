@@ -17,11 +17,10 @@ import numpy as np
 
 from framework.arrays import Array, IntArray
 from framework.errors import InvalidInput, choose_from
-from framework.kinematics.closures import scale_jacobian
 from framework.kinematics.frames import FrameStack, difference, integrate_columns
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import linearised_at
-from framework.kinematics.loop_matrices import passive_matrix
+from framework.kinematics.loop_matrices import equation_sizes, independent_loops_matrix, passive_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.rotations import wrap_angles
 from framework.singularity.bordered_system import Border, solve_bordered
@@ -115,12 +114,9 @@ class LocusEquations:
         step = np.concatenate([np.zeros((1, k)), DIFFERENCE_STEP * np.eye(k), -DIFFERENCE_STEP * np.eye(k)])
         poses = self.move(np.repeat(q, len(step), axis=0), np.tile(step, (len(q), 1)))
         linearised = linearised_at(robot, poses, None)
-        sizes = robot.structure.row_sizes
-        loops = (
-            scale_jacobian(robot, linearised.closures[:: len(step)], robot.loops.rotation) / sizes[:, None]
-        )
-        gaps = linearised.residual[:: len(step), robot.n :] / sizes
-        gaps = gaps * np.where(robot.loops.rotation, 1.0, 1.0 / robot.length)
+        centres = linearised.select(slice(None, None, len(step)))
+        loops = independent_loops_matrix(robot, centres)
+        gaps = (centres.residual / equation_sizes(robot))[:, robot.n :]
         P = passive_matrix(robot, linearised).reshape(len(q), len(step), len(robot.following), -1)
         border = Border.of(P[:, 0]) if border is None else border
         eta, g = solve_bordered(P[:, 0], border)

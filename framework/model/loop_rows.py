@@ -2,7 +2,7 @@
 
 Each equation is a weighted product of two vectors less a constant. Two frames have three such products
 (`LoopRows`), and the other modules know these three: values and derivatives (`kinematics.closures`,
-`loop_curvature`, `frame_variations`) and bounds over boxes (`proofs.derivative_bounds`, `proofs.leg_paving`)
+`frame_variations`) and bounds over boxes (`proofs.derivative_bounds`, `proofs.leg_paving`)
 serve every weight and constant. So a kind of row is stated in `ROW_KINDS` alone.
 """
 
@@ -72,7 +72,7 @@ class LoopRows(ReadOnlyArrays):
     @cached_property
     def translation(self) -> NDArray[np.bool_]:
         """Whether each row is u.d = 0, (m,)."""
-        return ~(self.rotation | self.square) & (self.weight == 1.0) & (self.constant == 0.0)
+        return read_only(~(self.rotation | self.square) & (self.weight == 1.0) & (self.constant == 0.0))
 
     @cached_property
     def only_translations(self) -> bool:

@@ -5,9 +5,8 @@ No plan stands on it.
 Open first `assembly_modes` (all poses for given motors) or `singular_paving` (all singular poses): each leads
 down to one of the tools.
 
-answers      assembly_modes, working_modes; singular_paving with singular_boxes; regular_ball with
-             regular_cells (no singular pose about a pose)
-search       leg_conditions, study_quadric, quadric_family: what legs ask, as systems of quadrics;
+answers      assembly_modes, working_modes; singular_paving; regular_ball (no singular pose about a pose)
+search       leg_conditions, study_quadric: what legs ask, as systems of quadrics;
              homotopy, real_displacements: all their solutions
 completeness completeness, real_displacements, leg_paving: no other solutions than those known
 bounds       derivative_bounds over equation_terms, sharp in small boxes

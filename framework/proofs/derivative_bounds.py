@@ -24,6 +24,7 @@ import numpy as np
 from framework.arrays import Array, BoolArray, select
 from framework.errors import InvalidInput
 from framework.kinematics.frames import FrameStack, frames_at, integrate_columns
+from framework.kinematics.loop_matrices import equation_sizes
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.ordered_sums import cross
 from framework.proofs.equation_terms import BASE, Chain, EquationTerms, Term, moving_balls, stretched_length
@@ -71,9 +72,6 @@ class DerivativeBounds:
                 f"{robot.name}: bounds over boxes of joints are for hinges and slides, not for "
                 f"the ball joint {balls[0]}"
             )
-        loops = robot.loops
-        turning = np.concatenate([~robot.translations, loops.rotation])
-        sizes = np.concatenate([np.ones(robot.n), robot.structure.row_sizes])
         slid = max(reach, 1.0) * np.count_nonzero(robot.sliding[robot.moving])
         size = stretched_length(robot, robot.reference.q) + 1.0 + float(slid)
         table = EquationTerms.of(robot)
@@ -81,9 +79,9 @@ class DerivativeBounds:
             robot,
             table.chains,
             table.terms,
-            np.where(turning, 1.0, 1.0 / robot.length) / sizes,
+            1.0 / equation_sizes(robot),
             robot.column_scale[robot.moving],
-            FRAME_ROUNDING * size / min(float(sizes.min()), 1.0),
+            FRAME_ROUNDING * size / robot.structure.row_sizes.min(initial=1.0),
         )
 
     def configurations(self, u: Array) -> Array:

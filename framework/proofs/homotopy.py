@@ -21,7 +21,7 @@ import numpy as np
 
 from framework.arrays import Array, BoolArray
 from framework.linalg.ordered_sums import solve_or_fit
-from framework.proofs.quadric_family import ComplexArray, QuadricFamily, is_first
+from framework.proofs.study_quadric import ComplexArray, QuadricFamily, is_first
 from framework.tolerances import ENDGAME_MIN_EXPONENT, NEWTON_STEP
 
 MIN_INFINITE_SIZE = 1e3  # [robot lengths] of a path on its way to infinity; no leg is that long

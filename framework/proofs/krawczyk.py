@@ -19,8 +19,8 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array, BoolArray
-from framework.proofs.quadric_family import ComplexArray
 from framework.proofs.rounding import ROUND_UP, WIDENING_RATIO, gamma
+from framework.proofs.study_quadric import ComplexArray
 
 MAX_WIDENINGS = 6  # of the radii until the test holds
 MIN_RADIUS, MAX_RADIUS = 1e-300, 1e100  # away from underflow and overflow

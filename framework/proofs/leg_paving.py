@@ -140,15 +140,13 @@ class LegEquations:
         return LinearEnclosure(values, slopes * units, errors + np.reshape(rounding, (-1, 1)))
 
     def _loops(self, frames: FrameStack, bounds: list[ChainBounds]) -> LinearEnclosure:
-        rows, loops, length = self.robot.rows, self.loops, self.robot.length
-        turning = rows.rotation[loops]
-        equations = loop_equations(rows, frames)
-        weight = np.where(turning, 1.0, 1.0 / length)
-        kind = np.where(rows.square[loops], 2, turning)  # place in `ChainBounds`
+        rows, loops = self.robot.rows, self.loops
+        equations, lengths = loop_equations(rows, frames), self.robot.row_lengths[loops]
+        kind = np.where(rows.square[loops], 2, rows.rotation[loops])  # place in `ChainBounds`
         chain_bounds = np.reshape(bounds, (len(bounds), 4, len(frames.q)))
         errors = chain_bounds[self.chain_of, kind].T * np.abs(rows.derivative_weight[loops])
-        slopes = equations.jacobian[:, loops][:, :, self.own] * weight[:, None]
-        return LinearEnclosure(equations.residual[:, loops] * weight, slopes, errors)
+        slopes = equations.jacobian[:, loops][:, :, self.own] / lengths[:, None]
+        return LinearEnclosure(equations.residual[:, loops] / lengths, slopes, errors)
 
     def _position(self, frames: FrameStack, bound: ChainBounds) -> LinearEnclosure:
         """Enclose the position of the platform's frame against x."""

@@ -14,7 +14,7 @@ from framework.arrays import Array, BoolArray, IntArray
 from framework.kinematics.closures import loop_equations, scale_jacobian
 from framework.kinematics.frames import FrameStack, difference, frames_at, integrate, integrate_columns
 from framework.kinematics.linearised_loops import linearised_at
-from framework.kinematics.loop_matrices import passive_matrix, type1_matrix
+from framework.kinematics.loop_matrices import equation_sizes, passive_matrix, type1_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.rotations import wrap_angles
 from framework.proofs.equation_terms import stretched_length
@@ -132,12 +132,11 @@ def is_proved(robot: ParallelRobot, q: Array, *, locked: str = "motors") -> bool
     inverse = np.linalg.pinv(matrix)
     if np.abs(inverse @ matrix - np.eye(len(matrix))).sum(axis=1).max() > MAX_INVERSE_DEFECT:
         return False
-    weights = np.where(robot.loops.rotation, 1.0, 1.0 / robot.length) / robot.structure.row_sizes
-    values = float(np.abs(linearised.residual[0, robot.n :] * weights).max())
+    values = float(np.abs(linearised.residual[0] / equation_sizes(robot))[robot.n :].max())
     size = stretched_length(robot, q) + 1.0  # with a length to spare for slides near by
     units = np.where(robot.loops.square, robot.length, 1.0)
     steepest = np.abs(robot.loops.derivative_weight * units).max(initial=1.0)
-    bend = 8.0 * size**2 * steepest / min(float(robot.structure.row_sizes.min()), 1.0)
+    bend = 8.0 * size**2 * steepest / robot.structure.row_sizes.min(initial=1.0)
     beta = INVERSE_FACTOR * float(np.abs(inverse).sum(axis=1).max())
     return bool(beta**2 * len(matrix) ** 2 * bend * (values + FRAME_ROUNDING * size) <= 0.5)
 

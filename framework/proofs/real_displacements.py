@@ -22,9 +22,8 @@ from framework.proofs.completeness import KnownSolutions, has_no_others, unique_
 from framework.proofs.homotopy import PathEnds, path_ends, refine
 from framework.proofs.interval_newton import LinearEnclosure
 from framework.proofs.krawczyk import Enclosures, are_apart, chart_for, enclosures
-from framework.proofs.quadric_family import ComplexArray, QuadricFamily, is_first
 from framework.proofs.rounding import REACH_MARGIN, ROUND_UP, gamma
-from framework.proofs.study_quadric import Displacements
+from framework.proofs.study_quadric import ComplexArray, Displacements, QuadricFamily, is_first
 from framework.tolerances import DISTINCT_SOLUTIONS, LEG_COEFFICIENT_ROUNDING
 
 MAX_ATTEMPTS = 4  # on other ways, while paths are lost

@@ -163,8 +163,8 @@ def _closed_modes(robot: ParallelRobot, q: Array, x: Array) -> list[WorkingMode]
         return []
     linearised = linearised_at(robot, q, np.repeat(x[None], len(q), axis=0))
     signs, motors = leg_signs(robot, linearised), robot.actuated_coordinates(q)
-    turning = np.concatenate([~robot.translations, robot.loops.rotation])
-    closed = np.abs(linearised.residual / np.where(turning, 1.0, robot.length)).max(axis=1) < LOOP_GAP
+    lengths = np.concatenate([robot.platform_scale, robot.loop_lengths])
+    closed = np.abs(linearised.residual / lengths).max(axis=1) < LOOP_GAP
     return [
         WorkingMode(
             q=q[k],

@@ -6,9 +6,8 @@ The witness of every plan: it shares frames and loop equations with the planner,
 * `equations`: the equations of motion and their derivatives;
   `terms`: the same without derivatives, for stacks of robots;
 * `consistent`: the state at the start; `drive`: the torques;
-* `collocation`, `newton_matrix`, `step_size_control`: methods reference and stiff;
-  `explicit`, `contacts`: method explicit; `stepper`, `schemes`: method fast, and steps for control loops and
-  for many runs;
+* `collocation`, `step_size_control`: methods reference and stiff; `contacts`: method explicit;
+  `stepper`, `schemes`: method fast, and steps for control loops and for many runs;
 * `trajectory`, `events`, `result`: the motion between steps, instants to report, and what comes back;
 * `accelerations`: forward dynamics at instants, without a step.
 """

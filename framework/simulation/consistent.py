@@ -14,8 +14,8 @@ import numpy as np
 from framework.arrays import LEAST_DIVISOR, Array, BoolArray
 from framework.errors import InvalidInput, NotAssembled, NotConverged
 from framework.kinematics.closures import loop_wrenches, scale_jacobian
+from framework.kinematics.frame_variations import loop_curvature
 from framework.kinematics.frames import integrate
-from framework.kinematics.loop_curvature import loop_curvature
 from framework.linalg.ordered_sums import matmul
 from framework.simulation.equations import EquationsOfMotion, Tangent
 from framework.simulation.world_forces import NO_FORCES, WorldForces
@@ -47,7 +47,7 @@ def allowed_motions(equations: EquationsOfMotion, tangent: Tangent) -> AllowedMo
     diagonal = np.diagonal(mass, axis1=1, axis2=2)
     largest = np.maximum(values.max(axis=1, initial=0.0), diagonal.max(axis=1, initial=0.0))
     light = values <= EIGENVALUE_ROUNDING * largest[:, None]
-    closing = _pseudo_inverse(left, sizes, right) / robot.row_lengths[robot.structure.independent]
+    closing = _pseudo_inverse(left, sizes, right) / robot.loop_lengths
     return AllowedMotions(scale * matmul(allowed, vectors), light, scale * closing)
 
 

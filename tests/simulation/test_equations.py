@@ -9,8 +9,8 @@ import pytest
 import robots
 from framework.errors import InvalidInput
 from framework.kinematics.closures import loop_equations
+from framework.kinematics.frame_variations import loop_curvature
 from framework.kinematics.frames import frames_at
-from framework.kinematics.loop_curvature import loop_curvature
 from framework.simulation.equations import EquationsOfMotion
 
 # points, hinges with turned axes, a weld, cardan joints; springs on, in and behind joints

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from framework.simulation.collocation import radau
-from framework.simulation.newton_matrix import NewtonMatrix
+from framework.simulation.collocation import NewtonMatrix, radau
 
 
 def whole(length, once, by_motion, jacobian):

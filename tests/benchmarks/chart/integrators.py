@@ -22,8 +22,12 @@ from framework.simulation.consistent import consistent_state
 from framework.simulation.contacts import ContactDynamics
 from framework.simulation.drive import Drive
 from framework.simulation.equations import EquationsOfMotion
-from framework.simulation.explicit import explicit_steps
-from framework.simulation.methods import IntegrationTask, MethodSettings, integrate_by_collocation
+from framework.simulation.methods import (
+    IntegrationTask,
+    MethodSettings,
+    explicit_steps,
+    integrate_by_collocation,
+)
 from framework.simulation.schemes import State
 from framework.simulation.stepper import Stepper
 
