@@ -243,8 +243,8 @@ def _time_axis(plan: CrossingPlan, ax: Axes) -> None:
     """Label the axis of time, with the meaning of dashed lines, and of dotted ones (limits)."""
     limited = plan.optimality is not None and np.isfinite(plan.optimality.specification.torque_limit).any()
     dotted = ", dotted: torque limit" if limited and ax.get_ylabel().startswith("motor torque") else ""
-    legend = f"   (dashed: singular{dotted})" if plan.crossings else ""
-    ax.set_xlabel(f"time  [s]{legend}")
+    legend = f"(dashed: singular{dotted})" if plan.crossings else ""
+    ax.set_xlabel(f"time  [s]{chr(10) if dotted else '   '}{legend}".rstrip())
 
 
 def _mark_crossings(plan: CrossingPlan, ax: Axes) -> None:

@@ -79,6 +79,18 @@ def test_the_torques_are_drawn_motor_by_motor(plan):
     assert verticals(ax) == [crossing.time for crossing in plan.crossings]
 
 
+@pytest.mark.parametrize("options", [{}, {"optimize": "time", "torque_limit": 0.2}], ids=["plain", "limited"])
+def test_no_label_is_cut_off_where_a_figure_is_saved_as_the_readme_says(options):
+    plan = plan_scene(robots.load("five_bar"), "C", **options)
+    ax = plots.plot_torques(plan)
+    ax.figure.draw_without_rendering()
+    page = ax.figure.bbox
+    for label in (ax.xaxis.label, ax.yaxis.label):
+        extent = label.get_window_extent()
+        assert page.x0 <= extent.x0 < extent.x1 <= page.x1
+        assert page.y0 <= extent.y0 < extent.y1 <= page.y1
+
+
 def test_g_is_drawn_along_the_path_and_vanishes_at_the_marks(plan):
     ax = plots.plot_singularity(plan)
     assert marks(ax) == [(crossing.s, 0.0) for crossing in plan.crossings]
