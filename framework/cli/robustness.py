@@ -52,7 +52,8 @@ DIFFERENCES = (  # of the robots from their model: option, default, meaning
     ("speed_noise", 0.0, "[rad/s, robot lengths/s] the same of measured speeds"),
 )
 FEEDBACK_TRIED = (
-    "\n  with feedback     {passed} of the first {runs} runs that failed pass with --controller {controller}"
+    "\n  with feedback     {passed} of the first {runs} runs that failed pass with --controller "
+    "{controller}; the default is for robots with springs, too"
 )
 MAX_RUNS = 1_000_000
 
