@@ -106,8 +106,9 @@ def possible_parameters(
     """
     spread = prior * links.spread
     along = links.to_parameters * spread
-    # unknowns in which the quadratic form is a distance
+    # unknowns in which the quadratic form is a distance; with the prior no square is below 1
     squares, axes = np.linalg.eigh(along.T @ information @ along + np.eye(len(spread)))
+    squares = np.maximum(squares, 1.0)
     change = spread[:, None] * axes / np.sqrt(squares)  # of the parameters along the unknowns
     best = links.values + change @ (axes.T @ (along.T @ residual) / np.sqrt(squares))  # possible or not
     bodies = [slice(10 * i, 10 * i + 10) for i in range(len(links.links))]
@@ -167,5 +168,7 @@ def _write_inertial(link: ElementTree.Element, parameters: Array) -> None:
     """Write the ten parameters of a link about its origin into its <inertial>, about the centre of mass."""
     mass, centre = float(parameters[0]), parameters[1:4] / parameters[0]
     moments = pseudo_inertia(parameters)[:3, :3] - mass * np.outer(centre, centre)
+    squares, axes = np.linalg.eigh(moments)  # not negative but for the solver's rounding
+    moments = (axes * np.maximum(squares, 0.0)) @ axes.T
     remove_children(link, "inertial")
     link.insert(0, inertial_element(mass, centre, np.trace(moments) * np.eye(3) - moments))
