@@ -130,12 +130,7 @@ def run(options: Namespace) -> Report:
     """Do one study for each controller on the same robots, or repeat one run of a study."""
     if options.replay is not None:
         return replay_run(options)
-    spread = Spread(**{name: getattr(options, f"spread_{name}") for name, *_ in DIFFERENCES})
-    limit = None if options.limit is None else tuple(options.limit)
-    plan = arguments.load_or_plan(options)
-    tolerance = _tolerance(options.tolerance, plan.robot.length)
-    loop = ControlLoop(tolerance=tolerance, end=tolerance, limit=limit, sensors=options.sensors)
-    setup = StudySetup.of(plan, period=options.period, loop=loop, spread=spread, seed=options.seed)
+    setup = _setup(options)
     if options.out is None:
         return _report(options, setup, _studies(options, setup, {}), None)
     out = Path(options.out)
@@ -151,6 +146,16 @@ def run(options: Namespace) -> Report:
         options.progress.start("drawing the figure")
         _write(setup, studies, document, folder)
     return document, text
+
+
+def _setup(options: Namespace) -> StudySetup:
+    """Return the plan and the settings of a study."""
+    spread = Spread(**{name: getattr(options, f"spread_{name}") for name, *_ in DIFFERENCES})
+    limit = None if options.limit is None else tuple(options.limit)
+    plan = arguments.load_or_plan(options)
+    tolerance = _tolerance(options.tolerance, plan.robot.length)
+    loop = ControlLoop(tolerance=tolerance, end=tolerance, limit=limit, sensors=options.sensors)
+    return StudySetup.of(plan, period=options.period, loop=loop, spread=spread, seed=options.seed)
 
 
 def _tolerance(text: str, length: float) -> float:
