@@ -118,7 +118,7 @@ def _matching_columns(wanted: str, names: Sequence[str]) -> list[int]:
     matching = [k for k, name in enumerate(names) if name == wanted or name.startswith(f"{wanted}_")]
     if not matching:
         raise InvalidInput(choose_from("column", wanted, names))
-    return matching[:1] if wanted in names else matching
+    return matching
 
 
 def motion_columns(robot: ParallelRobot) -> tuple[Column, ...]:

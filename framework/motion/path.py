@@ -267,7 +267,7 @@ class Polyline(PointPath):
         chords = np.diff(points, axis=0)
         lengths = np.linalg.norm(chords, axis=1)
         directions = chords / lengths[:, None]
-        longest = np.min([lengths[0], lengths[-1], *(0.5 * lengths[1:-1])])
+        longest = 0.5 * lengths.min()
         if not (is_number(self.blend) and 0.0 < self.blend <= longest):
             raise InvalidInput(
                 f"polyline: blend must be greater than 0 and at most {longest:.6g}, as its segments "
@@ -281,10 +281,9 @@ class Polyline(PointPath):
                 f"path does; stop there, and plan two motions"
             )
         arc_lengths = np.concatenate(([0.0], np.cumsum(lengths)))
-        knots = arc_lengths[1:-1, None] + self.blend * np.array([-1.0, 1.0])
-        inside = (knots > 0.0) & (knots < arc_lengths[-1])
-        rounded = np.round(knots[inside] / arc_lengths[-1], 14)  # where two blends meet
-        _hold(self, points=points, blend=float(self.blend), knots=read_only(np.unique(rounded)))
+        knots = (arc_lengths[1:-1, None] + self.blend * np.array([-1.0, 1.0])) / arc_lengths[-1]
+        knots = np.unique(np.round(knots, 14))  # one where two blends meet
+        _hold(self, points=points, blend=float(self.blend), knots=read_only(knots))
         _hold(self, _arc_lengths=read_only(arc_lengths), _directions=read_only(directions))
 
     def __call__(self, s: ArrayLike, order: int = 0) -> Array:

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.patches import Polygon
+from matplotlib.patches import FancyArrowPatch, Polygon
+from matplotlib.path import Path
 
 from framework.arrays import LEAST_DIVISOR, Array
 from framework.dynamics.action_lines import action_lines
@@ -16,7 +17,7 @@ from framework.show.drawing import draw_robot, draw_scale_bar, hull
 from framework.show.film import Film
 from framework.show.scene import locus_lines
 from framework.show.sight import Projection, Sight, film_sight
-from framework.show.style import ALARM, GIVEN, LOCUS, PATH, TWIST, WRENCH, legend_above
+from framework.show.style import ALARM, GIVEN, LOCUS, PATH, TWIST, WRENCH, Style, legend_above
 
 ARROW_LENGTH = 0.32  # length of t_s, over the robot's; the page's too
 TURN_RADIUS = 0.2  # radius of the arc that shows the turn of t_s, over the robot's length
@@ -99,15 +100,14 @@ def _draw_turn(film: Film, ax: Axes, k: int, onto: Projection) -> None:
     phase = np.linspace(-angle, angle, ARC_POINTS)[:, None]
     arc = np.cos(phase) * across + np.sin(phase) * np.cross(axis, across)
     line = onto(film.platform[k] + radius * arc)
-    ax.plot(*line.T, color=TWIST, linewidth=1.2, zorder=7)
-    for tip, foot in ((line[-1], line[-2]), (line[0], line[1])):
-        _head(ax, tip, foot)
-
-
-def _head(ax: Axes, tip: Array, foot: Array) -> None:
-    """Draw the head of an arrow from foot to tip (2,)."""
-    style = {"arrowstyle": "-|>", "color": TWIST, "linewidth": 1.2, "shrinkA": 0, "shrinkB": 0}
-    ax.annotate("", tuple(tip), tuple(foot), arrowprops=style, zorder=7)
+    style: Style = {
+        "arrowstyle": "<|-|>",
+        "mutation_scale": 10,
+        "color": TWIST,
+        "linewidth": 1.2,
+        "zorder": 7,
+    }
+    ax.add_patch(FancyArrowPatch(path=Path(line), **style))
 
 
 def _action_lines(film: Film, ax: Axes, k: int, onto: Projection) -> None:

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from matplotlib.patches import FancyArrowPatch
 from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
 from PIL import Image
 from scipy.spatial import ConvexHull
@@ -21,7 +22,7 @@ from framework.show.moving import film_picture
 from framework.show.shapes import body_shapes
 from framework.show.sight import robot_sight
 from framework.show.still import plot_still
-from framework.show.style import PATH, TWIST
+from framework.show.style import PATH
 from tests.show.test_film import filmed
 
 
@@ -87,11 +88,8 @@ def test_the_turn_of_t_s_is_an_arc_about_the_platform(name, scene, turns):
     film = filmed(name, scene)
     ax, k = plot_still(film), film.telling_frame
     centre = film.platform[k][:2]
-    rings = [
-        line.get_xydata() - centre
-        for line in ax.lines
-        if line.get_color() == TWIST and len(line.get_xdata()) > 2
-    ]
+    patches = [patch for patch in ax.patches if isinstance(patch, FancyArrowPatch) and patch._path_original]
+    rings = [patch._path_original.vertices - centre for patch in patches]
     assert len(rings) == turns
     for arc in rings:
         radius = np.linalg.norm(arc, axis=1)
