@@ -1,12 +1,16 @@
-"""framework/README.md and CONTRIBUTING.md lead to files that exist, one or two for each question."""
+"""Guides lead to files that exist, one or two for each question, and their commands run."""
 
 from __future__ import annotations
 
 import ast
 import re
+import shlex
 from pathlib import Path
 
 import pytest
+
+from framework.cli import main
+from framework.cli.commands import parser_of
 
 ROOT = Path(__file__).parents[1]
 GUIDE = ROOT / "framework" / "README.md"
@@ -67,3 +71,41 @@ def test_a_room_says_which_of_its_files_to_open_first(room: Path) -> None:
     opened = re.search(r"Open(?: first)? `(\w+)`", text)
     assert opened is not None
     assert (room / f"{opened[1]}.py").exists()
+
+
+def commands_of(file: Path) -> list[list[str]]:
+    """The words of the command lines in its blocks of sh, without comments."""
+    blocks = re.findall(r"```sh\n(.*?)```", file.read_text(encoding="utf-8"), re.S)
+    lines = "".join(blocks).replace("\\\n", " ").splitlines()
+    split = [shlex.split(line, comments=True) for line in lines]
+    return [words[1:] for words in split if words[:1] == ["crossing"]]
+
+
+COMMANDS_OF_GUIDES = [
+    *commands_of(ROOT / "README.md"),
+    *commands_of(ROOT / "framework" / "cli" / "README.md"),
+]
+ALONE = [  # those that need no file that a reader has, and end by themselves
+    words
+    for words in COMMANDS_OF_GUIDES
+    if not {"cassie.xml", "leg/cassie.yaml", "my_robot.yaml", "move"} & set(words)
+    and (words[0] != "show" or {"--html", "--picture"} & set(words))
+]
+ANSWERS_NO = [["plan", "five_bar", "--scene", "B"]]
+
+
+@pytest.mark.parametrize("words", COMMANDS_OF_GUIDES, ids=" ".join)
+def test_the_commands_of_the_guides_have_the_options_that_they_say(words: list[str]) -> None:
+    options = parser_of(words).parse_args(words)  # raises Misuse for an option that there is not
+    assert callable(options.run)
+
+
+@pytest.mark.slow
+def test_the_commands_of_the_guides_run_in_their_order(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for words in ALONE:
+        code = main(words)
+        assert code == (words in ANSWERS_NO), (words, capsys.readouterr().err)
+    assert len(ALONE) >= 30

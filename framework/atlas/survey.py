@@ -21,7 +21,7 @@ FIRST_POSE_TRIES = 9  # coarse poses near the reference that are tried as the fi
 SURVEY_EDGE_POSES = 33  # poses along an edge of a look for the reach of a robot
 SURVEY_REACH, SURVEY_TURN = 1.6, 1.6  # [robot lengths], [rad] half an edge of the first
 SURVEY_MARGIN = 2.0  # [cells] of a look, beyond the outermost poses reached: between poses more may be
-MAX_FINE_LOOKS = 4  # looks at a window that is widened where reached poses lie on its edge
+FINE_LOOKS = 2  # looks at the window that the look before has found
 
 
 def survey_window(
@@ -34,7 +34,7 @@ def survey_window(
 ) -> Window:
     """Find the smallest window that contains all poses that the reference's working mode reaches.
 
-    Looks at coarse poses, then at those of the window found, which is widened where that reaches its edge.
+    Looks at coarse poses, then at those of the window found, twice.
     The bounds are `SURVEY_REACH` robot lengths and `SURVEY_TURN` about the point `at`.
 
     Args:
@@ -52,11 +52,8 @@ def survey_window(
     about = held[list(over)]
     bounds = Window(over, about - half, about + half, (SURVEY_EDGE_POSES, SURVEY_EDGE_POSES), held)
     window = _reached_window(robot, bounds, bounds, keep_limits)
-    for _ in range(MAX_FINE_LOOKS):
-        look, window = window, _reached_window(robot, window, bounds, keep_limits)
-        has_margin = (window.lower > look.lower) & (window.upper < look.upper)
-        if np.all(has_margin | (look.lower <= bounds.lower) | (look.upper >= bounds.upper)):
-            break
+    for _ in range(FINE_LOOKS):
+        window = _reached_window(robot, window, bounds, keep_limits)
     return replace(window, shape=(size, size))
 
 

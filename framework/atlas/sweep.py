@@ -156,7 +156,9 @@ def _step_once(robot: ParallelRobot, q: Array, start: Array, end: Array) -> Step
             ],
             dtype=np.intp,
         )
-        turn = _tangent_turn(robot, end_linearised, same_mode, robot.platform.twist(end, twist)[0], move)
+        turn = _tangent_turn(
+            robot, end_linearised, same_mode, robot.platform.twist(end, end - start)[0], move
+        )
         refused = ~is_straight(turn, correction[same_mode], advance[same_mode])
         refused[refused] = (
             lost_equations(robot, end_linearised.select(same_mode[refused]), BRANCHES_CROSS) > 0

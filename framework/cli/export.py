@@ -142,7 +142,7 @@ def run(options: Namespace) -> Report:
 
 
 def _write_rows(options: Namespace, plan: CrossingPlan, file: FilePath) -> Report:
-    """Write rows of a motion, with their metadata beside them."""
+    """Write rows of a motion and, in a file beside, their metadata."""
     if options.side is not None:
         raise InvalidInput("--side: the columns of csv say theirs; leave it out").advising({"side": None})
     motion = arguments.motion_rows(options, plan)

@@ -96,7 +96,9 @@ def identification_text(identification: Identification) -> str:
     if identification.changed:
         lines.append(f"  off the file      {'; '.join(identification.changed)}")
     if identification.undetermined:
-        lines.append(f"  not seen          by these data: {'; '.join(identification.undetermined)}")
+        lines.append(f"  not seen          and left as in the file: {'; '.join(identification.undetermined)}")
+    if identification.keeps_file:
+        lines.append("  the file's stay   all of them: they predict the torques held out at least as well")
     return "\n".join(lines)
 
 

@@ -41,6 +41,7 @@ from framework.crossing.result import CrossingPlan
 from framework.crossing.saved import FILE, plan_document, read_document
 from framework.dynamics.finite_differences import finite_difference_torques
 from framework.errors import InvalidInput, point
+from framework.kinematics.diagnostics.diagnosis import remarks_on_bodies
 from framework.kinematics.idle_turns import driven_turns
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.law import Law
@@ -107,6 +108,7 @@ def run(options: Namespace) -> Report:
     level = arguments.take_level(options)
     robot = arguments.load(options)
     request = arguments.request(options, robot)
+    options.warnings += remarks_on_bodies(robot)
     if level is not None and options.bend is not None:
         raise InvalidInput(
             "--bend: the level of --flexibility auto is for the path as it is; leave one of them out"

@@ -52,7 +52,8 @@ DIFFERENCES = (  # of the robots from their model: option, default, meaning
     ("speed_noise", 0.0, "[rad/s, robot lengths/s] the same of measured speeds"),
 )
 FEEDBACK_TRIED = (
-    "\n  with feedback     {passed} of the first {runs} runs that failed pass with --controller {controller}"
+    "\n  with feedback     {passed} of the first {runs} runs that failed pass with --controller "
+    "{controller}; the default is for robots with springs, too"
 )
 MAX_RUNS = 1_000_000
 
@@ -116,12 +117,12 @@ def _add_loop(loop: argparse._ArgumentGroup) -> None:
         "largest motor torques [N m] (default: of the robot file, or ten times the peaks of the plan)",
         nargs="+",
     )
-    add_number(
-        loop,
+    loop.add_argument(
         "--tolerance",
-        "E",
-        f"runs that stay this near the plan pass [robot lengths, rad] (default: {ControlLoop.tolerance:g})",
-        default=ControlLoop.tolerance,
+        metavar="E",
+        default=str(ControlLoop.tolerance),
+        help="runs that stay this near the plan pass [robot lengths, rad], or in millimetres, such as 0.5mm "
+        "(default: %(default)s)",
     )
 
 
@@ -129,14 +130,7 @@ def run(options: Namespace) -> Report:
     """Do one study for each controller on the same robots, or repeat one run of a study."""
     if options.replay is not None:
         return replay_run(options)
-    spread = Spread(**{name: getattr(options, f"spread_{name}") for name, *_ in DIFFERENCES})
-    limit = None if options.limit is None else tuple(options.limit)
-    loop = ControlLoop(
-        tolerance=options.tolerance, end=options.tolerance, limit=limit, sensors=options.sensors
-    )
-    setup = StudySetup.of(
-        arguments.load_or_plan(options), period=options.period, loop=loop, spread=spread, seed=options.seed
-    )
+    setup = _setup(options)
     if options.out is None:
         return _report(options, setup, _studies(options, setup, {}), None)
     out = Path(options.out)
@@ -152,6 +146,25 @@ def run(options: Namespace) -> Report:
         options.progress.start("drawing the figure")
         _write(setup, studies, document, folder)
     return document, text
+
+
+def _setup(options: Namespace) -> StudySetup:
+    """Return the plan and the settings of a study."""
+    spread = Spread(**{name: getattr(options, f"spread_{name}") for name, *_ in DIFFERENCES})
+    limit = None if options.limit is None else tuple(options.limit)
+    plan = arguments.load_or_plan(options)
+    tolerance = _tolerance(options.tolerance, plan.robot.length)
+    loop = ControlLoop(tolerance=tolerance, end=tolerance, limit=limit, sensors=options.sensors)
+    return StudySetup.of(plan, period=options.period, loop=loop, spread=spread, seed=options.seed)
+
+
+def _tolerance(text: str, length: float) -> float:
+    """Parse a number of robot lengths (`length` [m]) and radians, or of millimetres."""
+    try:
+        number = float(text.removesuffix("mm"))
+    except ValueError:
+        raise InvalidInput(f"--tolerance: needs a number such as 0.0025, or 0.5mm, got {text!r}") from None
+    return number / (1e3 * length) if text.endswith("mm") else number
 
 
 def _names(options: Namespace) -> list[str]:
@@ -172,9 +185,10 @@ def _with_feedback(options: Namespace, setup: StudySetup, study: Study) -> Docum
 
 
 def _report(options: Namespace, setup: StudySetup, studies: list[Study], folder: Path | None) -> Report:
-    robot = setup.plan.robot.name
+    robot = setup.plan.robot
     document = {
-        "robot": robot,
+        "robot": robot.name,
+        "length": robot.length,
         "runs": len(studies[0].passed),
         **setup.to_dict(folder),
         "studies": [_document(study) for study in studies],
@@ -233,7 +247,8 @@ def _quantiles(values: np.ndarray) -> dict[str, float]:
 
 
 HEAD = """\
-{robot}: {runs} runs a controller, seed {seed}; errors in robot lengths or rad, torques in N m
+{robot}: {runs} runs a controller, seed {seed}; errors in robot lengths of {length:.4g} m or rad, \
+{tolerance:.4g} of them passes; torques in N m
   controller\tpassed\tof 95 %\tmedian\t95 %\tlargest\tpeak torque"""
 ROW = (
     "  {controller}\t{probability:.1%}\t{interval[0]:.1%} .. {interval[1]:.1%}\t"

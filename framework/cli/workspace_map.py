@@ -208,19 +208,14 @@ def _write(workspace: WorkspaceMap, path: Path | None, folder: FilePath) -> None
 
 
 def _report(workspace: WorkspaceMap, margin: NearestSingularPose | None) -> Report:
-    robot, window = workspace.robot, workspace.window
+    robot, shape = workspace.robot, workspace.window.shape
     document = {**map_document(workspace), "seconds": workspace.seconds}
-    spans = ", ".join(
-        f"{robot.axis_names[k]} = {low:.4g} .. {high:.4g}"
-        for k, low, high in zip(window.axes, window.lower, window.upper, strict=True)
-    )
-    lines = [f"{robot.name}: {window.shape[0]} x {window.shape[1]} poses, {spans}, {workspace.seconds:.2f} s"]
+    spans = _spans(robot, workspace.window)
+    lines = [f"{robot.name}: {shape[0]} x {shape[1]} poses, {spans}, {workspace.seconds:.2f} s"]
     lines.append("  poses\tcount")
     lines += [f"  {why}\t{count}" for why, count in workspace.counts.items() if count]
     lines += [f"  under load: {why}\t{count}" for why, count in workspace.load_counts.items() if count]
-    if workspace.open_edges:
-        edges = ", ".join(workspace.open_edges)
-        lines.append(f"  the window cuts off what is reached, at its {edges}")
+    lines += [f"  the window cuts off what is reached, at its {edge}" for edge in workspace.open_edges]
     lines.append(f"  locus: {workspace.locus.sentence}, {workspace.locus.seconds:.2f} s")
     lines.append("\t".join(["  quantity", *STATISTICS]))
     for quantity in workspace.quantities:
@@ -230,9 +225,18 @@ def _report(workspace: WorkspaceMap, margin: NearestSingularPose | None) -> Repo
     if margin is not None:
         lines += _margin_lines(robot, margin)
         keys = ("status", "distance", "at_least", "leg_end", "unit", "within")
-        entry = {key: getattr(margin, key) for key in keys}
-        document["nearest_singular_pose"] = entry | {"platform": margin.x, "twist": margin.twist}
+        document["nearest_singular_pose"] = {
+            **{key: getattr(margin, key) for key in keys},
+            "platform": margin.x,
+            "twist": margin.twist,
+        }
     return document, "\n".join(lines)
+
+
+def _spans(robot: ParallelRobot, window: Window) -> str:
+    """Return the ends of a window in words."""
+    ends = zip(window.axes, window.lower, window.upper, strict=True)
+    return ", ".join(f"{robot.axis_names[k]} = {low:.4g} .. {high:.4g}" for k, low, high in ends)
 
 
 def _margin_lines(robot: ParallelRobot, margin: NearestSingularPose) -> list[str]:

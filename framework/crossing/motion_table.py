@@ -71,7 +71,7 @@ class MotionTable(NamedTuple):
 
 
 def sample_times(duration: float, count: int, period: float | None = None) -> Array:
-    """Return `count` equidistant instants, or those of a period [s] and the end [s].
+    """Return `count` equidistant instants [s], or those of a period and the end.
 
     Raises:
         InvalidInput: no whole number of at least two; no period within the duration that gives as few.
@@ -114,11 +114,11 @@ def motion_table(
 
 
 def _matching_columns(wanted: str, names: Sequence[str]) -> list[int]:
-    """Return the indices of the column of a name, or of the columns that begin with it."""
+    """Return the index of a column, or of all that begin with the name."""
     matching = [k for k, name in enumerate(names) if name == wanted or name.startswith(f"{wanted}_")]
     if not matching:
         raise InvalidInput(choose_from("column", wanted, names))
-    return matching[:1] if wanted in names else matching
+    return matching
 
 
 def motion_columns(robot: ParallelRobot) -> tuple[Column, ...]:

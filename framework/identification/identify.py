@@ -35,6 +35,8 @@ from framework.output import Document, plain
 from framework.tolerances import MIN_NOISE_RATIO, RANK_ROUNDING, SIGNIFICANT_DEVIATIONS
 
 HELD_OUT_BLOCKS, HELD_OUT_EVERY = 20, 4  # blocks of time in a recording, every fourth held out
+KEPT_SPREAD = 1e-3  # of its deviation: how far a base parameter that is not seen may be off the file's
+LEAST_SPREAD = 1e-6  # the same over its size: its square is added to a matrix of rows
 DEFAULT_PRIOR = 1.0  # standard deviation of the file's values over the size of each body's parameters
 
 
@@ -59,6 +61,8 @@ class Identification(ReadOnlyArrays):
             not determine one.
         parameters: (p,) of `base.parameters`: possible bodies, nearest to the file's.
         links, link_values: the same of single links.
+            They are the file's along base parameters that these data do not show, and all of them where
+            the file predicts the torques held out better.
         error_before, error_after: (n_a,) of motor torques held out, by the file and by `parameters`, root
             mean square over that of the measured torques; NaN if all of them are at Type 2.
     """
@@ -82,8 +86,12 @@ class Identification(ReadOnlyArrays):
     @property
     def undetermined(self) -> tuple[str, ...]:
         """Base parameters whose standard deviation is above their size."""
-        size = np.maximum(np.abs(self.values), np.abs(self.base.values))
-        return self._base_names(self.deviations > size)
+        return self._base_names(_are_unseen(self.base, self.values, self.deviations))
+
+    @property
+    def keeps_file(self) -> bool:
+        """Whether the file's parameters predict the torques held out better, and stay."""
+        return bool((self.link_values == self.links.values).all())
 
     @property
     def changed(self) -> tuple[str, ...]:
@@ -182,10 +190,17 @@ def identify(
         )
     values, deviations, noise = _least_squares(base, rows)
     file, links = base.described.values, link_parameters_of(robot, base.described)
-    information = rows.matrix.T @ rows.matrix / noise**2
+    sizes = base.described.sizes[base.combinations.leading]
+    spread = np.clip(KEPT_SPREAD * deviations, LEAST_SPREAD * sizes, KEPT_SPREAD * sizes)
+    unseen = _are_unseen(base, values, deviations)
+    pinned = base.combinations.coefficients[unseen] / spread[unseen, None]
+    information = rows.matrix.T @ rows.matrix / noise**2 + pinned.T @ pinned
     residual = rows.matrix.T @ (rows.right - rows.matrix @ file) / noise**2
     link_values = possible_parameters(robot, links, information, residual, prior)
     parameters = file + links.to_parameters @ (link_values - links.values)
+    before, after = (torque_error(robot, regressor, measured, test, each) for each in (file, parameters))
+    if not np.linalg.norm(after) < np.linalg.norm(before):
+        link_values, parameters, after = links.values, file, before
     return Identification(
         robot=robot,
         base=base,
@@ -194,8 +209,8 @@ def identify(
         parameters=parameters,
         links=links,
         link_values=link_values,
-        error_before=torque_error(robot, regressor, measured, test, file),
-        error_after=torque_error(robot, regressor, measured, test, parameters),
+        error_before=before,
+        error_after=after,
         noise=noise,
         cutoff=measured.cutoff,
         poses=measured.source,
@@ -220,6 +235,11 @@ def _whiten(robot: ParallelRobot, regressor: ParameterRegressor, measured: Measu
     weights = axes.swapaxes(1, 2) / deviation[..., None] / scale
     wrench = np.einsum("tna,ta->tn", regressor.motors, measured.torque) - regressor.known
     return Rows(weights @ regressor.matrix, np.einsum("tmn,tn->tm", weights, wrench))
+
+
+def _are_unseen(base: BaseParameters, values: Array, deviations: Array) -> BoolArray:
+    """Return a mask (rank,) of base parameters whose standard deviation is above their size."""
+    return deviations > np.maximum(np.abs(values), np.abs(base.values))
 
 
 def _held_out(times: Array) -> BoolArray:
@@ -261,7 +281,7 @@ def torque_error(
     """
     scaled_G = regressor.motors / robot.platform_scale[:, None] / robot.column_scale[robot.actuated]
     values = singular_values(scaled_G / robot.gear_ratio)
-    used = np.flatnonzero(instants & (values[:, -1] > MIN_NOISE_RATIO * values[:, 0]))
+    used = np.flatnonzero(instants & (values[:, -1] > MIN_NOISE_RATIO * values[:, -1].max()))
     if not len(used):
         return np.full(robot.n_a, np.nan)
     wrench = regressor.matrix[used] @ parameters + regressor.known[used]

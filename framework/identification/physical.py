@@ -114,7 +114,9 @@ def possible_parameters(
     """
     deviation = prior * links.spread
     scaled = links.to_parameters * deviation
+    # unknowns in which the quadratic form is a distance; with the prior no eigenvalue is below 1
     eigenvalues, axes = np.linalg.eigh(scaled.T @ information @ scaled + np.eye(len(deviation)))
+    eigenvalues = np.maximum(eigenvalues, 1.0)
     change = deviation[:, None] * axes / np.sqrt(eigenvalues)
     best = links.values + change @ (axes.T @ (scaled.T @ residual) / np.sqrt(eigenvalues))
     bodies = [slice(10 * i, 10 * i + 10) for i in range(len(links.links))]
@@ -180,6 +182,8 @@ def _write_inertial(link: ElementTree.Element, parameters: Array) -> None:
     """
     mass, centre = float(parameters[0]), parameters[1:4] / parameters[0]
     second_moments = pseudo_inertia(parameters)[:3, :3] - mass * np.outer(centre, centre)
+    moments, axes = np.linalg.eigh(second_moments)  # not negative but for the solver's rounding
+    second_moments = (axes * np.maximum(moments, 0.0)) @ axes.T
     inertia = np.trace(second_moments) * np.eye(3) - second_moments
     remove_children(link, "inertial")
     link.insert(0, inertial_element(mass, centre, inertia))

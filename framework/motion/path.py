@@ -28,7 +28,7 @@ NO_KNOTS: Array = read_only(np.empty(0))
 MAX_COORDINATE = 1e30  # [m, rad] coordinate whose powers do not overflow
 DIFFERENCE_ROUNDING = 1e-10  # of x(b) - x(a), over the largest value: what a user's own formula may lose
 DIFFERENCE_INTERVALS = 9
-JUMP_INTERVALS, JUMP_BISECTIONS = 4096, 20  # of [0, 1]; of one of these, to a millionth of that
+JUMP_INTERVALS, JUMP_GRIDS = 4096, 2  # of [0, 1]; then of the interval of the largest change
 INTERVAL_LENGTH = 1e-3  # in s; shorter between knots that are closer
 GOLDEN_RATIO = 0.5 * (5.0**0.5 - 1.0)  # its multiples modulo 1 spread evenly and hit no regular grid
 
@@ -267,7 +267,7 @@ class Polyline(PointPath):
         chords = np.diff(points, axis=0)
         lengths = np.linalg.norm(chords, axis=1)
         directions = chords / lengths[:, None]
-        longest = np.min([lengths[0], lengths[-1], *(0.5 * lengths[1:-1])])
+        longest = 0.5 * lengths.min()
         if not (is_number(self.blend) and 0.0 < self.blend <= longest):
             raise InvalidInput(
                 f"polyline: blend must be greater than 0 and at most {longest:.6g}, as its segments "
@@ -281,10 +281,9 @@ class Polyline(PointPath):
                 f"path does; stop there, and plan two motions"
             )
         arc_lengths = np.concatenate(([0.0], np.cumsum(lengths)))
-        knots = arc_lengths[1:-1, None] + self.blend * np.array([-1.0, 1.0])
-        inside = (knots > 0.0) & (knots < arc_lengths[-1])
-        rounded = np.round(knots[inside] / arc_lengths[-1], 14)  # where two blends meet
-        _hold(self, points=points, blend=float(self.blend), knots=read_only(np.unique(rounded)))
+        knots = (arc_lengths[1:-1, None] + self.blend * np.array([-1.0, 1.0])) / arc_lengths[-1]
+        knots = np.unique(np.round(knots, 14))  # one where two blends meet
+        _hold(self, points=points, blend=float(self.blend), knots=read_only(knots))
         _hold(self, _arc_lengths=read_only(arc_lengths), _directions=read_only(directions))
 
     def __call__(self, s: ArrayLike, order: int = 0) -> Array:
@@ -379,21 +378,18 @@ def _check_derivative(path: Path, order: int, starts: Array, lengths: Array) -> 
 
 
 def _check_continuous(path: Path, order: int) -> None:
-    """Bisect for a jump of a derivative, from its largest change on a grid."""
-    s = np.linspace(0.0, 1.0, JUMP_INTERVALS + 1)[1:-1]
-    values = _values(path, s, order)
-    change = np.abs(np.diff(values, axis=0)).max(axis=1)
-    k = int(change.argmax())
-    low, high, jump = s[k], s[k + 1], change[k]
-    for _ in range(JUMP_BISECTIONS):
-        ends = _values(path, np.array([low, 0.5 * (low + high), high]), order)
-        parts = np.abs(np.diff(ends, axis=0)).max(axis=1)
-        low, high = (low, 0.5 * (low + high)) if parts[0] > parts[1] else (0.5 * (low + high), high)
-        jump = parts.max()
-    if jump > max(0.5 * change[k], PATH_JUMP * np.abs(values).max()):
+    """Compare the largest change of a derivative on a grid with that on a finer one there."""
+    s, changes = np.linspace(0.0, 1.0, JUMP_INTERVALS + 1)[1:-1], []
+    for _ in range(JUMP_GRIDS):
+        values = _values(path, s, order)
+        change = np.abs(np.diff(values, axis=0)).max(axis=1)
+        k = int(change.argmax())
+        changes.append(change[k])
+        s = np.linspace(s[k], s[k + 1], JUMP_INTERVALS)
+    if changes[-1] > max(0.5 * changes[0], PATH_JUMP * np.abs(values).max()):
         raise InvalidInput(
-            f"path: path(s, {order}) jumps at s = {low:.6g} by {jump:.3g}, where the torque would have "
-            f"{'no bound' if order == 1 else 'to jump'}: round it, as a Polyline does its corners"
+            f"path: path(s, {order}) jumps at s = {s[0]:.6g} by {changes[-1]:.3g}, where the torque would "
+            f"{'have no bound' if order == 1 else 'have to jump'}: round it, as a Polyline does its corners"
         )
 
 

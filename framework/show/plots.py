@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 
 from framework.arrays import Array
 from framework.crossing.result import CrossingPlan
+from framework.crossing.specification import limits_within_margin
 from framework.dynamics.finite_differences import FiniteDifferenceTorques
 from framework.dynamics.wrench import MeasureAlongPath, wrench_along
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -43,6 +44,7 @@ LOADED: Style = {
     "markerfacecolor": "white",
     "zorder": 4,
 }
+LINE_BREAK = "\n"
 MAX_LEGEND_CURVES = 4  # curves, among which a legend finds room
 
 
@@ -65,16 +67,30 @@ def plot_law(plan: CrossingPlan, axes: Sequence[Axes] | None = None) -> list[Axe
 
 
 def plot_torques(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
-    """Plot the torque of each motor over time."""
+    """Plot the torque of each motor over time, with its limits."""
     ax = axes_or_new(ax)
     times = _times(plan)
     draw_torques(ax, plan.robot, times, plan.torque(times))
-    _time_axis(plan, ax)
-    limits = np.empty(0) if plan.optimality is None else plan.optimality.specification.torque_limit
-    for limit in np.unique(limits[np.isfinite(limits)]):
+    return _draw_limits(plan, ax, limits_within_margin(plan.robot, plan.request)[0])
+
+
+def plot_speeds(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
+    """Plot the speed of each motor over time, motor side of the gear, with its limits."""
+    ax = axes_or_new(ax)
+    times, robot = _times(plan), plan.robot
+    _draw_motors(ax, robot, times, plan.motor_angle(times, 1))
+    ax.set_ylabel(f"motor speed  [{', '.join(dict.fromkeys(robot.speed_units))}]")
+    return _draw_limits(plan, ax, limits_within_margin(robot, plan.request)[1])
+
+
+def _draw_limits(plan: CrossingPlan, ax: Axes, limits: Array) -> Axes:
+    """Draw limits (n_a,) of the motors on either side of zero, crossings and the axis of time."""
+    limits = np.unique(limits[np.isfinite(limits)])
+    for limit in limits:
         for side in (-limit, limit):
             ax.axhline(side, color="0.4", linewidth=0.6, linestyle=(0, (1, 2)))
     _mark_crossings(plan, ax)
+    _time_axis(plan, ax, dotted=", dotted: limits" if len(limits) else "")
     return ax
 
 
@@ -225,10 +241,15 @@ def save(draw: Callable[[], Axes], stem: Path) -> list[Path]:
 
 def draw_torques(ax: Axes, robot: ParallelRobot, time: Array, torque: Array) -> None:
     """Draw the torques (T, n_a) of the motors over time, and name the axes and the motors."""
-    for k, (joint, curve) in enumerate(zip(robot.actuator_names, torque.T, strict=True)):
+    _draw_motors(ax, robot, time, torque)
+    ax.set_ylabel(f"motor torque  [{', '.join(dict.fromkeys(robot.torque_units))}]")
+
+
+def _draw_motors(ax: Axes, robot: ParallelRobot, time: Array, values: Array) -> None:
+    """Draw values (T, n_a) of the motors over time, and name the motors."""
+    for k, (joint, curve) in enumerate(zip(robot.actuator_names, values.T, strict=True)):
         ax.plot(time, curve, label=display_name(joint), **line_style(k))
-    units = ", ".join(dict.fromkeys(robot.torque_units))
-    ax.set(xlabel="time  [s]", ylabel=f"motor torque  [{units}]")
+    ax.set_xlabel("time  [s]")
     if robot.n_a <= MAX_LEGEND_CURVES:
         ax.legend()
     else:
@@ -239,12 +260,10 @@ def _times(plan: CrossingPlan) -> Array:
     return np.linspace(0.0, plan.duration, CURVE_SAMPLES)
 
 
-def _time_axis(plan: CrossingPlan, ax: Axes) -> None:
-    """Label the axis of time, with the meaning of dashed lines, and of dotted ones (limits)."""
-    limited = plan.optimality is not None and np.isfinite(plan.optimality.specification.torque_limit).any()
-    dotted = ", dotted: torque limit" if limited and ax.get_ylabel().startswith("motor torque") else ""
-    legend = f"   (dashed: singular{dotted})" if plan.crossings else ""
-    ax.set_xlabel(f"time  [s]{legend}")
+def _time_axis(plan: CrossingPlan, ax: Axes, dotted: str = "") -> None:
+    """Label the axis of time, with the meaning of dashed lines, and of dotted ones if any."""
+    legend = f"(dashed: singular{dotted})" if plan.crossings else f"({dotted[2:]})" * bool(dotted)
+    ax.set_xlabel(f"time  [s]{LINE_BREAK if dotted else '   '}{legend}".rstrip())
 
 
 def _mark_crossings(plan: CrossingPlan, ax: Axes) -> None:
@@ -257,6 +276,7 @@ __all__ = [
     "plot_phase_plane",
     "plot_raw_torques",
     "plot_singularity",
+    "plot_speeds",
     "plot_torques",
     "plot_wrench",
     "save_figures",

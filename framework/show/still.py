@@ -6,18 +6,23 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.patches import Polygon
+from matplotlib.patches import FancyArrowPatch, Polygon
+from matplotlib.path import Path
 
-from framework.arrays import Array
+from framework.arrays import LEAST_DIVISOR, Array
 from framework.dynamics.action_lines import action_lines
+from framework.kinematics.placements import planar_normal
 from framework.locus.drawn_locus import locus_curves
-from framework.show.drawing import draw_robot, hull
+from framework.show.drawing import draw_robot, draw_scale_bar, hull
 from framework.show.film import Film
 from framework.show.scene import locus_lines
 from framework.show.sight import Projection, Sight, film_sight
-from framework.show.style import ALARM, GIVEN, LOCUS, PATH, TWIST, WRENCH, legend_above
+from framework.show.style import ALARM, GIVEN, LOCUS, PATH, TWIST, WRENCH, Style, legend_above
 
 ARROW_LENGTH = 0.32  # length of t_s, over the robot's; the page's too
+TURN_RADIUS = 0.2  # radius of the arc that shows the turn of t_s, over the robot's length
+MIN_TURN, MAX_TURN = 0.1, 2.6  # [rad] of half that arc: what turns less is a shift; ends apart
+ARC_POINTS = 41
 FORCE_POLYGONS = 7  # of forces along the path
 HALF_LINE_OF_ACTION = 0.45  # half a line of action, over the robot's length
 
@@ -60,6 +65,8 @@ def plot_still(
     if film.has_measure:
         _draw_arrows(film, ax, k, onto)
     ax.autoscale_view()
+    if planar_normal(robot) is None:  # the others have axes
+        draw_scale_bar(ax, robot.length)
     legend_above(ax, 3, fontsize=6)
     return ax
 
@@ -77,6 +84,30 @@ def _draw_arrows(film: Film, ax: Axes, k: int, onto: Projection) -> None:
         if largest > 0:
             tip = part[k] * ARROW_LENGTH * reach / (np.linalg.norm(part[k]) or 1.0 if both else largest)
             _arrow(ax, onto(film.platform[k]), onto(tip), color, both, label)
+    _draw_turn(film, ax, k, onto)
+
+
+def _draw_turn(film: Film, ax: Axes, k: int, onto: Projection) -> None:
+    """Draw the turn of t_s at frame k as an arc about its axis, with a head at either end."""
+    shift, turn = np.split(film.twists[k], 2)
+    rate, speed = float(np.linalg.norm(turn)), max(float(np.linalg.norm(shift)), LEAST_DIVISOR)
+    angle = min(rate / speed * ARROW_LENGTH * film.robot.length, MAX_TURN)  # while the arrow is travelled
+    if angle < MIN_TURN:
+        return
+    axis, radius = turn / rate, TURN_RADIUS * film.robot.length
+    across = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
+    across /= np.linalg.norm(across)
+    phase = np.linspace(-angle, angle, ARC_POINTS)[:, None]
+    arc = np.cos(phase) * across + np.sin(phase) * np.cross(axis, across)
+    line = onto(film.platform[k] + radius * arc)
+    style: Style = {
+        "arrowstyle": "<|-|>",
+        "mutation_scale": 10,
+        "color": TWIST,
+        "linewidth": 1.2,
+        "zorder": 7,
+    }
+    ax.add_patch(FancyArrowPatch(path=Path(line), **style))
 
 
 def _action_lines(film: Film, ax: Axes, k: int, onto: Projection) -> None:

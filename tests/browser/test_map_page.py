@@ -82,6 +82,19 @@ def test_another_quantity_is_painted_and_what_is_not_reached_says_why(opened):
     assert told(tab)["pose"] in found().counts
 
 
+def test_all_quantities_are_shown_in_small_beside_the_map_and_chosen_there(opened):
+    tab = opened(map_page(found()), width=1600)
+    buttons = tab.locator("#others button")
+    assert buttons.count() == len(found().quantities)
+    cards = [tab.locator(card).bounding_box() for card in (".picture", ".others")]
+    assert cards[0]["x"] < 50
+    assert cards[1]["x"] + cards[1]["width"] > 1550  # the whole width of the screen
+    for k, one in enumerate(found().quantities):
+        buttons.nth(k).click()
+        assert tab.input_value("#quantity") == one.key
+        assert buttons.nth(k).get_attribute("aria-pressed") == "true"
+
+
 def test_where_a_load_is_not_carried_the_pointer_tells_why(opened):
     robot = robots.load("five_bar", flexibility="flexible_links")
     window = Window((0, 1), np.array([-0.02, 0.2]), np.array([0.02, 0.36]), (5, 5), robot.reference.x)

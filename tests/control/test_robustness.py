@@ -390,6 +390,17 @@ def study(tmp_path_factory):
     return folder
 
 
+def test_a_tolerance_in_millimetres_is_that_share_of_the_robot(capsys):
+    words = ["robustness", "five_bar", "--scene", "C", "--runs", "1", "--period", "5e-3", "--json"]
+    assert main([*words, "--tolerance", "0.5mm"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    length = robots.load("five_bar").length
+    assert document["tolerance"] * length == pytest.approx(0.5e-3, rel=1e-12)
+    for wrong in ("0.5 inch", "mm", "-1mm"):
+        assert main([*words, "--tolerance", wrong]) == 2
+        assert "tolerance" in capsys.readouterr().err
+
+
 def test_a_study_keeps_all_that_a_rerun_needs(study):
     saved = json.loads((study / "robustness.json").read_text())
     assert saved["spread"] == dict(

@@ -159,7 +159,7 @@ def test_a_plan_along_a_polyline_comes_back_and_says_how_it_is_made_again(tmp_pa
         ({"request.path": []}, "request.path: needs a mapping"),
         ({"request.colour": "red"}, "colour"),
         ({"request.torque_limit": [[]]}, "torque_limit: needs one positive number"),
-        ({"request.speed_limit": [[1.0], []]}, "speed_limit: needs one positive number"),
+        ({"request.speed_limit": [[1.0, 1.0]]}, "speed_limit: needs one positive number"),
         ({"request.times": 1.0}, "times: needs a list"),
         ({"request.smoothness": 3.5}, "smoothness"),
         ({"request.law": "cubic"}, "cubic"),
@@ -183,7 +183,7 @@ def test_what_is_not_a_plan_is_refused_by_name(written, tmp_path, change, says):
     [
         ({"peak_torque": {"left_motor": 1.0, "right_motor": 1.0}}, "peak_torque.left_motor"),
         ({"crossings": []}, "crossings: the file says 0"),
-        ({"peak_torque": {}}, "peak_torque: the file says {}"),
+        ({"peak_torque": {}}, "peak_torque: the file says"),
         ({"crossings.0.kind": "leg_passive"}, "kind"),
         ({"crossings.0.time": 0.9}, "time"),
         ({"crossings.0.speed": 1.51}, "speed"),

@@ -93,6 +93,60 @@ def test_an_error_of_one_rod_is_found_and_named():
     assert abs(change["right_rod.mx"]) > abs(change["left_rod.mx"])
 
 
+@pytest.mark.parametrize("duration", [1.0, 2.5])
+def test_what_a_short_recording_does_not_show_stays_as_in_the_file(duration):
+    """A rod half as heavy again is seen in 1 s, dampings of 0.01 N m s/rad are not."""
+
+    def heavier(links, bodies, motors) -> None:
+        bodies[links.index("right_rod")] *= 1.5
+        motors[:, 1] = 0.01
+
+    nominal = NOMINAL["five_bar_heavy"]
+    true, _ = other_robot(nominal, heavier)
+    found = identify(nominal, measured(sines(true, duration=duration, **SINES), true, 1))
+    change = found.base.combinations.coefficients @ (found.parameters - found.base.described.values)
+    unseen = [name in found.undetermined for name in found.base.names]
+    assert any(unseen)
+    assert np.abs(change / found.deviations)[unseen].max() < 1e-2
+    assert not found.keeps_file
+    assert np.linalg.norm(found.error_after) < np.linalg.norm(found.error_before)
+    back = found.identified_robot()
+    for name, damping in zip(back.actuator_names, back.joint_damping[back.actuated], strict=True):
+        if f"{name}.damping" in found.undetermined:
+            assert damping == pytest.approx(0.0, abs=1e-5)
+    for body in torque_parameters(back).values[: -3 * back.n_a].reshape(-1, 10):
+        moments = np.linalg.eigvalsh(pseudo_inertia(body))
+        assert moments.min() > -1e-13 * moments.max()
+
+
+def test_no_recording_makes_the_file_worse(tmp_path, capsys):
+    """The file's own robot, by noisy torques: what chance shows is written only where it predicts better."""
+    robot = NOMINAL["five_bar_heavy"]
+    exact, keeping = sines(robot, duration=1.0, **SINES), None
+    for seed in range(4):
+        data = measured(exact, robot, seed, torque=0.1)
+        found = identify(robot, data)
+        assert np.linalg.norm(found.error_after) <= np.linalg.norm(found.error_before)
+        if found.keeps_file:
+            np.testing.assert_array_equal(found.parameters, found.base.described.values)
+            keeping = data
+    assert keeping is not None
+    (tmp_path / "data.csv").write_text(keeping.as_csv())
+    assert main(["identify", "five_bar_heavy", str(tmp_path / "data.csv")]) == 0
+    assert "the file's stay" in capsys.readouterr().out
+
+
+def test_the_error_of_a_motion_without_a_singularity_is_known():
+    """The delta's `pick` keeps away from Type 2, though its best direction is 40 times its worst."""
+    robot = robots.load("delta")
+    plan = plan_scene(robot, "pick")
+    t = np.linspace(0.0, plan.duration, 1501)
+    names = ("time", *(f"{what}_{j}" for what in ("motor_angle", "torque") for j in robot.actuator_names))
+    values = np.column_stack([t, plan.motor_angle(t), plan.torque(t)])
+    found = identify(robot, Recording("pick", names, values), cutoff=20.0)
+    assert (found.error_before < 0.02).all()
+
+
 def test_a_motion_through_type_2_goes_by_the_platform():
     """Scene C is a line of 1.5 s: it shows less than there is to see, and says so."""
     robot = NOMINAL["five_bar_heavy"]

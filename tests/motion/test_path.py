@@ -174,7 +174,7 @@ def test_a_short_spline_is_one_polynomial():
         (Spline, ([],), "spline: needs at least 2 points"),
         (Spline, (None,), "spline"),
         (Polyline, ([[0, 0], [1, 0]], 0.1), "polyline: needs at least 3 points"),
-        (Polyline, ([[0, 0], [1, 0], [1, 1]], 0.0), "blend must be greater than 0 and at most 1"),
+        (Polyline, ([[0, 0], [1, 0], [1, 1]], 0.0), "blend must be greater than 0 and at most 0.5"),
         (Polyline, ([[0, 0], [1, 0], [1, 1], [3, 1]], 0.6), "at most 0.5"),
         (Polyline, ([[0, 0], [1, 0], [1, 1]], None), "blend"),
         (Polyline, ([[0, 0], [1, 0], [0, 0]], 0.1), "at point 1, .*, it turns straight back"),

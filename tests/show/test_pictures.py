@@ -7,6 +7,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from matplotlib.patches import FancyArrowPatch
+from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
 from PIL import Image
 from scipy.spatial import ConvexHull
 
@@ -62,6 +64,40 @@ def test_a_still_shows_the_path_and_the_singular_place():
     lines = {line.get_color(): line.get_xydata() for line in plot_still(film).lines}
     np.testing.assert_allclose(lines[PATH], film.x, atol=1e-9)
     assert film.instants[0].platform == pytest.approx([0.0, np.sqrt(0.06)], abs=1e-4)
+
+
+def test_a_robot_in_space_is_drawn_with_the_scale_and_one_in_a_plane_with_axes():
+    for name, scene in (("delta", "pick"), ("five_bar", "C")):
+        ax = plot_still(filmed(name, scene))
+        bars = [artist for artist in ax.artists if isinstance(artist, AnchoredSizeBar)]
+        if name == "five_bar":
+            assert not bars
+            assert ax.get_xlabel() == "x  [m]"
+            continue
+        (bar,) = bars
+        length = float(bar.txt_label.get_text().removesuffix(" m"))
+        (line,) = bar.size_bar.get_children()
+        assert line.get_width() == pytest.approx(length)
+        assert 0.1 < length / ax.get_window_extent().width * ax.bbox.width / np.ptp(ax.get_xlim()) < 0.5
+
+
+@pytest.mark.parametrize(
+    ("name", "scene", "turns"), [("three_rrr", "crossing", True), ("five_bar", "C", False)]
+)
+def test_the_turn_of_t_s_is_an_arc_about_the_platform(name, scene, turns):
+    film = filmed(name, scene)
+    ax, k = plot_still(film), film.telling_frame
+    centre = film.platform[k][:2]
+    patches = [patch for patch in ax.patches if isinstance(patch, FancyArrowPatch) and patch._path_original]
+    rings = [patch._path_original.vertices - centre for patch in patches]
+    assert len(rings) == turns
+    for arc in rings:
+        radius = np.linalg.norm(arc, axis=1)
+        np.testing.assert_allclose(radius, radius[0], rtol=1e-9)
+        shift, turn = film.twists[k, :2], film.twists[k, 5]
+        angles = np.unwrap(np.arctan2(*arc.T[::-1]))
+        travelled = 0.32 * film.robot.length / np.linalg.norm(shift)  # [s] to the end of its arrow
+        assert angles[-1] - angles[0] == pytest.approx(2 * np.sign(turn) * min(abs(turn) * travelled, 2.6))
 
 
 def test_a_gallery_names_its_robots():

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework import plan_crossing, plan_scene
+from framework import ParallelRobot, plan_crossing, plan_scene
 from framework.dynamics.finite_differences import finite_difference_torques
 from framework.errors import InvalidInput
 from framework.show import plots
@@ -77,6 +77,42 @@ def test_the_torques_are_drawn_motor_by_motor(plan):
     assert len({(curve.get_color(), curve.get_linestyle()) for curve in drawn}) == len(drawn)
     assert ("[s]" in ax.get_xlabel(), "[N m]" in ax.get_ylabel()) == (True, True)
     assert verticals(ax) == [crossing.time for crossing in plan.crossings]
+
+
+def test_the_speeds_are_drawn_beside_their_limits(plan):
+    ax = plots.plot_speeds(plan)
+    times = np.linspace(0.0, plan.duration, 4001)
+    for k, curve in enumerate(curves(ax)):
+        t, speed = curve.get_data()
+        angle = np.interp(t, times, plan.motor_angle(times)[:, k])
+        lines = np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(t))  # the speed is the angle's rate
+        np.testing.assert_allclose(lines, angle[1:] - angle[0], atol=1e-3 * np.ptp(angle))
+    assert "[rad/s]" in ax.get_ylabel()
+    assert verticals(ax) == [crossing.time for crossing in plan.crossings]
+
+
+@pytest.mark.parametrize(("name", "draw"), [("torque", plots.plot_torques), ("speed", plots.plot_speeds)])
+def test_limits_of_the_request_and_of_the_file_are_drawn(write_robot, name, draw):
+    robot = ParallelRobot.from_file(write_robot((f"actuators.0.{name}_limit", 300.0)))
+    plan = plan_scene(robot, "C", law="polynomial")
+    for options, limits in (({}, {300.0}), ({f"{name}_limit": [400.0, 500.0]}, {400.0, 500.0})):
+        planned = plan_scene(robot, "C", **options) if options else plan
+        ax = draw(planned)
+        levels = {line.get_ydata()[0] for line in ax.lines if len(set(line.get_ydata())) == 1}
+        assert levels == limits | {-limit for limit in limits}
+        assert "dotted: limits" in ax.get_xlabel()
+
+
+@pytest.mark.parametrize("options", [{}, {"optimize": "time", "torque_limit": 0.2}], ids=["plain", "limited"])
+def test_no_label_is_cut_off_where_a_figure_is_saved_as_the_readme_says(options):
+    plan = plan_scene(robots.load("five_bar"), "C", **options)
+    ax = plots.plot_torques(plan)
+    ax.figure.draw_without_rendering()
+    page = ax.figure.bbox
+    for label in (ax.xaxis.label, ax.yaxis.label):
+        extent = label.get_window_extent()
+        assert page.x0 <= extent.x0 < extent.x1 <= page.x1
+        assert page.y0 <= extent.y0 < extent.y1 <= page.y1
 
 
 def test_g_is_drawn_along_the_path_and_vanishes_at_the_marks(plan):

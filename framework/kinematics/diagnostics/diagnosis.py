@@ -16,10 +16,11 @@ from framework.kinematics.diagnostics.mobility import (
     mobility_of,
     platform_axes_of,
 )
+from framework.kinematics.frames import difference
 from framework.kinematics.linearised_loops import linearised_at_reference
 from framework.kinematics.loop_matrices import clearance
 from framework.kinematics.loop_structure import independent_rows
-from framework.kinematics.mechanism import Mechanism
+from framework.kinematics.mechanism import Mechanism, columns_of
 from framework.kinematics.mistaken_units import remark_on_turns
 from framework.kinematics.modes import mode_signs
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -29,6 +30,10 @@ from framework.tolerances import BRANCHES_MEET, HELD_IDLE
 
 LIGHT_PART_RATIO = 1e-6  # of the heaviest part: lighter, and its unit is doubted
 HEAVY_PART = 1e5  # [kg] likewise
+SMALL_LINK, LARGE_LINK = 1e-3, 20.0  # [m] likewise, of the longest
+GYRATION_RATIO = 5.0  # of a part's radius of gyration in its size; 2.4 at most in the catalogue
+SMALL_PART_RATIO = 0.2  # of the longest link: a part without joints or frames is taken to be as large
+MOVED_REFERENCE = 1e-3  # [rad, robot lengths] of a joint: a file of four digits is nearer
 
 
 @dataclass(frozen=True)
@@ -80,14 +85,13 @@ def check_robot(mechanism: Mechanism) -> Diagnosis:
     axes = platform_axes_of(robot, motions.working - len(motions.loose))
     square = robot.n == motions.working <= robot.n_a and not axes.stuck_here
     modes = _modes(robot) if square else _Modes(0, 0, None)
-    masses = _link_masses(robot)
+    masses = {name: body.mass for name, body in _bodies(robot).items()}
     redundant = tuple(robot.rows.names[row] for row in robot.structure.dropped)
-    passive = map(robot.coordinates.name_of, map(int, robot.passive))
     advice = [
         *remarks,
         *_advice_on_motions(robot, motions, axes),
         *_advice_on_loops(robot, redundant),
-        *_advice_on_masses(masses),
+        *remarks_on_bodies(robot),
         *_advice_on_reference(robot, modes),
     ]
     return Diagnosis(
@@ -95,7 +99,11 @@ def check_robot(mechanism: Mechanism) -> Diagnosis:
         flexibility=robot.flexibility,
         platform_axes=robot.axis_names,
         actuators=robot.actuator_names,
-        passive_joints=tuple(joint for joint in passive if joint not in motions.idle),
+        passive_joints=tuple(
+            joint
+            for joint in map(robot.coordinates.name_of, map(int, robot.passive))
+            if joint not in motions.idle
+        ),
         idle_joints=motions.idle,
         loose_joints=motions.loose,
         springs=robot.spring_names,
@@ -240,9 +248,19 @@ def _advice_on_loops(robot: ParallelRobot, redundant: tuple[str, ...]) -> list[s
     return advice
 
 
-def _advice_on_masses(masses: dict[str, float]) -> list[str]:
-    """Return advice on masses [kg] that joints carry, by the joint's name."""
-    advice = []
+def remarks_on_bodies(robot: ParallelRobot) -> list[str]:
+    """Return remarks on sizes, masses and inertias of bodies that are in no usual unit."""
+    bodies, advice = _bodies(robot), []
+    masses = {name: body.mass for name, body in bodies.items()}
+    longest = max((body.size for body in bodies.values()), default=1.0)
+    if not SMALL_LINK < longest < LARGE_LINK:
+        advice.append(f"the longest link measures {longest:.3g} m: lengths are in m; check the URDF's unit")
+    for name, body in bodies.items():
+        if body.gyration > GYRATION_RATIO * max(body.size, SMALL_PART_RATIO * longest):
+            advice.append(
+                f"what {name} carries has a radius of gyration of {body.gyration:.3g} m, and measures some "
+                f"{body.size:.2g} m: inertias are in kg m^2; check the URDF's <inertia>"
+            )
     if sum(masses.values()) == 0.0:
         advice.append("no link has a mass: all torques will be those of the rotors; add <inertial>")
     heaviest = max(masses.values(), default=0.0)
@@ -260,6 +278,15 @@ def _advice_on_masses(masses: dict[str, float]) -> list[str]:
 def _advice_on_reference(robot: ParallelRobot, modes: _Modes) -> list[str]:
     """Return advice on a reference beyond the joints' limits, or on the locus."""
     advice = []
+    offset = difference(robot, robot.q_near, robot.reference.q[None])[0]
+    columns = columns_of(robot.model, robot.description.reference)
+    farthest = max(columns, key=lambda column: abs(offset / robot.column_scale)[column], default=None)
+    if farthest is not None and abs(offset / robot.column_scale)[farthest] > MOVED_REFERENCE:
+        unit = "m" if robot.sliding[farthest] else "rad"
+        advice.append(
+            f"the loops close beside the reference that is given, {robot.coordinates.name_of(farthest)} by "
+            f"{offset[farthest]:+.3g} {unit} and others by less"
+        )
     beyond = positions_beyond_limits(robot.limits, robot.reference.q[None])
     if beyond:
         listed = "; ".join(f"{joint}: {position}" for joint, position in beyond.items())
@@ -282,7 +309,24 @@ def _suspects(robot: ParallelRobot, mobility: int) -> str:
     return f" (look at {', '.join(names)} first: without one of them the freedom is there)" if names else ""
 
 
-def _link_masses(robot: ParallelRobot) -> dict[str, float]:
-    """Compute the mass [kg] of the body of each moving joint, by the joint's name."""
+class _Body(NamedTuple):
+    """The body that a joint carries: mass [kg], radius of gyration [m] and size [m]."""
+
+    mass: float
+    gyration: float
+    size: float
+
+
+def _bodies(robot: ParallelRobot) -> dict[str, _Body]:
+    """Compute the bodies of all moving joints, by the joint's name."""
     model = Mechanism.from_description(robot.description).model  # springs part a joint from its mass
-    return {str(model.names[j]): float(model.inertias[j].mass) for j in range(1, model.njoints)}
+    bodies = {}
+    for j in range(1, model.njoints):
+        inertia = model.inertias[j]
+        largest = max(float(np.linalg.eigvalsh(inertia.inertia)[-1]), 0.0)
+        gyration = np.sqrt(largest / inertia.mass) if inertia.mass > 0.0 else 0.0
+        places = [inertia.lever, *(f.placement.translation for f in model.frames if f.parentJoint == j)]
+        places += [model.jointPlacements[k].translation for k in model.children[j]]
+        size = max(float(np.linalg.norm(place)) for place in places)
+        bodies[str(model.names[j])] = _Body(float(inertia.mass), float(gyration), size)
+    return bodies

@@ -15,23 +15,33 @@ const share = (one, value) => {
 const colour = (one, value) => one.colours[Math.round(share(one, value) * (one.colours.length - 1))];
 const short = (value) => rounded(value, 4);
 
-function paint() {
-  byId("reading").textContent = chosen.reading;
-  picture = document.createElement("canvas");
-  picture.width = rows;
-  picture.height = columns;
-  const pen = picture.getContext("2d"), image = pen.createImageData(rows, columns);
+// A quantity as a picture, a pixel for each pose.
+function pictureOf(one) {
+  const drawn = document.createElement("canvas");
+  drawn.width = rows;
+  drawn.height = columns;
+  const pen = drawn.getContext("2d"), image = pen.createImageData(rows, columns);
   for (let i = 0; i < rows; i++) {
     for (let j = 0; j < columns; j++) {
-      const value = values[chosen.key][i * columns + j];
-      const lost = chosen.loaded && !reasons[i * columns + j] ? data.not_carried : data.unreached;
-      const [r, g, b] = Number.isNaN(value) ? lost : colour(chosen, value);
+      const value = values[one.key][i * columns + j];
+      const lost = one.loaded && !reasons[i * columns + j] ? data.not_carried : data.unreached;
+      const [r, g, b] = Number.isNaN(value) ? lost : colour(one, value);
       image.data.set([r, g, b, 255], 4 * ((columns - 1 - j) * rows + i));
     }
   }
   pen.putImageData(image, 0, 0);
+  return drawn;
+}
+
+function choose(one) {
+  chosen = one;
+  select.value = one.key;
+  byId("reading").textContent = one.reading;
+  picture = pictureOf(one);
+  for (const button of byId("others").children) button.setAttribute("aria-pressed", String(button.dataset.key === one.key));
   paintScale();
   draw();
+  tell();
 }
 
 function paintScale() {
@@ -204,14 +214,26 @@ for (const one of data.quantities) {
   option.textContent = `${one.name} [${one.unit}]`;
   select.append(option);
 }
-select.addEventListener("change", () => { chosen = data.quantities.find((one) => one.key === select.value); paint(); tell(); });
+select.addEventListener("change", () => choose(data.quantities.find((one) => one.key === select.value)));
+// all of them in small, where the screen has room beside the map
+byId("others_card").hidden = data.quantities.length < 2;
+for (const one of data.quantities) {
+  const button = document.createElement("button"), small = pictureOf(one), [[x0, x1], [y0, y1]] = data.edges;
+  button.type = "button";
+  button.dataset.key = one.key;
+  small.style.aspectRatio = data.to_scale ? (x1 - x0) / (y1 - y0) : 1.25;
+  small.setAttribute("aria-hidden", "true");
+  button.append(small, `${one.name} [${one.unit}]`);
+  button.addEventListener("click", () => choose(one));
+  byId("others").append(button);
+}
 byId("legend").innerHTML = data.legend.map(([name, style, area]) =>
   `<div><span class="key${area ? " area" : ""}" style="background:${style}"></span>${plain(name)}</div>`).join("");
 // at first where the dot is
 const nearest = ([low, high], count, value) => Math.floor((value - low) / (high - low) * count);
 const start = data.marks.map(([x, y]) => [nearest(data.edges[0], rows, x), nearest(data.edges[1], columns, y)])
   .filter(([i, j]) => i >= 0 && i < rows && j >= 0 && j < columns);
-paint();
+choose(chosen);
 move(start[0] || null);
 onNewWidth(draw);
 window.crossing = { map: { frame, values, move } };

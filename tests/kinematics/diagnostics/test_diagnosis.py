@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
 
+import robots
 from framework import check_robot
+from framework.cli import main
 from framework.errors import SingularReference
 from framework.kinematics.mechanism import Mechanism
 from framework.model.readers import read_any
@@ -83,3 +86,65 @@ def test_a_robot_that_is_singular_beside_its_reference_too_is_refused(tmp_path):
     robot = Mechanism.from_description(read_any(tmp_path, platform="tip_A", axes=["x", "y"]))
     with pytest.raises(SingularReference, match="on a singularity of the loops"):
         check_robot(robot)
+
+
+def rewritten(folder, pattern, change):
+    """The file of the 5R with heavy legs, what a pattern of its URDF's attributes matches changed."""
+    source = robots.load("five_bar_heavy").description.file
+    urdf = source.with_suffix(".urdf").read_text(encoding="utf-8")
+    (folder / "five_bar_heavy.urdf").write_text(re.sub(pattern, change, urdf))
+    file = folder / "edited.yaml"
+    file.write_text(source.read_text(encoding="utf-8"))
+    return file
+
+
+def in_millimetres(match):
+    return f'xyz="{" ".join(str(1000.0 * float(word)) for word in match[1].split())}"'
+
+
+def in_square_millimetres(match):
+    return f'{match[1]}="{1e6 * float(match[2])}"'
+
+
+@pytest.mark.parametrize(
+    ("pattern", "change", "words"),
+    [
+        ('xyz="([^"]*)"', in_millimetres, "the longest link measures 250 m: lengths are in m"),
+        # kg mm^2 in place of kg m^2: sqrt(1e6) times the radius, and a rod of 0.25 m has 0.25 / sqrt(12) m
+        (
+            '(i[xyz]{2})="([^"]*)"',
+            in_square_millimetres,
+            "left_motor carries has a radius of gyration of 72.2 m",
+        ),
+        ('value="[^"]*"', 'value="0"', "no link has a mass: all torques will be those of the rotors"),
+    ],
+    ids=["millimetres", "kg mm2", "no mass"],
+)
+def test_a_urdf_in_other_units_is_doubted_by_check_and_by_plan(tmp_path, capsys, pattern, change, words):
+    file = rewritten(tmp_path, pattern, change)
+    assert main(["check", str(file)]) == 0
+    assert words in capsys.readouterr().out
+    ends = (["100", "345"], ["90", "335"]) if "250 m" in words else (["0.1", "0.345"], ["0.09", "0.335"])
+    assert main(["plan", str(file), "--from", *ends[0], "--to", *ends[1], "--duration", "1.5"]) == 0
+    assert f"warning           {'what ' * ('gyration' in words)}{words}" in capsys.readouterr().out
+
+
+def test_no_robot_of_the_catalogue_is_doubted():
+    for name in ("five_bar", "five_bar_heavy", "three_rpr", "slider_crank", "gough_stewart", "agile_eye"):
+        advice = "; ".join(check_robot(robots.load(name)).advice)
+        assert "measures" not in advice
+        assert "weigh" not in advice
+
+
+def test_check_says_by_how_much_the_loops_close_beside_the_reference(write_robot):
+    """The left elbow is given 0.03 rad aside: with the motors as given no pose is as near."""
+    file = write_robot(("reference.left_elbow", -0.80362))
+    mechanism = Mechanism.from_file(file)
+    found = next(advice for advice in check_robot(mechanism).advice if "beside the reference" in advice)
+    joint, step = re.search(r"given, (\w+) by ([-+][\d.]+) rad", found).groups()
+    closed = check_robot(mechanism).reference
+    steps = {name: closed[name] - value for name, value in mechanism.description.reference.items()}
+    assert abs(steps[joint]) == max(map(abs, steps.values()))
+    assert float(step) == pytest.approx(steps[joint], rel=5e-3)
+    exact = check_robot(Mechanism.from_file(write_robot()))
+    assert not any("beside the reference" in advice for advice in exact.advice)
