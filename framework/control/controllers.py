@@ -1,15 +1,293 @@
-"""The controllers by name."""
+"""The controllers by name: feedforward, LQR and computed torque.
+
+Feedforward: planned torques with proportional and derivative feedback at each motor. The planned torque is
+finite at the crossing, and the feedback does not invert A: the controller works at a singularity as
+elsewhere.
+
+Time-varying LQR on the manifold of closed loops: the dynamics are linearised along the plan in platform
+coordinates, where they are regular at Type 2. There G loses rank, and for an instant the motors do not
+control one direction. The Riccati equation takes this into account: gains before and after the crossing
+correct the errors in that direction. After Bordalba, Ros and Porta, A Singularity-Robust LQR Controller for
+Parallel Robots, IROS 2018.
+
+Computed torque: the inverse dynamics of the measured state, naive or aware of the singularity. Both ask for
+the platform acceleration ddx_c = ddx + k_d (dx error) + k_p (x error) and compute torques from P' lambda =
+r_p, tau = r_a - J_a' lambda (see `framework.dynamics.forces`). At a Type 2 singularity P loses rank. The
+naive controller inverts P nevertheless: condition (8) holds for the plan, but not for the feedback added to
+it. The aware controller starts from the multipliers of the plan, which are finite at the crossing, and
+corrects them only in directions in which P is regular. Elsewhere both are equal. After Pagis, Bouton, Briot
+and Martinet, Enlarging parallel robot workspace through Type-2 singularity crossing, Control Engineering
+Practice 39, 2015, who switch to a model that stays consistent near the singularity.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
 
-from framework.control.computed_torque import ComputedTorque
-from framework.control.estimation import Controller
-from framework.control.feedforward import FeedforwardPD
-from framework.control.lqr import TimeVaryingLQR
+import numpy as np
+
+from framework.arrays import Array
+from framework.control.estimation import (
+    Controller,
+    Measurement,
+    RobotState,
+    consistent_solution,
+    estimated_state,
+)
 from framework.control.reference import Reference
-from framework.errors import check_choice
+from framework.dynamics.forces import tree_forces
+from framework.dynamics.forward_derivatives import forward_derivatives
+from framework.dynamics.platform_wrench import motor_speeds
+from framework.dynamics.pointwise_dynamics import dynamics_at
+from framework.errors import InvalidInput, check_choice
+from framework.kinematics.closures import closure_drift, loop_equations, scale_jacobian
+from framework.kinematics.external_wrenches import AppliedWrench
+from framework.kinematics.frames import frame_motions, frames_at
+from framework.kinematics.loop_matrices import scaled_loops
+from framework.linalg.ordered_sums import matvec, solve
+
+MAX_SAMPLED_DAMPING = 0.5  # damping over that which stops a rotor within one sampling period; 2 is unstable
+
+
+# ------------------------------------------------------------------ feedforward
+
+
+@dataclass(frozen=True, eq=False)
+class FeedforwardPD:
+    """tau = tau_plan + k_p (motor angle error) + k_d (motor speed error)."""
+
+    reference: Reference
+    k_p: Array  # (n_a,) [N m/rad], motor side
+    k_d: Array  # (n_a,) [N m s/rad]
+
+    @staticmethod
+    def tune(reference: Reference, *, frequency: float = 40.0, damping: float = 1.0) -> FeedforwardPD:
+        """Return the controller whose gains give each motor the natural `frequency` [rad/s].
+
+        k_p = w^2 I and k_d = 2 damping w I, with I the inertia that a motor moves alone at the start of the
+        motion. With springs a fast motor moves only its rotor: w is lowered to a damping k_d that is stable
+        with this sampling period.
+        """
+        robot, motion = reference.robot, reference.motion
+        M_x = dynamics_at(robot, motion.q[0]).platform_inertia
+        dx_dmotor = np.linalg.pinv(motor_speeds(robot, motion.linearised.select(0))[0][0])
+        inertia = np.diag(dx_dmotor.T @ M_x @ dx_dmotor)  # (n_a,) [kg m^2], motor side
+        w = np.full(robot.n_a, frequency)
+        if robot.n_e and robot.rotor_inertia.all():
+            highest = MAX_SAMPLED_DAMPING * robot.rotor_inertia / (2 * damping * inertia * reference.period)
+            w = np.minimum(w, highest)
+        return FeedforwardPD(reference, k_p=w**2 * inertia, k_d=2 * damping * w * inertia)
+
+    def torque(self, k: int, measurement: Measurement) -> Array:
+        """Compute motor torques (R, n_a) [N m]."""
+        ref = self.reference
+        return (
+            ref.period_torque[k]
+            + self.k_p * (ref.motor_angle[k] - measurement.motor_angle)
+            + self.k_d * (ref.motor_speed[k] - measurement.motor_speed)
+        )
+
+
+# ------------------------------------------------------------------ linear-quadratic regulator
+
+
+@dataclass(frozen=True, eq=False)
+class TimeVaryingLQR:
+    """tau = tau_plan + gain [x error; dx error]."""
+
+    reference: Reference
+    gain: Array  # (K, n_a, 2n)
+
+    @staticmethod
+    def tune(
+        reference: Reference, *, position: float = 1e-3, speed: float = 2e-2, torque: float | None = None
+    ) -> TimeVaryingLQR:
+        """Return the controller whose cost is equal for errors `position` and `speed` and a torque `torque`.
+
+        The cost is the integral of e' Q e + u' R u with diagonal weights 1 / position^2, 1 / speed^2 [robot
+        lengths, robot lengths/s] and 1 / torque^2 [N m]. `torque` None: the peak of the plan.
+
+        Raises:
+            InvalidInput: the robot has springs, or a weight is not positive.
+        """
+        robot = reference.robot
+        if robot.n_e:
+            raise InvalidInput(
+                f"controller lqr: for rigid robots; {robot.name} has the springs "
+                f"{', '.join(robot.elastic_names)}: use feedforward"
+            )
+        torque = float(np.abs(reference.torque).max()) if torque is None else torque
+        for name, value in (("position", position), ("speed", speed), ("torque", torque)):
+            if not (np.isfinite(value) and value > 0):
+                raise InvalidInput(f"lqr: {name} must be a positive number, got {value!r}")
+        scale = robot.platform_scale
+        Q = np.diag(np.concatenate([1 / (position * scale) ** 2, 1 / (speed * scale) ** 2]))
+        R = np.eye(robot.n_a) / torque**2
+        A, B = linearise_error(reference)
+        return TimeVaryingLQR(reference, riccati(A, B, Q, R, reference.period))
+
+    def torque(self, k: int, measurement: Measurement) -> Array:
+        """Compute motor torques (R, n_a) [N m]."""
+        ref = self.reference
+        state = estimated_state(ref, k, measurement, aware=True)
+        error = np.concatenate([ref.x[k] - state.x, ref.dx[k] - state.dx], axis=1)
+        return ref.period_torque[k] + matvec(self.gain[k], error)
+
+
+def linearise_error(reference: Reference) -> tuple[Array, Array]:
+    """Compute A (K, 2n, 2n) and B (K, 2n, n_a) of the linearised error dynamics along the plan.
+
+    With the error e = [x; dx], de/dt = A e + B tau with A = [[0, 1], [d(ddx)/dx, d(ddx)/d(dx)]] and B = [[0],
+    [d(ddx)/dtau]].
+    """
+    robot, motion, n = reference.robot, reference.motion, reference.robot.n
+    slopes = forward_derivatives(
+        robot,
+        motion.q,
+        motion.v,
+        reference.torque,
+        wrenches=reference.planned_wrenches,
+        turning=[entry.frame for entry in reference.wrenches.entries if entry.turns],
+    )
+    by_x, by_dx, by_torque = slopes.acceleration_y, slopes.acceleration_dy, slopes.acceleration_torque
+    identity = np.broadcast_to(np.eye(n), by_x.shape)
+    A = np.block([[np.zeros_like(by_x), identity], [by_x, by_dx]])
+    return A, np.concatenate([np.zeros_like(by_torque), by_torque], axis=1)
+
+
+def riccati(A: Array, B: Array, Q: Array, R: Array, period: float) -> Array:
+    """Solve the discrete Riccati equation from the last instant backwards: gains (K, n_a, 2n).
+
+    Torques are constant for a period h: e_(k+1) = F e_k + G tau_k with [F, G; 0, 1] = exp([A, B; 0, 0] h).
+    """
+    count, size, inputs = B.shape
+    from scipy.linalg import expm
+
+    generator = np.zeros((count, size + inputs, size + inputs))
+    generator[:, :size] = np.concatenate([A, B], axis=2) * period
+    transition = expm(generator)
+    F, G = transition[:, :size, :size], transition[:, :size, size:]
+    gain = np.empty((count, inputs, size))
+    P = Q.copy()  # of the cost to go e' P e
+    for k in range(count - 1, -1, -1):
+        PG = P @ G[k]
+        gain[k] = np.linalg.solve(R + G[k].T @ PG, PG.T @ F[k])
+        closed = F[k] - G[k] @ gain[k]
+        P = Q + gain[k].T @ R @ gain[k] + closed.T @ P @ closed
+    return gain
+
+
+# ------------------------------------------------------------------ computed torque
+
+
+@dataclass(frozen=True, eq=False)
+class ComputedTorque:
+    """Computed torque in platform coordinates.
+
+    `multipliers` (K, m) of the plan make the controller aware of the singularity; None: the naive one.
+    """
+
+    reference: Reference
+    frequency: float  # [rad/s] of the error dynamics
+    damping: float
+    multipliers: Array | None
+
+    @staticmethod
+    def tune(
+        reference: Reference, *, aware: bool, frequency: float = 20.0, damping: float = 1.0
+    ) -> ComputedTorque:
+        """Return the controller whose error dynamics have a natural `frequency` [rad/s] and damping ratio.
+
+        Raises:
+            InvalidInput: the robot has springs, or redundant motors.
+        """
+        robot = reference.robot
+        if robot.n_e or robot.n_a != robot.n:
+            raise InvalidInput(
+                f"controller computed_torque: for rigid robots with as many motors as platform axes; "
+                f"{robot.name} has {robot.n_e} springs, {robot.n_a} motors, {robot.n} axes: use feedforward"
+            )
+        multipliers = _planned_multipliers(reference) if aware else None
+        return ComputedTorque(reference, frequency, damping, multipliers)
+
+    def torque(self, k: int, measurement: Measurement) -> Array:
+        """Compute motor torques (R, n_a) [N m]; infinite where the naive controller divides by zero."""
+        ref, robot = self.reference, self.reference.robot
+        state = estimated_state(ref, k, measurement, aware=self.multipliers is not None)
+        command = (
+            ref.ddx[k]
+            + 2 * self.damping * self.frequency * (ref.dx[k] - state.dx)
+            + self.frequency**2 * (ref.x[k] - state.x)
+        )
+        motion = _constrained_motion(ref, k, state, command)
+        columns = robot.following
+        J = scale_jacobian(robot, motion.loops, robot.loops.rotation)  # (R, m, nv) dimensionless
+        r = tree_forces(robot, motion) * robot.column_scale
+        P = J[:, :, columns].transpose(0, 2, 1)
+        if self.multipliers is None:
+            multipliers = solve(P, r[:, columns])
+        else:
+            planned = self.multipliers[k]
+            multipliers = planned + consistent_solution(P, r[:, columns] - matvec(P, planned))
+        torque = ((r - matvec(J.transpose(0, 2, 1), multipliers)) / robot.column_scale)[:, robot.actuated]
+        n = robot.gear_ratio
+        return robot.rotor_inertia * n * motion.a[:, robot.actuated] + torque / n
+
+
+class _Motion(NamedTuple):
+    """The motions of R runs, with the Jacobian of their loop equations."""
+
+    q: Array  # (R, nq)
+    v: Array  # (R, nv)
+    a: Array  # (R, nv)
+    loops: Array  # (R, m, nv)
+    wrenches: tuple[AppliedWrench, ...]
+
+
+def _constrained_motion(reference: Reference, k: int, state: RobotState, ddx: Array) -> _Motion:
+    """Compute joint rates and accelerations for the platform's rates of the states and ddx (R, n).
+
+    With F = [X; J] of platform and loops, F v = [twist; 0] and F a = [twist rate; 0] - drift. Wrenches are
+    those of the plan at instant k.
+
+    `motion_at` factors all instants as one band matrix, so its rounding depends on the number of runs. Here
+    each run is solved on its own. Infinite where the platform does not determine the joints.
+    """
+    robot = reference.robot
+    frames, columns = frames_at(robot, state.q), robot.moving
+    rows = robot.loops
+    loops = loop_equations(rows, frames).jacobian
+    F = np.concatenate([robot.platform.jacobian(frames), loops], axis=1)[:, :, columns]
+    twist, twist_rate = robot.platform.twist(state.x, state.dx, ddx)
+    v, a = np.zeros((2, len(state.q), robot.model.nv))
+    v[:, columns] = solve(F, np.concatenate([twist, np.zeros((len(twist), len(rows.names)))], axis=1))
+    motions = frame_motions(robot, frames, state.q, v)
+    platform_part = twist_rate - robot.platform.drift(frames, motions)
+    loop_part = -closure_drift(rows, frames, motions)
+    a[:, columns] = solve(F, np.concatenate([platform_part, loop_part], axis=1))
+    s = np.asarray(reference.law(np.repeat(reference.times[k], len(state.q))))
+    return _Motion(state.q, v, a, loops, reference.wrenches.evaluate(robot, frames, s))
+
+
+def _planned_multipliers(reference: Reference) -> Array:
+    """Compute the multipliers lambda (K, m) of the scaled loop rows along the plan.
+
+    At the crossing the passive rows P' lambda = r_p do not determine lambda. All rows J' lambda = r - S' tau
+    do, with the torque tau of the plan.
+    """
+    robot, motion = reference.robot, reference.motion
+    r = tree_forces(robot, motion)
+    n = robot.gear_ratio
+    r[:, robot.actuated] -= n * (reference.torque - robot.rotor_inertia * n * motion.a[:, robot.actuated])
+    J = scaled_loops(robot, motion.linearised)
+    inverse = np.linalg.pinv(J.transpose(0, 2, 1))  # (K, m, nv)
+    return np.matvec(inverse, r * robot.column_scale)
+
+
+# ------------------------------------------------------------------ all by name
+
 
 CONTROLLERS: Mapping[str, Callable[[Reference], Controller]] = {
     "feedforward": FeedforwardPD.tune,

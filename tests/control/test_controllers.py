@@ -10,10 +10,14 @@ from scipy.linalg import solve_discrete_are
 
 import robots
 from framework import InvalidInput, plan_scene
-from framework.control.computed_torque import ComputedTorque
-from framework.control.controllers import CONTROLLERS, tuned_controller
+from framework.control.controllers import (
+    CONTROLLERS,
+    ComputedTorque,
+    linearise_error,
+    riccati,
+    tuned_controller,
+)
 from framework.control.estimation import Measurement, RobotState, consistent_solution, estimated_state
-from framework.control.lqr import linearise_error, riccati
 from framework.control.reference import reference_of
 from framework.dynamics.forward_derivatives import forward_derivatives
 

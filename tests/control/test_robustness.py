@@ -16,8 +16,7 @@ from framework import InvalidInput, plan_scene
 from framework.cli import main
 from framework.control import study as study_module
 from framework.control.closed_loop import run_closed_loop
-from framework.control.controllers import tuned_controller
-from framework.control.feedforward import FeedforwardPD
+from framework.control.controllers import FeedforwardPD, tuned_controller
 from framework.control.reference import reference_of
 from framework.control.run_monitor import ControlLoop
 from framework.control.study import run_chunk, run_study
