@@ -16,14 +16,13 @@ import numpy as np
 import pinocchio as pin
 
 from framework.arrays import Array
-from framework.kinematics.external_wrenches import AppliedWrench
-from framework.kinematics.frame_variations import bracket, loop_curvature, tree_columns
+from framework.kinematics.external_wrenches import wrench_slope
+from framework.kinematics.frame_variations import loop_curvature
 from framework.kinematics.frames import forces_on_joints_slope
 from framework.kinematics.motion_changes import MotionChanges
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import scratch_of
-from framework.linalg.ordered_sums import cross
 
 
 class ForceSlopes(NamedTuple):
@@ -47,24 +46,6 @@ def force_slopes(robot: ParallelRobot, motion: Motion) -> ForceSlopes:
     for wrench in motion.wrenches:
         by_q -= wrench_slope(robot, motion.linearised.frames.screws, wrench)
     return ForceSlopes(by_q, by_v, mass)
-
-
-def wrench_slope(robot: ParallelRobot, screws: Array, applied: AppliedWrench) -> Array:
-    """Compute the derivative (T, nv, nv) of the joint forces S_j . w of a wrench of the world.
-
-    With w = (f, m + p x f) about the base's origin, a column i before j turns S_j by [S_i, S_j]. Every i that
-    moves the frame changes w: on base axes through p alone, by d_i, S_j . (0, d_i x f); on axes of the frame
-    as a whole, -[S_i, S_j] . w.
-    """
-    columns, w = tree_columns(robot), applied.wrench
-    carried = columns.carried[applied.joint]
-    turned = np.einsum("tijs,ts->tji", bracket(screws[:, :, None], screws[:, None]), w)
-    if applied.turns:
-        moved = -turned
-    else:
-        slide = screws[..., :3] + cross(screws[..., 3:], applied.origin[:, None])  # (T, nv, 3) of the frame
-        moved = screws[..., 3:] @ cross(slide, w[:, None, :3]).swapaxes(1, 2)
-    return (turned * columns.before.T + moved) * carried * carried[:, None]
 
 
 def force_changes(
