@@ -16,14 +16,13 @@ import numpy as np
 import pinocchio as pin
 
 from framework.arrays import Array
-from framework.kinematics.external_wrenches import AppliedWrench
-from framework.kinematics.frame_variations import bracket, loop_curvature, tree_columns
+from framework.kinematics.external_wrenches import wrench_slope
+from framework.kinematics.frame_variations import loop_curvature
 from framework.kinematics.frames import forces_on_joints_slope
 from framework.kinematics.motion_changes import MotionChanges
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import scratch_of
-from framework.linalg.ordered_sums import cross
 
 
 class ForceSlopes(NamedTuple):
@@ -47,29 +46,6 @@ def force_slopes(robot: ParallelRobot, motion: Motion) -> ForceSlopes:
     for wrench in motion.wrenches:
         by_q -= wrench_slope(robot, motion.linearised.frames.screws, wrench)
     return ForceSlopes(by_q, by_v, mass)
-
-
-def wrench_slope(robot: ParallelRobot, screws: Array, applied: AppliedWrench) -> Array:
-    """Compute the derivative (T, nv, nv) by q of the joint forces S_j . w of a wrench.
-
-    S_j is the screw of joint column j, and w = (f, m + p x f) of the world acts about the base's origin, with
-    p the frame's origin. A step of column i changes
-
-    * S_j by the Lie bracket [S_i, S_j], if i comes before j on the way to the frame;
-    * w by (0, d_i x f) if its components are constant on base axes, where d_i is the step of p;
-    * w with its frame, so that S_j . w changes by -[S_i, S_j] . w, if it turns with the frame.
-
-    Columns that do not move the frame have zero entries.
-    """
-    columns, w = tree_columns(robot), applied.wrench
-    carried = columns.carried[applied.joint]
-    screw_change = np.einsum("tijs,ts->tji", bracket(screws[:, :, None], screws[:, None]), w)
-    if applied.turns:
-        wrench_change = -screw_change
-    else:
-        origin_steps = screws[..., :3] + cross(screws[..., 3:], applied.origin[:, None])  # (T, nv, 3) d_i
-        wrench_change = screws[..., 3:] @ cross(origin_steps, w[:, None, :3]).swapaxes(1, 2)
-    return (screw_change * columns.before.T + wrench_change) * carried * carried[:, None]
 
 
 def force_changes(

@@ -5,8 +5,8 @@ powers of k couples on the angular velocity w of the frame,
 
     v = couples(R) w = E(x) dx.
 
-A, B, C, t_s and W_p of the robot refer to this v, so W_p . v is a power in every chart. The couples and their
-rates are analytic in R and w: a complex step differentiates them.
+A, B, C, t_s and W_p of the robot refer to this v, so W_p . v is a power in every chart. The couples,
+their rates and E(x) are analytic: complex steps differentiate them.
 
     one axis      the twist angle about that base axis [rad], counted on through full turns: v = dx; the
                   couple is along the axis where the platform turns about it alone
@@ -30,11 +30,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from framework.arrays import Array, IntArray, ReadOnlyArrays
-from framework.linalg.ordered_sums import cross, dot, product_rates
+from framework.linalg.ordered_sums import cross, dot
 from framework.linalg.rotations import left_jacobian_coefficients, rotation_matrix, rotation_vector
 from framework.tolerances import FILE_ROUNDING
-
-AttitudeRates = tuple[Array, Array, Array]  # coordinates (T, k) and two time derivatives, or turns and rates
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,13 +69,6 @@ class Attitude(ReadOnlyArrays):
     def rates(self, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array]:
         """Compute v = E(x) dx and its time derivative, (T, k)."""
         return dx, ddx
-
-    def rate_changes(self, motion: AttitudeRates, step: AttitudeRates) -> AttitudeRates:
-        """Compute the small turn of a step, and its changes of v = E(x) dx and dv/dt, each (T, k).
-
-        `motion` and `step` are x, dx, ddx and small changes of x, dx, ddx, each (T, k).
-        """
-        return step
 
     def unwrap(self, x: Array, near: Array) -> Array:
         """Compute coordinates (T, k) of the same attitudes next to `near` (k,) or (T, k)."""
@@ -199,16 +190,15 @@ class RotationVector(Attitude):
         return rotation_vector(rotation @ target.transpose(0, 2, 1))[:, self.axes]
 
     def rates(self, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array]:
-        omega, alpha, _ = self._left_jacobian_products((x, dx, ddx), (dx, ddx, np.zeros_like(ddx)))
+        r, dr, ddr = (self._vector(part) for part in (x, dx, ddx))
+        once, once_rate = cross(r, dr), cross(r, ddr)
+        twice, twice_rate = cross(r, once), cross(dr, once) + cross(r, once_rate)
+        a, b = left_jacobian_coefficients(dot(r, r))[..., None]  # with derivatives along |r|^2
+        growth = 2.0 * dot(r, dr)[:, None]
+        omega = dr + a[0] * once + b[0] * twice
+        alpha = ddr + (a[1] * growth * once + a[0] * once_rate)
+        alpha = alpha + (b[1] * growth * twice + b[0] * twice_rate)
         return omega[:, self.axes], alpha[:, self.axes]
-
-    def rate_changes(self, motion: AttitudeRates, step: AttitudeRates) -> AttitudeRates:
-        """Compute phi = E(x) step, dw = phi' + phi x w and its rate on the stated axes, each (T, k)."""
-        omega, alpha = (self._vector(part) for part in self.rates(*motion))
-        phi, dphi, ddphi = self._left_jacobian_products(motion, step)
-        dw = dphi + cross(phi, omega)
-        dalpha = ddphi + cross(dphi, omega) + cross(phi, alpha)
-        return phi[:, self.axes], dw[:, self.axes], dalpha[:, self.axes]
 
     def unwrap(self, x: Array, near: Array) -> Array:
         angle = np.sqrt(dot(x, x))[:, None]
@@ -221,16 +211,3 @@ class RotationVector(Attitude):
         vector = np.empty_like(x)
         vector[:, self.axes] = x
         return vector
-
-    def _left_jacobian_products(self, motion: AttitudeRates, step: AttitudeRates) -> Array:
-        """Compute phi = E(r) s and two time derivatives, (3, T, 3), of components of r and s with theirs."""
-        r, s = (np.array([self._vector(part) for part in parts]) for parts in (motion, step))
-        square = product_rates(dot, r, r)[..., None]
-        once = product_rates(cross, r, s)
-        twice = product_rates(cross, r, once)
-        # functions of |r|^2 with two derivatives by it, as functions of time
-        a, b = (
-            (f[0], f[1] * square[1], f[2] * square[1] ** 2 + f[1] * square[2])
-            for f in left_jacobian_coefficients(square[0, :, 0])[..., None]
-        )
-        return s + product_rates(np.multiply, a, once) + product_rates(np.multiply, b, twice)

@@ -20,6 +20,7 @@ import pinocchio as pin
 
 from framework.arrays import Array, ArrayLike, read_only
 from framework.errors import InvalidInput, choose_from, finite_numbers, short
+from framework.kinematics.frame_variations import bracket, tree_columns
 from framework.kinematics.frames import FrameStack, rotations
 from framework.kinematics.mechanism import Mechanism, frame_of
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -157,6 +158,24 @@ def applied_wrench(
     carried = carriers(mechanism.model, np.array([joint]))[0]
     generalised = matvec(frames.screws, wrench) * carried
     return AppliedWrench(frame, joint, read_only(wrench), read_only(generalised), read_only(position), turns)
+
+
+def wrench_slope(mechanism: Mechanism, screws: Array, applied: AppliedWrench) -> Array:
+    """Compute the derivative (T, nv, nv) of the joint forces S_j . w of a wrench of the world.
+
+    With w = (f, m + p x f) about the base's origin, a column i before j turns S_j by [S_i, S_j]. Every i that
+    moves the frame changes w: on base axes through p alone, by d_i, S_j . (0, d_i x f); on axes of the frame
+    as a whole, -[S_i, S_j] . w.
+    """
+    columns, w = tree_columns(mechanism), applied.wrench
+    carried = columns.carried[applied.joint]
+    turned = np.einsum("tijs,ts->tji", bracket(screws[:, :, None], screws[:, None]), w)
+    if applied.turns:
+        moved = -turned
+    else:
+        slide = screws[..., :3] + cross(screws[..., 3:], applied.origin[:, None])  # (T, nv, 3) of the frame
+        moved = screws[..., 3:] @ cross(slide, w[:, None, :3]).swapaxes(1, 2)
+    return (turned * columns.before.T + moved) * carried * carried[:, None]
 
 
 def move_wrench(wrench: Array, arm: Array) -> Array:

@@ -37,7 +37,7 @@ from framework.kinematics.pinocchio_memory import carriers, scratch_of
 from framework.linalg.ordered_sums import cross, dot, product_rates
 from framework.model.loop_rows import LoopRows
 
-STEP: Any = 1e-200j  # of complex-step derivatives: its square is zero, so that nothing is cut off
+STEP: Any = 2.0**-664 * 1j  # of complex-step derivatives: its square is zero, so that nothing is cut off
 
 
 class TreeColumns(NamedTuple):

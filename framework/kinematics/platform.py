@@ -22,7 +22,7 @@ import pinocchio as pin
 
 from framework.arrays import Array, BoolArray, IntArray, ReadOnlyArrays
 from framework.kinematics.attitude import Attitude, TwistAngle, attitude_about, twist_angle_for
-from framework.kinematics.frame_variations import FrameVariation, changes_of
+from framework.kinematics.frame_variations import STEP, FrameVariation, changes_of
 from framework.kinematics.frames import FrameMotions, FrameStack
 from framework.linalg.ordered_sums import matmul, matvec
 from framework.model.description import AXES, Platform
@@ -109,7 +109,9 @@ class PlatformCoordinates(ReadOnlyArrays, ABC):
 
         `motion` and `step` are x, dx, ddx and small changes of x, dx, ddx, each (T, n).
         """
-        return step
+        ahead = (part + STEP * change for part, change in zip(motion, step, strict=True))
+        v, dv = self.twist(*ahead)
+        return self.twist(motion[0], step[0])[0], changes_of(v), changes_of(dv)
 
     @abstractmethod
     def velocity_changes(self, variation: FrameVariation) -> Array:
@@ -213,15 +215,6 @@ class FramePlatform(PlatformCoordinates):
         v, dv, turning = dx.copy(), ddx.copy(), self.turning
         v[:, turning], dv[:, turning] = self.attitude.rates(*(part[:, turning] for part in (x, dx, ddx)))
         return v, dv
-
-    def twist_changes(self, motion: CoordinateRates, step: CoordinateRates) -> CoordinateRates:
-        if self.attitude.by_rates:
-            return step
-        turning = self.turning
-        changes, attitudes = np.array(step), np.array(motion)[..., turning]
-        changes[..., turning] = self.attitude.rate_changes((*attitudes,), (*changes[..., turning],))
-        displacement, rate, acceleration = changes
-        return displacement, rate, acceleration
 
     def velocity_changes(self, variation: FrameVariation) -> Array:
         changes = np.empty((2, *variation.twist.shape[:2], self.n))
