@@ -36,7 +36,6 @@ from framework.statics.loading import LOAD_WORDS, LoadReason
 
 ASIDE = (0.0, 1.0, 1.0, 1.0)  # [rad, robot lengths] of joints: starts of searches in other working modes
 BAND_ROWS = 8  # of a band; poses between coarse ones at most
-_ENDS = {"least": 0, "largest": -1}  # rows of poses on the edges of a window
 Chunk = Mapping[str, NDArray]
 
 
@@ -92,9 +91,15 @@ class WorkspaceMap(ReadOnlyArrays):
     @property
     def open_edges(self) -> tuple[str, ...]:
         """Edges of the window on which poses are reached, such as `least x`: more may be reached beyond."""
-        names = (self.robot.axis_names[k] for k in self.window.axes)
-        grids = zip(names, (self.reached, self.reached.T), strict=True)
-        return tuple(f"{end} {name}" for name, grid in grids for end, row in _ENDS.items() if grid[row].any())
+        reached = self.reached
+        first, second = (self.robot.axis_names[k] for k in self.window.axes)
+        edges = {
+            f"least {first}": reached[0],
+            f"largest {first}": reached[-1],
+            f"least {second}": reached[:, 0],
+            f"largest {second}": reached[:, -1],
+        }
+        return tuple(edge for edge, poses in edges.items() if poses.any())
 
     @property
     def keeps_limits(self) -> bool:
