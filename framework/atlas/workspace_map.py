@@ -25,6 +25,7 @@ from framework.atlas.quantities import Quantity, choose_quantities, quantity_val
 from framework.atlas.survey import MAX_NEIGHBOUR_DISTANCE, longest_cell_edge, seed_poses, survey_window
 from framework.atlas.sweep import REASON_WORDS, PoseReason, fill_grid, step_poses
 from framework.atlas.window import Window
+from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_each, require_square
 from framework.kinematics.linearised_loops import linearised_at, linearised_at_reference
 from framework.kinematics.modes import mode_signs
@@ -33,8 +34,8 @@ from framework.locus.locus_on_map import MapLocus, MapPoses, locus_on_map
 from framework.parallel.kept import ArrayField, KeptChunks, complete_chunks
 from framework.statics.loading import LOAD_WORDS, LoadReason
 
+ASIDE = (0.0, 1.0, 1.0, 1.0)  # [rad, robot lengths] of joints: starts of searches in other working modes
 BAND_ROWS = 8  # of a band; poses between coarse ones at most
-_ENDS = {"least": 0, "largest": -1}  # rows of poses on the edges of a window
 Chunk = Mapping[str, NDArray]
 
 
@@ -90,9 +91,15 @@ class WorkspaceMap(ReadOnlyArrays):
     @property
     def open_edges(self) -> tuple[str, ...]:
         """Edges of the window on which poses are reached, such as `least x`: more may be reached beyond."""
-        names = (self.robot.axis_names[k] for k in self.window.axes)
-        grids = zip(names, (self.reached, self.reached.T), strict=True)
-        return tuple(f"{end} {name}" for name, grid in grids for end, row in _ENDS.items() if grid[row].any())
+        reached = self.reached
+        first, second = (self.robot.axis_names[k] for k in self.window.axes)
+        edges = {
+            f"least {first}": reached[0],
+            f"largest {first}": reached[-1],
+            f"least {second}": reached[:, 0],
+            f"largest {second}": reached[:, -1],
+        }
+        return tuple(edge for edge, poses in edges.items() if poses.any())
 
     @property
     def keeps_limits(self) -> bool:
@@ -277,26 +284,25 @@ def _join_bands(
 def _mark_out_of_reach(
     robot: ParallelRobot, x: Array, q: Array, reason: NDArray[np.uint8], stride: int
 ) -> None:
-    """Set the reason, in place, of poses without a reached neighbour at which the loops do not close.
+    """Set the reason, in place, of poses at which the loops do not close, and of those in other modes.
 
     Newton's method looks for a pose of any working mode at every `stride`-th of them, from the nearest pose
-    reached; those that it finds are continued to their neighbours.
+    reached and from others beside it; those that it finds are continued to their neighbours.
     """
-    unjoined = reason == PoseReason.NO_NEIGHBOUR
+    unjoined = (reason == PoseReason.NO_NEIGHBOUR) | (reason == PoseReason.OPEN)
     coarse = np.zeros_like(unjoined)
     coarse[::stride, ::stride] = unjoined[::stride, ::stride]
-    if not coarse.any():
-        reason[unjoined] = PoseReason.OPEN
-        return
     nearest: IntArray = distance_transform_edt(
         reason != PoseReason.REACHED, return_distances=False, return_indices=True
     )
-    i, j = nearest[:, coarse]
-    closing = close_each(robot, x[coarse], q[i, j])
-    others = np.full_like(q, np.nan)
-    others[coarse] = np.where(closing.closed[:, None], closing.q, np.nan)
+    others, random = np.full_like(q, np.nan), np.random.default_rng(0)
+    for spread in ASIDE:
+        i, j = np.nonzero(coarse & np.isnan(others[..., 0]))
+        offset = spread * random.standard_normal((len(i), robot.model.nv)) * robot.column_scale
+        closing = close_each(robot, x[i, j], integrate(robot, q[tuple(nearest[:, i, j])], offset))
+        others[i, j] = np.where(closing.closed[:, None], closing.q, np.nan)
     other_reason = np.where(unjoined, PoseReason.NO_NEIGHBOUR, PoseReason.OPEN).astype(np.uint8)
     other_reason[np.isfinite(others[..., 0])] = PoseReason.REACHED
-    if closing.closed.any():
-        fill_grid(robot, x, others, other_reason, np.array([1]))
+    fill_grid(robot, x, others, other_reason, np.array([1]))
+    reason[(reason == PoseReason.OPEN) & (other_reason == PoseReason.REACHED)] = PoseReason.OTHER_MODE
     reason[unjoined & (other_reason != PoseReason.REACHED)] = PoseReason.OPEN

@@ -36,6 +36,7 @@ from framework.export.trajectory_file import (
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.output import write_file
 
+SIDE = "joint"  # of the gears, by default
 SUFFIXES = {
     "mjcf": (".xml", ".mjcf"),
     "ros2_control": (".yaml", ".yml", ".json"),
@@ -100,6 +101,8 @@ def run(options: Namespace) -> Report:
         raise InvalidInput("--rate, --columns: of csv only; leave them out").advising(
             dict.fromkeys(("rate", "columns"))
         )
+    if options.program == "csv" and options.side is not None:
+        raise InvalidInput("--side: the columns of csv say theirs; leave it out").advising({"side": None})
     lines: list[str] = []
     if options.program == "mjcf":
         if any(option is not None for option in (options.scene, options.samples, options.side)):
@@ -119,17 +122,10 @@ def run(options: Namespace) -> Report:
         if not (is_plan_folder(options.robot) or options.scene):
             raise InvalidInput("give --scene, or the folder that `crossing plan --out` wrote, to be exported")
         plan = arguments.load_or_plan(options)
-        robot, side = plan.robot, options.side or "joint"
-        if options.program == "csv":
-            return _write_rows(options, plan, file)
-        message = joint_trajectory(plan, samples=options.samples or DEFAULT_SAMPLES, side=side)
-        as_json = file.suffix == ".json"
-        if as_json:
-            text = json.dumps(message, indent=2) + "\n"
-        else:
-            text = f"# {describe_side(plan, side)}\n" + yaml.safe_dump(message, sort_keys=False)
-        description = f"a joint trajectory of {len(message['points'])} points over {plan.duration:g} s"
-        lines.append(f"  {describe_side(plan, side)}")
+        robot = plan.robot
+        text, description = _motion_file(options, plan, file)
+        if options.program == "ros2_control":
+            lines.append(f"  {describe_side(plan, options.side or SIDE)}")
     write_file(file, text, option="--out")
     document = {
         "robot": robot.name,
@@ -141,18 +137,20 @@ def run(options: Namespace) -> Report:
     return document, "\n".join([head, *lines])
 
 
-def _write_rows(options: Namespace, plan: CrossingPlan, file: FilePath) -> Report:
-    """Write rows of a motion and, in a file beside, their metadata."""
-    if options.side is not None:
-        raise InvalidInput("--side: the columns of csv say theirs; leave it out").advising({"side": None})
-    motion = arguments.motion_rows(options, plan)
-    write_file(file, motion.as_csv(), option="--out")
-    write_file(file.with_name(f"{file.name}-metadata.json"), motion.metadata(file.name), option="--out")
-    counts = {"rows": len(motion.rows), "columns": motion.names}
-    document = {"robot": plan.robot.name, "flexibility": plan.robot.flexibility, "format": "csv", **counts}
-    size = f"{len(motion.rows)} rows of {len(motion.names)} columns over {plan.duration:g} s"
-    text = f"{plan.robot.name}, {plan.robot.flexibility}: {size}, written to {file}"
-    return {**document, "file": str(file)}, text
+def _motion_file(options: Namespace, plan: CrossingPlan, file: FilePath) -> tuple[str, str]:
+    """Return the text and the description of a motion, for a file; write metadata beside rows of csv."""
+    over = f"over {plan.duration:g} s"
+    if options.program == "csv":
+        motion = arguments.motion_rows(options, plan)
+        beside = file.with_name(f"{file.name}-metadata.json")
+        write_file(beside, motion.metadata(file.name), option="--out")
+        return motion.as_csv(), f"{len(motion.rows)} rows of {len(motion.names)} columns {over}"
+    side = options.side or SIDE
+    message = joint_trajectory(plan, samples=options.samples or DEFAULT_SAMPLES, side=side)
+    description = f"a joint trajectory of {len(message['points'])} points {over}"
+    if file.suffix == ".json":
+        return json.dumps(message, indent=2) + "\n", description
+    return f"# {describe_side(plan, side)}\n" + yaml.safe_dump(message, sort_keys=False), description
 
 
 def _lesson(options: Namespace) -> tuple[ParallelRobot, str]:

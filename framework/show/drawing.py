@@ -52,11 +52,10 @@ def draw_robot(
 
 
 def draw_scale_bar(ax: Axes, length: float) -> None:
-    """Draw a bar of a round length, at most a third of a length [m], below the picture."""
+    """Draw a bar of a round length, about a third of a length [m], below the picture."""
     from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar  # takes time to import
 
-    decade = 10.0 ** np.floor(np.log10(length / 3.0))
-    size = float(decade * max(step for step in (1.0, 2.0, 5.0) if step * decade <= length / 3.0))
+    size = float(f"{length / 3.0:.0e}")
     below: dict[str, Any] = {"bbox_to_anchor": (0.0, 0.0), "bbox_transform": ax.transAxes}
     style = {"frameon": False, "fontproperties": {"size": 6}}
     ax.add_artist(AnchoredSizeBar(ax.transData, size, f"{size:g} m", "upper left", **style, **below))

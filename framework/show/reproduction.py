@@ -62,12 +62,10 @@ def given_options(plan: CrossingPlan) -> dict[str, Any]:
 def _path_options(plan: CrossingPlan, typed: dict[str, Any]) -> list[str] | None:
     """Return the path as options: the ends of a line, or a scene with the path; None without either."""
     path = plan.path
-    if isinstance(path, Line) and Request.of(plan.robot, path, **typed) == plan.request:
-        return [f"--from {_format_numbers(path.start)}", f"--to {_format_numbers(path.end)}"]
-    if isinstance(path, Polyline) and Request.of(plan.robot, path, **typed) == plan.request:
+    if isinstance(path, Line | Polyline) and Request.of(plan.robot, path, **typed) == plan.request:
         start, *via, end = map(_format_numbers, path.points)
-        corners = [f"--via {corner}" for corner in via]
-        return [f"--from {start}", *corners, f"--to {end}", f"--blend {path.blend!r}"]
+        blend = [] if path.blend is None else [f"--blend {path.blend!r}"]
+        return [f"--from {start}", *(f"--via {corner}" for corner in via), f"--to {end}", *blend]
     for name in plan.robot.description.scenes:
         try:
             of_scene = scene_request(plan.robot, name, **typed)

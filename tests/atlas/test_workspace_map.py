@@ -19,6 +19,8 @@ from framework.atlas.sweep import PoseReason, step_poses
 from framework.atlas.window import Window, held_coordinates, map_axes
 from framework.atlas.workspace_map import workspace_map
 from framework.kinematics.continuation.tracking import assemble
+from framework.kinematics.frames import integrate
+from framework.kinematics.inverse_kinematics import close_each
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.modes import mode_signs
 from framework.locus.traced_locus import TracedLocus
@@ -88,6 +90,27 @@ def test_a_pose_beyond_the_legs_is_out_of_reach_and_one_on_another_island_is_not
     assert (found.reason[(inside > cell) & above] == PoseReason.REACHED).all()
     assert (found.reason[(inside > cell) & ~above] == PoseReason.NO_NEIGHBOUR).all()
     assert ((inside > cell) & ~above).sum() > 100
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name", ["biglide", "delta", "five_bar", "humanoid_ankle", "orthoglide", "three_rrr"]
+)
+def test_no_random_start_closes_the_loops_at_a_pose_out_of_reach(name):
+    """10^4 poses: in other working modes the loops close from some start, out of reach from none."""
+    robot, random = robots.load(name), np.random.default_rng(0)
+    found = workspace_map(robot, survey_window(robot, size=100), ["g"])
+    x, reached = found.window.points(), found.q[found.reached]
+    for reason, closable in ((PoseReason.OPEN, False), (PoseReason.OTHER_MODE, True)):
+        at = np.argwhere(found.reason == reason)
+        at = at[random.permutation(len(at))[:300]]
+        closed = np.zeros(len(at), dtype=bool)
+        for _ in range(12):
+            start = reached[random.integers(len(reached), size=len(at))]
+            aside = random.standard_normal((len(at), robot.model.nv)) * robot.column_scale
+            aside *= random.integers(0, 2, (len(at), 1))
+            closed |= close_each(robot, x[at[:, 0], at[:, 1]], integrate(robot, start, aside)).closed
+        assert (closed == closable).all(), reason.name
 
 
 def test_the_window_of_a_map_is_about_all_that_the_5r_reaches():
