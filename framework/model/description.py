@@ -103,7 +103,7 @@ class Closure:
     def __post_init__(self) -> None:
         if (set(self.axes) <= set(AXES)) != (self.length is None):
             raise RobotFileError(
-                f"closure {self.name}: a distance needs a length and a locked axis takes none, got axes "
+                f"closure {self.name}: a length goes with rows such as distance, and with no others, got axes "
                 f"{list(self.axes)} and length {self.length}"
             )
 

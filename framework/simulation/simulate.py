@@ -10,8 +10,8 @@ included, and at a Type 2 singularity nothing happens at all. What it shares wit
 
 Not shared is how forces are found: no law, no A, no elimination of the loops' forces, no condition at a
 crossing, no deflections. A fault in what is shared makes both wrong alike; the tests hold every robot against
-equations of motion that share the tree and the words of the robot file alone (tests/equations_of_motion.py at
-instants, tests/forward_simulation.py by integration).
+equations of motion that share the tree and the words of the robot file alone (`tests/oracles`:
+equations_of_motion.py at instants, forward_simulation.py by integration).
 """
 
 from __future__ import annotations

@@ -162,7 +162,7 @@ def test_the_number_of_locked_axes_is_that_of_mechanics():
 
 @pytest.mark.parametrize(("axes", "length"), [(("distance",), None), (("x", "y", "z"), 0.7), ((), 0.7)])
 def test_a_distance_and_nothing_else_has_a_length(axes, length):
-    with pytest.raises(RobotFileError, match="closure c: a distance needs a length"):
+    with pytest.raises(RobotFileError, match="closure c: a length goes with rows such as distance"):
         Closure("c", ("one", "two"), axes, length)
 
 

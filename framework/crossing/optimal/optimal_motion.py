@@ -15,7 +15,7 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.crossing.condition import CrossingPoint
-from framework.crossing.optimal.best_law import Best
+from framework.crossing.optimal.best_law import LIMIT_TIGHTENING, Best
 from framework.crossing.optimal.elastic_balance import in_balance
 from framework.crossing.optimal.optimal_task import (
     Task,
@@ -37,7 +37,6 @@ from framework.motion.peaks import peak_sizes
 from framework.tolerances import PEAK_TORQUE_MISMATCH
 
 MAX_PASSES = 8  # of optimising and resolving in turn
-LIMIT_TIGHTENING = 1e-5  # share of a limit that is left free when it was exceeded
 ENERGY_SAMPLES = 2001
 RIGID_SHARES = (2e-2, 8e-2, 0.3)  # of the least cost, for laws smooth enough to be resolved, in turn
 # Of elastic robots: the degree of z as one series, and the share of the least cost that smoothness may take,
