@@ -26,8 +26,19 @@ CLEAR = ["--from", "0.1", "0.345", "--to", "-0.05", "0.295"]  # past it
 PLAN = ["plan", "five_bar"]
 FREE = [*PLAN, *LINE, "--duration", "1.5"]
 PLAN_KEYS = [
-    *("version", "robot", "robot_file", "flexibility", "geometry", "duration", "request", "law", "crossings"),
     *(
+        "version",
+        "robot",
+        "robot_file",
+        "parameters",
+        "flexibility",
+        "geometry",
+        "duration",
+        "request",
+        "law",
+    ),
+    *(
+        "crossings",
         "peak_torque",
         "exceeded",
         "neglected_friction",

@@ -436,9 +436,9 @@ def _crossing_sizes(condition: dict[str, float] | None, plan: CrossingPlan) -> D
 
 def _compare(key: str, stated: Any, computed: Any, size: Any) -> None:
     """Raise InvalidInput unless values agree: mappings key by key, numbers within rounding of their size."""
-    if isinstance(size, dict) and isinstance(stated, dict) and isinstance(computed, dict):
+    if all(isinstance(value, dict) for value in (size, stated, computed)) and size.keys() <= stated.keys():
         for name, its_size in size.items():
-            _compare(f"{key}.{name}", stated.get(name), computed[name], its_size)
+            _compare(f"{key}.{name}", stated[name], computed[name], its_size)
         return
     is_same = stated == computed
     if not (is_same or size is None or isinstance(size, dict) or computed is None):
