@@ -17,8 +17,9 @@ import pinocchio as pin
 
 from framework.arrays import Array
 from framework.errors import NotAssembled
-from framework.kinematics.closures import closure_drift, wrench_rates
+from framework.kinematics.closures import closure_drift, loop_wrenches
 from framework.kinematics.external_wrenches import AppliedWrench
+from framework.kinematics.frame_variations import STEP, changes_of
 from framework.kinematics.frames import (
     frame_motions,
     frames_at,
@@ -33,7 +34,6 @@ from framework.kinematics.linearised_loops import (
 )
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import scratch_of
-from framework.linalg.ordered_sums import cross
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,14 +160,10 @@ def jacobian_change(
         displaced: (T, F, 6) of the frames, about the base's origin.
         screw_changes: (T, nv, 6) of the joints' screws.
     """
-    equations, frames, n = robot.equations, linearised.frames, robot.n
-    velocities = move_frames(displaced, frames.placements)
-    wrench = equation_wrenches(robot, frames, linearised.loops)
-    rate = np.zeros_like(wrench)
-    rate[:, :n] = robot.platform.wrench_rates(frames, displaced[:, 0, 3:], screw_changes)
-    rate[:, n:] = wrench_rates(equations.loops, frames, velocities)
-    # about the base's origin
-    moments = cross(velocities[:, equations.bodies, 3], wrench[..., :3])
-    rate[..., 3:] += moments + cross(frames.position[:, equations.bodies], rate[..., :3])
-    parts = equations.pattern.entries(rate, frames.screws), equations.pattern.entries(wrench, screw_changes)
-    return equations.pattern.dense(parts[0] + parts[1])
+    frames, pattern = linearised.frames, robot.equations.pattern
+    ahead = frames._replace(
+        placements=frames.placements + STEP * move_frames(displaced, frames.placements),
+        screws=frames.screws + STEP * screw_changes,
+    )
+    wrenches = equation_wrenches(robot, ahead, loop_wrenches(robot.rows, ahead))
+    return pattern.dense(changes_of(pattern.entries(wrenches, ahead.screws)))
