@@ -235,12 +235,10 @@ def test_wrenches_change_as_their_rates_say(name):
         return np.broadcast_to(robot.platform.wrenches(moved), (1, robot.n, 6))
 
     at = frames_at(robot, q[None])
-    twist = frame_motions(robot, at, q[None], v[None]).twist[:, 0]
     screw_rates = pin.computeJointJacobiansTimeVariation(model, data, q, v).T[None]
-    base_twist = twist[:, None].copy()
-    base_twist[..., :3] += np.cross(at.position[:, :1], twist[:, None, 3:])
+    twists = at.carried @ (at.screws * v[:, None])
     ahead = at._replace(
-        placements=at.placements[:, :1] + STEP * move_frames(base_twist, at.placements[:, :1]),
+        placements=at.placements + STEP * move_frames(twists, at.placements),
         screws=at.screws + STEP * screw_rates,
     )
     rates = np.broadcast_to(changes_of(robot.platform.wrenches(ahead) + 0j), (1, robot.n, 6))
