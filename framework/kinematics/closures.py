@@ -71,22 +71,11 @@ def loop_wrenches(rows: LoopRows, frames: FrameStack) -> LoopWrenches:
     residual = rows.weight * dot(a, b) - rows.constant
     if rows.has_couplings:
         residual[:, rows.coupled] = rows.coupling_residual(frames.q)
-    return LoopWrenches(residual, _row_wrenches(rows, a, None if rows.only_translations else cross(b, a)))
-
-
-def _row_wrenches(rows: LoopRows, force: Array, couple: Array | None) -> Array:
-    """Return wrenches (T, m, 6) of forces, couples of rotations, or their rates, each (T, m, 3)."""
-    wrench = np.zeros((*force.shape[:2], 6))
-    wrench[..., :3] = rows.force_weight[:, None] * force
-    if couple is not None:
-        wrench[..., 3:] = rows.couple_weight[:, None] * couple
-    return wrench
-
-
-def wrench_rates(rows: LoopRows, frames: FrameStack, velocities: Array) -> Array:
-    """Compute rates (T, m, 6) of `loop_wrenches` for velocities (T, F, 4, 3) of axes and origins."""
-    (a, da), (b, db) = row_factors(rows, np.stack([frames.placements, velocities]))
-    return _row_wrenches(rows, da, None if rows.only_translations else cross(db, a) + cross(b, da))
+    wrench = np.zeros((*a.shape[:2], 6), dtype=a.dtype)  # complex frames make complex wrenches
+    wrench[..., :3] = rows.force_weight[:, None] * a
+    if not rows.only_translations:
+        wrench[..., 3:] = rows.couple_weight[:, None] * cross(b, a)
+    return LoopWrenches(residual, wrench)
 
 
 def closure_drift(rows: LoopRows, frames: FrameStack, motions: FrameMotions) -> Array:

@@ -102,6 +102,15 @@ def changes_of(values: Array) -> Array:
     return values.imag / STEP.imag
 
 
+def step_frames(mechanism: Mechanism, frames: FrameStack, motions: Array) -> FrameStack:
+    """Return frames and screws a complex step along small motions (T, nv), see `changes_of`."""
+    steps = frames.screws * motions[..., None]
+    return frames._replace(
+        placements=frames.placements + STEP * move_frames(frames.carried @ steps, frames.placements),
+        screws=frames.screws + STEP * tree_columns(mechanism).screw_changes(frames.screws, steps),
+    )
+
+
 def row_variation(rows: LoopRows, variation: FrameVariation) -> Array:
     """Compute the changes (2, T, k, m) of rates and second derivatives of loop equations."""
     a, b = row_factors(rows, variation.rates)

@@ -18,7 +18,6 @@ from framework.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
 from framework.errors import SingularPose
 from framework.kinematics.assembly import Configuration
 from framework.kinematics.continuation.forward_kinematics import check_motors_are_free
-from framework.kinematics.frame_variations import tree_columns
 from framework.kinematics.inverse_kinematics import require_mobility
 from framework.kinematics.linearised_loops import ClosedStack, assembled_at
 from framework.kinematics.loop_matrices import find_near_type2
@@ -92,11 +91,8 @@ def _slopes(robot: ParallelRobot, closed: ClosedStack, columns: IntArray) -> Pos
     if len(robot.following):
         opened = closed.linearised.closures[0][:, columns].T
         steps[:, robot.following] = -closed.linearised.passive_factors.solve(opened[:, None])[:, 0]
-    linearised, tree = closed.linearised.select(np.zeros(k, dtype=np.intp)), tree_columns(robot)
-    screws = linearised.frames.screws
-    stepped = screws * steps[..., None]
-    screw_changes = tree.screw_changes(screws, stepped)
-    changes = jacobian_change(robot, linearised, linearised.frames.carried @ stepped, screw_changes)
+    linearised = closed.linearised.select(np.zeros(k, dtype=np.intp))
+    changes = jacobian_change(robot, linearised, steps)
     matrices = matrices_and_changes(robot, linearised, changes)[1]
     twist = closed.linearised.platform[0] @ steps.T
     x = np.linalg.solve(robot.platform.rate_matrix(closed.x)[0], twist)

@@ -115,7 +115,7 @@ def linearised_at(robot: ParallelRobot, q: Array, x: Array | None) -> Linearised
 def equation_wrenches(robot: ParallelRobot, frames: FrameStack, loops: LoopWrenches) -> Array:
     """Compute the wrenches (T, n + m, 6) of platform and independent loops about the base's origin."""
     bodies, n = robot.equations.bodies, robot.n
-    wrench = np.empty((len(frames.q), len(bodies), 6))
+    wrench = np.empty((len(frames.q), len(bodies), 6), dtype=loops.wrench.dtype)
     wrench[:, :n] = robot.platform.wrenches(frames)
     wrench[:, n:] = loops.wrench.take(robot.structure.independent, axis=1)
     wrench[..., 3:] += cross(frames.position.take(bodies, axis=1), wrench[..., :3])

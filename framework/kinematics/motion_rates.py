@@ -4,8 +4,8 @@ For prescribed x and deflections q_e, (dF/dq) v = [twist; 0] and (dF/dq) a = [tw
 solved along the columns that follow, with one factorisation; idle turns rest or follow `idle_turns`.
 
 An entry of dF/dq is the power of a wrench W (of a loop equation, or a unit wrench of the platform) on the
-screw S of a joint, both about the base's origin, so that d/dt (W . S) = W' . S + W . S'. The wrenches turn
-with the frames that they are fixed to; S' comes from pinocchio (`computeJointJacobiansTimeVariation`).
+screw S of a joint, both about the base's origin. The wrenches turn with their frames, and all is
+analytic in frames and screws: a complex step of these gives the rate of dF/dq.
 """
 
 from __future__ import annotations
@@ -13,16 +13,15 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import pinocchio as pin
 
 from framework.arrays import Array
 from framework.errors import NotAssembled
-from framework.kinematics.closures import closure_drift, wrench_rates
+from framework.kinematics.closures import closure_drift, loop_wrenches
 from framework.kinematics.external_wrenches import AppliedWrench
+from framework.kinematics.frame_variations import changes_of, step_frames
 from framework.kinematics.frames import (
     frame_motions,
     frames_at,
-    move_frames,
 )
 from framework.kinematics.idle_turns import idle_turns
 from framework.kinematics.linearised_loops import (
@@ -32,8 +31,6 @@ from framework.kinematics.linearised_loops import (
     linearised_at,
 )
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.pinocchio_memory import scratch_of
-from framework.linalg.ordered_sums import cross
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,38 +133,15 @@ def _motion_of_twist(
     motion = Motion(q, v, _solve_rates(robot, linearised, right, elastic[1]), linearised)
     if turns is None:
         return motion
-    rows_rate = turns.rows_rate(robot, linearised, jacobian_rate(robot, motion))
+    rows_rate = turns.rows_rate(robot, linearised, jacobian_change(robot, linearised, v))
     return replace(motion, a=turns.add_turns(motion.a, -np.einsum("tkv,tv->tk", rows_rate, v)))
 
 
-def jacobian_rate(robot: ParallelRobot, motion: Motion) -> Array:
-    """Compute the time derivative (T, n + m, nv) of `LinearisedLoops.jacobian` along a motion."""
-    frames, v = motion.linearised.frames, motion.v
-    model, data = robot.model, scratch_of(robot).data
-    screw_rates = np.empty_like(frames.screws)
-    for k, (row, rates) in enumerate(zip(motion.q, v, strict=True)):
-        screw_rates[k] = pin.computeJointJacobiansTimeVariation(model, data, row, rates).T
-    twists = np.einsum("fv,tvi->tfi", frames.carried, frames.screws * v[:, :, None])
-    return jacobian_change(robot, motion.linearised, twists, screw_rates)
+def jacobian_change(robot: ParallelRobot, linearised: LinearisedLoops, motions: Array) -> Array:
+    """Compute the change (T, n + m, nv) of `LinearisedLoops.jacobian` for small motions (T, nv).
 
-
-def jacobian_change(
-    robot: ParallelRobot, linearised: LinearisedLoops, displaced: Array, screw_changes: Array
-) -> Array:
-    """Compute the change (T, n + m, nv) of `LinearisedLoops.jacobian` for small displacements of frames.
-
-    Args:
-        displaced: (T, F, 6) of the frames, about the base's origin.
-        screw_changes: (T, nv, 6) of the joints' screws.
+    For joint rates it is the time derivative.
     """
-    equations, frames, n = robot.equations, linearised.frames, robot.n
-    velocities = move_frames(displaced, frames.placements)
-    wrench = equation_wrenches(robot, frames, linearised.loops)
-    rate = np.zeros_like(wrench)
-    rate[:, :n] = robot.platform.wrench_rates(frames, displaced[:, 0, 3:], screw_changes)
-    rate[:, n:] = wrench_rates(equations.loops, frames, velocities)
-    # about the base's origin
-    moments = cross(velocities[:, equations.bodies, 3], wrench[..., :3])
-    rate[..., 3:] += moments + cross(frames.position[:, equations.bodies], rate[..., :3])
-    parts = equations.pattern.entries(rate, frames.screws), equations.pattern.entries(wrench, screw_changes)
-    return equations.pattern.dense(parts[0] + parts[1])
+    ahead, pattern = step_frames(robot, linearised.frames, motions), robot.equations.pattern
+    wrenches = equation_wrenches(robot, ahead, loop_wrenches(robot.rows, ahead))
+    return pattern.dense(changes_of(pattern.entries(wrenches, ahead.screws)))

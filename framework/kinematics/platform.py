@@ -77,10 +77,6 @@ class PlatformCoordinates(ReadOnlyArrays, ABC):
         """Compute the wrenches (T, n, 6), or (n, 6) if constant, at the frame's origin, whose power is v."""
 
     @abstractmethod
-    def wrench_rates(self, frames: FrameStack, w: Array, screw_rates: Array) -> Array:
-        """Compute rates (T, n, 6) of `wrenches` for w (T, 3) of the frame and screw rates (T, nv, 6)."""
-
-    @abstractmethod
     def felt_by(self, carried: Array) -> Array:
         """Return 1 where a joint (nv) moves a coordinate (n), else 0; `carried` (nv,) of the frame."""
 
@@ -179,14 +175,10 @@ class FramePlatform(PlatformCoordinates):
     def wrenches(self, frames: FrameStack) -> Array:
         if self.constant:
             return self.units
-        wrenches = np.repeat(self.units[None], len(frames.position), axis=0)
-        wrenches[:, self.turning, 3:] = self.attitude.couples(frames.rotation[:, 0])
+        couples = self.attitude.couples(frames.rotation[:, 0])
+        wrenches = np.repeat(self.units[None].astype(couples.dtype), len(couples), axis=0)
+        wrenches[:, self.turning, 3:] = couples
         return wrenches
-
-    def wrench_rates(self, frames: FrameStack, w: Array, screw_rates: Array) -> Array:
-        rates = np.zeros((len(w), self.n, 6))
-        rates[:, self.turning, 3:] = self.attitude.couple_rates(frames.rotation[:, 0], w)
-        return rates
 
     def felt_by(self, carried: Array) -> Array:
         return np.repeat(carried[None], self.n, axis=0)
@@ -260,9 +252,6 @@ class JointPlatform(PlatformCoordinates):
 
     def wrenches(self, frames: FrameStack) -> Array:
         return self._screw_wrenches(frames.screws)
-
-    def wrench_rates(self, frames: FrameStack, w: Array, screw_rates: Array) -> Array:
-        return self._screw_wrenches(screw_rates)
 
     def felt_by(self, carried: Array) -> Array:
         return np.eye(len(carried))[self.columns]

@@ -16,7 +16,8 @@ from scipy.spatial.transform import Rotation
 import robots
 from framework import Line, ParallelRobot, plan_crossing, simulate
 from framework.kinematics.attitude import attitude_about
-from framework.kinematics.frames import frame_motions, frames_at
+from framework.kinematics.frame_variations import STEP, changes_of
+from framework.kinematics.frames import frame_motions, frames_at, move_frames
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.platform import PlatformCoordinates
 from framework.linalg.rotations import rotation_matrix
@@ -234,9 +235,13 @@ def test_wrenches_change_as_their_rates_say(name):
         return np.broadcast_to(robot.platform.wrenches(moved), (1, robot.n, 6))
 
     at = frames_at(robot, q[None])
-    twist = frame_motions(robot, at, q[None], v[None]).twist[:, 0]
     screw_rates = pin.computeJointJacobiansTimeVariation(model, data, q, v).T[None]
-    rates = robot.platform.wrench_rates(at, twist[:, 3:], screw_rates)
+    twists = at.carried @ (at.screws * v[:, None])
+    ahead = at._replace(
+        placements=at.placements + STEP * move_frames(twists, at.placements),
+        screws=at.screws + STEP * screw_rates,
+    )
+    rates = np.broadcast_to(changes_of(robot.platform.wrenches(ahead) + 0j), (1, robot.n, 6))
     np.testing.assert_allclose(rates, (wrenches(1) - wrenches(-1)) / (2 * h), atol=1e-8)
 
 
