@@ -189,7 +189,8 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> Documen
             "gap": best.gap,
         },
     }
-    return {key: written[key] if key in written else getattr(plan, key) for key in _PLAN}
+    keys = [key for key in _PLAN if key != "parameters" or written[key]]
+    return {key: written[key] if key in written else getattr(plan, key) for key in keys}
 
 
 def robot_place(robot: ParallelRobot, folder: FilePath | None = None) -> str:
