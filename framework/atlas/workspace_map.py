@@ -284,7 +284,7 @@ def _join_bands(
 def _mark_out_of_reach(
     robot: ParallelRobot, x: Array, q: Array, reason: NDArray[np.uint8], stride: int
 ) -> None:
-    """Set the reason, in place, of poses at which the loops do not close, and of those in other modes.
+    """Set in place the reason of poses that do not close or are in other modes.
 
     Newton's method looks for a pose of any working mode at every `stride`-th of them, from the nearest pose
     reached and from others beside it; those that it finds are continued to their neighbours.

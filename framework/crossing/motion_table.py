@@ -71,7 +71,7 @@ class MotionTable(NamedTuple):
 
 
 def sample_times(duration: float, count: int, period: float | None = None) -> Array:
-    """Return `count` equidistant instants [s], or those of a period and the end.
+    """Return `count` equidistant instants [s], or multiples of a period and the end.
 
     Raises:
         InvalidInput: no whole number of at least two; no period within the duration that gives as few.

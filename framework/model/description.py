@@ -103,8 +103,8 @@ class Closure:
     def __post_init__(self) -> None:
         if (set(self.axes) <= set(AXES)) != (self.length is None):
             raise RobotFileError(
-                f"closure {self.name}: a length goes with rows such as distance, and with no others, got axes "
-                f"{list(self.axes)} and length {self.length}"
+                f"closure {self.name}: a length goes with rows such as distance, and with no others, "
+                f"got axes {list(self.axes)} and length {self.length}"
             )
 
 
