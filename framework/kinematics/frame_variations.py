@@ -33,11 +33,11 @@ from framework.arrays import Array, BoolArray, IntArray
 from framework.kinematics.closures import row_factors
 from framework.kinematics.frames import FrameStack, move_frames, turn_vectors
 from framework.kinematics.mechanism import Mechanism
-from framework.kinematics.pinocchio_memory import carriers, scratch_of
+from framework.kinematics.pinocchio_memory import carriers
 from framework.linalg.ordered_sums import cross, dot, product_rates
 from framework.model.loop_rows import LoopRows
 
-STEP: Any = 2.0**-664 * 1j  # of complex-step derivatives: its square is zero, so that nothing is cut off
+STEP: Any = 2.0**-120 * 1j  # of complex-step derivatives: its square is far below rounding
 
 
 class TreeColumns(NamedTuple):
@@ -48,7 +48,7 @@ class TreeColumns(NamedTuple):
     before: BoolArray  # (nv, nv) True where column i moves the axis that column j turns about or slides along
 
     def screw_changes(self, screws: Array, steps: Array) -> Array:
-        """Compute the changes of screws by small steps along each of them, all (..., nv, 6)."""
+        """Compute changes of screws (..., nv, 6) by small steps along each screw."""
         return bracket(self.before.T.astype(float) @ steps, screws)
 
 
@@ -77,37 +77,37 @@ class FrameVariation(NamedTuple):
 
 
 def vary_frames(
-    mechanism: Mechanism, frames: FrameStack, v: Array, a: Array, dq: Array, dv: Array
+    mechanism: Mechanism, ahead: FrameStack, v: Array, a: Array | None, dv: Array
 ) -> FrameVariation:
-    """Compute frames a step along small motions dq and changes dv, (T, k, nv).
+    """Compute the motion of frames that are a step `ahead`, for changes dv (T, k, nv) of rates.
 
-    dv are changes of the rates v; v and the accelerations a are (T, nv).
+    v and the accelerations a are (T, nv). Without a, second derivatives are left out, as zeros.
     """
-    columns, S = tree_columns(mechanism), frames.screws[:, None]
-    displaced = S * dq[..., None]  # (T, k, nv, 6)
-    screws = S + STEP * columns.screw_changes(S, displaced)
-    rates = v[:, None, :, None] + STEP * dv[..., None]
-    V = columns.carried @ (screws * rates)  # (T, k, bodies, 6)
-    A = columns.carried @ (screws * a[:, None, :, None] + bracket(V[:, :, columns.owner], screws) * rates)
-    twist, acceleration = (part[:, :, scratch_of(mechanism).bodies] for part in (V, A))
-    still = frames.placements[:, None]
-    moved = still + STEP * move_frames(frames.carried @ displaced, still)
-    rate = move_frames(twist, moved)
-    second = move_frames(acceleration, moved) + turn_vectors(twist, rate)
-    return FrameVariation(twist, acceleration, np.stack([moved, rate, second]))
+    columns, screws = tree_columns(mechanism), ahead.screws
+    twists = screws * (v[:, None, :, None] + STEP * dv[..., None])
+    twist = ahead.carried @ twists
+    rate = move_frames(twist, ahead.placements)
+    acceleration, second = np.zeros_like(twist), np.zeros_like(rate)
+    if a is not None:
+        turned = bracket(columns.carried[columns.owner] @ twists, twists)
+        acceleration = ahead.carried @ (screws * a[:, None, :, None] + turned)
+        second = move_frames(acceleration, ahead.placements) + turn_vectors(twist, rate)
+    return FrameVariation(twist, acceleration, np.stack([ahead.placements, rate, second]))
 
 
 def changes_of(values: Array) -> Array:
-    """Return the changes of values along the steps of a `FrameVariation`."""
+    """Return the changes of values along complex steps of frames."""
     return values.imag / STEP.imag
 
 
 def step_frames(mechanism: Mechanism, frames: FrameStack, motions: Array) -> FrameStack:
-    """Return frames and screws a complex step along small motions (T, nv), see `changes_of`."""
-    steps = frames.screws * motions[..., None]
+    """Return frames and screws a complex step along small motions (T, ..., nv), see `changes_of`."""
+    several = tuple(range(1, motions.ndim - 1))
+    placements, screws = (np.expand_dims(part, several) for part in frames[:2])
+    steps = screws * motions[..., None]
     return frames._replace(
-        placements=frames.placements + STEP * move_frames(frames.carried @ steps, frames.placements),
-        screws=frames.screws + STEP * tree_columns(mechanism).screw_changes(frames.screws, steps),
+        placements=placements + STEP * move_frames(frames.carried @ steps, placements),
+        screws=screws + STEP * tree_columns(mechanism).screw_changes(screws, steps),
     )
 
 

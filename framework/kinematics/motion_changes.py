@@ -16,7 +16,7 @@ import numpy as np
 
 from framework.arrays import Array, IntArray
 from framework.errors import InvalidInput
-from framework.kinematics.frame_variations import row_variation, vary_frames
+from framework.kinematics.frame_variations import row_variation, step_frames, vary_frames
 from framework.kinematics.idle_turns import driven_turns
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.motion_rates import Motion, moving_rates
@@ -70,9 +70,11 @@ def motion_changes(robot: ParallelRobot, motion: Motion, steps: MotionSteps) -> 
     displacement = np.concatenate([steps.twist[0], closed], axis=2)
     dq = solve_rates(robot, linearised, displacement, columns, joints[0])
 
+    ahead = step_frames(robot, linearised.frames, dq)
+
     def missing_change(dv: Array, order: int) -> Array:
         """Compute the change of the equations' derivative still to be made by rates of this order."""
-        variation = vary_frames(robot, linearised.frames, motion.v, motion.a, dq, dv)
+        variation = vary_frames(robot, ahead, motion.v, motion.a if order else None, dv)
         platform = robot.platform.velocity_changes(variation)[order]
         loops = row_variation(robot.loops, variation)[order]
         return np.concatenate([steps.twist[1 + order] - platform, -loops], axis=2)
