@@ -378,7 +378,7 @@ def _check_derivative(path: Path, order: int, starts: Array, lengths: Array) -> 
 
 
 def _check_continuous(path: Path, order: int) -> None:
-    """Compare the largest change of a derivative on a grid with that on a finer one there."""
+    """Compare the largest change of a derivative on a coarse and a fine grid."""
     s, changes = np.linspace(0.0, 1.0, JUMP_INTERVALS + 1)[1:-1], []
     for _ in range(JUMP_GRIDS):
         values = _values(path, s, order)

@@ -253,10 +253,10 @@ def remarks_on_bodies(robot: ParallelRobot) -> list[str]:
     bodies, advice = _bodies(robot), []
     masses = {name: body.mass for name, body in bodies.items()}
     longest = max((body.size for body in bodies.values()), default=1.0)
-    if not SMALL_LINK < longest < LARGE_LINK:
+    if longest and not SMALL_LINK < longest < LARGE_LINK:  # without any, slides alone move
         advice.append(f"the longest link measures {longest:.3g} m: lengths are in m; check the URDF's unit")
     for name, body in bodies.items():
-        if body.gyration > GYRATION_RATIO * max(body.size, SMALL_PART_RATIO * longest):
+        if longest and body.gyration > GYRATION_RATIO * max(body.size, SMALL_PART_RATIO * longest):
             advice.append(
                 f"what {name} carries has a radius of gyration of {body.gyration:.3g} m, and measures some "
                 f"{body.size:.2g} m: inertias are in kg m^2; check the URDF's <inertia>"
