@@ -333,6 +333,7 @@ class GaussNewton:
     """
 
     def __init__(self, model: ParallelRobot, measured: Measurements, q: Array, prior: Array) -> None:
+        """Start at the file's parameters, all instants of full weight, with the assumed noise."""
         self.model, self.measured, self.q, self.prior = model, measured, q, prior
         self.values, self.weights = np.zeros(len(prior)), np.ones(len(q))
         self.noise, self.freedom, self.count = 1.0, 0.0, 0

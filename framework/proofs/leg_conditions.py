@@ -105,6 +105,7 @@ def _chains(robot: ParallelRobot) -> Iterator[list[_Edge]]:
     platform = int(model.frames[robot.frames[0]].parentJoint)
 
     def continue_chain(body: int, passed: frozenset[int]) -> Iterator[list[_Edge]]:
+        """Return all continuations from a body to the platform that pass no body twice."""
         if body == platform:
             yield []
             return
@@ -128,6 +129,7 @@ class _Sampler(NamedTuple):
 
     @staticmethod
     def of(robot: ParallelRobot, q: Array, *, of_point: bool) -> _Sampler:
+        """Draw poses of all joints, passive ones at random by up to half a turn or a robot length."""
         model, data = robot.model, robot.model.createData()
         rng, step = np.random.default_rng(RANDOM_SEED), np.zeros(robot.model.nv)
         links = []

@@ -196,6 +196,7 @@ class Chart:
     """The conditions where one coordinate of z is 1, in the other seven."""
 
     def __init__(self, group: Displacements, coefficients: Array, slack: Array, unit_coordinate: int) -> None:
+        """Build quadrics (rows, 8, 8), and bounds of their curvature and uncertainty by rows."""
         self.unit_coordinate, self.free = unit_coordinate, np.delete(np.arange(8), unit_coordinate)
         self.Q = group.family.quadrics(coefficients).real
         size, rows = np.abs(self.Q), len(self.Q)

@@ -248,6 +248,7 @@ def _is_type_1(mobile: Measured, s: float) -> bool:
 
 
 def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
+    """Compute the record of a singular point: uncontrolled twist along the path, dg/ds, pose."""
     branch, s = passive.branch, contact.s
     robot, places = branch.robot, stencil(s)
     closed = branch.close(places)

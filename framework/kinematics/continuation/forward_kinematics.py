@@ -183,6 +183,11 @@ def _follow_motors(robot: ParallelRobot, start: Places, q_a: Array) -> Way:
         return apart & keeps_assembly_mode(before.linearised, after.linearised)
 
     def end(share: float, before: Places) -> tuple[float, Places] | None:
+        """Find the Type 2 singularity ahead of a place, as its share of the way and place; None if none.
+
+
+        Joint rates by the motors are infinite there: the place has rates of zero instead.
+        """
         ahead = motors_turning_points(robot, before.q, np.array([share]), turn)
         if not ahead.found[0]:
             return None
@@ -215,6 +220,7 @@ def motors_turning_points(robot: ParallelRobot, q: Array, share: Array, turn: Ar
     columns, sizes = robot.following, equation_sizes(robot)[robot.n :]
 
     def evaluate(q: Array, share: Array) -> CurveEquations:
+        """Compute the loop equations (T, m), their matrix along following joints, and the motors' drive."""
         linearised = linearised_at(robot, q, None)
         loops = independent_loops_matrix(robot, linearised)
         drive = np.einsum("tmv,tv->tm", loops, turn / robot.column_scale)

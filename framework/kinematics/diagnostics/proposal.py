@@ -87,6 +87,7 @@ class _Undriven(RobotFileError):
     """Motions without a motor, and `joints` to hold in the closed pose, for the reason `why`."""
 
     def __init__(self, message: str, motions: _Motions, joints: Sequence[str], why: str) -> None:
+        """Keep the joints to hold, the reason, and the closed pose as reference values by name."""
         super().__init__(message)
         self.joints, self.why, self.remarks = joints, why, motions.remarks
         self.reference = motions.mechanism.reference_values(motions.q)

@@ -394,6 +394,11 @@ def _joints_of_largest_part(scope: Scope) -> list[_Joint]:
         return [name for name, pair in ends.items() if set(pair) <= links]
 
     def rank(group: Sequence[str]) -> tuple[bool, int]:
+        """Return whether connected links close a loop, and the number of their joints.
+
+
+        A tree has one joint less than links. A mimic is a loop equation too.
+        """
         joints = joints_of(group)
         mimics = sum(_has(scope.joints[name], "mimic") for name in joints)
         return len(joints) - len(group) + 1 + mimics > 0, len(joints)
@@ -407,6 +412,11 @@ def _tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
     mimicked = {mimic.get("joint") for joint in scope.joints.values() for mimic in joint.iter("mimic")}
 
     def rank(joint: _Joint) -> tuple[bool, ...]:
+        """Return the sort key of a joint; the tree takes joints with false entries first.
+
+
+        Joints left over close loops: they should be plain ones, without own properties or mimics.
+        """
         is_constraint = f"{joint.name}_at_child" in scope.relative
         leads = joint.name.rsplit("::", 1)[-1] in mimicked or _has(joint.element, "mimic")
         is_last = joint.kind in ("universal", "spherical")
