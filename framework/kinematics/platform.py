@@ -199,14 +199,16 @@ class FramePlatform(PlatformCoordinates):
 
     def jacobian(self, frames: FrameStack) -> Array:
         only = frames._replace(placements=frames.placements[:, :1], carried=frames.carried[:1])
-        return self._yield(frames, only.jacobian[:, 0])
+        return self._power(frames, only.jacobian[:, 0])
 
     def drift(self, frames: FrameStack, motions: FrameMotions) -> Array:
         """Compute dv/dt (T, n) at zero joint accelerations: C d(twist)/dt + dC/dt w, with wrenches C."""
-        drift = self._yield(frames, motions.drift[:, 0, :, None])[..., 0]
+        frame_drift, frame_twist = motions.drift[:, 0], motions.twist[:, 0]  # of the platform's, the first
+        drift = self._power(frames, frame_drift[:, :, None])[..., 0]
         if not self.constant:
-            w = motions.twist[:, 0, 3:]
-            drift[:, self.turning] += matvec(self.attitude.couple_rates(frames.rotation[:, 0], w), w)
+            w = frame_twist[:, 3:]
+            couple_rates = self.attitude.couple_rates(frames.rotation[:, 0], w)
+            drift[:, self.turning] += matvec(couple_rates, w)
         return drift
 
     def frame_twist(self, frames: FrameStack, v: Array) -> Array:
@@ -236,7 +238,7 @@ class FramePlatform(PlatformCoordinates):
         changes[..., self.turning] = changes_of(turns).reshape(*changes.shape[:3], -1)
         return changes
 
-    def _yield(self, frames: FrameStack, twists: Array) -> Array:
+    def _power(self, frames: FrameStack, twists: Array) -> Array:
         """Compute the power (T, n, k) of the wrenches on twists (T, 6, k) of the frame."""
         return twists[:, self.axes] if self.constant else matmul(self.wrenches(frames), twists)
 

@@ -204,14 +204,17 @@ _JOINT: Table = {
 
 def _joints(urdf: Tree, names: Sequence[str]) -> Reader[dict[str, dict[str, float]]]:
     """Return a reader of the entries of each coordinate, or of all coordinates of a joint."""
-    several = [name for name, joint in urdf.joints.items() if joint.kind in SEVERAL]
+    whole_joints = [name for name, joint in urdf.joints.items() if joint.kind in SEVERAL]
 
     def read(where: str, given: Any) -> dict[str, dict[str, float]]:
         """Read the entries of joints as entries of coordinates; own entries of a coordinate win."""
-        joints = mapping_of(record(_JOINT, _given_only), one_of("joint", [*names, *several]))
+        read_entries = mapping_of(record(_JOINT, _given_only), one_of("joint", [*names, *whole_joints]))
+        entries = read_entries(where, given)
         values: dict[str, dict[str, float]] = {}
-        for name, entry in sorted(joints(where, given).items(), key=lambda item: item[0] not in several):
-            coordinates = urdf.joints[name].coordinates if name in several else (name,)
+        # whole joints first: what is given for one of their coordinates replaces what is given for all
+        for name in sorted(entries, key=lambda name: name not in whole_joints):
+            entry = entries[name]
+            coordinates = urdf.joints[name].coordinates if name in whole_joints else (name,)
             if name not in urdf.joints and "armature" in entry:
                 raise RobotFileError(
                     f"{below(below(where, name), 'armature')}: a ball has one for all directions; give it "

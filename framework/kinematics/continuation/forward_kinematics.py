@@ -182,17 +182,18 @@ def _follow_motors(robot: ParallelRobot, start: Places, q_a: Array) -> Way:
         apart = straight | (after.clearance > BRANCHES_CROSS)
         return apart & keeps_assembly_mode(before.linearised, after.linearised)
 
-    def end(share: float, before: Places) -> tuple[float, Places] | None:
+    def end(share: float, last: Places) -> tuple[float, Places] | None:
         """Find the Type 2 singularity ahead of a place, as its share of the way and place; None if none.
 
 
         Joint rates by the motors are infinite there: the place has rates of zero instead.
         """
-        ahead = motors_turning_points(robot, before.q, np.array([share]), turn)
-        if not ahead.found[0]:
+        singular = motors_turning_points(robot, last.q, np.array([share]), turn)
+        if not singular.found[0]:
             return None
-        nearest = clearance(robot, ahead.linearised)
-        return float(ahead.share[0]), Places(ahead.q, ahead.linearised, np.zeros_like(turn), nearest)
+        joint_rates = np.zeros_like(turn)
+        distance = clearance(robot, singular.linearised)
+        return float(singular.share[0]), Places(singular.q, singular.linearised, joint_rates, distance)
 
     first_place = place(start.q, start.linearised, start.clearance)
     if first_place is None or start.clearance[0] < RANK_LOST:  # on the meeting of two modes
