@@ -247,7 +247,7 @@ def _crossings(plan: CrossingPlan) -> list[str]:
 
 
 def _certificate(plan: CrossingPlan) -> list[str]:
-    """Return the certificate in lines; idle turns and open loops where there are some."""
+    """Return the certificate in lines, with idle turns and open loops of robots that have some."""
     robot, certificate = plan.robot, plan.certificate
     settled = ""
     if robot.n_e and plan.geometry == "deformed":

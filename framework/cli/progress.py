@@ -72,7 +72,7 @@ class Progress:
         self._done = done
 
     def _show(self) -> None:
-        """Rewrite the line whenever it changes, until the block ends; then erase it."""
+        """Rewrite the line at each change until the block ends; then erase the line."""
         printed, wait = "", FIRST
         with suppress(OSError, ValueError):  # the terminal has gone
             while not self._ended.wait(wait):

@@ -127,7 +127,7 @@ def _telling_film(options: Namespace) -> Film:
 
 
 def _serve(options: Namespace, page: str, robot: ParallelRobot | None) -> Report:
-    """Serve a page on this machine until interrupted; open it in the browser."""
+    """Serve a page on this machine, open in the browser, until interrupted."""
     from framework.show.jogging import move_by_hand
     from framework.show.server import PageServer
 

@@ -166,7 +166,7 @@ def _quantities(options: Namespace, robot: ParallelRobot) -> list[str] | None:
 
 
 def _window(options: Namespace, robot: ParallelRobot, path: Path | None) -> Window:
-    """Return the window of options: given bounds, or what a survey finds reached."""
+    """Return the window of options: given bounds, or the region that a survey finds reached."""
     axes = None if options.over is None else tuple(options.over)
     centre = path(np.zeros(1))[0] if options.at is None and path is not None else options.at
     size = options.size or EDGE_POSES

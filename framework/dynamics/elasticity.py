@@ -327,7 +327,7 @@ class _Iteration:
         return np.maximum(1.0 / (scale * largest), stiffness * scale / force)
 
     def _result(self, current: Pass, deflections: TimeFunction) -> DeflectionSolution:
-        """Return the solution of a pass, with its relative change and what limits it."""
+        """Return the solution of a pass, with its relative change and the obstacle to a smaller one."""
         return DeflectionSolution(
             grid=self.grid,
             law=current.law,

@@ -164,7 +164,7 @@ class TwoAngles(DirectionChart):
         return np.stack([first, np.arctan2(self.hand * a, np.hypot(b, c))], axis=1)
 
     def direction_couples(self, u: Array, du: Array) -> tuple[Array, Array]:
-        """Compute the couples a - (a . u) q / q^2 and hand u x a / |q|, with rates, each (T, 2, 3)."""
+        """Compute couples a - (a.u) q/q^2 and hand u x a/|q|, with rates, each (T, 2, 3)."""
         a = np.eye(3)[self.axes[0]]
         along, along_rate = (vector[:, self.axes[:1]] for vector in (u, du))
         q, dq = u - along * a, du - along_rate * a
@@ -194,7 +194,7 @@ class RotationVector(Attitude):
         return rotation_vector(rotation @ target.transpose(0, 2, 1))[:, self.axes]
 
     def rates(self, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array]:
-        """Compute w = dr + a r x dr + b r x (r x dr) and dw/dt, (T, 3); a, b depend on |r|^2."""
+        """Compute w = dr + a(|r|) r x dr + b(|r|) r x (r x dr) and dw/dt, (T, 3)."""
         r, dr, ddr = (self._vector(part) for part in (x, dx, ddx))
         once, once_rate = cross(r, dr), cross(r, ddr)
         twice, twice_rate = cross(r, once), cross(dr, once) + cross(r, once_rate)

@@ -189,7 +189,7 @@ class FramePlatform(PlatformCoordinates):
         return wrenches
 
     def wrench_rates(self, frames: FrameStack, w: Array, screw_rates: Array) -> Array:
-        """Compute rates (T, n, 6) of the wrenches: zero for forces, those of the chart for couples."""
+        """Compute rates (T, n, 6) of the wrenches: zero for forces, the chart's for couples."""
         rates = np.zeros((len(w), self.n, 6))
         rates[:, self.turning, 3:] = self.attitude.couple_rates(frames.rotation[:, 0], w)
         return rates
@@ -228,7 +228,10 @@ class FramePlatform(PlatformCoordinates):
         return v, dv
 
     def velocity_changes(self, variation: FrameVariation) -> Array:
-        """Compute changes (2, T, k, n) of v and dv/dt; of turns v = C w, dv/dt = C dw/dt + dC/dt w."""
+        """Compute changes (2, T, k, n) of v and dv/dt.
+
+        For turns v = C w and dv/dt = C dw/dt + dC/dt w, with the chart's couples C.
+        """
         changes = np.empty((2, *variation.twist.shape[:2], self.n))
         changes[..., self.sliding] = changes_of(variation.rates[1:, :, :, 0, 3, self.along])
         rotation = variation.rates[0, :, :, 0, :3].swapaxes(2, 3).reshape(-1, 3, 3)
@@ -289,7 +292,7 @@ class JointPlatform(PlatformCoordinates):
         return np.zeros((2, *variation.twist.shape[:2], self.n))
 
     def frame_twist(self, frames: FrameStack, v: Array) -> Array:
-        """Compute the twist (T, 6) of the frame's origin: joint screws times v (T, n), shifted there."""
+        """Compute the twist (T, 6) at the frame's origin: joint screws times v (T, n)."""
         screws = frames.screws[:, self.columns]
         twist = matvec(np.swapaxes(screws, 1, 2), v)  # at the base's origin
         twist[:, :3] += np.cross(twist[:, 3:], frames.position[:, 0])

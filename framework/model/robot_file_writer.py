@@ -123,7 +123,7 @@ def _closure(closure: Closure) -> dict[str, Any]:
 
 
 def _scene(scene: Scene) -> dict[str, Any]:
-    """Return the entry of a scene: path and the options that it states."""
+    """Return the entry of a scene: its path and stated options."""
     entry: dict[str, Any] = {
         scene.kind: [list(point) for point in scene.points],
         **{key: getattr(scene, key) for key in ("blend", "duration", "optimize") if getattr(scene, key)},

@@ -166,7 +166,7 @@ def _loose_sentence(robot: ParallelRobot, loose: LooseMotion) -> str:
 
 
 def _document(robot: ParallelRobot, pose: JoggedPose) -> Document:
-    """Return a pose as the page draws it: bodies, platform, motors, measures and words."""
+    """Return a pose for the page: bodies, platform, motors, measures and words."""
     poses = joint_poses(robot, pose.q[None])
     twist = platform_frame_twists(robot, pose.q[None], pose.twist[None])[0]
     document: Document = plain(

@@ -92,7 +92,7 @@ def _document(workspace: WorkspaceMap, path: Path | None) -> Document:
 
 
 def _quantity(workspace: WorkspaceMap, quantity: Quantity) -> Document:
-    """Return a quantity as the page draws it: values, range and colours."""
+    """Return a quantity for the page: values, range and colours."""
     palette, norm = colours(workspace, quantity)
     shades = np.round(255 * palette(np.linspace(0.0, 1.0, COLOR_LEVELS))[:, :3]).astype(int)
     return {

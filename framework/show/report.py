@@ -173,7 +173,7 @@ def _law(plan: CrossingPlan) -> str:
 
 
 def _certificate(plan: CrossingPlan, film: Film) -> str:
-    """Return the HTML list of what the certificate proves."""
+    """Return the HTML list of the certificate's proofs."""
     certificate = plan.certificate
     sentences = [PROVEN_TORQUE.format(certificate), PROVEN_LOOPS.format(certificate)]
     if plan.crossings:

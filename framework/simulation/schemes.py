@@ -89,10 +89,11 @@ def extrapolate(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) 
     robot = stack.robots[0]
 
     def euler(q: Array, v: Array, h: float, closing_rate: Array | None) -> tuple[State, Array]:
-        """Step by h [s]: (M + h D + h^2 K) a = f and J (v + h a) = closing rate; return that rate (R, m) too.
+        """Step by h [s]; return the state and the rate (R, m) at which loops close.
 
-        All terms are taken at q + h v, so that a part without mass is in balance after the step. Without a
-        `closing_rate` the loops close a share of their gap in the step.
+        The equations are (M + h D + h^2 K) a = f and J (v + h a) = closing rate, with all terms at q + h v,
+        so that a part without mass is in balance after the step. Without a `closing_rate` loops close a share
+        of their gap in the step.
         """
         predicted = integrate(robot, q, h * v)
         terms = stack.terms(predicted, v)

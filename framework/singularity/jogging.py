@@ -248,7 +248,7 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Jogg
         return q
 
     def reach(part: float) -> JoggedPose:
-        """Return the pose after a part of the turn, or just before the singularity that stops it."""
+        """Return the pose after a part of the turn, or just before a singularity on the way."""
         angle = part * (value - motors[index])
         try:
             return pose_at(robot, turn(angle))

@@ -203,8 +203,7 @@ def _first_units(program: SpeedProgram) -> Units:
     if specification.limited:
         return Units(time, 1.0)
     weight = max(float(np.abs(torque.offset / reference).max()) for torque, reference in torques)
-    inertia_torque = inertia / time**2
-    return Units(time, weight or inertia_torque or 1.0)
+    return Units(time, weight or inertia / time**2 or 1.0)
 
 
 def _median_largest(matrix: Any) -> float:

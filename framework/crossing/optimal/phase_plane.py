@@ -191,7 +191,7 @@ def crossing_rows(
     deflections: Deflections | None,
     before: SquaredSpeed | None = None,
 ) -> tuple[float, Array]:
-    """Return sigma of a crossing, and its conditions as rows (k, 4): row . (1, z, u, u') = 0 at sigma.
+    """Return sigma of a crossing and its conditions as rows (k, 4) with row . (1, z, u, u') = 0.
 
     A path that crosses the locus along one uncontrolled motion has the one condition t_s . W_p = 0, without
     u'. Several motions have one each, and a touch adds the derivatives along the path. A coefficient is zero

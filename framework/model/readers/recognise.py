@@ -105,7 +105,7 @@ def _dialect_of_yaml(content: Any) -> str:
 
 
 def _from_xml(path: Path, text: str, options: Options) -> ParsedRobot:
-    """Read an XML file by the reader of its root element, errors with the line they are about."""
+    """Read an XML file by the reader of its root element; prefix errors with their line."""
     from framework.model.readers.mjcf import read_mjcf
     from framework.model.readers.sdf import read_sdf
     from framework.model.readers.urdf import read_urdf
@@ -134,7 +134,7 @@ def _line_of_element(message: str, text: str) -> str:
 def _from_yaml(
     path: Path, text: str, options: Options, parameters_given: Mapping[str, float] | None
 ) -> ParsedRobot:
-    """Read a YAML file of any dialect, and the URDF that it belongs to."""
+    """Read a YAML file of any dialect, with its URDF."""
     text, parameters = with_parameters(text, parameters_given)
     content = parse_yaml(text)
     dialect = _dialect_of_yaml(content)
