@@ -63,6 +63,7 @@ class ReadOnlyArrays:
             self.__dict__[name] = read_only(value) if isinstance(value, np.ndarray) else value
 
     def __post_init__(self) -> None:
+        """Replace all arrays by read-only ones."""
         for name, value in vars(self).items():
             if isinstance(value, np.ndarray):
                 self.__dict__[name] = read_only(value)

@@ -77,6 +77,7 @@ class SingularReference(InvalidInput):
     def __init__(
         self, robot: str, *, rows: Sequence[str], joints: Sequence[str], poses: Sequence[Mapping[str, float]]
     ) -> None:
+        """Write the message: rows and joints without effect, and poses beside the reference."""
         what = [f"{name} holds nothing" for name in rows] + [f"{name} moves nothing" for name in joints]
         shown = [", ".join(f"{joint}: {angle:.6g}" for joint, angle in pose.items()) for pose in poses]
         super().__init__(

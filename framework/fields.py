@@ -99,6 +99,7 @@ def mapping_of(read: Reader[T], read_name: Reader[str] | None = None) -> Reader[
     """Return a reader of a mapping from names to values of one kind."""
 
     def read_named(where: str, given: Any) -> dict[str, T]:
+        """Read each value, and each name if names have a reader."""
         values = {}
         for name, value in mapping(where, given).items():
             place = below(where, name)
@@ -112,6 +113,7 @@ def list_of(read: Reader[T]) -> Reader[tuple[T, ...]]:
     """Return a reader of a list of values of one kind."""
 
     def read_list(where: str, given: Any) -> tuple[T, ...]:
+        """Read each item, named by its place in the list."""
         if not isinstance(given, list | tuple):
             raise InvalidInput(f"{where}: needs a list, got {short(given)}")
         return tuple(read(f"{where}[{i}]", item) for i, item in enumerate(given))
@@ -128,6 +130,7 @@ def entries(read: Reader[T]) -> Reader[tuple[T, ...]]:
     """Return a reader of a list with at least one entry."""
 
     def read_entries(where: str, given: Any) -> tuple[T, ...]:
+        """Read a list; refuse an empty one."""
         if not isinstance(given, list) or not given:
             raise InvalidInput(f"{where}: needs a list with at least one entry, got {given!r}")
         return list_of(read)(where, given)
@@ -173,6 +176,7 @@ def one_of(what: str, valid: Collection[str]) -> Reader[str]:
     """Return a reader of one of some valid names."""
 
     def read_name(where: str, given: Any) -> str:
+        """Return the name; refuse others, with the nearest valid ones."""
         if not isinstance(given, str) or given not in valid:
             raise InvalidInput(f"{where}: {choose_from(what, given, valid)}")
         return given

@@ -54,6 +54,7 @@ def interruptible() -> Iterator[Heard]:
     handlers = {number: handler for number, handler in handlers.items() if handler is not signal.SIG_IGN}
 
     def stop(number: int, frame: FrameType | None) -> NoReturn:
+        """Ignore further signals and raise the error of this one: `Terminated` or KeyboardInterrupt."""
         for handled in handlers:
             signal.signal(handled, signal.SIG_IGN)
         warnings.simplefilter("ignore")  # an import that is broken off halfway may warn

@@ -24,6 +24,7 @@ class Window(ReadOnlyArrays):
     held: Array  # (n,) platform coordinates, constant over the map but for those of `axes`
 
     def __post_init__(self) -> None:
+        """Check the numbers of poses and the order of the ends."""
         super().__post_init__()
         for count in self.shape:
             whole_number("size of a map", count, 2, MAX_EDGE_POSES)

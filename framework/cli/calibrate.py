@@ -71,6 +71,7 @@ def run(options: Namespace) -> Report:
 
 
 def _noise_text(calibration: Calibration) -> str:
+    """Return the estimated noise over the assumed one in words."""
     if calibration.degrees_of_freedom < 1.0:
         return "too few poses to estimate the noise: deviations are those of the noise assumed"
     return (

@@ -132,6 +132,7 @@ class Misuse(Exception):
         *,
         mend: Callable[[str], list[str] | None] | None = None,
     ) -> None:
+        """Keep the message, and a command to try instead or the words that mend the typed one."""
         super().__init__(message)
         self.instead, self.mend = instead, mend
 
@@ -140,12 +141,14 @@ class _Help(argparse.HelpFormatter):
     """Help with a usage of one line; texts of several lines, such as examples, unchanged."""
 
     def add_usage(self, usage: str | None, actions: Any, groups: Any, prefix: str | None = None) -> None:
+        """Write the usage with needed arguments alone; options follow as [options]."""
         needed = [
             self._format_needed(action) for action in actions if action.required or not action.option_strings
         ]
         super().add_usage(usage or " ".join(["%(prog)s", *needed, "[options]"]), actions, groups, prefix)
 
     def _format_needed(self, action: argparse.Action) -> str:
+        """Return a needed argument or option with its placeholders."""
         if not action.option_strings:
             return self._format_args(action, self._get_default_metavar_for_positional(action))
         metavar = self._get_default_metavar_for_optional(action)
@@ -159,6 +162,7 @@ class OneLineParser(argparse.ArgumentParser):
     """argparse with options in groups, errors in one line, and negative numbers with exponents."""
 
     def __init__(self, *, examples: Iterable[str] = (), **settings: Any) -> None:
+        """Set up a parser without abbreviations, with examples at the end of its help."""
         self.examples = tuple(examples)
         epilog = "\n  ".join(["examples:", *self.examples])
         super().__init__(allow_abbrev=False, epilog=epilog, formatter_class=_Help, **settings)
@@ -226,6 +230,7 @@ class OneLineParser(argparse.ArgumentParser):
             ) from None
 
     def error(self, message: str) -> NoReturn:
+        """Raise `Misuse`; propose an example that needs no file where arguments are missing."""
         lacking = "arguments are required" in message  # no typed word can be mended
         anywhere = [example for example in self.examples if NEEDS_NO_FILE.fullmatch(example)]
         raise Misuse(f"{message} (see `{self.prog} --help`)", next(iter(anywhere), None) if lacking else None)
@@ -247,6 +252,7 @@ class _Version(argparse.Action):
     """The option --version, whose value is looked up on demand."""
 
     def __init__(self, option_strings: Sequence[str], dest: str, help: str) -> None:
+        """Set up an option that takes no value and stores none."""
         super().__init__(
             option_strings, dest=argparse.SUPPRESS, default=argparse.SUPPRESS, nargs=0, help=help
         )

@@ -33,6 +33,7 @@ def printable(text: str, allowed: str = "\n") -> str:
     """Return a text with control characters, except `allowed`, and lone surrogates as escapes."""
 
     def write(letter: str) -> str:
+        """Return a letter, or a blank or an escape for one that a terminal would obey."""
         if letter.isprintable() or letter in allowed:
             return letter
         return " " if letter.isspace() else letter.encode("unicode_escape").decode("ascii")
@@ -57,6 +58,7 @@ def tell(text: str, *, aside: bool = False) -> None:
 
 
 def _tell(text: str, stream: TextIO | None) -> None:
+    """Print a text; close a stream whose reader has gone."""
     if stream is None:  # closed by whoever started the program
         return
     try:

@@ -63,6 +63,7 @@ def report_design_study(options: Namespace) -> Report:
     )
 
     def compute_study(store: KeptChunks | None) -> DesignStudy:
+        """Map all designs by several processes; `store` keeps finished chunks."""
         progress = options.progress.start("mapping", len(designs.values), "designs")
         with executor_of(workers=options.workers, dask=options.dask) as executor:
             return design_study(task, designs, executor=executor, keeper=store, progress=progress)
@@ -89,6 +90,7 @@ def finite_window(options: Namespace) -> tuple[float, ...]:
 
 
 def _report(study: DesignStudy, robot: str) -> Report:
+    """Return the results of all designs as a document, and a table of the first ones."""
     count = len(study.why)
     refused = sum(bool(why) for why in study.why)
     medians = [key for key in study.columns if key.endswith("_median")]

@@ -103,6 +103,7 @@ def identification_text(identification: Identification) -> str:
 
 
 def _errors(joints: tuple[str, ...], errors: np.ndarray) -> str:
+    """Return the errors (n,) of the joints in per cent, in words."""
     if not np.isfinite(errors).all():
         return "not known (all at Type 2)"
     return ", ".join(f"{joint} {100 * error:.2g} %" for joint, error in zip(joints, errors, strict=True))

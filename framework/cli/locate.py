@@ -82,6 +82,7 @@ def run(options: Namespace) -> Report:
 def _singularity(
     singular: SingularPoint, shift: dict[str, float] | None, condition: Feasibility | None
 ) -> Document:
+    """Return a singular point with its shift by deflections and condition (8) as a document."""
     entry = {key: getattr(singular, key) for key in POINT_KEYS}
     return entry | {"shift": shift, "condition": condition and condition.to_dict()}
 
@@ -92,6 +93,7 @@ def _lines(
     shift: dict[str, float] | None,
     condition: Feasibility | None,
 ) -> list[str]:
+    """Return a singular point in lines: place, twist, shift by deflections, condition (8)."""
     words = (robot.place(singular.platform), twist_text(robot, singular.twist))
     lines = [POINT.format(singular, *words)]
     if singular.resolution is not None:

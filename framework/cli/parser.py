@@ -20,6 +20,7 @@ def integer_between(least: int, most: int) -> Callable[[str], int]:
     """Return a reader of whole numbers within bounds, for argparse."""
 
     def read(text: str) -> int:
+        """Return the whole number of a text; refuse others in argparse's way."""
         try:
             number = int(text)
         except ValueError:

@@ -231,6 +231,7 @@ def _wrenches(plan: CrossingPlan) -> list[str]:
 
 
 def _crossings(plan: CrossingPlan) -> list[str]:
+    """Return lines for each crossing: place, twist, speed, and its shift under loads."""
     robot, lines = plan.robot, []
     for crossing, loaded in zip(plan.crossings, plan.loaded_points, strict=True):
         words = {
@@ -246,6 +247,7 @@ def _crossings(plan: CrossingPlan) -> list[str]:
 
 
 def _certificate(plan: CrossingPlan) -> list[str]:
+    """Return the certificate in lines, with idle turns and open loops of robots that have some."""
     robot, certificate = plan.robot, plan.certificate
     settled = ""
     if robot.n_e and plan.geometry == "deformed":
@@ -366,6 +368,7 @@ def report_raw(
 def _write_raw(
     raw: Any, robot: ParallelRobot, poles: list[float], document: Document, folder: FilePath
 ) -> None:
+    """Write raw samples of the torques: table, document and figure."""
     from framework.show.plots import plot_raw_torques, save
 
     rows = np.column_stack([raw.time, raw.motor_angle, raw.torque, raw.deflection])

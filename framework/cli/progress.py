@@ -27,11 +27,13 @@ class Progress:
     """The line of one command, shown while the block runs."""
 
     def __init__(self, doing: str) -> None:
+        """Prepare the line; no thread runs before the block begins."""
         self.start(doing)
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
 
     def __enter__(self) -> Progress:
+        """Begin to show the line, if standard error is a terminal that can erase."""
         if sys.stderr is not None and sys.stderr.isatty() and os.environ.get("TERM") != "dumb":
             self._thread = threading.Thread(target=self._show, daemon=True)
             self._thread.start()
@@ -70,6 +72,7 @@ class Progress:
         self._done = done
 
     def _show(self) -> None:
+        """Rewrite the line at each change until the block ends; then erase the line."""
         printed, wait = "", FIRST
         with suppress(OSError, ValueError):  # the terminal has gone
             while not self._ended.wait(wait):

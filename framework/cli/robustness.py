@@ -106,6 +106,7 @@ def add(commands: Any) -> None:
 
 
 def _add_loop(loop: argparse._ArgumentGroup) -> None:
+    """Add the options of the control loop: period, sensors, limits and tolerance."""
     add_number(loop, "--period", "T", "sampling period [s] (default: 1e-3)", default=1e-3)
     loop.add_argument(
         "--sensors", choices=SENSORS, default="motors", help="joints with encoders (default: motors)"
@@ -185,6 +186,7 @@ def _with_feedback(options: Namespace, setup: StudySetup, study: Study) -> Docum
 
 
 def _report(options: Namespace, setup: StudySetup, studies: list[Study], folder: Path | None) -> Report:
+    """Return all studies as a document and as text."""
     robot = setup.plan.robot
     document = {
         "robot": robot.name,
@@ -201,6 +203,7 @@ def _report(options: Namespace, setup: StudySetup, studies: list[Study], folder:
 
 
 def _studies(options: Namespace, setup: StudySetup, stores: dict[str, KeptRuns]) -> list[Study]:
+    """Run one study for each controller, by several processes."""
     controllers = {name: setup.controller(name) for name in _names(options)}
     studies: list[Study] = []
     chunk = None if options.dask else -(-options.runs // options.workers)
@@ -230,6 +233,7 @@ def _count_further(progress: Callable[[float], None], finished: int, done: int) 
 
 
 def _document(study: Study) -> Document:
+    """Return a study as a document: probability, quantiles of errors, and failed runs."""
     return {
         "controller": study.controller,
         "probability": study.probability,
@@ -258,6 +262,7 @@ ROW = (
 
 
 def _text(document: Document) -> str:
+    """Return the table of studies in text, with the first failures of each."""
     lines = [HEAD.format_map(document), *map(ROW.format_map, document["studies"])]
     for study in document["studies"]:
         failures = study["failures"]
@@ -269,6 +274,7 @@ def _text(document: Document) -> str:
 
 
 def _write(setup: StudySetup, studies: list[Study], document: Document, folder: Path) -> None:
+    """Write studies into a folder: document, table of runs, and figure."""
     from framework.show.plots import save
     from framework.show.robustness import plot_robustness
 

@@ -99,6 +99,7 @@ def _films(options: Namespace) -> list[Film]:
 
 
 def _film(options: Namespace, robot: ParallelRobot, scene: str | None) -> Film:
+    """Film the motion of a scene, or of the options alone."""
     from framework.show.film import film_motion
 
     scene_options = Namespace(**{**vars(options), "scene": scene})
@@ -126,6 +127,7 @@ def _telling_film(options: Namespace) -> Film:
 
 
 def _serve(options: Namespace, page: str, robot: ParallelRobot | None) -> Report:
+    """Serve a page on this machine, open in the browser, until interrupted."""
     from framework.show.jogging import move_by_hand
     from framework.show.server import PageServer
 

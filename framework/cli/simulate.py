@@ -97,6 +97,7 @@ def _unit(result: Simulation) -> tuple[str, float]:
 
 
 def _check_on_path(result: Simulation) -> None:
+    """Refuse a simulation whose platform leaves the path by more than is allowed."""
     unit, allowed = _unit(result)
     tracking, turning = result.tracking_error or 0.0, result.turning_error or 0.0
     if tracking <= allowed and turning <= MOTION_OFF_PATH:

@@ -166,6 +166,7 @@ def _quantities(options: Namespace, robot: ParallelRobot) -> list[str] | None:
 
 
 def _window(options: Namespace, robot: ParallelRobot, path: Path | None) -> Window:
+    """Return the window of options: given bounds, or the region that a survey finds reached."""
     axes = None if options.over is None else tuple(options.over)
     centre = path(np.zeros(1))[0] if options.at is None and path is not None else options.at
     size = options.size or EDGE_POSES
@@ -184,6 +185,7 @@ def _compute_map(
     quantities: tuple[Quantity, ...],
     store: KeptChunks | None,
 ) -> WorkspaceMap:
+    """Map the window by several processes; keep poses within limits if asked."""
     progress = options.progress.start("mapping", float(np.prod(window.shape)), "poses")
     with executor_of(workers=options.workers, dask=options.dask) as executor:
         workspace = workspace_map(
@@ -199,6 +201,7 @@ def _compute_map(
 
 
 def _write(workspace: WorkspaceMap, path: Path | None, folder: FilePath) -> None:
+    """Write a map into a folder: numbers, figures and page."""
     from framework.show.map import save_map_figures
     from framework.show.map_page import map_page
 
@@ -208,6 +211,7 @@ def _write(workspace: WorkspaceMap, path: Path | None, folder: FilePath) -> None
 
 
 def _report(workspace: WorkspaceMap, margin: NearestSingularPose | None) -> Report:
+    """Return a map as a document, and in text its counts, locus and statistics."""
     robot, shape = workspace.robot, workspace.window.shape
     document = {**map_document(workspace), "seconds": workspace.seconds}
     spans = _spans(robot, workspace.window)

@@ -33,6 +33,7 @@ class ControlLoop:
     sensors: str = "motors"  # encoders on the motors, or on all "joints"
 
     def __post_init__(self) -> None:
+        """Check tolerances and the name of the sensors."""
         for name in ("tolerance", "end"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):

@@ -26,6 +26,7 @@ class Spread:
     speed_noise: float = 0.0  # [rad/s] or [lengths/s], the same of measured speeds
 
     def __post_init__(self) -> None:
+        """Check deviations: 0 or more, shares below 1."""
         for field in fields(self):
             value = getattr(self, field.name)
             if not (np.isfinite(value) and value >= 0):

@@ -83,12 +83,14 @@ def _tolerance(name: str, value: Any) -> float:
 
 
 def _share(name: str, value: Any) -> float:
+    """Return a number in [0, 1)."""
     if not (is_number(value) and 0 <= value < 1):
         raise InvalidInput(f"{name}: must lie in [0, 1), got {value!r}")
     return float(value)
 
 
 def _yes_or_no(name: str, value: Any) -> bool:
+    """Return true or false; refuse other values, such as 0 and 1."""
     if not isinstance(value, bool | np.bool_):
         raise InvalidInput(f"{name}: must be true or false, got {value!r}")
     return bool(value)
@@ -100,6 +102,8 @@ def _wrenches(name: str, value: Any) -> dict[str, Any] | None:
 
 
 def _one_of(valid: Sequence[str]) -> Check:
+    """Return a check that a value is one of the valid names."""
+
     def check(name: str, value: Any) -> str:
         check_choice(name, value, valid)
         return str(value)
@@ -119,6 +123,7 @@ def _option(
     typed: Mapping[str, Any] | None = None,
     topic: str = LAW,
 ) -> Any:
+    """Return a field of `PlanOptions`: its default, its help, and the check of its values."""
     meaning = {"summary": summary, "details": details, "check": check, "typed": typed, "topic": topic}
     return field(default=default, metadata=meaning)
 
@@ -254,6 +259,7 @@ def _with_parameters_of(
     """Return a decorator that gives **options the signature and the help of `PlanOptions`."""
 
     def decorator(function: Callable[..., R]) -> Callable[Concatenate[ParallelRobot, Path, P], R]:
+        """Replace the last parameter by the options, and {options} in the docstring by their help."""
         signature = inspect.signature(function)
         *positional, _ = signature.parameters.values()
         named = inspect.signature(PlanOptions).parameters.values()

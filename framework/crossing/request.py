@@ -61,6 +61,7 @@ class Request(PlanOptions):
         return request
 
     def __post_init__(self) -> None:
+        """Check each option, then the options of the law against each other."""
         expect_path(self.path)
         for option in OPTIONS.values():
             value = getattr(self, option.name)
@@ -127,6 +128,7 @@ class Request(PlanOptions):
             )
 
     def _check_crossings(self) -> None:
+        """Check speeds [1/s], times [s] and path coordinates of crossings."""
         for speed in self.speeds or ():
             if speed <= 0:
                 raise InvalidInput(f"speeds: s' at a crossing must be greater than zero, got {speed:g}")
@@ -143,6 +145,7 @@ class Request(PlanOptions):
                 raise InvalidInput(f"at: path coordinates must lie in (0, 1), got {s:g}")
 
     def _check_optimal(self) -> None:
+        """Refuse options that contradict the optimal law, with the change that mends the request."""
         if self.times is not None:
             raise InvalidInput("times: belong to the polynomial; the optimal law finds its own").advising(
                 {"times": None, "speeds": None}

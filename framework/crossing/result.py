@@ -196,6 +196,7 @@ class CrossingPlan:
             yield joint, f"{excess} at s = {s_of_joint[joint]:.4g}"
 
     def __repr__(self) -> str:
+        """Return robot, law, crossings and tail in one line."""
         where = ", ".join(f"s = {crossing.s:.9f} at {crossing.time:.6g} s" for crossing in self.crossings)
         return (
             f"CrossingPlan({self.robot.name}, {self.robot.flexibility}, {self.geometry}: {self.law.kind} "

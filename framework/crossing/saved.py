@@ -194,6 +194,7 @@ def robot_place(robot: ParallelRobot, folder: FilePath | None = None) -> str:
 
 
 def _request_document(request: Request) -> Document:
+    """Return the request as a document: path by its points, and all options."""
     path = request.path
     if not isinstance(path, PointPath):
         raise InvalidInput(
@@ -208,6 +209,7 @@ def _request_document(request: Request) -> Document:
 
 
 def _law_document(law: object) -> Document:
+    """Return the law as a document; refuse a law of a kind that cannot be read again."""
     document = law.to_dict() if isinstance(law, PlannedLaw) else {"kind": type(law).__name__}
     kind = document.get("kind", Law.kind)
     if kind not in LAW_KINDS:
@@ -219,6 +221,7 @@ def _law_document(law: object) -> Document:
 
 
 def _crossing_document(crossing: Crossing) -> Document:
+    """Return a crossing as a document, arrays as lists."""
     condition = crossing.condition
     return vars(crossing) | {
         "twist": crossing.twist.tolist(),

@@ -124,6 +124,7 @@ class BalanceEquations:
     """Those of a path and a family of laws, with `steps` (k,) of the scalars for differences."""
 
     def __init__(self, branch: Branch, family: Family, steps: Array) -> None:
+        """Keep path, laws and steps; choose units of springs and how many orders of their rates count."""
         self.branch, self.family, self.steps = branch, family, steps
         self.units = spring_units(branch.robot)
         self.stiffness = float((branch.robot.stiffness * self.units**2).max())  # of each spring, in its unit
@@ -145,6 +146,12 @@ class BalanceEquations:
         return BalanceState(series, scalars, points, balance)
 
     def _points(self, series: Array, scalars: Array) -> CoursePoints:
+        """Evaluate motion and deflections, with two rates, at 2 N nodes of each panel.
+
+
+        With r = d(xi)/dt and a = dr/dt the bases of value, rate and acceleration are
+        T_k, r T_k' and r^2 T_k'' + a T_k'.
+        """
         clock, (panels, N, n_e) = self.family(scalars), series.shape
         half = 0.5 * np.diff(clock.edges)[:, None]
         s, rate, acceleration = clock.motion((clock.edges[:-1, None] + half * (nodes(2 * N) + 1.0)).ravel())

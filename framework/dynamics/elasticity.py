@@ -140,6 +140,7 @@ def assess_deflections(
 
 
 def _small_displacements(branch: Branch, grid: TimeGrid, current: Pass) -> DeflectionSolution:
+    """Return the deflections that forces of the undeformed robot cause, and their motion."""
     deflections, motion = grid.fit(current.caused), current.motion
     if branch.robot.n_e:
         motion = evaluate_deflected_motion(branch, grid, current.law, deflections, current)[1]
@@ -147,6 +148,7 @@ def _small_displacements(branch: Branch, grid: TimeGrid, current: Pass) -> Defle
 
 
 def _check_stiffness(robot: ParallelRobot, grid: TimeGrid, current: Pass) -> None:
+    """Refuse springs that the forces of the undeformed robot deflect beyond `MAX_DEFLECTION`."""
     size = np.abs(current.caused / spring_scale(robot))
     if np.all(size <= MAX_DEFLECTION):
         return
@@ -274,6 +276,7 @@ class _Iteration:
             return self.grid.fit(values * weights).coefficients[:, :count].ravel()
 
         def step(unknowns: Array) -> Array:
+            """Return series coefficients of weighted unknowns; coefficients from `count` on are zero."""
             series = np.zeros_like(current.function.coefficients)
             series[:, :count] = unknowns.reshape(len(series), count, -1) / weights
             return series
@@ -324,6 +327,7 @@ class _Iteration:
         return np.maximum(1.0 / (scale * largest), stiffness * scale / force)
 
     def _result(self, current: Pass, deflections: TimeFunction) -> DeflectionSolution:
+        """Return the solution of a pass, with its relative change and the obstacle to a smaller one."""
         return DeflectionSolution(
             grid=self.grid,
             law=current.law,

@@ -116,6 +116,7 @@ def resolve_law(
     """Call `resolve` with a given law, and again with deflections of `restoration` if passes fail."""
 
     def with_deflections(known: KnownDeflections | None) -> InverseDynamics:
+        """Resolve the law with known deflections; if None, with deflections that passes find."""
         return resolve(
             searched, lambda *_: law, geometry=geometry, tolerance=tolerance, friction=friction, known=known
         )

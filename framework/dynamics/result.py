@@ -98,6 +98,7 @@ class InverseDynamics(ReadOnlyArrays):
     wrenches: ExternalWrenches = NO_WRENCHES  # of the world, along the path
 
     def __repr__(self) -> str:
+        """Return robot, geometry, duration, crossings and tail in one line."""
         return (
             f"InverseDynamics({self.robot.name}, {self.robot.flexibility}, {self.geometry}: "
             f"{self.duration:g} s, crossings at {[round(p.time, 6) for p in self.crossings]} s, tail "

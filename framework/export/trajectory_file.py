@@ -172,6 +172,7 @@ def read_joint_trajectory(file: str | Path) -> TrajectoryFile:
 
 
 def _parse(content: str) -> Any:
+    """Read a text as JSON if { is its first letter, else as YAML."""
     try:
         if content.lstrip().startswith("{"):
             return json.loads(content)

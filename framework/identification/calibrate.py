@@ -333,6 +333,7 @@ class GaussNewton:
     """
 
     def __init__(self, model: ParallelRobot, measured: Measurements, q: Array, prior: Array) -> None:
+        """Start at the file's parameters, all instants of full weight, with the assumed noise."""
         self.model, self.measured, self.q, self.prior = model, measured, q, prior
         self.values, self.weights = np.zeros(len(prior)), np.ones(len(q))
         self.noise, self.freedom, self.count = 1.0, 0.0, 0
@@ -429,7 +430,7 @@ class GaussNewton:
         is the assumed one.
         """
         count = equations.right.size - self.measured.driven * len(self.q)
-        powers = self._powers(equations)
+        powers = self._squared_singular_values(equations)
 
         def freedom(noise: float) -> float:
             return count - float(np.sum(powers / (powers + noise**2)))
@@ -448,17 +449,19 @@ class GaussNewton:
             self.noise = float(brentq(excess, LEAST_NOISE, high, xtol=RANK_ROUNDING * LEAST_NOISE))
         self.freedom = freedom(self.noise)
 
-    def _powers(self, equations: ParameterEquations) -> Array:
-        """Return squared singular values (p,) of the data's rows on parameters over their deviations.
+    def _squared_singular_values(self, equations: ParameterEquations) -> Array:
+        """Return squared singular values (p,) of A S: the data's rows A per deviation S of parameters.
 
-        Deviations are those by the prior and by the loop equations that no joint can close. Along the right
-        singular vectors of these equations they are (1 + w^2)^(-1/2), with w the singular values.
+        S combines the prior deviations D and the slopes L of loop equations that no joint can close. With
+        L D = U diag(w) V^T it is D V diag(1 + w^2)^(-1/2).
         """
         size = len(self.prior)
+        # zero rows make w and V complete where there are fewer loop equations than parameters
         loops = np.concatenate([rows_of(equations.loop_slopes) * self.prior, np.zeros((size, size))])
-        _, values, directions = np.linalg.svd(np.linalg.qr(loops, mode="r"))
+        triangle = np.linalg.qr(loops, mode="r")  # the same w and V as all rows, at (p, p)
+        _, w, V_transposed = np.linalg.svd(triangle)
         rows = rows_of(self.weights[:, None, None] * equations.matrix) * self.prior
-        rows = rows @ directions.T / np.sqrt(1.0 + values**2)
+        rows = rows @ V_transposed.T / np.sqrt(1.0 + w**2)
         return np.linalg.eigvalsh(rows.T @ rows).clip(0.0)
 
 

@@ -34,6 +34,7 @@ class Sensors:
     seed: int = 0
 
     def __post_init__(self) -> None:
+        """Check that all values are at least 0, and the rate greater."""
         for field in fields(self):
             value = getattr(self, field.name)
             is_rate = field.name == "rate"

@@ -85,6 +85,7 @@ class TwistAngle(Attitude):
     """The turn about one axis by the swing-twist decomposition, which leaves the least other turn."""
 
     def coordinates(self, rotation: Array) -> Array:
+        """Compute the angle (T, 1) [rad] about axis i: arctan2(R_kj - R_jk, R_jj + R_kk), ijk cyclic."""
         i = int(self.axes[0])
         j, k = (i + 1) % 3, (i + 2) % 3
         sine = rotation[:, k, j] - rotation[:, j, k]
@@ -123,6 +124,7 @@ class SwingTwistAngle(DirectionChart, TwistAngle):
     """
 
     def direction_couples(self, u: Array, du: Array) -> tuple[Array, Array]:
+        """Compute the couple (e + u) / (1 + e . u) and its rate, each (T, 1, 3)."""
         i = self.frame_axis
         size = 1.0 + u[:, i, None]
         couple = (np.eye(3)[i] + u) / size
@@ -156,11 +158,13 @@ class TwoAngles(DirectionChart):
         return float(np.linalg.det(np.eye(3)[[*self.axes, self.frame_axis]]))
 
     def coordinates(self, rotation: Array) -> Array:
+        """Compute the angles x_1, x_2 (T, 2) [rad] from u = R c: u = R_a(x_1) R_b(x_2) c."""
         a, b, c = (rotation[:, k, self.frame_axis] for k in (*self.axes, self.frame_axis))  # R c on a, b, c
         first = np.arctan2(-self.hand * b, c)
         return np.stack([first, np.arctan2(self.hand * a, np.hypot(b, c))], axis=1)
 
     def direction_couples(self, u: Array, du: Array) -> tuple[Array, Array]:
+        """Compute couples a - (a.u) q/q^2 and hand u x a/|q|, with rates, each (T, 2, 3)."""
         a = np.eye(3)[self.axes[0]]
         along, along_rate = (vector[:, self.axes[:1]] for vector in (u, du))
         q, dq = u - along * a, du - along_rate * a
@@ -190,6 +194,7 @@ class RotationVector(Attitude):
         return rotation_vector(rotation @ target.transpose(0, 2, 1))[:, self.axes]
 
     def rates(self, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array]:
+        """Compute w = dr + a(|r|) r x dr + b(|r|) r x (r x dr) and dw/dt, (T, 3)."""
         r, dr, ddr = (self._vector(part) for part in (x, dx, ddx))
         once, once_rate = cross(r, dr), cross(r, ddr)
         twice, twice_rate = cross(r, once), cross(dr, once) + cross(r, once_rate)
@@ -201,6 +206,7 @@ class RotationVector(Attitude):
         return omega[:, self.axes], alpha[:, self.axes]
 
     def unwrap(self, x: Array, near: Array) -> Array:
+        """Add whole turns along each rotation vector (T, 3) [rad] until nearest to `near`."""
         angle = np.sqrt(dot(x, x))[:, None]
         about = x / np.where(angle > 0, angle, 1.0)
         missing = dot(about, near)[:, None] - angle

@@ -87,6 +87,7 @@ class LinearisedLoops:
         )
 
     def _factor(self, band: Band | None, part: Part, what: str) -> Factors:
+        """Factor a part (T, k, k) of dF/dq as a band matrix; a part without a band is not square."""
         if band is None:
             raise np.linalg.LinAlgError(f"{what} do not make a square system")
         return band.factor(self.entries.take(part.entry, axis=1))

@@ -211,6 +211,7 @@ def columns_of(model: pin.Model, joints: Iterable[str]) -> IntArray:
 
 
 def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
+    """Build the mechanism at a flexibility: model with springs, loop equations and joint parameters."""
     description = parsed.description
     springs = description.active_springs(flexibility)
     model = _sprung_model(parsed, springs)

@@ -118,6 +118,7 @@ def legs(robot: ParallelRobot) -> tuple[Leg, ...]:
         np.logical_or.at(needs, label[first], needs[label[second]])
 
     def leg(k: int) -> Leg:
+        """Return leg k: its motors, equations, columns, and the legs to solve before."""
         columns = np.flatnonzero(label == k)
         motors = tuple(robot.actuator_names[c] for c in columns if c < robot.n_a)
         needed = np.flatnonzero(needs[k, label] & (label != k))

@@ -56,6 +56,7 @@ def joint_rates(robot: ParallelRobot, linearised: LinearisedLoops, platform: Arr
 
 
 def _solve_rates(robot: ParallelRobot, linearised: LinearisedLoops, right: Array, elastic: Array) -> Array:
+    """Compute joint rates (..., T, nv): J_moving v_moving = right - J_elastic v_elastic."""
     rates = np.zeros((*right.shape[:-1], robot.model.nv))
     if robot.n_e:
         rates[..., robot.elastic] = elastic

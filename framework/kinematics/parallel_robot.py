@@ -191,6 +191,7 @@ class ParallelRobot(Mechanism):
         return self.coordinates.positions(q)[:, self.actuated]
 
     def __repr__(self) -> str:
+        """Return name, flexibility, platform axes, motors and springs in one line."""
         return (
             f"ParallelRobot({self.name!r}, {self.flexibility}: platform {', '.join(self.axis_names)}; "
             f"motors {', '.join(self.actuator_names)}; springs {', '.join(self.spring_names) or 'none'})"

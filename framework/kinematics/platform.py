@@ -144,6 +144,7 @@ class FramePlatform(PlatformCoordinates):
         return FramePlatform(translations, sliding, axes[sliding], axes, np.eye(6)[axes], turning, attitude)
 
     def choose_chart(self, rotations: Array) -> FramePlatform:
+        """Return the same coordinates, by swing and twist if R (T, 3, 3) turns about other axes too."""
         if not isinstance(self.attitude, TwistAngle):
             return self
         return replace(self, attitude=twist_angle_for(self.attitude, rotations))
@@ -154,12 +155,14 @@ class FramePlatform(PlatformCoordinates):
         return self.attitude.constant
 
     def coordinates(self, frames: FrameStack) -> Array:
+        """Compute x (T, n) [m, rad]: positions of the frame's origin and angles of its attitude."""
         x = np.empty((len(frames.position), self.n))
         x[:, self.sliding] = frames.position[:, 0, self.along]
         x[:, self.turning] = self.attitude.coordinates(frames.rotation[:, 0])
         return x
 
     def residual(self, frames: FrameStack, x: Array) -> Array:
+        """Compute the offset (T, n) of the frame from x [m, rad], turns the short way."""
         if self.is_point:
             return frames.position[:, 0, self.along] - x
         off = np.empty((len(x), self.n))
@@ -168,11 +171,13 @@ class FramePlatform(PlatformCoordinates):
         return off
 
     def unwrap(self, x: Array, near: Array) -> Array:
+        """Compute coordinates (T, n) with the turns counted on from `near`; translations stay."""
         x = x.copy()
         x[:, self.turning] = self.attitude.unwrap(x[:, self.turning], near[..., self.turning])
         return x
 
     def wrenches(self, frames: FrameStack) -> Array:
+        """Compute unit forces and the attitude's couples as wrenches (T, n, 6), or (n, 6) if constant."""
         if self.constant:
             return self.units
         couples = self.attitude.couples(frames.rotation[:, 0])
@@ -185,22 +190,27 @@ class FramePlatform(PlatformCoordinates):
 
     def jacobian(self, frames: FrameStack) -> Array:
         only = frames._replace(placements=frames.placements[:, :1], carried=frames.carried[:1])
-        return self._yield(frames, only.jacobian[:, 0])
+        return self._power(frames, only.jacobian[:, 0])
 
     def drift(self, frames: FrameStack, motions: FrameMotions) -> Array:
-        drift = self._yield(frames, motions.drift[:, 0, :, None])[..., 0]
+        """Compute dv/dt (T, n) at zero joint accelerations: C d(twist)/dt + dC/dt w, with wrenches C."""
+        frame_drift, frame_twist = motions.drift[:, 0], motions.twist[:, 0]  # of the platform's, the first
+        drift = self._power(frames, frame_drift[:, :, None])[..., 0]
         if not self.constant:
-            w = motions.twist[:, 0, 3:]
-            drift[:, self.turning] += matvec(self.attitude.couple_rates(frames.rotation[:, 0], w), w)
+            w = frame_twist[:, 3:]
+            couple_rates = self.attitude.couple_rates(frames.rotation[:, 0], w)
+            drift[:, self.turning] += matvec(couple_rates, w)
         return drift
 
     def frame_twist(self, frames: FrameStack, v: Array) -> Array:
+        """Compute a twist (T, 6) of the frame with this v (T, n), zero along free axes and turns."""
         six = np.zeros((len(v), 6))
         six[:, self.along] = v[:, self.sliding]
         six[:, 3:] = self.attitude.turning(frames.rotation[:, 0], v[:, self.turning])
         return six
 
     def twist(self, x: Array, dx: Array, ddx: Array | None = None) -> tuple[Array, Array]:
+        """Compute v = E(x) dx and dv/dt, each (T, n); only a rotation vector has E other than 1."""
         ddx = np.zeros_like(dx) if ddx is None else ddx
         if self.attitude.by_rates:
             return dx, ddx
@@ -209,6 +219,10 @@ class FramePlatform(PlatformCoordinates):
         return v, dv
 
     def velocity_changes(self, variation: FrameVariation) -> Array:
+        """Compute changes (2, T, k, n) of v and dv/dt.
+
+        For turns v = C w and dv/dt = C dw/dt + dC/dt w, with the chart's couples C.
+        """
         changes = np.empty((2, *variation.twist.shape[:2], self.n))
         changes[..., self.sliding] = changes_of(variation.rates[1:, :, :, 0, 3, self.along])
         rotation = variation.rates[0, :, :, 0, :3].swapaxes(2, 3).reshape(-1, 3, 3)
@@ -218,7 +232,7 @@ class FramePlatform(PlatformCoordinates):
         changes[..., self.turning] = changes_of(turns).reshape(*changes.shape[:3], -1)
         return changes
 
-    def _yield(self, frames: FrameStack, twists: Array) -> Array:
+    def _power(self, frames: FrameStack, twists: Array) -> Array:
         """Compute the power (T, n, k) of the wrenches on twists (T, 6, k) of the frame."""
         return twists[:, self.axes] if self.constant else matmul(self.wrenches(frames), twists)
 
@@ -266,6 +280,7 @@ class JointPlatform(PlatformCoordinates):
         return np.zeros((2, *variation.twist.shape[:2], self.n))
 
     def frame_twist(self, frames: FrameStack, v: Array) -> Array:
+        """Compute the twist (T, 6) at the frame's origin: joint screws times v (T, n)."""
         screws = frames.screws[:, self.columns]
         twist = matvec(np.swapaxes(screws, 1, 2), v)  # at the base's origin
         twist[:, :3] += np.cross(twist[:, 3:], frames.position[:, 0])

@@ -21,6 +21,7 @@ class SinglePose:
     """Loop equations, Jacobian and drift of one configuration at a time, for one thread."""
 
     def __init__(self, robot: ParallelRobot) -> None:
+        """Allocate the memory of one pose: frames, m loop equations and their Jacobian (m, nv)."""
         rows, scratch = robot.rows, Scratch.of(robot.model, robot.frames)
         self.robot, self.scratch, m = robot, scratch, len(rows.names)
         self._placed = np.empty((len(scratch.frames), 4, 3))  # axes and origin of each frame

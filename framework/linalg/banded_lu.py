@@ -96,6 +96,7 @@ class Factors:
         return self._solve(right, band.column_order, band.row_position, transposed=True)
 
     def _solve(self, right: Array, order: IntArray, position: IntArray, *, transposed: bool) -> Array:
+        """Solve with rows of right-hand sides in `order`; return unknowns by their `position`."""
         from scipy.linalg.lapack import dgbtrs
 
         if self.singular:

@@ -82,6 +82,7 @@ def solve_or_fit(matrices: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
 
 
 def _solve_one(matrix: Array, right: Array) -> Array:
+    """Solve one system; return infinite values if the matrix is singular."""
     try:
         return np.asarray(np.linalg.solve(matrix, right))
     except np.linalg.LinAlgError:

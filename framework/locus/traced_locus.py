@@ -311,6 +311,11 @@ def _second_tangent(equations: LocusEquations, crossing: Points) -> Array | None
     normal /= np.linalg.norm(normal)
 
     def second(w: Array) -> float:
+        """Compute the second derivative along w of the equation without slope: y . F''(w, w).
+
+
+        y is the left null vector of the slopes; the derivative is a central difference.
+        """
         ends = equations.move(np.repeat(crossing.q, 2, axis=0), DIFFERENCE_STEP * np.stack([w, -w]))
         values = equations.evaluate(ends, select(crossing.border, np.zeros(2, dtype=np.intp))).values
         return float(left[:, -1] @ (values[0] + values[1] - 2 * evaluated.values[0]) / DIFFERENCE_STEP**2)

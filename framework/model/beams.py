@@ -239,6 +239,7 @@ def _section_axes(along: Array, y: ArrayLike | None) -> Array:
 
 
 def _spring(name: str, after: str, stiffness: dict[str, float], axes: tuple[str, ...]) -> Spring:
+    """Return a link's spring behind joint `after`; refuse empty names, unknown and repeated axes."""
     if not name or not after:
         raise InvalidInput(f"name and after: need names, got {name!r} and {after!r}")
     for axis in axes:
@@ -249,6 +250,7 @@ def _spring(name: str, after: str, stiffness: dict[str, float], axes: tuple[str,
 
 
 def _positive(**values: float) -> None:
+    """Refuse named values that are not finite and greater than zero."""
     for name, value in values.items():
         if not 0.0 < value < math.inf:
             raise InvalidInput(f"{name}: must be a finite number greater than zero, got {value!r}")

@@ -101,6 +101,7 @@ class Closure:
     length: float | None = None
 
     def __post_init__(self) -> None:
+        """Refuse a distance without a length, and locked axes with one."""
         if (set(self.axes) <= set(AXES)) != (self.length is None):
             raise RobotFileError(
                 f"closure {self.name}: a length goes with rows such as distance, and with no others, "

@@ -80,6 +80,7 @@ class _Builder(ElementTree.TreeBuilder):
         self._count = 0
 
     def start(self, tag: str, attrs: dict[str, str]) -> ElementTree.Element:
+        """Begin an element; refuse more than `MAX_XML_ELEMENTS`."""
         self._count += 1
         if self._count > MAX_XML_ELEMENTS:
             raise RobotFileError(f"more than {MAX_XML_ELEMENTS} XML elements")
@@ -122,6 +123,7 @@ class _Loader(Composer, CParser, SafeConstructor, Resolver):
     """
 
     def __init__(self, text: str) -> None:
+        """Set up libyaml's parser and the stages of a safe loader."""
         CParser.__init__(self, text)
         Composer.__init__(self)
         SafeConstructor.__init__(self)
@@ -129,12 +131,14 @@ class _Loader(Composer, CParser, SafeConstructor, Resolver):
         self._count = 0
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        """Compose a node; refuse more than `MAX_YAML_VALUES`."""
         self._count += 1
         if self._count > MAX_YAML_VALUES:
             raise _too_many()
         return super().compose_node(parent, index)
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        """Construct a mapping; refuse a key that occurs twice, with both lines."""
         lines: dict[Hashable, int] = {}
         for key_node, _ in node.value:
             key, line = self.construct_object(key_node, deep=True), key_node.start_mark.line + 1

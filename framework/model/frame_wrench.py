@@ -68,6 +68,7 @@ class FrameWrench(ReadOnlyArrays):
 
     @cached_property
     def _spline(self) -> Any:
+        """The interpolating spline of the rows over their first column, of degree `TABLE_DEGREE` at most."""
         from scipy.interpolate import make_interp_spline
 
         return make_interp_spline(self.rows[:, 0], self.rows[:, 1:], k=min(TABLE_DEGREE, len(self.rows) - 1))

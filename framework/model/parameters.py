@@ -82,12 +82,14 @@ def fill_placeholders(text: str, values: Mapping[str, float]) -> str:
 
 
 def _name(name: Any) -> str:
+    """Return the name of a parameter; refuse others than identifiers, functions and pi."""
     if not isinstance(name, str) or not name.isidentifier() or name in _FUNCTIONS or name == "pi":
         raise RobotFileError(f"parameters: {short(name)} is no name for a parameter: letters, digits and _")
     return name
 
 
 def _values(name: str, given: Any) -> list[float]:
+    """Read a number or a list of numbers as the values of a parameter."""
     values = given if isinstance(given, list) else [given]
     if not values or len(values) > MAX_PARAMETER_VALUES:
         raise RobotFileError(
@@ -100,6 +102,7 @@ def _values(name: str, given: Any) -> list[float]:
 
 
 def _evaluate(expression: str, values: Mapping[str, float]) -> float:
+    """Compute the value of an expression; refuse text too long, no arithmetic, or not finite."""
     place = f"${{{expression[:60]}}}"
     if len(expression) > MAX_EXPRESSION_CHARACTERS:
         raise RobotFileError(f"{place}: more than {MAX_EXPRESSION_CHARACTERS} letters")
@@ -115,6 +118,7 @@ def _evaluate(expression: str, values: Mapping[str, float]) -> float:
 
 
 def _value(node: ast.expr, values: Mapping[str, float], place: str) -> float:
+    """Compute the value of a node of the syntax tree; refuse all but arithmetic."""
     if isinstance(node, ast.Constant) and type(node.value) in (int, float):
         return float(node.value)  # type: ignore[arg-type]  # a number, and no truth value
     if isinstance(node, ast.Name):

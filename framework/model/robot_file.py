@@ -134,6 +134,7 @@ def _add_spring(
 
 
 def _version(where: str, given: Any) -> int:
+    """Read the version of a robot file; refuse all but `VERSION`."""
     version = integer(where, given)
     if version != VERSION:
         raise RobotFileError(f"{where}: got {version}, this program reads version {VERSION}")
@@ -172,6 +173,7 @@ def _urdf(
 
 
 def _added_frame(urdf: Tree) -> Reader[dict[str, Any]]:
+    """Return a reader of a frame on a link, with a body of mass [kg] and inertia if stated."""
     table = {
         "name": required(text),
         "parent": required(one_of("link", urdf.links)),
@@ -181,6 +183,7 @@ def _added_frame(urdf: Tree) -> Reader[dict[str, Any]]:
     body = {"mass": required(positive), "inertia": optional(_moments, (0.0, 0.0, 0.0))}
 
     def read(where: str, given: Any) -> dict[str, Any]:
+        """Read a frame; a body's inertia needs its mass."""
         content = mapping(where, given)
         if "inertia" in content and "mass" not in content:
             raise RobotFileError(f"{where}.inertia: needs a mass beside it")
@@ -190,6 +193,7 @@ def _added_frame(urdf: Tree) -> Reader[dict[str, Any]]:
 
 
 def _moments(where: str, given: Any) -> tuple[float, float, float]:
+    """Read principal moments of inertia (3,) [kg m^2] that a body can have."""
     moments = vector3(where, given)
     check_inertia(where, np.diag(moments))
     return moments

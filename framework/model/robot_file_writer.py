@@ -113,6 +113,7 @@ def _joint(joint: JointDynamics) -> dict[str, float]:
 
 
 def _closure(closure: Closure) -> dict[str, Any]:
+    """Return the entry of a closure, by kind where its locked axes have one."""
     entry = _entry(closure)
     kinds = {locked_axes(kind): kind for kind in ("fixed", "spherical", *measured_kinds())}  # without an axis
     if closure.axes in kinds:
@@ -122,6 +123,7 @@ def _closure(closure: Closure) -> dict[str, Any]:
 
 
 def _scene(scene: Scene) -> dict[str, Any]:
+    """Return the entry of a scene: its path and stated options."""
     entry: dict[str, Any] = {
         scene.kind: [list(point) for point in scene.points],
         **{key: getattr(scene, key) for key in ("blend", "duration", "optimize") if getattr(scene, key)},
@@ -137,6 +139,7 @@ def _scene(scene: Scene) -> dict[str, Any]:
 
 
 def _yaml_text(description: RobotDescription, comments: Iterable[str] = ()) -> str:
+    """Return a robot file's text, with source, units and comments ahead."""
     head = f"# Converted from {description.file.name}. SI units: m, kg, s, rad, N, N m.\n"
     head += "".join(f"# {' '.join(line.split())}\n" for line in comments)
     return head + yaml.safe_dump(

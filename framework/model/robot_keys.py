@@ -74,6 +74,7 @@ def robot_table(urdf: Tree, *, is_coupled: bool = False, locked: Sequence[str] =
 
 
 def _axes(where: str, given: Any) -> tuple[str, ...]:
+    """Read one axis or several different ones, out of `AXES`."""
     axes = one_or_list_of(one_of("axis", AXES))(where, given)
     if not axes or len(set(axes)) < len(axes):
         raise RobotFileError(f"{where}: needs different axes out of {', '.join(AXES)}, got {given!r}")
@@ -98,6 +99,7 @@ def _platform(urdf: Tree) -> Reader[Platform]:
     }
 
     def read(where: str, given: Any) -> Platform:
+        """Read a frame with axes, or joints with the frame of the last one."""
         content = mapping(where, given)
         if "joints" not in content:
             return Platform(**read_table(where, given, on_axes))
@@ -118,6 +120,7 @@ def _limit(where: str, given: Any) -> float | None:
 
 
 def _actuator(urdf: Tree) -> Reader[Actuator]:
+    """Return a reader of a motor: joint, gear ratio, rotor inertia [kg m^2], limits."""
     table = {
         "joint": required(one_of("joint", urdf.joints)),
         "gear_ratio": optional(positive, 1.0),
@@ -135,6 +138,7 @@ def _closure(urdf: Tree) -> Reader[Closure]:
     by_length = {"kind": required(text), "length": required(positive)}
 
     def read(where: str, given: Any) -> Closure:
+        """Read a closure by kind and length, by locked axes, or by kind."""
         content = mapping(where, given)
         if content.get("kind") in measured_kinds():
             values = read_table(where, given, table | by_length)
@@ -158,6 +162,7 @@ def _pair(urdf: Tree) -> Reader[tuple[str, str]]:
     """Return a reader of two frames of different bodies."""
 
     def read(where: str, given: Any) -> tuple[str, str]:
+        """Read two frames; refuse frames of one rigid body, which leave nothing to close."""
         pair = list_of(_frame(urdf))(where, given)
         if len(pair) != 2 or pair[0] == pair[1]:
             raise RobotFileError(f"{where}: needs two different frames, got {list(pair)}")
@@ -180,6 +185,7 @@ def _coupling(movable: Sequence[str]) -> Reader[Coupling]:
     }
 
     def make(where: str, values: dict[str, Any]) -> Coupling:
+        """Return the coupling of two joints; refuse a joint coupled with itself."""
         if values["joint"] == values["of"]:
             raise RobotFileError(f"{below(where, 'of')}: needs another joint than {values['joint']!r}")
         return Coupling(**values)
@@ -198,13 +204,17 @@ _JOINT: Table = {
 
 def _joints(urdf: Tree, names: Sequence[str]) -> Reader[dict[str, dict[str, float]]]:
     """Return a reader of the entries of each coordinate, or of all coordinates of a joint."""
-    several = [name for name, joint in urdf.joints.items() if joint.kind in SEVERAL]
+    whole_joints = [name for name, joint in urdf.joints.items() if joint.kind in SEVERAL]
 
     def read(where: str, given: Any) -> dict[str, dict[str, float]]:
-        joints = mapping_of(record(_JOINT, _given_only), one_of("joint", [*names, *several]))
+        """Read the entries of joints as entries of coordinates; own entries of a coordinate win."""
+        read_entries = mapping_of(record(_JOINT, _given_only), one_of("joint", [*names, *whole_joints]))
+        entries = read_entries(where, given)
         values: dict[str, dict[str, float]] = {}
-        for name, entry in sorted(joints(where, given).items(), key=lambda item: item[0] not in several):
-            coordinates = urdf.joints[name].coordinates if name in several else (name,)
+        # whole joints first: what is given for one of their coordinates replaces what is given for all
+        for name in sorted(entries, key=lambda name: name not in whole_joints):
+            entry = entries[name]
+            coordinates = urdf.joints[name].coordinates if name in whole_joints else (name,)
             if name not in urdf.joints and "armature" in entry:
                 raise RobotFileError(
                     f"{below(below(where, name), 'armature')}: a ball has one for all directions; give it "
@@ -248,6 +258,7 @@ def _spring(urdf: Tree, movable: Sequence[str]) -> Reader[Spring | dict[str, Any
     }
 
     def read(where: str, given: Any) -> Spring | dict[str, Any]:
+        """Read a spring behind a joint, one stiffness an axis of motion; or the values on a URDF joint."""
         if "joint" in mapping(where, given):
             return read_table(where, given, on_joint)
         spring = Spring(**read_table(where, given, virtual))
@@ -334,9 +345,11 @@ def _wrenches(urdf: Tree) -> Reader[dict[str, Any]]:
 
 
 def _scenes(urdf: Tree) -> Reader[dict[str, Scene]]:
+    """Return a reader of scenes by name."""
     scene = {**_MOTION, "wrenches": optional(_wrenches(urdf))}
 
     def read(where: str, given: Any) -> dict[str, Scene]:
+        """Read the scenes and give each its name."""
         scenes = mapping_of(record(scene, _scene))(where, given)
         return {name: replace(scene, name=name) for name, scene in scenes.items()}
 

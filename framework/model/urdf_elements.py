@@ -266,6 +266,7 @@ def read_joint(
 
 
 def _check_limit(joint: ElementTree.Element, where: str, *, is_needed: bool) -> None:
+    """Check the first <limit> of a joint: its numbers; if needed its keys, order and signs too."""
     if is_needed:
         given = child_element(joint, where, "limit")
         for key in ("effort", "velocity"):

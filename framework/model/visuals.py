@@ -124,6 +124,7 @@ def _color(
 
 
 def _sizes(text: str | None, count: int) -> tuple[float, ...]:
+    """Read sizes (count,) [m] greater than zero."""
     values = numbers("size", text, count)
     if min(values) <= 0:
         raise ValueError("no size")

@@ -137,6 +137,7 @@ class Law(ReadOnlyArrays, PlannedLaw):
         return evaluate(local.ravel(), self._series(order)[:, None]).reshape(local.shape)
 
     def derivatives(self, t: ArrayLike, count: int) -> list[Array]:
+        """Compute s and its time derivatives of orders 0 .. count - 1, each shaped like t [1/s^order]."""
         series = np.stack([self._series(order) for order in range(count)], axis=1)
         local = self._local(t)
         return list(evaluate(local.ravel(), series).T.reshape(count, *local.shape))

@@ -157,6 +157,7 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
     kind: ClassVar[str] = "optimal"
 
     def __post_init__(self) -> None:
+        """Check cells, z > 0, and the duration: the integral of 1 / sqrt(z) over sigma [s]."""
         super().__post_init__()
         object.__setattr__(self, "dense_at", tuple(map(float, self.dense_at)))
         object.__setattr__(self, "cells", tuple(map(float, self.cells)))

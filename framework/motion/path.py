@@ -89,6 +89,7 @@ class PointPath(ReadOnlyArrays):
         return int(self.points.shape[1])
 
     def __eq__(self, other: object) -> bool:
+        """Return whether another path has the same kind, points and blend."""
         return (
             isinstance(other, PointPath)
             and type(self) is type(other)
@@ -119,6 +120,7 @@ class Line(PointPath):
         _hold(self, start=points[0], end=points[1], points=points)
 
     def __call__(self, s: ArrayLike, order: int = 0) -> Array:
+        """Compute x(s) or its derivative by s of this order, (..., n)."""
         check_order(order)
         shares, direction = np.asarray(s, dtype=float)[..., None], self.end - self.start
         if order == 0:
@@ -147,6 +149,7 @@ class Arc(PointPath):
     knots: ClassVar[Array] = NO_KNOTS
 
     def __post_init__(self) -> None:
+        """Compute center, radius, plane and signed angle [rad] of the arc through the three points."""
         start, via, end = points = _points([self.start, self.via, self.end], 3, "arc")
         center = _circle_center(points)
         radius = float(np.linalg.norm(start - center))
@@ -162,6 +165,7 @@ class Arc(PointPath):
         _hold(self, center=read_only(center), radius=radius, angle=angle, _spokes=read_only(spokes))
 
     def __call__(self, s: ArrayLike, order: int = 0) -> Array:
+        """Compute c + r (cos(a s) u + sin(a s) w), or its derivative by s, (..., n)."""
         check_order(order)
         phase = np.atleast_1d(np.asarray(s, dtype=float)).reshape(-1, 1) * self.angle
         phase = phase + order * np.pi / 2  # each derivative turns by a quarter
@@ -200,6 +204,7 @@ class Spline(PointPath):
         return f"Spline({self.points.tolist()})"
 
     def __post_init__(self) -> None:
+        """Check the distances between points; keep the inner knots of the spline."""
         points = _points(self.points, 2, "spline")
         _hold(self, points=points)
         chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
@@ -214,6 +219,7 @@ class Spline(PointPath):
 
     @cached_property
     def _spline(self) -> Any:
+        """The interpolating spline of degree 5 at most, over shares of the chord length."""
         from scipy.interpolate import make_interp_spline
 
         chords = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
@@ -225,6 +231,7 @@ class Spline(PointPath):
         return make_interp_spline(parameters, self.points, k=degree, t=knots)
 
     def __call__(self, s: ArrayLike, order: int = 0) -> Array:
+        """Compute x(s) or its derivative by s of this order, (..., n); zero beyond the degree."""
         check_order(order)
         flat = np.atleast_1d(np.asarray(s, dtype=float)).ravel()
         if order > self._spline.k:
@@ -263,6 +270,7 @@ class Polyline(PointPath):
         return f"Polyline({self.points.tolist()}, blend={self.blend!r})"
 
     def __post_init__(self) -> None:
+        """Check points and blend; compute arc lengths, directions, and knots where blends begin and end."""
         points = _points(self.points, 3, "polyline")
         chords = np.diff(points, axis=0)
         lengths = np.linalg.norm(chords, axis=1)
@@ -287,6 +295,12 @@ class Polyline(PointPath):
         _hold(self, _arc_lengths=read_only(arc_lengths), _directions=read_only(directions))
 
     def __call__(self, s: ArrayLike, order: int = 0) -> Array:
+        """Compute x(s) or its derivative by s of this order, (..., n).
+
+
+        About the nearest corner c, x = c + b (-f(-w) d_1 + f(w) d_2), with directions d_1, d_2 before and
+        after the corner, w the distance from it over b, and the blend f of `_blend_value`.
+        """
         check_order(order)
         total = self._arc_lengths[-1]
         along = np.atleast_1d(np.asarray(s, dtype=float)).ravel() * total

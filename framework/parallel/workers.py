@@ -43,6 +43,7 @@ class Workers(Executor):
     """
 
     def __init__(self, count: int) -> None:
+        """Prepare one thread for each process; processes start with their first tasks."""
         self._threads = ThreadPoolExecutor(whole_number("workers", count, 1, MAX_WORKERS))
         self._lock = threading.Lock()
         self._alive: set[SpawnProcess] = set()
@@ -69,6 +70,7 @@ class Workers(Executor):
         self.shutdown()
 
     def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
+        """Wait for all tasks after a block without error, else stop the processes."""
         if kind is None:
             self.shutdown()
         else:
@@ -153,6 +155,7 @@ def _portable(error: Exception) -> Exception:
 
 
 def _end_with_parent() -> None:
+    """Wait for the end of the parent process, then end this one at once."""
     parent = parent_process()
     if parent is not None:
         parent.join()

@@ -62,6 +62,7 @@ def has_no_others(
     """Whether boxes are proved to hold no other solutions; False if not decided."""
 
     def test(boxes: Boxes) -> Examined[Boxes, None]:
+        """Contract boxes; drop boxes without solutions or inside known ones; halve the others."""
         linear = equations(*boxes)
         remaining = contract(linear, boxes.radii, damped_mixers(linear, boxes.radii))
         possible = ~remaining.empty

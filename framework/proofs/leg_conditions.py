@@ -105,6 +105,7 @@ def _chains(robot: ParallelRobot) -> Iterator[list[_Edge]]:
     platform = int(model.frames[robot.frames[0]].parentJoint)
 
     def continue_chain(body: int, passed: frozenset[int]) -> Iterator[list[_Edge]]:
+        """Return all continuations from a body to the platform that pass no body twice."""
         if body == platform:
             yield []
             return
@@ -128,6 +129,7 @@ class _Sampler(NamedTuple):
 
     @staticmethod
     def of(robot: ParallelRobot, q: Array, *, of_point: bool) -> _Sampler:
+        """Draw poses of all joints, passive ones at random by up to half a turn or a robot length."""
         model, data = robot.model, robot.model.createData()
         rng, step = np.random.default_rng(RANDOM_SEED), np.zeros(robot.model.nv)
         links = []
@@ -162,29 +164,32 @@ class _Sampler(NamedTuple):
         return R, p
 
     def _draw_closure_pose(self, closure: Closure, rng: np.random.Generator) -> pin.SE3 | None:
-        """Draw a pose of the second frame's body against the first one's that the closure allows."""
+        """Draw a pose of the second frame's body against the first one's that the closure allows.
+
+        None if its motions are no group: with two free turns, or several distances. Of three free turns a
+        planar robot makes one alone, about its normal, from the attitudes at the reference.
+        """
         model = self.robot.model
         frame_a, frame_b = (model.frames[model.getFrameId(name)] for name in closure.frames)
         turns = [axis for axis in ("rx", "ry", "rz") if axis not in closure.axes]
-        with_length = [ROW_KINDS[axis] for axis in closure.axes if axis in ROW_KINDS]
-        if len(turns) == 2 or len(with_length) > 1:
+        distances = [ROW_KINDS[axis] for axis in closure.axes if axis in ROW_KINDS]
+        if len(turns) == 2 or len(distances) > 1:
             return None
-        slide = rng.uniform(-1, 1, 3) * self.robot.length
-        slide[[k for k, axis in enumerate("xyz") if axis in closure.axes]] = 0.0
-        turned = np.eye(3)
+        offset = rng.uniform(-1, 1, 3) * self.robot.length
+        offset[[k for k, axis in enumerate("xyz") if axis in closure.axes]] = 0.0
+        rotation = np.eye(3)
         if len(turns) == 3 and self.normal is not None:
-            first = self.data.oMf[model.getFrameId(closure.frames[0])].rotation
-            second = self.data.oMf[model.getFrameId(closure.frames[1])].rotation
-            across = first.T @ self.normal
-            turned = pin.exp3(across * rng.uniform(-np.pi, np.pi)) @ first.T @ second
-            if with_length:
-                slide -= across * (across @ slide)
+            R_a, R_b = (self.data.oMf[model.getFrameId(name)].rotation for name in closure.frames)
+            normal = R_a.T @ self.normal  # in the first frame
+            rotation = pin.exp3(normal * rng.uniform(-np.pi, np.pi)) @ R_a.T @ R_b
+            if distances:
+                offset -= normal * (normal @ offset)
         elif len(turns) == 3:
             turn = rng.standard_normal(3)
-            turned = pin.exp3(turn * rng.uniform(0, np.pi) / np.linalg.norm(turn))
+            rotation = pin.exp3(turn * rng.uniform(0, np.pi) / np.linalg.norm(turn))
         elif turns:
-            turned = pin.exp3(rng.uniform(-np.pi, np.pi) * np.eye(3)["xyz".index(turns[0][1])])
-        for row in with_length:
+            rotation = pin.exp3(rng.uniform(-np.pi, np.pi) * np.eye(3)["xyz".index(turns[0][1])])
+        for distance in distances:
             assert closure.length is not None
-            slide = row.satisfy(slide, closure.length)
-        return frame_a.placement * pin.SE3(turned, slide) * frame_b.placement.inverse()
+            offset = distance.satisfy(offset, closure.length)
+        return frame_a.placement * pin.SE3(rotation, offset) * frame_b.placement.inverse()

@@ -140,6 +140,7 @@ class LegEquations:
         return LinearEnclosure(values, slopes * units, errors + np.reshape(rounding, (-1, 1)))
 
     def _loops(self, frames: FrameStack, bounds: list[ChainBounds]) -> LinearEnclosure:
+        """Enclose loop equations: residual and slopes at the middle, bounds of second-order terms."""
         rows, loops = self.robot.rows, self.loops
         equations, lengths = loop_equations(rows, frames), self.robot.row_lengths[loops]
         kind = np.where(rows.square[loops], 2, rows.rotation[loops])  # place in `ChainBounds`

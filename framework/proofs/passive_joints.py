@@ -37,6 +37,11 @@ def joints_at(robot: ParallelRobot, q: Array, place: Array, turn: Array | None) 
     turns = None if turn is None else np.repeat(turn, RANDOM_STARTS, axis=0)
 
     def pose_rows(frames: FrameStack) -> tuple[Array, Array]:
+        """Compute the offset of the frame from the poses, (S, 3 or 6), and its slopes.
+
+
+        Attitudes differ by the axial vector of (G - G^T) / 2, with G = R R_target^T.
+        """
         off, slopes = frames.position[:, 0] - places, frames.jacobian[:, 0] * robot.column_scale
         if turns is None:
             return off / robot.length, slopes[:, :3] / robot.length

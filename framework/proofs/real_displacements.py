@@ -145,7 +145,7 @@ def _count_paths(
     """
     proved = proof.proved
     at_infinity = ends.infinite[ends.arrived] & ~proved
-    at_infinity[proved] = ~_is_finite(family.members[0], z[proved], proof.radii[proved])
+    at_infinity[proved] = ~_are_finite(family.members[0], z[proved], proof.radii[proved])
     vague = real & ~proved & ~at_infinity  # a real solution beside another one
     never_arrived = ends.last[ends.infinite & ~ends.arrived]
     return PathCount(
@@ -156,14 +156,18 @@ def _count_paths(
     )
 
 
-def _is_finite(first: Array, z: ComplexArray, radii: Array) -> BoolArray:
-    """Whether the quadric that vanishes at infinity (N, N) does so nowhere in polydiscs about z (S, N)."""
-    slopes = z @ first
+def _are_finite(quadric: Array, z: ComplexArray, radii: Array) -> BoolArray:
+    """Return where polydiscs of `radii` (S, N) about z (S, N) are proved to hold no point at infinity.
+
+    At infinity z^T A z = 0, with the `quadric` A (N, N). A polydisc holds no zero if |z^T A z| at the middle
+    is greater than the bound 2 |A z| . r + r^T |A| r of its change, and than rounding.
+    """
+    slopes = z @ quadric
     value = np.abs(np.sum(slopes * z, axis=1))
-    size = np.abs(z)
-    change = np.sum((2 * np.abs(slopes) + radii @ np.abs(first)) * radii, axis=1)
-    rounding = gamma(2 * z.shape[1]) * np.einsum("si,ij,sj->s", size, np.abs(first), size)
-    return value > ROUND_UP**2 * (change + 2 * rounding)
+    magnitude = np.abs(z)
+    max_change = np.sum((2 * np.abs(slopes) + radii @ np.abs(quadric)) * radii, axis=1)
+    rounding = gamma(2 * z.shape[1]) * np.einsum("si,ij,sj->s", magnitude, np.abs(quadric), magnitude)
+    return value > ROUND_UP**2 * (max_change + 2 * rounding)
 
 
 # ------------------------------------------------------------------ no others
@@ -196,6 +200,7 @@ class Chart:
     """The conditions where one coordinate of z is 1, in the other seven."""
 
     def __init__(self, group: Displacements, coefficients: Array, slack: Array, unit_coordinate: int) -> None:
+        """Build quadrics (rows, 8, 8), and bounds of their curvature and uncertainty by rows."""
         self.unit_coordinate, self.free = unit_coordinate, np.delete(np.arange(8), unit_coordinate)
         self.Q = group.family.quadrics(coefficients).real
         size, rows = np.abs(self.Q), len(self.Q)

@@ -151,6 +151,7 @@ def _many_cells(test: CellTest, q: Array, within: float, max_cells: int) -> Regu
     first = _Cubes(np.zeros(1, dtype=np.intp), np.zeros((1, n), dtype=np.intp), start)
 
     def examine(cubes: _Cubes) -> Examined[_Cubes, _Cubes]:
+        """Test cubes; cut cubes without proof into parts, undecided at the last cut."""
         cubes = _test_cubes(test, grid, cubes, start.signs)
         proved = cubes.cells.proved
         undecided = select(cubes, ~proved & (cubes.level == MAX_CUTS))

@@ -147,6 +147,7 @@ def parts(film: Film) -> str:
 
 
 def _peak(film: Film) -> str:
+    """Return the largest motor torque of a film in words."""
     peaks = np.abs(film.torque).max(axis=0)
     strongest = np.argmax(peaks)
     return f"Peak torque {peaks[strongest]:.3g} {film.robot.torque_units[strongest]} ({parts(film)})."

@@ -123,6 +123,7 @@ def _draw_demand(ax: Axes, film: Film, twist: Array, s_range: tuple[float, float
 
 
 def _check_alike(films: Sequence[Film]) -> None:
+    """Refuse films of different robots or paths, or without a singularity."""
     first = films[0]
     for film in films:
         if (

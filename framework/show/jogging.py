@@ -166,6 +166,7 @@ def _loose_sentence(robot: ParallelRobot, loose: LooseMotion) -> str:
 
 
 def _document(robot: ParallelRobot, pose: JoggedPose) -> Document:
+    """Return a pose for the page: bodies, platform, motors, measures and words."""
     poses = joint_poses(robot, pose.q[None])
     twist = platform_frame_twists(robot, pose.q[None], pose.twist[None])[0]
     document: Document = plain(
@@ -189,6 +190,7 @@ def _sliders(robot: ParallelRobot, start: JoggedPose) -> dict[str, list[Document
     """Return names, units and ranges of the sliders: about a robot's length, or a turn's range."""
 
     def sliders(names: Sequence[str], units: list[str], values: Array, turn: float) -> list[Document]:
+        """Return sliders about values (n,): 0.8 robot lengths [m] or `turn` [rad] to both sides."""
         reach = np.where(np.array(units) == "m", 0.8 * robot.length, turn)
         rows = zip(names, units, values - reach, values + reach, strict=True)
         return [dict(zip(("name", "unit", "low", "high"), row, strict=True)) for row in rows]

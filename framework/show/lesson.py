@@ -57,6 +57,7 @@ def lesson_page(robot: ParallelRobot, path: Path, *, duration: float, name: str 
 
 
 def _document(robot: ParallelRobot, crossing: PlanarCrossing, sight: Sight) -> Document:
+    """Return the lesson's data: series of all plans, outlines, locus, and the best law of each."""
     onto = sight.onto
     series = _series(crossing, onto)
     ends = np.cumsum([0, *(each.shape[1] for each in series.values())]).tolist()

@@ -98,6 +98,7 @@ def _draw_values(
 
 
 def _draw_locus(workspace: WorkspaceMap, ax: Axes, halo: list[withStroke]) -> None:
+    """Draw the curves of the locus, and crosses at singular poses that no curve explains."""
     for k, curve in enumerate(workspace.locus.curves):
         label = "singular locus (Type 2)" if k == 0 else None
         ax.plot(*curve.x.T, color=LOCUS, linewidth=1.4, path_effects=halo, label=label)
@@ -178,6 +179,7 @@ def is_to_scale(workspace: WorkspaceMap) -> bool:
 
 
 def _frame(workspace: WorkspaceMap, header: _Header, ax: Axes) -> None:
+    """Set limits and labels of the axes; write legend and title above."""
     robot, axes = workspace.robot, workspace.window.axes
     wide, high = workspace.window.upper - workspace.window.lower
     ax.grid(False)

@@ -49,6 +49,7 @@ def map_page(workspace: WorkspaceMap, *, path: Path | None = None) -> str:
 
 
 def _document(workspace: WorkspaceMap, path: Path | None) -> Document:
+    """Return the data of the map's page: quantities, reasons, curves and legend."""
     robot, window = workspace.robot, workspace.window
     curves = [_curve(curve.x, LOCUS, 2.0, []) for curve in workspace.locus.curves]
     legend: list[tuple[str, str, bool]] = [("singular locus (Type 2)", LOCUS, False)] if curves else []
@@ -91,6 +92,7 @@ def _document(workspace: WorkspaceMap, path: Path | None) -> Document:
 
 
 def _quantity(workspace: WorkspaceMap, quantity: Quantity) -> Document:
+    """Return a quantity for the page: values, range and colours."""
     palette, norm = colours(workspace, quantity)
     shades = np.round(255 * palette(np.linspace(0.0, 1.0, COLOR_LEVELS))[:, :3]).astype(int)
     return {
@@ -107,6 +109,7 @@ def _quantity(workspace: WorkspaceMap, quantity: Quantity) -> Document:
 
 
 def _reading(quantity: Quantity) -> str:
+    """Return which colours of a quantity are good, in words."""
     if quantity.signed:
         return SIDES
     return BRIGHT_IS_LARGE if quantity.large_is_good else BRIGHT_IS_SMALL

@@ -55,6 +55,7 @@ def film_picture(films: Sequence[Film], kind: str) -> bytes:
 
 
 def _still(films: Sequence[Film], kind: str) -> bytes:
+    """Return the picture of one frame of the first film, as a file of this kind."""
     with use_style():
         film, (drawing, left, _) = _drawn_film(films), _axes(films)
         plot_still(film, left, limit=stated_limit(film, films))
@@ -169,6 +170,7 @@ def _robot(film: Film, ax: Axes, limit: Array | None) -> _Mark:
     locus, sight, end = locus_of(film), film_sight(film), _end(film)
 
     def draw(t: float) -> None:
+        """Draw the robot at the frame of instant t [s], in place of the one drawn before."""
         for artist in [*ax.collections, *ax.lines, *ax.patches, *ax.texts]:
             artist.remove()
         plot_still(

@@ -68,6 +68,7 @@ def report_page(plan: CrossingPlan, *, name: str = "", planned: Certificate | No
 
 
 def _describe_plan(plan: CrossingPlan) -> str:
+    """Return the number of singularities that a plan crosses, in words."""
     count = len(plan.crossings)
     if not count:
         return "a motion without a singularity"
@@ -96,6 +97,7 @@ def _number(value: float) -> str:
 
 
 def _crossings(plan: CrossingPlan, film: Film) -> str:
+    """Return the HTML of the crossings: torques, explanations, warnings and table."""
     robot = plan.robot
     peaks = ", ".join(
         f"{display_name(joint)} {value:.4g} {unit}"
@@ -150,6 +152,7 @@ def _with_units(robot: ParallelRobot) -> str:
 
 
 def _law(plan: CrossingPlan) -> str:
+    """Return the HTML of the law: its formula and coefficients."""
     values = ",\n ".join(repr(float(value)) for value in plan.law.coefficients)
     if plan.optimality is not None:
         specification = plan.optimality.specification
@@ -170,6 +173,7 @@ def _law(plan: CrossingPlan) -> str:
 
 
 def _certificate(plan: CrossingPlan, film: Film) -> str:
+    """Return the HTML list of the certificate's proofs."""
     certificate = plan.certificate
     sentences = [PROVEN_TORQUE.format(certificate), PROVEN_LOOPS.format(certificate)]
     if plan.crossings:
@@ -260,6 +264,7 @@ def _neglected_table(plan: CrossingPlan) -> str:
 
 
 def _parameters(plan: CrossingPlan) -> str:
+    """Return the HTML table of robot, path, options, motors and springs."""
     robot, description = plan.robot, plan.robot.description
     options, wrenches = given_options(plan), plan.dynamics.wrenches.entries
     options.pop("wrenches", None)
@@ -308,6 +313,7 @@ def _plain(value: object) -> str:
 
 
 def _reproduction(plan: CrossingPlan) -> str:
+    """Return the HTML of the command that plans again, with versions of packages."""
     robot = plan.robot
     installed = []
     for package in PACKAGES:

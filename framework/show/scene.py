@@ -61,6 +61,7 @@ def film_documents(films: Sequence[Film]) -> list[Document]:
     traced: list[tuple[RobotDescription, LocusCurves]] = []
 
     def curves_about(film: Film, frame: int, over: Array) -> LocusCurves | None:
+        """Return the locus about a frame of a film: one traced before for the robot, if large enough."""
         for description, curves in traced:
             if description == film.robot.description and curves.serves(over):
                 return curves
@@ -70,6 +71,7 @@ def film_documents(films: Sequence[Film]) -> list[Document]:
         return locus
 
     def document(film: Film) -> Document:
+        """Return a film's document, with sight, limits and scale shared by all films of the robot."""
         same_robot = [other for other in films if other.robot.description == film.robot.description]
         sight = film_sight(min(same_robot, key=lambda other: not other.instants))
         limit, peak = stated_limit(film, films), peak_torque(_alike(film, films))
@@ -93,6 +95,7 @@ def _alike(film: Film, films: Sequence[Film]) -> list[Film]:
 def _film_document(
     film: Film, sight: Sight, curves_about: CurvesAbout, limit: Array, peak: float
 ) -> Document:
+    """Return a film's data for the page: poses, torques, wrenches, measures, locus and words."""
     robot = film.robot
     poses = joint_poses(robot, film.q)
     platform = platform_positions(robot, poses)
@@ -178,6 +181,7 @@ def _columns(placement: Array) -> Array:
 
 
 def _solid(shape: Shape) -> Document:
+    """Return a shape for the page; a mesh with its vertices and faces."""
     solid = {
         "node": shape.node,
         "kind": shape.kind,

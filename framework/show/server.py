@@ -27,6 +27,7 @@ class PageServer(ThreadingHTTPServer):
     daemon_threads = True
 
     def __init__(self, page: str, answer: Answer | None = None) -> None:
+        """Listen on a free port of this machine; `answer` replies to messages of the page."""
         super().__init__(("127.0.0.1", 0), _Handler)
         self.page = page.encode("utf-8")
         self.answer = answer
@@ -47,6 +48,7 @@ class _Handler(BaseHTTPRequestHandler):
     timeout = 10.0  # [s] for a request to arrive
 
     def do_GET(self) -> None:
+        """Send the page at /."""
         if not self._is_ours():
             self._send(403, "text/plain", b"only for this machine\n")
         elif self.path.split("?")[0] == "/":
@@ -55,6 +57,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._send(404, "text/plain", b"no such page\n")
 
     def do_POST(self) -> None:
+        """Reply to a message of the page at /api/move."""
         if not self._is_ours():
             self._send_json(403, {"error": "only for this machine"})
         elif self.path != "/api/move" or self.server.answer is None:
@@ -63,6 +66,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._answer(self.server.answer)
 
     def _answer(self, answer: Answer) -> None:
+        """Read one JSON object and send the reply, or the error with status 400."""
         try:
             size = int(self.headers.get("Content-Length", ""))
             if not 0 <= size <= MAX_REQUEST_BYTES:
@@ -78,6 +82,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._send_json(200, reply)
 
     def _is_ours(self) -> bool:
+        """Return whether a page of this server asks, and no other site through the browser."""
         hosts = [f"{name}:{self.server.server_port}" for name in ("127.0.0.1", "localhost")]
         origin = self.headers.get("Origin")
         return self.headers.get("Host") in hosts and (
@@ -88,6 +93,7 @@ class _Handler(BaseHTTPRequestHandler):
         self._send(status, "application/json", json.dumps(document, allow_nan=False).encode())
 
     def _send(self, status: int, kind: str, content: bytes) -> None:
+        """Send one reply that no cache keeps."""
         self.send_response(status)
         self.send_header("Content-Type", kind)
         self.send_header("Content-Length", str(len(content)))

@@ -131,6 +131,7 @@ def locus_of(film: Film) -> list[Array]:
 
 
 def _arrow(ax: Axes, foot: Array, arrow: Array, color: str, both: bool, label: str) -> None:
+    """Draw an arrow (2,) at a foot (2,), with a second tip if `both`; too short ones are left out."""
     if np.linalg.norm(arrow) > 0.02 * np.ptp(ax.get_xlim()):
         style = {
             "arrowstyle": "<|-|>" if both else "-|>",
@@ -146,6 +147,7 @@ def _arrow(ax: Axes, foot: Array, arrow: Array, color: str, both: bool, label: s
 
 
 def _polygons(film: Film, ax: Axes, line: Array, limit: Array, frames: Sequence[int] | None) -> None:
+    """Draw polygons of motor forces along the line (F, 2), at given or evenly spread frames."""
     vertices = film.motors.vertices(limit)  # (F, c, 2)
     scale = 0.35 * film.robot.length / np.linalg.norm(vertices, axis=2).max()
     if frames is None:

@@ -62,6 +62,7 @@ class Drive:
     world: WorldForces = NO_FORCES
 
     def __call__(self, t: Array, q: Array, v: Array) -> Array:
+        """Compute the torques (T, n_a) [N m]; refuse values that are not finite."""
         torque = self.function(t, q, v)
         if not np.all(np.isfinite(torque)):
             when = t[~np.isfinite(torque).all(axis=1)][0]
@@ -136,6 +137,7 @@ class Drive:
             )
 
         def single(*arguments: Any) -> Array:
+            """Call the function at one instant; return torques (n_a,) and refuse other shapes."""
             answer = source(*arguments[:argument_count])
             try:
                 torque = np.atleast_1d(np.asarray(answer, dtype=float))

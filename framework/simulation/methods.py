@@ -299,6 +299,11 @@ def _forces(
     motors = None if torques is None else equations.motor_forces(torques)
 
     def forces(k: int, i: int, q: Array, v: Array) -> Array:
+        """Compute generalised forces (nv,) of motors and world at stage i of step k.
+
+
+        Motor torques that depend on time alone were tabulated as `motors`.
+        """
         time = times[k, i : i + 1]
         if motors is None:
             force = equations.motor_forces(drive(time, q[None], v[None]))[0]

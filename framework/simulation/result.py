@@ -97,6 +97,7 @@ class Simulation(ReadOnlyArrays):
         }
 
     def __repr__(self) -> str:
+        """Return robot, method, duration, number of steps and errors in one line."""
         off = "" if self.tracking_error is None else f", tracking error {self.tracking_error:.1e}"
         return (
             f"Simulation({self.robot.name}, {self.robot.flexibility}, {self.method}: {self.duration:g} s in "

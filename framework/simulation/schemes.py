@@ -88,20 +88,28 @@ def extrapolate(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) 
     """Step by the linear implicit Euler method, extrapolated once."""
     robot = stack.robots[0]
 
-    def euler(q: Array, v: Array, h: float, closing: Array | None) -> tuple[State, Array]:
-        ahead = integrate(robot, q, h * v)  # where massless parts are to be in balance
-        terms = stack.terms(ahead, v)
-        if closing is None:
-            closing = -CLOSING_SHARE * terms.residual / h
-        mass = _implicit(terms.mass, stack, h**2, h)
-        forces = driven - terms.bias - _springs(stack, ahead) - stack.damping * v
-        rate = matvec(terms.jacobian, v)
-        new = v + h * _solve(mass, terms.jacobian, forces, (closing - rate) / h)
-        return State(integrate(robot, q, h * new), new), closing
+    def euler(q: Array, v: Array, h: float, closing_rate: Array | None) -> tuple[State, Array]:
+        """Step by h [s]; return the state and the rate (R, m) at which loops close.
 
-    full, closing = euler(q, v, h, None)
-    half, _ = euler(q, v, 0.5 * h, closing)
-    halves, _ = euler(half.q, half.v, 0.5 * h, closing)
+        The equations are (M + h D + h^2 K) a = f and J (v + h a) = closing rate, with all terms at q + h v,
+        so that a part without mass is in balance after the step. Without a `closing_rate` loops close a share
+        of their gap in the step.
+        """
+        predicted = integrate(robot, q, h * v)
+        terms = stack.terms(predicted, v)
+        if closing_rate is None:
+            closing_rate = -CLOSING_SHARE * terms.residual / h
+        implicit_mass = _implicit(terms.mass, stack, h**2, h)
+        forces = driven - terms.bias - _springs(stack, predicted) - stack.damping * v
+        loop_rate = matvec(terms.jacobian, v)
+        loop_acceleration = (closing_rate - loop_rate) / h
+        new = v + h * _solve(implicit_mass, terms.jacobian, forces, loop_acceleration)
+        return State(integrate(robot, q, h * new), new), closing_rate
+
+    # extrapolation needs steps of different length toward one solution: all close the loops at one rate
+    full, closing_rate = euler(q, v, h, None)
+    half, _ = euler(q, v, 0.5 * h, closing_rate)
+    halves, _ = euler(half.q, half.v, 0.5 * h, closing_rate)
     if robot.model.nq == robot.model.nv:
         return State(2 * halves.q - full.q, 2 * halves.v - full.v)
     back = difference(robot, full.q, halves.q)

@@ -38,6 +38,11 @@ class Polynomials:
         return np.array([self.steps[0].time, *(step.times[-1] for step in self.steps)])
 
     def __call__(self, t: Array) -> tuple[Array, Array]:
+        """Evaluate positions (T, nq) and velocities (T, nv) at times (T,) [s].
+
+
+        q is the integral of its stages' slopes from the start of the step; v interpolates stages and start.
+        """
         which, table = _step_index(self.edges, t), self.steps[0].table
         times, lengths = np.array([(step.time, step.length) for step in self.steps]).T
         basis = table.basis((t - times[which]) / lengths[which])
@@ -61,6 +66,7 @@ class Cubics(ReadOnlyArrays):
     v: Array  # (K + 1, nv)
 
     def __call__(self, t: Array) -> tuple[Array, Array]:
+        """Evaluate cubic Hermite interpolants q (T, nq) and their rates v (T, nv) at times (T,) [s]."""
         which = _step_index(self.edges, t)
         h = np.diff(self.edges)[which][:, None]
         share = (t - self.edges[which])[:, None] / h

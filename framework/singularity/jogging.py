@@ -248,6 +248,7 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Jogg
         return q
 
     def reach(part: float) -> JoggedPose:
+        """Return the pose after a part of the turn, or just before a singularity on the way."""
         angle = part * (value - motors[index])
         try:
             return pose_at(robot, turn(angle))
@@ -262,6 +263,7 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Jogg
 
 
 def _check(index: int, count: int, value: float) -> None:
+    """Refuse an index out of range and a value that is not finite."""
     if not 0 <= index < count:
         raise InvalidInput(f"index: needs 0 .. {count - 1}, got {index}")
     if not np.isfinite(value):

@@ -66,6 +66,7 @@ class Unresolved(NotConverged):
     """The measure is not smooth near `s`, however narrow the panel."""
 
     def __init__(self, name: str, s: float, width: float) -> None:
+        """Keep s, and the width of the panel as residual."""
         super().__init__(
             f"{name}: the singularity measure cannot be resolved near s = {s:.6g}", residual=width, s=s
         )

@@ -165,7 +165,7 @@ def _continue_branch(branch: Branch) -> tuple[Samples, Measured, list[Panel] | U
 def _refuse_type_1(mobile: Measured, resolved: list[Panel] | Unresolved) -> None:
     """Raise Type1Singularity for the first s at which a leg is stretched or folded."""
     if isinstance(resolved, Unresolved):  # the branch has a kink, or another one meets it
-        lost = [_weakest_place(mobile, resolved.s)]
+        lost = [_most_singular_s(mobile, resolved.s)]
     else:
         lost = [contact.s for contact in contacts(mobile, resolved) if _is_type_1(mobile, contact.s)]
     if not lost:
@@ -182,16 +182,19 @@ def _refuse_type_1(mobile: Measured, resolved: list[Panel] | Unresolved) -> None
     )
 
 
-def _weakest_place(mobile: Measured, s: float) -> float:
-    """Find where near s the matrix is nearest to singular: at a knot of the branch, or to three digits.
+def _most_singular_s(mobile: Measured, s: float) -> float:
+    """Find the path coordinate about s at which the least singular value of the matrix is smallest.
 
-    A knot on the very singularity, with whatever branch it fell on, spoils the guesses up to the next ones.
+    Candidates are the knots of the branch about s, and s to three digits. A knot on the singularity itself
+    can have fallen on another branch. Guesses are then wrong up to the next knots, so that s may lie between.
     """
-    branch = mobile.branch
-    k = int(np.searchsorted(branch.s, s))
-    near = branch.s[np.abs(branch.s - s) < 10 * MIN_PANEL_WIDTH]
-    places = np.concatenate([near, branch.s[max(k - 1, 0) : k + 1], [round(s, 3)]])
-    return float(places[np.argmin(singular_values(mobile.matrix(mobile.guess(places)))[:, -1])])
+    knots = mobile.branch.s
+    k = int(np.searchsorted(knots, s))
+    close_knots = knots[np.abs(knots - s) < 10 * MIN_PANEL_WIDTH]
+    neighbours = knots[max(k - 1, 0) : k + 1]
+    candidates = np.concatenate([close_knots, neighbours, [round(s, 3)]])
+    least_values = singular_values(mobile.matrix(mobile.guess(candidates)))[:, -1]
+    return float(candidates[np.argmin(least_values)])
 
 
 def _refusal_at(passive: Measured, unresolved: Unresolved) -> Exception:
@@ -248,6 +251,7 @@ def _is_type_1(mobile: Measured, s: float) -> bool:
 
 
 def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
+    """Compute the record of a singular point: uncontrolled twist along the path, dg/ds, pose."""
     branch, s = passive.branch, contact.s
     robot, places = branch.robot, stencil(s)
     closed = branch.close(places)

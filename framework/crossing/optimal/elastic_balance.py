@@ -37,6 +37,7 @@ def in_balance(
     met = equalities.matrix @ law.coefficients
 
     def family(scalars: Array) -> OnParameter:
+        """Return the law nearest to `law` whose conditions have values shifted by scalars (k,)."""
         wanted = met + np.pad(scalars, (0, len(met) - len(scalars)))
         try:
             moved = Affine(equalities.matrix, -wanted)

@@ -183,17 +183,18 @@ def own_units(goal: str, speed: Speed, units: Units) -> Units:
 
 
 def _first_units(program: SpeedProgram) -> Units:
-    """Estimate the units of the optimum before a law is known.
+    """Estimate the time [s] and the torque (share of `reference`) of the optimum, before a law is known.
 
-    Time: condition (8), constant + per_z z + per_u u = 0, asks for z of about constant / per_z. Where its
-    constant vanishes, limits or torques of the reference set the pace. Torque: the limits, else the weight,
-    else inertia.
+    Condition (8), constant + per_z z + per_u u = 0, is met at z or u of about constant / per_z, and z = 1 /
+    time^2. If the constant vanishes at all crossings, the time is the longest that speed limits or inertia at
+    the reference torque allow: limit rows . z <= 1. The torque is the limit; without limits that of
+    weight, and without weight that of inertia at this time.
     """
     problem, specification = program.problem, program.problem.specification
     constant, per_z, per_u, _ = np.abs(problem.conditions.T)
     with np.errstate(divide="ignore", invalid="ignore"):
-        paces = np.sqrt(np.maximum(per_z, per_u) / constant)
-    time = min(specification.max_duration or np.inf, float(np.nanmin(paces, initial=np.inf)))
+        condition_times = np.sqrt(np.maximum(per_z, per_u) / constant)  # infinite or NaN without a constant
+    time = min(specification.max_duration or np.inf, float(np.nanmin(condition_times, initial=np.inf)))
     torques = list(zip(program.rows.torque, problem.reference, strict=True))
     inertia = max(_median_largest(np.abs(torque.matrix)) / reference for torque, reference in torques)
     if not 0.0 < time < np.inf:

@@ -191,15 +191,17 @@ def crossing_rows(
     deflections: Deflections | None,
     before: SquaredSpeed | None = None,
 ) -> tuple[float, Array]:
-    """Return sigma of a crossing, and its conditions as rows (k, 4) of (constant, per z, per u, per u').
+    """Return sigma of a crossing and its conditions as rows (k, 4) with row . (1, z, u, u') = 0.
 
-    Each row times (1, z, u, u') has to vanish at sigma. The first row is t_s . W_p. Coefficients that are
-    rounding of their terms are set to zero: on a path orthogonal to t_s that of u, and all of them if the
-    path is straight and no weight acts along t_s.
+    A path that crosses the locus along one uncontrolled motion has the one condition t_s . W_p = 0, without
+    u'. Several motions have one each, and a touch adds the derivatives along the path. A coefficient is zero
+    if it is no more than rounding of its terms: that of u on a path orthogonal to t_s; all coefficients on a
+    straight path with no weight along t_s.
     """
-    sigma, row = _wrench_row(branch, phi, place, deflections, before)
+    sigma, wrench_row = _wrench_row(branch, phi, place, deflections, before)
     if place.corank == 1 and not place.touches:
-        return sigma, np.append(row, 0.0)[None]
+        per_curvature = 0.0  # u' enters at a touch alone
+        return sigma, np.append(wrench_row, per_curvature)[None]
     return sigma, _rows_about(branch, phi, sigma, place, before)
 
 

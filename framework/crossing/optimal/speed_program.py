@@ -100,15 +100,15 @@ class SpeedProgram:
         weights = weight / problem.task.stretch(problem.sigma(xi), 1)
         conditions = condition_rows(problem, basis)
         rows = motor_rows(problem, basis, conditions, xi)
-        # at a crossing torques are the limit of those at the points of its cell
-        starts = 1 + np.cumsum(counts) - counts
-        limits = [
-            _interpolation(xi, np.arange(starts[k], starts[k] + counts[k]), place)
-            for place in places
-            for k in np.flatnonzero(_cells_about(cells, np.array([place])))[:1]
-        ]
-        if limits:
-            rows = rows.stack(rows.combine(sparse.csr_array(np.array(limits))))
+        # torques at a crossing are 0 / 0: take their limit by the polynomial through the points of its cell
+        first_points = 1 + np.cumsum(counts) - counts  # of each cell; point 0 is the end -1
+        limit_weights = []
+        for place in places:
+            for cell in np.flatnonzero(_cells_about(cells, np.array([place]))):  # one, or none on an edge
+                points = first_points[cell] + np.arange(counts[cell])
+                limit_weights.append(_interpolation(xi, points, place))
+        if limit_weights:
+            rows = rows.stack(rows.combine(sparse.csr_array(np.array(limit_weights))))
         return SpeedProgram(problem, basis, cells, xi, weights, rows, conditions)
 
     @property

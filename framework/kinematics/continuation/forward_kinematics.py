@@ -182,12 +182,18 @@ def _follow_motors(robot: ParallelRobot, start: Places, q_a: Array) -> Way:
         apart = straight | (after.clearance > BRANCHES_CROSS)
         return apart & keeps_assembly_mode(before.linearised, after.linearised)
 
-    def end(share: float, before: Places) -> tuple[float, Places] | None:
-        ahead = motors_turning_points(robot, before.q, np.array([share]), turn)
-        if not ahead.found[0]:
+    def end(share: float, last: Places) -> tuple[float, Places] | None:
+        """Find the Type 2 singularity ahead of a place, as its share of the way and place; None if none.
+
+
+        Joint rates by the motors are infinite there: the place has rates of zero instead.
+        """
+        singular = motors_turning_points(robot, last.q, np.array([share]), turn)
+        if not singular.found[0]:
             return None
-        nearest = clearance(robot, ahead.linearised)
-        return float(ahead.share[0]), Places(ahead.q, ahead.linearised, np.zeros_like(turn), nearest)
+        joint_rates = np.zeros_like(turn)
+        distance = clearance(robot, singular.linearised)
+        return float(singular.share[0]), Places(singular.q, singular.linearised, joint_rates, distance)
 
     first_place = place(start.q, start.linearised, start.clearance)
     if first_place is None or start.clearance[0] < RANK_LOST:  # on the meeting of two modes
@@ -215,6 +221,7 @@ def motors_turning_points(robot: ParallelRobot, q: Array, share: Array, turn: Ar
     columns, sizes = robot.following, equation_sizes(robot)[robot.n :]
 
     def evaluate(q: Array, share: Array) -> CurveEquations:
+        """Compute the loop equations (T, m), their matrix along following joints, and the motors' drive."""
         linearised = linearised_at(robot, q, None)
         loops = independent_loops_matrix(robot, linearised)
         drive = np.einsum("tmv,tv->tm", loops, turn / robot.column_scale)

@@ -101,6 +101,7 @@ def follow_path(
     """
 
     def arrive(s: Array, predicted: Array) -> Places | None:
+        """Close poses predicted at s (T,); return places before the first one that does not close."""
         q, linearised, closed = close_each(
             robot, path(s), predicted, last_step=last_step, farthest=MAX_NEWTON_STEP
         )
@@ -118,6 +119,7 @@ def follow_path(
         return Places(q, linearised, _rates(robot, path, s, linearised), np.full(len(s), np.inf))
 
     def belong(before: Places, after: Places, straight: BoolArray) -> BoolArray:
+        """Return where places (T,) stay on the branch: in its working mode, and clear of others if bent."""
         keep = keeps_working_mode(robot, before.linearised, after.linearised)
         bent = np.flatnonzero(keep & ~straight)
         keep[bent] = lost_equations(robot, after.linearised.select(bent), BRANCHES_CROSS) == 0
@@ -144,6 +146,7 @@ def _type1_end(robot: ParallelRobot, path: Path, s: float, before: Places) -> tu
     sizes, still = equation_sizes(robot), np.zeros((1, robot.model.nv))
 
     def evaluate(q: Array, share: Array) -> CurveEquations:
+        """Compute the equations (T, n + m) and the drive by the path at path coordinates `share` (T,)."""
         share = np.clip(share, 0.0, 1.0)
         x = path(share)
         linearised = linearised_at(robot, q, x)

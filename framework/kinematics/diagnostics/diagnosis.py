@@ -171,6 +171,7 @@ class _Modes(NamedTuple):
 
 
 def _modes(robot: ParallelRobot) -> _Modes:
+    """Compute both modes of the reference and its clearance from Type 2, None if infinite."""
     linearised = linearised_at_reference(robot)
     working, assembly = (int(sign[0]) for sign in mode_signs(robot, linearised))
     least = float(clearance(robot, linearised)[0])

@@ -87,6 +87,7 @@ class _Undriven(RobotFileError):
     """Motions without a motor, and `joints` to hold in the closed pose, for the reason `why`."""
 
     def __init__(self, message: str, motions: _Motions, joints: Sequence[str], why: str) -> None:
+        """Keep the joints to hold, the reason, and the closed pose as reference values by name."""
         super().__init__(message)
         self.joints, self.why, self.remarks = joints, why, motions.remarks
         self.reference = motions.mechanism.reference_values(motions.q)
@@ -348,34 +349,36 @@ def _check_driven(motions: _Motions, description: RobotDescription, tree: UrdfTr
     """Refuse a mechanism with motions that no motor determines; name joints to hold.
 
     Raises:
-        _Undriven: with joints to hold, if they have springs, or a body that all motors move stands still.
-        RobotFileError: there are none such.
+        _Undriven: with joints to hold. They have springs; or the motions without a motor leave a body at rest
+            that all motors move, which can be the platform.
+        RobotFileError: no joints can be held so.
     """
     motors = description.motor_joints
-    left = motions.working @ null_space(motions.rates(motors))  # (nv, k)
-    if not left.shape[1]:
+    undriven = motions.working @ null_space(motions.rates(motors))  # (nv, k)
+    if not undriven.shape[1]:
         return
     if not motors:
         raise RobotFileError("no joint of one freedom says where the mechanism is: a motor needs one")
-    names = _holding_joints(motions, left, description, tree)
-    advice = f"hold joints (such as --lock {' '.join(names)}), or name" if names else "name"
+    to_hold = _holding_joints(motions, undriven, description, tree)
+    advice = f"hold joints (such as --lock {' '.join(to_hold)}), or name" if to_hold else "name"
     message = (
         f"{motions.freedoms} freedoms and {len(motors)} motor{'s' * (len(motors) != 1)} "
-        f"({', '.join(motors)}): nothing says how {left.shape[1]} of them go; {advice} more motors"
+        f"({', '.join(motors)}): nothing says how {undriven.shape[1]} of them go; {advice} more motors"
     )
-    if names and all(name in description.joints and description.joints[name].stiffness for name in names):
+    if to_hold and all(name in description.joints and description.joints[name].stiffness for name in to_hold):
         raise _Undriven(
-            message, motions, names, "springs that no motor drives, as if rigid; --motors says otherwise"
+            message, motions, to_hold, "springs that no motor drives, as if rigid; --motors says otherwise"
         )
     driven = motions.working @ np.linalg.pinv(motions.rates(motors))  # (nv, n_a)
-    for _, twists in _frame_twists(motions, tree) if names else ():
+    for _, twists in _frame_twists(motions, tree) if to_hold else ():
         by_motor = np.linalg.norm(twists @ driven, axis=0)
-        if np.all(by_motor > FILE_ROUNDING) and np.abs(twists @ left).max() < FILE_ROUNDING:
+        without_motor = twists @ undriven
+        if np.all(by_motor > FILE_ROUNDING) and np.abs(without_motor).max() < FILE_ROUNDING:
             why = (
                 "no motor drives them, and what all motors move stands still when they turn; --motors says "
                 "otherwise"
             )
-            raise _Undriven(message, motions, names, why)
+            raise _Undriven(message, motions, to_hold, why)
     raise RobotFileError(message)
 
 

@@ -181,6 +181,7 @@ def _omissions(tree: UrdfTree, left_out: Sequence[LeftOut]) -> Iterator[str]:
 
 
 def _check_closures(closures: Sequence[Closure]) -> None:
+    """Refuse too many closures, equal names, and a frame joined with itself."""
     if len(closures) > MAX_LOOPS:
         raise RobotFileError(f"{len(closures)} loops; at most {MAX_LOOPS} are read")
     names = [closure.name for closure in closures]
@@ -405,6 +406,7 @@ def _platform(options: Options, known: Known) -> Platform | None:
 
 
 def _check_axes(option: str, kind: str, names: Sequence[str], valid: Sequence[str]) -> None:
+    """Refuse unknown and repeated names of an option, axes or joints."""
     for name in names:
         check_name(option, kind, name, valid)
     if len(set(names)) < len(names):

@@ -114,6 +114,7 @@ class _Model:
     """A compiled model with a name for each body and joint."""
 
     def __init__(self, compiled: Any) -> None:
+        """Name all bodies and joints: unnamed ones body_<k> and <body>_joint, <body>_joint_2."""
         self.compiled = compiled
         names = [self.name("body", k) for k in range(compiled.nbody)]
         self.taken = {*names, ""}

@@ -87,6 +87,7 @@ def parse_any(
 
 
 def _dialect_of_yaml(content: Any) -> str:
+    """Return the dialect of a YAML file by its keys; refuse a file without a key of any."""
     if not isinstance(content, dict):
         raise RobotFileError(f"needs a mapping of keys, got {short(content)}")
     if "closures" in content and not any(key in content for key in ("version", "urdf", "platform")):
@@ -104,6 +105,7 @@ def _dialect_of_yaml(content: Any) -> str:
 
 
 def _from_xml(path: Path, text: str, options: Options) -> ParsedRobot:
+    """Read an XML file by the reader of its root element; prefix errors with their line."""
     from framework.model.readers.mjcf import read_mjcf
     from framework.model.readers.sdf import read_sdf
     from framework.model.readers.urdf import read_urdf
@@ -132,6 +134,7 @@ def _line_of_element(message: str, text: str) -> str:
 def _from_yaml(
     path: Path, text: str, options: Options, parameters_given: Mapping[str, float] | None
 ) -> ParsedRobot:
+    """Read a YAML file of any dialect, with its URDF."""
     text, parameters = with_parameters(text, parameters_given)
     content = parse_yaml(text)
     dialect = _dialect_of_yaml(content)
@@ -180,6 +183,7 @@ def _own(robot: ParsedRobot, options: Options) -> ParsedRobot:
 
 
 def _pair_in(folder: Path) -> Path:
+    """Return the YAML file of a folder: robot.yaml, else the one named like the folder."""
     candidates = [folder / name for name in ("robot.yaml", f"{Path(os.path.realpath(folder)).name}.yaml")]
     for path in candidates:
         if os.path.isfile(path):

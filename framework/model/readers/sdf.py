@@ -389,24 +389,35 @@ def _joints_of_largest_part(scope: Scope) -> list[_Joint]:
     if not ends:
         raise RobotFileError("there is no joint in it")
 
-    def joints_of(group: Iterable[str]) -> list[str]:
-        links = set(group)
-        return [name for name, pair in ends.items() if set(pair) <= links]
+    def joints_between(links: Iterable[str]) -> list[str]:
+        both_in = set(links).issuperset
+        return [name for name, pair in ends.items() if both_in(pair)]
 
-    def rank(group: Sequence[str]) -> tuple[bool, int]:
-        joints = joints_of(group)
+    def loops_and_joints(links: Sequence[str]) -> tuple[bool, int]:
+        """Return whether connected links close a loop, and the number of their joints.
+
+
+        A tree has one joint less than links. A mimic is a loop equation too.
+        """
+        joints = joints_between(links)
         mimics = sum(_has(scope.joints[name], "mimic") for name in joints)
-        return len(joints) - len(group) + 1 + mimics > 0, len(joints)
+        loops = len(joints) - (len(links) - 1) + mimics
+        return loops > 0, len(joints)
 
-    best = max(merge_sharing(ends.values()), key=rank)
-    return [_joint(scope, name, ends[name]) for name in joints_of(best)]
+    best = max(merge_sharing(ends.values()), key=loops_and_joints)
+    return [_joint(scope, name, ends[name]) for name in joints_between(best)]
 
 
 def _tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
     """Choose the joints of a tree: joints with properties first, balls last."""
     mimicked = {mimic.get("joint") for joint in scope.joints.values() for mimic in joint.iter("mimic")}
 
-    def rank(joint: _Joint) -> tuple[bool, ...]:
+    def closes_loop_before(joint: _Joint) -> tuple[bool, ...]:
+        """Return the sort key of a joint; the tree takes joints with false entries first.
+
+
+        Joints left over close loops: they should be plain ones, without own properties or mimics.
+        """
         is_constraint = f"{joint.name}_at_child" in scope.relative
         leads = joint.name.rsplit("::", 1)[-1] in mimicked or _has(joint.element, "mimic")
         is_last = joint.kind in ("universal", "spherical")
@@ -414,7 +425,7 @@ def _tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
 
     groups = {link: {link} for joint in joints for link in joint.links}
     chosen = set()
-    for joint in sorted(joints, key=rank):
+    for joint in sorted(joints, key=closes_loop_before):
         first, second = (groups[link] for link in joint.links)
         if first is not second:
             first |= second

@@ -159,6 +159,7 @@ def _read_coupling(tree: UrdfTree, element: ElementTree.Element) -> Closure | No
 
 
 def _read_fixed_frame(tree: UrdfTree, element: ElementTree.Element) -> None:
+    """Add a named frame at its origin on its parent link."""
     name, where = _element_name(element)
     parent = attribute(child_element(element, where, "parent"), f"{where}: <parent>", "link")
     origin = origin_of(element.find("origin"), f"{where}: <origin>")
@@ -166,6 +167,7 @@ def _read_fixed_frame(tree: UrdfTree, element: ElementTree.Element) -> None:
 
 
 def _read_ball_constraint(tree: UrdfTree, element: ElementTree.Element) -> Closure:
+    """Return the spherical closure of point p_AP of body_A and point p_BQ of body_B [m]."""
     parts = {local_name(child.tag).removeprefix("ball_constraint_"): child for child in element}
     ends = []
     for body, point in (("body_A", "p_AP"), ("body_B", "p_BQ")):
