@@ -155,7 +155,7 @@ class FramePlatform(PlatformCoordinates):
         return self.attitude.constant
 
     def coordinates(self, frames: FrameStack) -> Array:
-        """Compute x (T, n) [m, rad]: positions of the frame's origin and angles of its attitude."""
+        """Compute x (T, n) [m, rad] from frame 0, the platform's: its origin's positions and its angles."""
         x = np.empty((len(frames.position), self.n))
         x[:, self.sliding] = frames.position[:, 0, self.along]
         x[:, self.turning] = self.attitude.coordinates(frames.rotation[:, 0])

@@ -191,12 +191,12 @@ def crossing_rows(
     deflections: Deflections | None,
     before: SquaredSpeed | None = None,
 ) -> tuple[float, Array]:
-    """Return sigma of a crossing and its conditions as rows (k, 4) with row . (1, z, u, u') = 0.
+    """Return sigma of a crossing and its conditions, rows (k, 4) on (1, z, u, u').
 
-    A path that crosses the locus along one uncontrolled motion has the one condition t_s . W_p = 0, without
-    u'. Several motions have one each, and a touch adds the derivatives along the path. A coefficient is zero
-    if it is no more than rounding of its terms: that of u on a path orthogonal to t_s; all coefficients on a
-    straight path with no weight along t_s.
+    Each row times (1, z, u, u') has to vanish at sigma. A path that crosses the locus, with one uncontrolled
+    motion, has the one condition t_s . W_p = 0 without u'. Several motions have one each, and a touch adds
+    the derivatives along the path. A coefficient is zero if it is no more than rounding of its terms: that of
+    u on a path orthogonal to t_s; all coefficients on a straight path with no weight along t_s.
     """
     sigma, wrench_row = _wrench_row(branch, phi, place, deflections, before)
     if place.corank == 1 and not place.touches:

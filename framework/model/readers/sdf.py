@@ -412,7 +412,7 @@ def _tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
     """Choose the joints of a tree: joints with properties first, balls last."""
     mimicked = {mimic.get("joint") for joint in scope.joints.values() for mimic in joint.iter("mimic")}
 
-    def closes_loop_before(joint: _Joint) -> tuple[bool, ...]:
+    def tree_order(joint: _Joint) -> tuple[bool, ...]:
         """Return the sort key of a joint; the tree takes joints with false entries first.
 
 
@@ -425,7 +425,7 @@ def _tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
 
     groups = {link: {link} for joint in joints for link in joint.links}
     chosen = set()
-    for joint in sorted(joints, key=closes_loop_before):
+    for joint in sorted(joints, key=tree_order):
         first, second = (groups[link] for link in joint.links)
         if first is not second:
             first |= second
