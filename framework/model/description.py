@@ -40,7 +40,7 @@ def locked_axes(kind: str, axis: str = "z") -> tuple[str, ...]:
         RobotFileError: unknown kind or axis.
     """
     for what, given, valid in (
-        ("closure kind", kind, CLOSURE_KINDS),
+        ("closure kind", kind, tuple(_LOCKED)),
         ("closure axis", axis, ("x", "y", "z")),
     ):
         if given not in valid:
