@@ -33,7 +33,7 @@ class Specification(ReadOnlyArrays):
     smoothness: int
     friction: Array
 
-    def tighten_limits(self, share: float) -> Specification:
+    def scale_limits(self, share: float) -> Specification:
         """Return the specification with its limits multiplied by `share`."""
         return replace(self, torque_limit=self.torque_limit * share, speed_limit=self.speed_limit * share)
 

@@ -106,7 +106,9 @@ def _elastic(task: Task, places: Sequence[CrossingPoint]) -> OptimalMotion:
 
     Each search has the deflections of the motion before, as functions of the path parameter. What is not
     resolved or at rest at its ends is followed by a smoother law, with more of its derivatives zero there:
-    rates of springs with inertia follow the fifth and their accelerations the sixth.
+    rates of springs with inertia follow the fifth and their accelerations the sixth. The first law knows no
+    deflections: where its motion exceeds limits, a smoother law follows. Later ones have limits scaled by
+    what the motion before left free or exceeded.
     """
     sought, rung = task, 0
     deflections: Deflections | None = None
@@ -141,9 +143,11 @@ def _elastic(task: Task, places: Sequence[CrossingPoint]) -> OptimalMotion:
             if kept is not None and not _cost(task, new) < _worthwhile(task, kept):
                 return min(new, kept, key=lambda motion: _cost(task, motion))
             kept = new
-        else:
-            tightened = sought.specification.tighten_limits((1.0 - LIMIT_TIGHTENING) / excess)
-            sought = sought._replace(specification=tightened)
+        elif deflections is None:  # of a law that did not know them; a smoother one shakes the springs less
+            rung = max(rung, 1)
+        if excess > 0.0 and deflections is not None:  # the motion is to be at its limits, not the program
+            scaled = sought.specification.scale_limits((1.0 - LIMIT_TIGHTENING) / excess)
+            sought = sought._replace(specification=scaled)
         deflections, best = DeflectionsOnPath(law, dynamics.deflections), None
         places = crossing_places(task, deflections, places)
     if kept is not None:

@@ -21,8 +21,9 @@ from framework import (
 from framework.crossing.optimal import least_cost
 from framework.crossing.optimal.peak_bound import bound_plan
 from framework.crossing.saved import plan_document
+from framework.crossing.scenes import scene_path
 from framework.errors import InvalidInput, NoAnswer, NoLaw
-from framework.motion.optimal_law import least_value
+from framework.motion.optimal_law import HIGHEST_SMOOTHNESS, least_value
 from framework.tolerances import SQUARED_SPEED_FLOORS
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
@@ -290,3 +291,20 @@ def test_a_path_that_ends_just_short_of_a_singular_point_takes_a_hundredth_of_th
     path = beside_the_locus(robot, -1e-6)
     plans = [plan_crossing(robot, path, duration=1.5, law=law) for law in ("auto", "polynomial")]
     assert peak(plans[0]) < 0.01 * peak(plans[1])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("flexibility", "limit"), [("flexible_joints", 5.0), ("flexible_links", 2.0)])
+def test_the_quickest_law_of_an_elastic_robot_is_nearly_that_of_the_rigid_one_whatever_longest(
+    flexibility, limit
+):
+    path = scene_path(robots.load("five_bar").description.scenes["C"])
+    rigid = plan_crossing(
+        robots.load("five_bar"), path, optimize="time", torque_limit=limit, smoothness=HIGHEST_SMOOTHNESS
+    )
+    elastic = robots.load("five_bar", flexibility=flexibility)
+    for longest in (None, 0.3, 1.0):
+        plan = plan_crossing(elastic, path, optimize="time", torque_limit=limit, longest=longest)
+        # springs of the catalogue are stiff: their motion asks for some percent of time
+        assert rigid.duration < plan.duration < 1.05 * rigid.duration
+        assert 0.97 * limit < max(plan.peak_torque.values()) <= limit
