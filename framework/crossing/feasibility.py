@@ -130,11 +130,7 @@ class Feasibility:
     def short_sentence(self) -> str:
         """The acceleration that the condition asks for, in one clause."""
         weight = "" if self.wrenches else f", with {100 * self.weight_share:.3g} % of the weight along t_s"
-        pace = (
-            ""
-            if self.pace is None
-            else f", whatever the duration: the whole path from rest in {self.pace:.3g} s"
-        )
+        pace = "" if self.pace is None else f", the pace of {self.pace:.3g} s for the path at any duration"
         return f"condition (8) at s = {self.s:.6g}{weight}: {self._demand_text()}{pace}"
 
     def _demand_text(self) -> str:
