@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from framework.catalogue import robot_file
-from framework.crossing.motion_table import DEFAULT_ROWS, MotionTable
+from framework.crossing.motion_table import DEFAULT_ROWS, MAX_SAMPLES, MotionTable
 from framework.crossing.options import TYPED
 from framework.crossing.plan import plan_request
 from framework.crossing.request import Request
@@ -118,18 +118,17 @@ def path(options: Namespace, robot: ParallelRobot) -> Path:
     """Return the path of --scene, or the line of --from and --to."""
     ends, via = (options.start, options.end), options.via or []
     if (options.blend is None) == bool(via):
-        raise InvalidInput(
-            "--blend: goes with --via, whose corners it rounds: how far from a corner the blend begins [m]"
-        )
+        missing = "--via: needs --blend r" if via else "--blend: needs a corner, --via X.."
+        raise InvalidInput(f"{missing}: blends begin and end r from each corner [m]")
     if options.scene is not None:
         if via or any(end is not None for end in ends):
             raise InvalidInput("--scene already has a path; give either --scene or --from and --to").advising(
-                {"from": None, "to": None, "via": None, "blend": None}
+                _NO_LINE
             )
         return scene_path(scene(robot, options.scene))
     if any(end is None for end in ends):
         names = list(robot.description.scenes)
-        first = {"from": None, "to": None, "scene": names[0]} if names else None
+        first = {**_NO_LINE, "scene": names[0]} if names else None
         either = f"either --scene (of {robot.name}: {', '.join(names)}) or " if names else ""
         none = "" if names else f": {robot.name} has no scenes"
         raise InvalidInput(f"give {either}both --from and --to{none}").advising(first)
@@ -274,9 +273,12 @@ def motion_rows(options: Namespace, plan: CrossingPlan) -> MotionTable:
             raise InvalidInput("--samples, --rate: both say how many rows; leave one of them out").advising(
                 {"samples": None}
             )
-        if not options.rate * plan.duration >= 1.0:
-            least = 1.0 / plan.duration
-            raise InvalidInput(f"--rate: needs at least {least:.4g} rows a second, got {options.rate:g}")
+        least, most = 1.0 / plan.duration, (MAX_SAMPLES - 1) / plan.duration
+        if not least <= options.rate <= most:
+            raise InvalidInput(
+                f"--rate: needs {least:.4g} to {most:.4g} rows a second over {plan.duration:.4g} s, "
+                f"got {options.rate:g}"
+            )
         period = 1.0 / options.rate
     return plan.samples(options.samples or DEFAULT_ROWS, period=period, columns=options.columns)
 
@@ -287,4 +289,5 @@ def flag_of(key: str) -> str:
     return f"--{name.removeprefix('spread_').replace('_', '-')}"
 
 
+_NO_LINE = dict.fromkeys(("from", "to", "via", "blend"))  # advice without these options
 _OF_A_PLAN = ("scene", "scenes", "start", "end", "via", "blend", "set", "flexibility", *TYPED, *WRENCH_FLAGS)

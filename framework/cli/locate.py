@@ -65,7 +65,7 @@ def run(options: Namespace) -> Report:
         "robot": robot.name,
         "flexibility": robot.flexibility,
         "singularities": [_singularity(*fact) for fact in facts],
-        "durations": {"optimal": optimal and optimal.to_list()},
+        "least_duration": optimal and optimal.shortest,
         "near_misses": [
             {"s": miss.s, "platform": path(miss.s), "g": miss.g} for miss in searched.near_misses
         ],

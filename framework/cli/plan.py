@@ -121,6 +121,8 @@ def run(options: Namespace) -> Report:
         with writing as folder:
             return report_raw(options, robot, request, folder)
     if out is None:
+        if options.rate is not None or options.columns is not None:
+            raise InvalidInput("--rate, --columns: of the rows that --out writes; give --out FOLDER")
         plan, entries, lines = _make_plan(robot, request, level, options.bend)
         return plan_document(plan) | entries, plan_text(plan) + lines
     replaced, present = _describe_replaced(out), [name for name in OF_A_PLAN if os.path.isfile(out / name)]

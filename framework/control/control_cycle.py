@@ -42,9 +42,8 @@ from framework.statics.stiffness import mass_matrices
 from framework.tolerances import BRANCHES_MEET, DETERMINANT_LOST
 
 MAX_ITERATIONS = 5  # of Newton's method in a cycle; a prediction that needs more is not accepted
-LAST_STEP = (
-    1e-10  # [rad, robot lengths] of the joints: the error of the rates; that of the pose is its square
-)
+# [rad, robot lengths] of the joints: the error of the rates; that of the pose is its square
+LAST_STEP = 1e-10
 
 
 class ControlCycle:

@@ -129,10 +129,8 @@ def _select_chunks(stored: list[tuple[range, Run]], runs: int) -> dict[range, Ru
 def _missing_chunks(finished: Iterable[range], runs: int, chunk: int) -> list[range]:
     """Return the first `runs` runs without the finished ones, in chunks of at most `chunk` runs."""
     missing, end = [], 0
-    for part in (
-        *sorted(finished, key=lambda part: part.start),
-        range(runs, runs),
-    ):  # the last closes the last gap
+    end_of_all = range(runs, runs)  # closes the last gap
+    for part in (*sorted(finished, key=lambda part: part.start), end_of_all):
         gap = range(end, part.start)
         missing += [gap[first : first + chunk] for first in range(0, len(gap), chunk)]
         end = part.stop

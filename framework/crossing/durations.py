@@ -32,10 +32,6 @@ class OptimalDurations(NamedTuple):
     shortest: float | None
     refusal: str = ""
 
-    def to_list(self) -> list[float | None] | None:
-        """Return the entry of `locate --json`; null without a law, and in place of the longest."""
-        return None if self.shortest is None else [self.shortest, None]
-
     @property
     def sentence(self) -> str:
         """The durations, in one line."""

@@ -109,7 +109,7 @@ def motion_table(
     every = MotionTable(motion_columns(robot), np.concatenate(values, axis=1))
     if columns is None:
         return every
-    chosen = [k for wanted in columns for k in _matching_columns(wanted, every.names)]
+    chosen = list(dict.fromkeys(k for wanted in columns for k in _matching_columns(wanted, every.names)))
     return MotionTable(tuple(every.columns[k] for k in chosen), every.rows[:, chosen])
 
 

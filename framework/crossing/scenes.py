@@ -71,9 +71,8 @@ def scene_request(robot: ParallelRobot, name: str, **options: Any) -> Request:
     """
     chosen = scene(robot, name)
     stated = {key: getattr(chosen, key) for key in OPTIONS if hasattr(chosen, key)}
-    if options.get("law") == "polynomial" or options.get("times") is not None:
-        stated.update(optimize=None)
-    if options.get("duration") is not None and chosen.optimize == "time":
+    has_duration = options.get("duration") is not None and chosen.optimize == "time"
+    if has_duration or options.get("law") == "polynomial" or options.get("times") is not None:
         stated.update(optimize=None)
     asked = {**stated, **options}
     asks_for_optimal = options.get("law") == "optimal"

@@ -148,7 +148,6 @@ class BalanceEquations:
     def _points(self, series: Array, scalars: Array) -> CoursePoints:
         """Evaluate motion and deflections, with two rates, at 2 N nodes of each panel.
 
-
         With r = d(xi)/dt and a = dr/dt the bases of value, rate and acceleration are
         T_k, r T_k' and r^2 T_k'' + a T_k'.
         """

@@ -199,7 +199,7 @@ def identify(
     link_values = possible_parameters(robot, links, information, residual, prior)
     parameters = file + links.to_parameters @ (link_values - links.values)
     before, after = (torque_error(robot, regressor, measured, test, each) for each in (file, parameters))
-    if not np.linalg.norm(after) < np.linalg.norm(before):
+    if np.linalg.norm(before) <= np.linalg.norm(after):
         link_values, parameters, after = links.values, file, before
     return Identification(
         robot=robot,

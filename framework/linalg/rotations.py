@@ -9,13 +9,13 @@ import numpy as np
 from framework.arrays import Array
 from framework.linalg.ordered_sums import dot
 
-# Coefficients of sum (-1)^j square^j / (2 j + first)!, differentiated 0, 1 and 2 times; first is 2 for a, 3
+# Coefficients of sum (-1)^j square^j / (2 j + first)!, differentiated 0 times and once; first is 2 for a, 3
 # for b of the left Jacobian. The last one is below 1e-17.
 _SERIES = np.array(
     [
         [
             [(-1.0) ** j * perm(j, order) / factorial(2 * j + first) for j in range(order, order + 12)]
-            for order in range(3)
+            for order in range(2)
         ]
         for first in (2, 3)
     ]
@@ -55,7 +55,7 @@ def rotation_vector(rotation: Array) -> Array:
 
 
 def left_jacobian_coefficients(square: Array) -> Array:
-    """Compute the left Jacobian's coefficients a, b with two derivatives along t^2, (2, 3, T).
+    """Compute the left Jacobian's coefficients a, b with a derivative along t^2, (2, 2, T).
 
     a = (1 - cos t) / t^2 and b = (t - sin t) / t^3; `square` (T,) is t^2. Below one radian the closed forms
     lose digits to cancellation, and the series of a and b are taken.
@@ -68,22 +68,14 @@ def left_jacobian_coefficients(square: Array) -> Array:
     sine, cosine = np.sin(t), np.cos(t)
     lost_a, lost_b = 1 - cosine, t - sine
     closed = [
-        [
-            lost_a / t**2,
-            (t * sine - 2 * lost_a) / (2 * t**4),
-            (t**2 * cosine - 5 * t * sine + 8 * lost_a) / (4 * t**6),
-        ],
-        [
-            lost_b / t**3,
-            (t * lost_a - 3 * lost_b) / (2 * t**5),
-            (t * (t * sine - 2 * lost_a) - 5 * (t * lost_a - 3 * lost_b)) / (4 * t**7),
-        ],
+        [lost_a / t**2, (t * sine - 2 * lost_a) / (2 * t**4)],
+        [lost_b / t**3, (t * lost_a - 3 * lost_b) / (2 * t**5)],
     ]
     return np.where(small, series, closed)
 
 
 def _left_jacobian_series(square: Array) -> Array:
-    """Compute `left_jacobian_coefficients` (2, 3, T) by series."""
+    """Compute `left_jacobian_coefficients` (2, 2, T) by series."""
     series = np.zeros((*_SERIES.shape[:2], len(square)))
     for k in range(_SERIES.shape[2] - 1, -1, -1):  # a matrix product would round by the length of the stack
         series = series * square + _SERIES[:, :, k, None]

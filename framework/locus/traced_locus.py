@@ -313,7 +313,6 @@ def _second_tangent(equations: LocusEquations, crossing: Points) -> Array | None
     def second(w: Array) -> float:
         """Compute the second derivative along w of the equation without slope: y . F''(w, w).
 
-
         y is the left null vector of the slopes; the derivative is a central difference.
         """
         ends = equations.move(np.repeat(crossing.q, 2, axis=0), DIFFERENCE_STEP * np.stack([w, -w]))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from framework.errors import RobotFileError, check_choice, choose_from
+from framework.errors import RobotFileError, check_choice, check_name, choose_from
 
 # Each has the springs of its predecessors; a spring exists from some level on, see `Spring.exists_in`.
 FLEXIBILITIES = ("rigid", "flexible_joints", "flexible_links")
@@ -101,7 +101,10 @@ class Closure:
     length: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse a distance without a length, and locked axes with one."""
+        """Refuse rows that need a length without one, a length without such rows, and unknown rows."""
+        known = {row for rows in _LOCKED.values() for row in rows}
+        for row in self.axes:
+            check_name(f"closure {self.name}", "axis", row, known)
         if (set(self.axes) <= set(AXES)) != (self.length is None):
             raise RobotFileError(
                 f"closure {self.name}: a length goes with rows such as distance, and with no others, "

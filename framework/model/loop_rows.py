@@ -3,7 +3,8 @@
 Each equation is a weighted product of two vectors less a constant. Two frames have three such products
 (`LoopRows`), and the other modules know these three: values and derivatives (`kinematics.closures`,
 `frame_variations`) and bounds over boxes (`proofs.derivative_bounds`, `proofs.leg_paving`)
-serve every weight and constant. So a kind of row is stated in `ROW_KINDS` alone.
+serve every weight and constant. So a kind of row is stated in `ROW_KINDS` alone, and kinds of closures that
+have it in `description.locked_axes`.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 from framework.arrays import Array, IntArray, ReadOnlyArrays, read_only
 from framework.model.description import AXES, Closure
 
-PRODUCTS = ("u.d", "u.w", "d.d")  # u, w: an axis of the first, of the second frame; d = p2 - p1
+Product = Literal["u.d", "u.w", "d.d"]  # u, w: an axis of the first, of the second frame; d = p2 - p1
 
 
 class RowKind(NamedTuple):
@@ -28,7 +29,7 @@ class RowKind(NamedTuple):
     The value is to first order an error in m, or in rad if the product is u.w: tolerances are for these.
     """
 
-    product: str  # one of PRODUCTS
+    product: Product
     coefficients: Callable[[float], tuple[float, float]]  # weight and constant for a length [m]
     satisfy: Callable[[Array, float], Array]  # makes d (3,) on axes of the first frame obey; zeros stay
     axes: tuple[int, int] = (0, 0)  # 0..2, of u and w
@@ -100,7 +101,8 @@ class LoopRows(ReadOnlyArrays):
     @property
     def reach(self) -> Array:
         """Sizes (m,) [m] that rows prescribe: of d along an axis, or in all; 0 of rotations."""
-        along = np.where(self.rotation, 0.0, np.abs(self.constant / self.weight))
+        has_size = ~self.rotation & (self.weight != 0.0)  # of a coupling it is zero
+        along = np.abs(np.divide(self.constant, self.weight, out=np.zeros(len(self.weight)), where=has_size))
         return np.where(self.square, np.sqrt(along), along)
 
     @cached_property

@@ -239,6 +239,7 @@ class Spline(PointPath):
         return _stack(s, self._spline(flat, nu=order))
 
 
+SMALLEST_BLEND = 1e-4  # of half the shortest segment: torques grow with one over the blend
 # The blend of a corner along w in [-1, 1] leads the speed on a segment from 0 to 1 by f' with f'(-1) = 0,
 # f'(1) = 1 and f" = 35/32 (1 - w^2)^3, so that four derivatives are continuous.
 _BLEND_CURVATURE = Polynomial([1.0, 0.0, -1.0]) ** 3 * (35.0 / 32.0)
@@ -276,11 +277,12 @@ class Polyline(PointPath):
         lengths = np.linalg.norm(chords, axis=1)
         directions = chords / lengths[:, None]
         longest = 0.5 * lengths.min()
-        if not (is_number(self.blend) and 0.0 < self.blend <= longest):
+        if not (is_number(self.blend) and SMALLEST_BLEND * longest <= self.blend <= (1.0 + 1e-5) * longest):
             raise InvalidInput(
-                f"polyline: blend must be greater than 0 and at most {longest:.6g}, as its segments "
-                f"allow, got {self.blend!r}"
+                f"polyline: blend must be from {SMALLEST_BLEND * longest:.2g} to {longest:.6g}, half of the "
+                f"shortest segment, got {self.blend!r}"
             )
+        blend = min(float(self.blend), longest)
         back = np.linalg.norm(directions[1:] + directions[:-1], axis=1) < DEGENERATE_PATH
         if back.any():
             corner = int(np.argmax(back)) + 1
@@ -289,14 +291,13 @@ class Polyline(PointPath):
                 f"path does; stop there, and plan two motions"
             )
         arc_lengths = np.concatenate(([0.0], np.cumsum(lengths)))
-        knots = (arc_lengths[1:-1, None] + self.blend * np.array([-1.0, 1.0])) / arc_lengths[-1]
+        knots = (arc_lengths[1:-1, None] + blend * np.array([-1.0, 1.0])) / arc_lengths[-1]
         knots = np.unique(np.round(knots, 14))  # one where two blends meet
-        _hold(self, points=points, blend=float(self.blend), knots=read_only(knots))
+        _hold(self, points=points, blend=blend, knots=read_only(knots))
         _hold(self, _arc_lengths=read_only(arc_lengths), _directions=read_only(directions))
 
     def __call__(self, s: ArrayLike, order: int = 0) -> Array:
         """Compute x(s) or its derivative by s of this order, (..., n).
-
 
         About the nearest corner c, x = c + b (-f(-w) d_1 + f(w) d_2), with directions d_1, d_2 before and
         after the corner, w the distance from it over b, and the blend f of `_blend_value`.

@@ -70,11 +70,15 @@ class Workers(Executor):
         self.shutdown()
 
     def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
-        """Wait for all tasks after a block without error, else stop the processes."""
-        if kind is None:
-            self.shutdown()
-        else:
+        """Wait for all tasks; after an error, also while waiting, stop the processes."""
+        if kind is not None:
             self.stop()
+            return
+        try:
+            self.shutdown()
+        except BaseException:
+            self.stop()
+            raise
 
     def _call(self, *call: Any) -> Any:
         """Return the result of a call in an idle process or a new one; raise its error."""

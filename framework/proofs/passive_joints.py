@@ -39,7 +39,6 @@ def joints_at(robot: ParallelRobot, q: Array, place: Array, turn: Array | None) 
     def pose_rows(frames: FrameStack) -> tuple[Array, Array]:
         """Compute the offset of the frame from the poses, (S, 3 or 6), and its slopes.
 
-
         Attitudes differ by the axial vector of (G - G^T) / 2, with G = R R_target^T.
         """
         off, slopes = frames.position[:, 0] - places, frames.jacobian[:, 0] * robot.column_scale

@@ -29,9 +29,10 @@ def display_name(name: str) -> str:
 def plan_name(plan: CrossingPlan, folder: str) -> str:
     """Return the scene of a saved plan as `show --scene` names scenes; its folder without one."""
     request = plan.request
-    requested = (request.path, request.duration, request.times, request.speeds, request.at)
+    keys = ("duration", "times", "speeds", "at", "optimize")
+    requested = [request.path, *(getattr(request, key) for key in keys)]
     for name, scene in plan.robot.description.scenes.items():
-        if (scene_path(scene), scene.duration, scene.times, scene.speeds, scene.at) == requested:
+        if [scene_path(scene), *(getattr(scene, key) for key in keys)] == requested:
             return f"Scene {name}"
     return f"Plan {folder}"
 

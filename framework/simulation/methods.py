@@ -301,7 +301,6 @@ def _forces(
     def forces(k: int, i: int, q: Array, v: Array) -> Array:
         """Compute generalised forces (nv,) of motors and world at stage i of step k.
 
-
         Motor torques that depend on time alone were tabulated as `motors`.
         """
         time = times[k, i : i + 1]

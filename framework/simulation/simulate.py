@@ -5,7 +5,8 @@ included, and at a Type 2 singularity nothing happens at all. What it shares wit
 
 * the robot: the tree with its springs as pinocchio reads it, index sets, gears, rotors (`model`);
 * frames, loop equations with Jacobian and drift, the platform's coordinates (`kinematics.frames`, `closures`,
-  `platform`), which equations are independent and which joints idle (`kinematics.assembly`);
+  `platform`), which equations are independent and which joints idle (`kinematics.assembly`); Newton's slopes
+  of loops and wrenches, which change how fast a step converges and not what it converges to;
 * the start, which is the plan's own.
 
 Not shared is how forces are found: no law, no A, no elimination of the loops' forces, no condition at a

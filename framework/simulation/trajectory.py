@@ -40,7 +40,6 @@ class Polynomials:
     def __call__(self, t: Array) -> tuple[Array, Array]:
         """Evaluate positions (T, nq) and velocities (T, nv) at times (T,) [s].
 
-
         q is the integral of its stages' slopes from the start of the step; v interpolates stages and start.
         """
         which, table = _step_index(self.edges, t), self.steps[0].table

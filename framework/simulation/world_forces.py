@@ -78,8 +78,8 @@ class WorldForces:
         """Compute their derivative (T, nv, nv) along the tangent of q."""
         frames = frames_at(robot, q)
         wrenches = self.wrenches.evaluate(robot, frames, self._path_coordinates(t))
-        slopes = [wrench_slope(robot, frames.screws, wrench) for wrench in wrenches]
-        return np.sum(slopes, axis=0)
+        slopes = (wrench_slope(robot, frames.screws, wrench) for wrench in wrenches)
+        return sum(slopes, start=np.zeros((len(q), robot.model.nv, robot.model.nv)))
 
     def _path_coordinates(self, t: Array) -> Array:
         """Return s (T,) at t (T,), 0 where all wrenches are constant."""

@@ -176,3 +176,8 @@ def test_a_distance_and_nothing_else_has_a_length(axes, length):
 def test_unknown_kinds_and_axes_list_the_known_ones(kind, axis, words):
     with pytest.raises(RobotFileError, match=words):
         locked(kind, axis)
+
+
+def test_an_unknown_row_is_refused():
+    with pytest.raises(RobotFileError, match="closure c: unknown axis 'distanse'; did you mean 'distance'"):
+        Closure("c", ("a", "b"), ("distanse",), 1.0)

@@ -145,7 +145,8 @@ def _elastic(task: Task, places: Sequence[CrossingPoint]) -> OptimalMotion:
             kept = new
         elif deflections is None:  # of a law that did not know them; a smoother one shakes the springs less
             rung = max(rung, 1)
-        if excess > 0.0 and deflections is not None:  # the motion is to be at its limits, not the program
+        is_bound = excess > 1.0 or task.specification.goal == "time"  # the quickest motion is at its limits
+        if is_bound and deflections is not None:
             scaled = sought.specification.scale_limits((1.0 - LIMIT_TIGHTENING) / excess)
             sought = sought._replace(specification=scaled)
         deflections, best = DeflectionsOnPath(law, dynamics.deflections), None

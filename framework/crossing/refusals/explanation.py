@@ -70,7 +70,10 @@ def remedy_of(
     if request.at is not None:  # an imposed point: what was said of the located ones does not hold there
         return None
     if not request.may_be_optimal:
-        return _with_optimal_law(request, optimal)
+        if optimal is None or optimal.shortest is None or request.duration is None:
+            return None
+        least = DURATION_RESERVE * optimal.shortest
+        return OPTIMAL_LAW | ({"duration": round_up(least, 3)} if least > request.duration else {})
     if isinstance(getattr(refusal, "proof", None), UnmetCondition):
         return None if refusal.proof.stop else {"bend": True}  # type: ignore[attr-defined]
     evidence = getattr(refusal, "evidence", None)
@@ -81,21 +84,10 @@ def remedy_of(
     return None if evidence.limits is None else _limits_by_joint(robot, evidence.limits)
 
 
-def _with_optimal_law(request: Request, optimal: OptimalDurations | None) -> dict[str, Any] | None:
-    """Return the options of the optimal law, with its least duration where that is longer; None without."""
-    if optimal is None or optimal.shortest is None or request.duration is None:
-        return None
-    least = DURATION_RESERVE * optimal.shortest
-    return OPTIMAL_LAW | ({"duration": round_up(least, 3)} if least > request.duration else {})
-
-
 def _limits_by_joint(robot: ParallelRobot, limits: dict[str, Array]) -> dict[str, Any]:
     """Return limits (n_a,) by option and joint, infinite ones left out."""
+    names = robot.actuator_names
     return {
-        name: {
-            joint: float(limit)
-            for joint, limit in zip(robot.actuator_names, values, strict=True)
-            if np.isfinite(limit)
-        }
-        for name, values in limits.items()
+        option: {name: float(limit) for name, limit in zip(names, values, strict=True) if np.isfinite(limit)}
+        for option, values in limits.items()
     }

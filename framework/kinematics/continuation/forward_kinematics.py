@@ -185,7 +185,6 @@ def _follow_motors(robot: ParallelRobot, start: Places, q_a: Array) -> Way:
     def end(share: float, last: Places) -> tuple[float, Places] | None:
         """Find the Type 2 singularity ahead of a place, as its share of the way and place; None if none.
 
-
         Joint rates by the motors are infinite there: the place has rates of zero instead.
         """
         singular = motors_turning_points(robot, last.q, np.array([share]), turn)

@@ -33,7 +33,7 @@ HEAVY_PART = 1e5  # [kg] likewise
 SMALL_LINK, LARGE_LINK = 1e-3, 20.0  # [m] likewise, of the longest
 GYRATION_RATIO = 5.0  # of a part's radius of gyration in its size; 2.4 at most in the catalogue
 SMALL_PART_RATIO = 0.2  # of the longest link: a part without joints or frames is taken to be as large
-MOVED_REFERENCE = 1e-3  # [rad, robot lengths] of a joint: a file of four digits is nearer
+MOVED_REFERENCE = 2e-2  # [rad, robot lengths] of a joint: references that are drawn by hand are nearer
 
 
 @dataclass(frozen=True)
@@ -281,12 +281,13 @@ def _advice_on_reference(robot: ParallelRobot, modes: _Modes) -> list[str]:
     advice = []
     offset = difference(robot, robot.q_near, robot.reference.q[None])[0]
     columns = columns_of(robot.model, robot.description.reference)
-    farthest = max(columns, key=lambda column: abs(offset / robot.column_scale)[column], default=None)
-    if farthest is not None and abs(offset / robot.column_scale)[farthest] > MOVED_REFERENCE:
+    sizes = np.abs(offset / robot.column_scale)
+    farthest = max(columns, key=lambda column: sizes[column], default=None)
+    if farthest is not None and sizes[farthest] > MOVED_REFERENCE:
         unit = "m" if robot.sliding[farthest] else "rad"
         advice.append(
             f"the loops close beside the reference that is given, {robot.coordinates.name_of(farthest)} by "
-            f"{offset[farthest]:+.3g} {unit} and others by less"
+            f"{offset[farthest]:+.3g} {unit}"
         )
     beyond = positions_beyond_limits(robot.limits, robot.reference.q[None])
     if beyond:

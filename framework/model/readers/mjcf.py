@@ -24,7 +24,7 @@ from framework.model.description import Closure, Coupling, JointDynamics, Parsed
 from framework.model.placement import from_quaternion, placement
 from framework.model.readers.describe import LeftOut, Options, Pull, describe
 from framework.model.readers.mujoco_model import mujoco_model
-from framework.model.readers.urdf_tree import UrdfTree
+from framework.model.readers.urdf_tree import MAX_LOOPS, UrdfTree
 from framework.model.urdf_elements import SEVERAL, coordinates_of
 from framework.model.urdf_writing import (
     ChainJoint,
@@ -55,6 +55,8 @@ def read_mjcf(file: Path, root: ElementTree.Element, options: Options) -> Parsed
     """
     _refuse_nan(root)
     compiled, left_out, unused = mujoco_model(file)
+    if compiled.neq > MAX_LOOPS:
+        raise RobotFileError(f"<equality>: at most {MAX_LOOPS} equalities are read")
     model = _Model(compiled)
     tree = UrdfTree(model.urdf(root.get("model") or "mjcf"))
     tree.unused += unused

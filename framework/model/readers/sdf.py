@@ -396,7 +396,6 @@ def _joints_of_largest_part(scope: Scope) -> list[_Joint]:
     def loops_and_joints(links: Sequence[str]) -> tuple[bool, int]:
         """Return whether connected links close a loop, and the number of their joints.
 
-
         A tree has one joint less than links. A mimic is a loop equation too.
         """
         joints = joints_between(links)
@@ -414,7 +413,6 @@ def _tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
 
     def tree_order(joint: _Joint) -> tuple[bool, ...]:
         """Return the sort key of a joint; the tree takes joints with false entries first.
-
 
         Joints left over close loops: they should be plain ones, without own properties or mimics.
         """

@@ -128,6 +128,8 @@ def _end(tree: UrdfTree, element: ElementTree.Element, where: str, end: str) -> 
     link = tree.link(place, attribute(body, place, "link"))
     own: dict[str, str] = {key: body.attrib[key] for key in ("xyz", "rpy") if key in body.attrib}
     origins = [*body.findall("origin"), *element.findall(f"{end}_origin")]
+    if len(origins) + bool(own) > 1:
+        raise RobotFileError(f"{place}: has more than one origin; leave one")
     origin = origins[0] if origins else ElementTree.Element("origin", own)
     return link, origin_of(origin, f"{place}: <{origin.tag}>")
 
