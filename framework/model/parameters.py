@@ -68,7 +68,7 @@ def with_parameters(text: str, given: Mapping[str, float] | None = None) -> tupl
     for name in given or {}:
         check_name("parameters", "parameter", name, declared)
     own = {name: values[0] for name, values in declared.items()}
-    values = own | {name: number(f"parameters.{name}", value) for name, value in (given or {}).items()}
+    values = own | {name: _values(name, [value])[0] for name, value in (given or {}).items()}
     return fill_placeholders(text, values), values
 
 

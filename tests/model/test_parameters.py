@@ -76,7 +76,7 @@ def test_a_number_with_an_exponent_is_one_though_yaml_reads_a_text(text):
 
 
 def test_a_parameter_that_is_given_is_a_finite_number():
-    for value in (float("nan"), "many", None):
+    for value in (float("nan"), "many", None, [1.0, 2.0]):
         with pytest.raises(RobotFileError, match=r"parameters\.k: needs a"):
             with_parameters("parameters: {k: 1}", {"k": value})
 
@@ -86,7 +86,7 @@ def test_parameters_are_set_in_python_and_on_the_command_line_and_kept_with_a_pl
     file, folder = str(parametric_five_bar(tmp_path)), tmp_path / "plan"
     robot = load_robot(file, parameters={"l2": 0.255})
     assert robot.description.parameters == {"l1": 0.25, "l2": 0.255}
-    words = [file, "--scene", "C", "--set", "l2=0.255", "--json"]
+    words = [file, "--scene", "C", "--set", "l1=0.25", "--set", "l2=0.255", "--json"]
     assert main(["locate", *words]) == 0
     point = json.loads(capsys.readouterr().out)["singularities"][0]
     rod = 0.255 * np.array([-point["twist"][1], point["twist"][0]])  # at Type 2 both rods are normal to t_s
