@@ -178,11 +178,12 @@ class Law(ReadOnlyArrays, PlannedLaw):
             tuple((time * scale - 1.0, order) for time, order, _ in conditions)
         )
         orders = np.array([order for _, order, _ in conditions])
-        right_side = np.array([value for *_, value in conditions]) / scale**orders / row_sizes
+        # with more digits than a float has, where the machine has them
+        right_side = np.array([value for *_, value in conditions], np.longdouble) / scale**orders / row_sizes
         solution = inverse @ right_side
         for _ in range(2):  # iterative refinement: rows of high order are ill-conditioned
             solution += inverse @ (right_side - rows @ solution)
-        return Law(np.asarray(solution, dtype=float), duration)
+        return Law(solution.astype(float), duration)
 
     @staticmethod
     def rest_to_rest(duration: float, smoothness: int, inner: Sequence[Condition] = ()) -> Law:

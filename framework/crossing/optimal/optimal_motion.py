@@ -145,8 +145,8 @@ def _elastic(task: Task, places: Sequence[CrossingPoint]) -> OptimalMotion:
             kept = new
         elif deflections is None:  # of a law that did not know them; a smoother one shakes the springs less
             rung = max(rung, 1)
-        is_bound = excess > 1.0 or task.specification.goal == "time"  # the quickest motion is at its limits
-        if is_bound and deflections is not None:
+        # the quickest motion is at its limits
+        if deflections is not None and (excess > 1.0 or task.specification.goal == "time"):
             scaled = sought.specification.scale_limits((1.0 - LIMIT_TIGHTENING) / excess)
             sought = sought._replace(specification=scaled)
         deflections, best = DeflectionsOnPath(law, dynamics.deflections), None
