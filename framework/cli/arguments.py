@@ -276,8 +276,7 @@ def motion_rows(options: Namespace, plan: CrossingPlan) -> MotionTable:
         least, most = 1.0 / plan.duration, (MAX_SAMPLES - 1) / plan.duration
         if not least <= options.rate <= most:
             raise InvalidInput(
-                f"--rate: needs {least:.4g} to {most:.4g} rows a second over {plan.duration:.4g} s, "
-                f"got {options.rate:g}"
+                f"--rate: needs {least:.4g} to {most:.4g} rows a second here, got {options.rate:g}"
             )
         period = 1.0 / options.rate
     return plan.samples(options.samples or DEFAULT_ROWS, period=period, columns=options.columns)

@@ -21,7 +21,7 @@ from numpy.polynomial import Polynomial
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 from framework.errors import InvalidInput, check_order, expect_call
 from framework.motion.law import is_number
-from framework.tolerances import DEGENERATE_PATH, PATH_JUMP, WRONG_DERIVATIVE
+from framework.tolerances import DEGENERATE_PATH, PATH_JUMP, SMALLEST_BLEND, WRONG_DERIVATIVE
 
 HIGHEST_ORDER = 4  # derivatives of x, and of s, that an elastic robot's torque needs
 NO_KNOTS: Array = read_only(np.empty(0))
@@ -239,7 +239,6 @@ class Spline(PointPath):
         return _stack(s, self._spline(flat, nu=order))
 
 
-SMALLEST_BLEND = 1e-4  # of half the shortest segment: torques grow with one over the blend
 # The blend of a corner along w in [-1, 1] leads the speed on a segment from 0 to 1 by f' with f'(-1) = 0,
 # f'(1) = 1 and f" = 35/32 (1 - w^2)^3, so that four derivatives are continuous.
 _BLEND_CURVATURE = Polynomial([1.0, 0.0, -1.0]) ** 3 * (35.0 / 32.0)

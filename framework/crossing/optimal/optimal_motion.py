@@ -145,7 +145,7 @@ def _elastic(task: Task, places: Sequence[CrossingPoint]) -> OptimalMotion:
             kept = new
         elif deflections is None:  # of a law that did not know them; a smoother one shakes the springs less
             rung = max(rung, 1)
-        # the quickest motion is at its limits
+        # a motion of least time is at a limit: limits follow it up and down
         if deflections is not None and (excess > 1.0 or task.specification.goal == "time"):
             scaled = sought.specification.scale_limits((1.0 - LIMIT_TIGHTENING) / excess)
             sought = sought._replace(specification=scaled)

@@ -33,7 +33,7 @@ HEAVY_PART = 1e5  # [kg] likewise
 SMALL_LINK, LARGE_LINK = 1e-3, 20.0  # [m] likewise, of the longest
 GYRATION_RATIO = 5.0  # of a part's radius of gyration in its size; 2.4 at most in the catalogue
 SMALL_PART_RATIO = 0.2  # of the longest link: a part without joints or frames is taken to be as large
-MOVED_REFERENCE = 2e-2  # [rad, robot lengths] of a joint: references that are drawn by hand are nearer
+MOVED_REFERENCE = 1e-3  # [rad, robot lengths] of a joint: a file of four digits is nearer
 
 
 @dataclass(frozen=True)
