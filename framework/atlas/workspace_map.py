@@ -121,9 +121,9 @@ class WorkspaceMap(ReadOnlyArrays):
 
 
 class RowBand(NamedTuple):
-    """Rows `first` to `stop` - 1 of the window, with the coarse poses of these and the next row.
+    """Rows of the window from `first` to `stop` - 1, with their coarse poses.
 
-    The last band has no next row.
+    Coarse poses of the next row are there too, but for the last band.
     """
 
     first: int

@@ -86,7 +86,10 @@ class CrossingPoint(NamedTuple):
 
 
 def undeformed_crossing(singular: SingularPoint | CrossingPoint) -> CrossingPoint:
-    """Return a singular point of the undeformed robot as a crossing point; an imposed one as it is."""
+    """Return a singular point of the undeformed robot as a crossing point.
+
+    An imposed point is a crossing point already, and is returned.
+    """
     if isinstance(singular, CrossingPoint):
         return singular
     touches = singular.contact == "tangential"

@@ -164,7 +164,7 @@ def _check_stiffness(robot: ParallelRobot, grid: TimeGrid, current: Pass) -> Non
 
 @dataclass
 class _Iteration:
-    """Plain passes, and Newton's method where they do not contract."""
+    """The search for deflections: plain passes, then steps of Newton's method if passes do not contract."""
 
     branch: Branch
     grid: TimeGrid

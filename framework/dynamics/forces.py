@@ -167,7 +167,10 @@ def loop_multipliers(
 
 
 def _solve_motor_torques(robot: ParallelRobot, M: Array, w: Array) -> Array:
-    """Solve M (T, n, n_a) tau = w (T, n) for joint torques tau (T, n_a), of least norm if redundant."""
+    """Solve M tau = w for joint torques tau (T, n_a) [N m or N], of least norm if redundant.
+
+    M (T, n, n_a) and w (T, n) are those of `balanced_forces`.
+    """
     if robot.n_a > robot.n:
         geared = M * robot.gear_ratio
         return robot.gear_ratio * least_motor_torques(robot, geared, w[..., None])[..., 0]

@@ -31,7 +31,10 @@ MIN_EXPONENT, MAX_EXPONENT = 1e-4, 300.0
 
 
 class ErrorDynamics(NamedTuple):
-    """The matrices (T, n, n) of d" = forced (W - G' tau) + damped d' + own d at T instants."""
+    """Matrices (T, n, n) of the dynamics of the platform's error d at T instants.
+
+    d" = forced (W - G' tau) + damped d' + own d.
+    """
 
     forced: Array  # -M^-1
     damped: Array  # -M^-1 dW/d(dx/dt)

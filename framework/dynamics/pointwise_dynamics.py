@@ -277,7 +277,10 @@ def type2_pose(robot: ParallelRobot, x: Array, torque: str) -> SingularPose:
 
 
 def instant_of(robot: ParallelRobot, motion: Motion, r: Array, forces: Forces, entry: int | slice) -> Instant:
-    """Return the record of a motion, forces r (T, nv) of the open tree, and the forces in balance with r."""
+    """Return one motion of a stack with its forces.
+
+    r (T, nv) are the forces of the open tree [N m or N], `forces` those in balance with r.
+    """
     freeze((motion, r))
     return Instant(
         robot=robot,

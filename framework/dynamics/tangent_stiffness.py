@@ -141,7 +141,11 @@ def _curvature(robot: ParallelRobot, frames: FrameStack, steps: Array, multiplie
 
 
 def factor_transposed(J: Array) -> tuple[Array, Array, Array]:
-    """Factor J' = Q R of J (T, m, f) into Q (T, f, m), R (T, m, m) and the null space of J."""
+    """Factor the transposed Jacobian J' = Q R of J (T, m, f).
+
+    Returns:
+        Q (T, f, m), R (T, m, m), and an orthonormal basis (T, f, f - m) of the null space of J.
+    """
     Q, R = np.linalg.qr(J.swapaxes(1, 2), mode="complete")
     count = J.shape[1]
     return Q[:, :, :count], R[:, :count], Q[:, :, count:]
@@ -159,9 +163,10 @@ def _forces(robot: ParallelRobot, linearised: LinearisedLoops, q: Array, load: L
 
 
 def _drift(robot: ParallelRobot, frames: FrameStack, v: Array, multipliers: Array, w: Array) -> Array:
-    """Compute the quadratic form v' (lambda . c" + w . x") v (T, p) of joint rates v (T, p, nv).
+    """Compute the drifts of loops and platform (T, p) at joint rates v (T, p, nv), times forces.
 
-    The drift of an equation is its second time derivative without the accelerations: v' c" v.
+    They are v' (lambda . c" + w . x") v: the drift of an equation c is its second time derivative without
+    the accelerations, v' c" v.
     """
     repeated = frames.select(np.repeat(np.arange(len(v)), v.shape[1]))
     motions = frame_motions(robot, repeated, repeated.q, v.reshape(-1, v.shape[2]))

@@ -187,7 +187,7 @@ def _complete_at_pose(known: Known, motions: _Motions, *, by_joints: bool) -> Kn
 
 
 def _choose_motors(motions: _Motions, known: Known) -> Known:
-    """Return the file at a closed pose, motors chosen where it leaves the choice."""
+    """Return the content of the file at a closed pose, its motors chosen if it names none or too many."""
     mechanism = motions.mechanism
     description = replace(mechanism.description, reference=mechanism.reference_values(motions.q))
     actuators, remarks = description.actuators, [*motions.remarks]
