@@ -170,6 +170,6 @@ def _drift(robot: ParallelRobot, frames: FrameStack, v: Array, multipliers: Arra
     """
     repeated = frames.select(np.repeat(np.arange(len(v)), v.shape[1]))
     motions = frame_motions(robot, repeated, repeated.q, v.reshape(-1, v.shape[2]))
-    loops = closure_drift(robot.loops, repeated, motions).reshape(*v.shape[:2], -1)
-    platform = robot.platform.drift(repeated, motions).reshape(*v.shape[:2], -1)
+    loops = closure_drift(robot.loops, motions).reshape(*v.shape[:2], -1)
+    platform = robot.platform.drift(motions).reshape(*v.shape[:2], -1)
     return matvec(loops, multipliers) + matvec(platform, w)

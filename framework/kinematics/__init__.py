@@ -18,7 +18,7 @@ The equations, for stacks of configurations
     linearised_loops    F and dF/dq at given configurations
 
 From the platform to the joints, and back
-    newton, inverse_kinematics  all joints at prescribed x
+    inverse_kinematics  all joints at prescribed x, or the passive ones at prescribed motors
     motion_rates        velocities and accelerations of all joints; how dF/dq changes
     motion_changes      exact derivatives of these; `frame_variations` are those of frames and loop forces
     loop_matrices       the matrices of Type 1 and Type 2, without dimension

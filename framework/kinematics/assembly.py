@@ -90,39 +90,57 @@ def close_reference(mechanism: Mechanism) -> Closing:
 
 
 def _close(mechanism: Mechanism, start: Array, free: IntArray) -> Closing:
-    """Close all loops by damped Newton steps of least norm of the columns `free`, from `start`."""
-    rows, lengths = mechanism.rows, mechanism.column_scale[free]
-    weights = row_weights(mechanism, rows.rotation)
-
-    def gap_norm(q: Array) -> float:
-        return float(np.linalg.norm(weights * loop_equations(rows, frames_at(mechanism, q)).residual[0]))
-
-    q, iterations = start[None], 0
-    least = gap_norm(q)
-    while iterations < MAX_ITERATIONS and least > ROUNDING_GAP:
+    """Close all loops by damped Newton steps of least norm of the columns `free`, from `start` (nq,)."""
+    q, gap = start, _gap_norm(mechanism, start)
+    iterations = 0
+    while iterations < MAX_ITERATIONS and gap > ROUNDING_GAP:
         iterations += 1
-        loops = loop_equations(rows, frames_at(mechanism, q))
-        jacobian = scale_jacobian(mechanism, loops.jacobian, rows.rotation)[0][:, free]
-        joint = -np.linalg.lstsq(jacobian, weights * loops.residual[0], rcond=RANK_ROUNDING)[0]
-        step = joint * min(1.0, MAX_NEWTON_STEP / max(np.abs(joint).max(), LEAST_DIVISOR)) * lengths
+        step = _least_norm_step(mechanism, q, free)
         fraction = 1.0
-        while True:
-            trial = integrate_columns(mechanism, q, free, fraction * step[None])
-            trial_gap = gap_norm(trial)
-            if trial_gap <= least or fraction <= MIN_DAMPING:
-                break
+        trial = integrate_columns(mechanism, q, free, step)
+        trial_gap = _gap_norm(mechanism, trial)
+        while trial_gap > gap and fraction > MIN_DAMPING:
             fraction *= 0.5
-        if trial_gap >= least:
+            trial = integrate_columns(mechanism, q, free, fraction * step)
+            trial_gap = _gap_norm(mechanism, trial)
+        if trial_gap >= gap:
             break
-        q, least = trial, trial_gap
-    residual = np.abs(loop_equations(rows, frames_at(mechanism, q)).residual[0])
-    return Closing(q[0], float(residual.max()), float((weights * residual).max()), iterations)
+        q, gap = trial, trial_gap
+    residual = np.abs(residual_at(mechanism, q))
+    weights = row_weights(mechanism, mechanism.rows.rotation)
+    return Closing(q, float(residual.max()), float((weights * residual).max()), iterations)
+
+
+def residual_at(mechanism: Mechanism, q: Array) -> Array:
+    """Compute all loop equations (rows,) at one configuration q (nq,) [m or rad]."""
+    return loop_equations(mechanism.rows, frames_at(mechanism, q[None])).residual[0]
+
+
+def _gap_norm(mechanism: Mechanism, q: Array) -> float:
+    """Compute the 2-norm of all loop equations at q (nq,), in lengths of the robot and radians."""
+    weights = row_weights(mechanism, mechanism.rows.rotation)
+    return float(np.linalg.norm(weights * residual_at(mechanism, q)))
+
+
+def _least_norm_step(mechanism: Mechanism, q: Array, free: IntArray) -> Array:
+    """Compute Newton's step (k,) [rad, m] of the columns `free` (k,) towards closed loops.
+
+    Of all steps that close the linearised loops it is the smallest, in radians and lengths of the robot, and
+    it is cut to `MAX_NEWTON_STEP`.
+    """
+    rows = mechanism.rows
+    loops = loop_equations(rows, frames_at(mechanism, q[None]))
+    jacobian = scale_jacobian(mechanism, loops.jacobian, rows.rotation)[0][:, free]
+    gaps = row_weights(mechanism, rows.rotation) * loops.residual[0]
+    step = -np.linalg.lstsq(jacobian, gaps, rcond=RANK_ROUNDING)[0]
+    share = min(1.0, MAX_NEWTON_STEP / max(np.abs(step).max(), LEAST_DIVISOR))
+    return step * share * mechanism.column_scale[free]
 
 
 def _open_error(mechanism: Mechanism, closing: Closing) -> NotAssembled:
     """Return the error for loops that stay open."""
     rows = mechanism.rows
-    residual = np.abs(loop_equations(rows, frames_at(mechanism, closing.q[None])).residual[0])
+    residual = np.abs(residual_at(mechanism, closing.q))
     row = int(np.argmax(residual * np.where(rows.rotation, mechanism.length, 1.0)))
     return _not_assembled(
         mechanism,
@@ -135,7 +153,7 @@ def _open_error(mechanism: Mechanism, closing: Closing) -> NotAssembled:
 
 def _check_distance(mechanism: Mechanism, closing: Closing, stated: IntArray) -> None:
     """Refuse an assembled configuration with a `stated` joint far from its value in the file."""
-    offset = difference(mechanism, mechanism.q_near, closing.q[None])[0]
+    offset = difference(mechanism, mechanism.q_near, closing.q)
     distances = np.abs(offset / mechanism.column_scale)[stated]
     if not distances.max(initial=0.0) > REFERENCE_MOVE:
         return
@@ -151,6 +169,7 @@ def _check_distance(mechanism: Mechanism, closing: Closing, stated: IntArray) ->
 
 
 def _not_assembled(mechanism: Mechanism, reason: str, closing: Closing) -> NotAssembled:
+    """Return the error with the last iterate; it remarks on angles that look like degrees."""
     turns = remark_on_turns(mechanism, mechanism.description.reference)
     return NotAssembled(f"{mechanism.name}: {reason}{turns}", q=closing.q, residual=closing.residual)
 
@@ -163,19 +182,21 @@ def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array
     """
     joints = mechanism.joints
     values, right = np.linalg.svd(all_loops_matrix(mechanism, reference)[:, joints])[1:]
-    allowed = right[int(np.sum(values > BRANCHES_MEET * values.max(initial=0.0))) :]
+    rank = int(np.sum(values > BRANCHES_MEET * values.max(initial=0.0)))
+    allowed = right[rank:]  # (f, joints) orthonormal motions that the loops allow
     random = np.random.default_rng(0)
     configurations: list[Array] = []
     directions: list[Array] = []
     for _ in range(NEARBY_DRAWS if len(allowed) > 1 else len(allowed)):
-        motion = (allowed @ random.standard_normal(len(joints))) @ allowed  # the same for every basis
+        drawn = random.standard_normal(len(joints))
+        motion = (allowed @ drawn) @ allowed  # the same for every basis of the allowed motions
         step = NEARBY_DISTANCE * motion / np.abs(motion).max() * mechanism.column_scale[joints]
         closing = _close(mechanism, integrate_columns(mechanism, reference, joints, step), joints)
-        offset = difference(mechanism, reference, closing.q[None])[0] / mechanism.column_scale
-        size = float(np.linalg.norm(offset))
-        if closing.gap > CLOSED_LOOP or size <= MIN_NEARBY_RATIO * NEARBY_DISTANCE:
+        offset = difference(mechanism, reference, closing.q) / mechanism.column_scale
+        distance = float(np.linalg.norm(offset))
+        if closing.gap > CLOSED_LOOP or distance <= MIN_NEARBY_RATIO * NEARBY_DISTANCE:
             continue
-        direction = offset / size
+        direction = offset / distance
         if all(abs(direction @ other) < SAME_DIRECTION_COSINE for other in directions):
             configurations.append(closing.q)
             directions.append(direction)

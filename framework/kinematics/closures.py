@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from framework.arrays import Array
-from framework.kinematics.frames import FrameMotions, FrameStack
+from framework.kinematics.frames import FrameMotions, FrameStack, move_wrench
 from framework.kinematics.mechanism import Mechanism
 from framework.linalg.ordered_sums import cross, dot, matmul
 from framework.model.loop_rows import LockedDirections, LoopRows
@@ -51,14 +51,18 @@ class LoopWrenches(NamedTuple):
 
 
 def loop_equations(rows: LoopRows, frames: FrameStack) -> LoopEquations:
-    """Compute closures(q) and its derivative, of any rows of a robot."""
+    """Compute the residual and the Jacobian of any rows of a robot at T configurations."""
     residual, wrench = loop_wrenches(rows, frames)
-    wrench[..., 3:] += cross(frames.position[:, rows.second], wrench[..., :3])  # about the base's origin
-    signs = frames.carried[rows.second] - frames.carried[rows.first]
-    jacobian = matmul(wrench, frames.screws.swapaxes(1, 2)) * signs
+    at_base = move_wrench(wrench, frames.position[:, rows.second])
+    jacobian = matmul(at_base, frames.screws.swapaxes(1, 2)) * carried_between(rows, frames)
     if rows.has_couplings:
         jacobian += rows.coupling_jacobian(jacobian.shape[2])
     return LoopEquations(residual, jacobian)
+
+
+def carried_between(rows: LoopRows, frames: FrameStack) -> Array:
+    """Return how joints carry the bodies of rows, (m, nv): 1 the second body alone, -1 the first alone."""
+    return frames.carried[rows.second] - frames.carried[rows.first]
 
 
 def loop_wrenches(rows: LoopRows, frames: FrameStack) -> LoopWrenches:
@@ -78,22 +82,20 @@ def loop_wrenches(rows: LoopRows, frames: FrameStack) -> LoopWrenches:
     return LoopWrenches(residual, wrench)
 
 
-def closure_drift(rows: LoopRows, frames: FrameStack, motions: FrameMotions) -> Array:
-    """Compute the second time derivative (T, m) of the loop equations when joint accelerations are zero."""
-    a, b = row_factors(rows, frames.placements)
-    d = b if rows.only_translations else frames.position[:, rows.second] - frames.position[:, rows.first]
-    first = motions.rates.take(rows.first, axis=2)  # twists and drifts, (2, T, m, 6)
-    apart = motions.rates.take(rows.second, axis=2) - first
-    # seen from the first frame, in which its axes rest, p2 moves with `velocity` and `acceleration`
-    omega, dragged = first[0, ..., 3:], cross(first[..., 3:], d)
-    velocity = apart[0, ..., :3] - dragged[0]
-    acceleration = apart[1, ..., :3] - dragged[1] - cross(omega, apart[0, ..., :3] + velocity)
-    if rows.only_translations:
-        return dot(a, acceleration)
-    turning = apart[0, ..., 3:]
-    turned = cross(apart[1, ..., 3:] - cross(omega, turning), b) + cross(turning, cross(turning, b))
-    second = dot(a, np.where(rows.rotation[:, None], turned, acceleration))
-    return rows.derivative_weight * (second + rows.square * dot(velocity, velocity))
+def closure_rates(rows: LoopRows, motions: FrameMotions) -> Array:
+    """Compute the time derivative (..., m) of the loop equations: (a . b)' = a' . b + a . b'."""
+    a, b = row_factors(rows, motions.rates)
+    return rows.weight * (dot(a[1], b[0]) + dot(a[0], b[1]))
+
+
+def closure_drift(rows: LoopRows, motions: FrameMotions) -> Array:
+    """Compute the second time derivative (..., m) of the loop equations for motions of the frames.
+
+    (a . b)" = a" . b + 2 a' . b' + a . b". Without joint accelerations it is the drift, dJ/dt v.
+    """
+    a, b = row_factors(rows, motions.rates)  # (3, ..., m, 3) each: values and two derivatives
+    terms = a[2] * b[0] + 2.0 * a[1] * b[1] + a[0] * b[2]
+    return rows.weight * (terms[..., 0] + terms[..., 1] + terms[..., 2])
 
 
 def row_factors(rows: LoopRows, placed: Array) -> tuple[Array, Array]:

@@ -21,7 +21,7 @@ import pinocchio as pin
 from framework.arrays import Array, ArrayLike, read_only
 from framework.errors import InvalidInput, choose_from, finite_numbers, short
 from framework.kinematics.frame_variations import bracket, tree_columns
-from framework.kinematics.frames import FrameStack, rotations
+from framework.kinematics.frames import FrameStack, move_wrench, rotations
 from framework.kinematics.mechanism import Mechanism, frame_of
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import carriers, scratch_of
@@ -176,13 +176,6 @@ def wrench_slope(mechanism: Mechanism, screws: Array, applied: AppliedWrench) ->
         slide = screws[..., :3] + cross(screws[..., 3:], applied.origin[:, None])  # (T, nv, 3) of the frame
         moved = screws[..., 3:] @ cross(slide, w[:, None, :3]).swapaxes(1, 2)
     return (turned * columns.before.T + moved) * carried * carried[:, None]
-
-
-def move_wrench(wrench: Array, arm: Array) -> Array:
-    """Refer wrenches (..., 6) at a point to another one; the arm (..., 3) leads from that to the point."""
-    result = wrench.copy()
-    result[..., 3:] += cross(arm, wrench[..., :3])
-    return result
 
 
 def _frame_pose(mechanism: Mechanism, frames: FrameStack, index: int) -> tuple[Array, Array]:

@@ -10,31 +10,22 @@ All this, loop equations and velocities of the platform with it, is analytic in 
 differentiates them to rounding. Source of the rules for screws: J. Carpentier and N. Mansard, Analytical
 Derivatives of Rigid Body Dynamics Algorithms, Robotics: Science and Systems 2018.
 
-Here too is the derivative of the loop forces J(q)' lambda by q at fixed multipliers (`loop_curvature`). The
-second derivative of a frame's motion is a product of first ones (Bruyninckx and De Schutter 1996, "Symbolic
-differentiation of the velocity mapping for a serial kinematic chain", Mechanism and Machine Theory 31(2)):
-with i a column of the joint of j or of one before it, an axis or origin c of a frame has
-
-    d^2 c / dq_i dq_j = omega_i x dc/dq_j.
-
-Every row is a product a . b of two vectors that are linear in axes and origins (`row_factors`), and so its
-second derivative is a_i . b_j + a_j . b_i, plus the sum of omega_i x c_j . g over all c, g = d(a . b)/dc.
+Here too is the derivative of the loop forces J(q)' lambda by q at fixed multipliers (`loop_curvature`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from framework.arrays import Array, BoolArray, IntArray
-from framework.kinematics.closures import row_factors
-from framework.kinematics.frames import FrameStack, move_frames, turn_vectors
+from framework.kinematics.closures import carried_between, loop_wrenches
+from framework.kinematics.frames import FrameMotions, FrameStack, move_frames, move_wrench
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.pinocchio_memory import carriers
-from framework.linalg.ordered_sums import cross, dot, product_rates
+from framework.linalg.ordered_sums import cross, dot
 from framework.model.loop_rows import LoopRows
 
 STEP: Any = 2.0**-120 * 1j  # of complex-step derivatives: its square is far below rounding
@@ -68,31 +59,16 @@ def bracket(a: Array, b: Array) -> Array:
     return np.concatenate([linear, cross(turning, b[..., 3:])], axis=-1)
 
 
-class FrameVariation(NamedTuple):
-    """The frames at T instants, a complex step along k small changes of their motion, see `changes_of`."""
-
-    twist: Array  # (T, k, F, 6)
-    acceleration: Array  # (T, k, F, 6)
-    rates: Array  # (3, T, k, F, 4, 3) axes and origins, one below the other, with two time derivatives
-
-
-def vary_frames(
-    mechanism: Mechanism, ahead: FrameStack, v: Array, a: Array | None, dv: Array
-) -> FrameVariation:
-    """Compute the motion of frames that are a step `ahead`, for changes dv (T, k, nv) of rates.
-
-    v and the accelerations a are (T, nv). Without a, second derivatives are left out, as zeros.
-    """
-    columns, screws = tree_columns(mechanism), ahead.screws
-    twists = screws * (v[:, None, :, None] + STEP * dv[..., None])
-    twist = ahead.carried @ twists
-    rate = move_frames(twist, ahead.placements)
-    acceleration, second = np.zeros_like(twist), np.zeros_like(rate)
-    if a is not None:
-        turned = bracket(columns.carried[columns.owner] @ twists, twists)
-        acceleration = ahead.carried @ (screws * a[:, None, :, None] + turned)
-        second = move_frames(acceleration, ahead.placements) + turn_vectors(twist, rate)
-    return FrameVariation(twist, acceleration, np.stack([ahead.placements, rate, second]))
+def step_frames(mechanism: Mechanism, frames: FrameStack, motions: Array) -> FrameStack:
+    """Return frames and screws a complex step along small joint motions (T, ..., nv), see `changes_of`."""
+    several = tuple(range(1, motions.ndim - 1))
+    placements = np.expand_dims(frames.placements, several)
+    screws = np.expand_dims(frames.screws, several)
+    steps = screws * motions[..., None]  # (T, ..., nv, 6) the twist of each joint's own motion
+    return frames._replace(
+        placements=placements + STEP * move_frames(frames.carried @ steps, placements),
+        screws=screws + STEP * tree_columns(mechanism).screw_changes(screws, steps),
+    )
 
 
 def changes_of(values: Array) -> Array:
@@ -100,64 +76,29 @@ def changes_of(values: Array) -> Array:
     return values.imag / STEP.imag
 
 
-def step_frames(mechanism: Mechanism, frames: FrameStack, motions: Array) -> FrameStack:
-    """Return frames and screws a complex step along small motions (T, ..., nv), see `changes_of`."""
-    several = tuple(range(1, motions.ndim - 1))
-    placements, screws = (np.expand_dims(part, several) for part in frames[:2])
-    steps = screws * motions[..., None]
-    return frames._replace(
-        placements=placements + STEP * move_frames(frames.carried @ steps, placements),
-        screws=screws + STEP * tree_columns(mechanism).screw_changes(screws, steps),
-    )
+def vary_motions(mechanism: Mechanism, ahead: FrameStack, v: Array, a: Array, dv: Array) -> FrameMotions:
+    """Compute the motions (T, k, ...) of frames a complex step `ahead`, for k changes dv (T, k, nv) of rates.
 
-
-def row_variation(rows: LoopRows, variation: FrameVariation) -> Array:
-    """Compute the changes (2, T, k, m) of rates and second derivatives of loop equations."""
-    a, b = row_factors(rows, variation.rates)
-    return rows.weight * changes_of(product_rates(dot, a, b)[1:])
+    v (T, nv) are the joint rates and a (T, nv) the joint accelerations before the step.
+    """
+    columns = tree_columns(mechanism)
+    joint_twists = ahead.screws * (v[:, None, :, None] + STEP * dv[..., None])  # S_i v_i, (T, k, nv, 6)
+    body_twists = columns.carried[columns.owner] @ joint_twists  # V_i of the body behind each joint
+    joint_rates = ahead.screws * a[:, None, :, None] + bracket(body_twists, joint_twists)
+    return FrameMotions.of(ahead.placements, ahead.carried @ joint_twists, ahead.carried @ joint_rates)
 
 
 def loop_curvature(mechanism: Mechanism, rows: LoopRows, frames: FrameStack, multipliers: Array) -> Array:
-    """Compute d(J' lambda)/dq (T, nv, nv) for multipliers (T, m), row by row along the second index."""
-    slopes = frames.slopes  # (T, F, 4, nv, 3)
-    count, size, _, nv, _ = slopes.shape
-    load = (rows.weight * multipliers)[..., None]  # (T, m, 1)
-    mixed = _products(*_factor_slopes(rows, slopes, load))
+    """Compute the derivative d(J' lambda)/dq (T, nv, nv) of the loop forces at fixed multipliers (T, m).
 
-    used, *shares = _used_vectors(rows, size)
-    gradient = _gradients(rows, frames, load, shares)
-    turns = frames.screws[:, None, :, 3:] * frames.carried[used // 4, :, None]  # (T, used, nv, 3)
-    upper = _products(cross(gradient[:, :, None], turns), slopes.reshape(count, 4 * size, nv, 3)[:, used])
-    before = tree_columns(mechanism).before
-    strictly = before & ~before.T  # not two columns of one ball, whose order matters
-    second = (upper * before).swapaxes(1, 2) + np.where(strictly, upper, 0.0)
-    return np.asarray(mixed + mixed.swapaxes(1, 2) + second, dtype=float)
-
-
-def _factor_slopes(rows: LoopRows, slopes: Array, load: Array) -> list[Array]:
-    """Return the derivatives (T, m, nv, 3) of load a and of b along the joints."""
-    count, size, _, nv, _ = slopes.shape
-    da, db = row_factors(rows, slopes.reshape(count, size, 4, 3 * nv))
-    return [part.reshape(count, -1, nv, 3) for part in (load * da, db)]
-
-
-@lru_cache(maxsize=64)
-def _used_vectors(rows: LoopRows, size: int) -> tuple[IntArray, Array, Array]:
-    """Return the k axes and origins c in a or b, and their shares (m, k) in each."""
-    in_a, in_b = row_factors(rows, np.eye(4 * size).reshape(size, 4, 4 * size))
-    used = np.flatnonzero(np.any([in_a, in_b], axis=(0, 1)))
-    return used, in_a[:, used], in_b[:, used]
-
-
-def _gradients(rows: LoopRows, frames: FrameStack, load: Array, shares: Sequence[Array]) -> Array:
-    """Compute sums g (T, k, 3) of load d(a . b)/dc over rows, from shares (m, k) of c."""
-    a, b = row_factors(rows, frames.placements)  # (T, m, 3)
-    from_a = np.einsum("mc,tmx->tcx", shares[0], load * b)
-    return from_a + np.einsum("mc,tmx->tcx", shares[1], load * a)
-
-
-def _products(a: Array, b: Array) -> Array:
-    """Compute sums of a_i . b_j over vectors, (T, nv, nv), of stacks (T, vectors, nv, 3)."""
-    count, _, nv, _ = a.shape
-    left = a.transpose(0, 2, 1, 3).reshape(count, nv, -1)
-    return left @ b.transpose(0, 1, 3, 2).reshape(count, -1, nv)
+    Row i, column j is the change of the force on joint i when joint j moves: each joint takes a complex step
+    by itself, and the forces are those of the stepped frames.
+    """
+    count, nv = len(frames.q), mechanism.model.nv
+    repeated = frames.select(np.repeat(np.arange(count), nv))  # nv copies of each instant
+    ahead = step_frames(mechanism, repeated, np.tile(np.eye(nv), (count, 1)))
+    wrenches = move_wrench(loop_wrenches(rows, ahead).wrench, ahead.position[:, rows.second])
+    loads = np.repeat(multipliers, nv, axis=0)[..., None] * wrenches  # (T nv, m, 6) about the base's origin
+    on_joints = carried_between(rows, frames).T @ loads  # (T nv, nv, 6) what each joint carries
+    changes = changes_of(dot(on_joints, ahead.screws))
+    return changes.reshape(count, nv, nv).swapaxes(1, 2)

@@ -59,26 +59,25 @@ class FrameStack(NamedTuple):
 
 
 class FrameMotions(NamedTuple):
-    """Twists of the frames and their rates at T instants."""
+    """Twists of the frames at T instants with their time derivatives, and how axes and origins move.
 
-    rates: Array  # (2, T, F, 6) `twist` and `drift`
+    A twist (v, w) is that at the base's origin: of the point of the frame's body that is there.
+    """
 
-    @property
-    def twist(self) -> Array:
-        """Twists (T, F, 6) of the frames at their origins."""
-        return self.rates[0]
-
-    @property
-    def drift(self) -> Array:
-        """The classical accelerations (T, F, 6) of the frames when all joint accelerations are zero."""
-        return self.rates[1]
+    twist: Array  # (T, F, 6)
+    twist_rate: Array  # (T, F, 6)
+    rates: Array  # (3, T, F, 4, 3) axes and origins, their velocities and accelerations
 
     @staticmethod
-    def from_spatial(spatial: Array, position: Array) -> FrameMotions:
-        """Convert twists and spatial accelerations (2, T, F, 6) at the base's origin, overwritten."""
-        spatial[..., :3] += cross(spatial[..., 3:], position)
-        spatial[1, ..., :3] += cross(spatial[0, ..., 3:], spatial[0, ..., :3])
-        return FrameMotions(spatial)
+    def of(placements: Array, twist: Array, twist_rate: Array) -> FrameMotions:
+        """Return the motions of frames with axes and origins c (..., F, 4, 3) and twists (..., F, 6).
+
+        An axis turns with its frame, c' = w x c; an origin moves with it, c' = v + w x c. So c" is the same
+        of the twist's rate, and w x c' beside it.
+        """
+        velocity = move_frames(twist, placements)
+        acceleration = move_frames(twist_rate, placements) + turn_vectors(twist, velocity)
+        return FrameMotions(twist, twist_rate, np.stack([placements, velocity, acceleration]))
 
 
 def frames_at(mechanism: Mechanism, q: Array) -> FrameStack:
@@ -119,19 +118,24 @@ def move_frames(twist: Array, placements: Array) -> Array:
     return velocities
 
 
+def move_wrench(wrench: Array, arm: Array) -> Array:
+    """Refer wrenches (..., 6) at a point to another one; the arm (..., 3) leads from that to the point."""
+    result = wrench.copy()
+    result[..., 3:] += cross(arm, wrench[..., :3])
+    return result
+
+
 def frame_motions(mechanism: Mechanism, frames: FrameStack, q: Array, v: Array) -> FrameMotions:
-    """Compute twists and drift accelerations of the `frames` at q (T, nq) with joint rates v (T, nv)."""
-    model, scratch = mechanism.model, scratch_of(mechanism)
-    data, velocities, accelerations = scratch.data, scratch.velocities, scratch.accelerations
-    rest = np.zeros(model.nv)
-    moving = np.empty((2, len(q), *velocities.shape))
-    twist, drift = moving
+    """Compute the motions of `frames` at q (T, nq) with joint rates v (T, nv) and no joint acceleration."""
+    scratch = scratch_of(mechanism)
+    no_acceleration = np.zeros(mechanism.model.nv)
+    twists = np.empty((2, len(q), *scratch.velocities.shape))  # of all bodies, and their rates
     for k in range(len(q)):
-        pin.computeForwardKinematicsDerivatives(model, data, q[k], v[k], rest)
+        pin.computeForwardKinematicsDerivatives(mechanism.model, scratch.data, q[k], v[k], no_acceleration)
         scratch.update()
-        twist[k] = velocities
-        drift[k] = accelerations
-    return FrameMotions.from_spatial(moving.take(scratch.bodies, axis=2), frames.position)
+        twists[0, k] = scratch.velocities
+        twists[1, k] = scratch.accelerations
+    return FrameMotions.of(frames.placements, *twists.take(scratch.bodies, axis=2))
 
 
 def integrate(mechanism: Mechanism, q: Array, step: Array) -> Array:

@@ -2,7 +2,9 @@
 
 With x and the deflections q_e given, F(q) = [platform(q) - x ; closures(q)] = 0 fixes all other
 coordinates. Its Jacobian along them is square and regular everywhere but in Type 1 singularities; in
-particular Type 2 singularities do not trouble it.
+particular Type 2 singularities do not trouble it. With the motors prescribed instead (`close_each` without
+x), closures(q) = 0 fixes the passive joints, but at Type 2. The reference of a robot, where neither is
+prescribed, is closed by `assembly`; the start of a simulation, its witness, by its own code.
 
 None of these equations fixes the spin of a rod between two balls. Planning holds the rate of such a spin at
 zero about axes that move with the rod. The resulting angle depends on the poses before, steps of Newton's
@@ -13,22 +15,27 @@ axis. No force depends on the difference, as no centre of mass moves.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from framework.arrays import Array, IntArray
+from framework.arrays import Array, BoolArray, IntArray
 from framework.errors import InvalidInput, NotAssembled
+from framework.kinematics.assembly import MAX_NEWTON_STEP
 from framework.kinematics.frames import (
     difference,
     difference_rates,
     integrate,
+    integrate_columns,
 )
 from framework.kinematics.idle_turns import turn_motions
 from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, linearised_at
-from framework.kinematics.newton import MAX_ITERATIONS, Linear, NewtonResult, Which, newton
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import is_ball
 from framework.tolerances import NEWTON_STEP
 
+ROUNDING_STEP = 2e-15  # a step of rounding (angles near 2 pi are 1e-15 apart): the loops are closed before it
+MAX_ITERATIONS = 25
 SPIN_ROUNDING = 1e-15  # [rad] of the component
 MAX_SPIN_STEPS, MAX_SPIN_STEP = 20, 1.0  # Newton steps towards it, [rad] that one may turn
 
@@ -63,7 +70,7 @@ def close_loops(
 ) -> ClosedStack:
     """Close all loops at platform coordinates x (T, n), from guess (T, nq) near the solution.
 
-    The elastic coordinates keep the values of the guess. `last_step` as in `newton`.
+    The elastic coordinates keep the values of the guess. `last_step` as in `close_each`.
 
     Raises:
         NotAssembled: some instant does not close; carries its last iterate and residual.
@@ -82,33 +89,78 @@ def close_loops(
     )
 
 
+class NewtonResult(NamedTuple):
+    """The result of Newton's method at T instants."""
+
+    q: Array  # (T, nq)
+    linearised: LinearisedLoops  # the equations there
+    closed: BoolArray  # (T,) whether the last step was rounding
+
+
 def close_each(
     robot: ParallelRobot,
-    x: Array,
+    x: Array | None,
     guess: Array,
     *,
     iterations: int = MAX_ITERATIONS,
     farthest: float = np.inf,
     last_step: float = NEWTON_STEP,
-) -> NewtonResult[LinearisedLoops]:
-    """Close the loops at each instant of x (T, n), or not; options of `newton`."""
+) -> NewtonResult:
+    """Close the loops near guesses (T, nq), each instant for itself, at platform x (T, n) or at the motors.
 
-    def evaluate(q: Array, which: Which) -> LinearisedLoops:
-        return linearised_at(robot, q, x[which])
+    With x all joints move, without it the passive ones. Springs keep the deflections of the guess. Steps are
+    bounded. An instant without a solution is not `closed` and leaves the others alone.
 
-    def linear(linearised: LinearisedLoops) -> Linear:
-        return Linear(linearised.residual, linearised.factors)
+    Args:
+        farthest: an instant is given up at a larger step [rad, lengths of the robot].
+        last_step: an instant is closed after a step as small as this, but for about its square.
+    """
+    columns = robot.following if x is None else robot.moving
+    lengths = robot.column_scale[columns]
+    q = guess.copy()
+    size = np.full(len(q), np.inf)  # of the last step of the live instants
+    live = np.arange(len(q))
+    for iteration in range(iterations + 1):
+        linearised = linearised_at(robot, q[live], None if x is None else x[live])
+        if iteration == iterations or size.max(initial=0.0) < last_step:
+            break
+        steps, regular = _newton_steps(robot, linearised, at_motors=x is None)
+        if not regular.all():  # one singular instant spoils all that are factored with it: leave it out
+            live, size = live[regular], np.full(np.count_nonzero(regular), np.inf)
+            continue
+        steps = steps / lengths
+        size = np.abs(steps).max(axis=1, initial=0.0)
+        near = size <= farthest
+        live, size, steps = live[near], size[near], steps[near]
+        if size.max(initial=0.0) < ROUNDING_STEP:
+            break
+        steps /= np.maximum(size / MAX_NEWTON_STEP, 1.0)[:, None]
+        q[live] = integrate_columns(robot, q[live], columns, steps * lengths)
+    closed = np.zeros(len(q), dtype=bool)
+    closed[live] = size < last_step
+    if len(live) < len(q):
+        linearised = linearised_at(robot, q, x)
+    return NewtonResult(q, linearised, closed)
 
-    return newton(
-        robot,
-        guess,
-        robot.moving,
-        evaluate,
-        linear,
-        iterations=iterations,
-        farthest=farthest,
-        last_step=last_step,
-    )
+
+def _newton_steps(
+    robot: ParallelRobot, linearised: LinearisedLoops, *, at_motors: bool
+) -> tuple[Array, BoolArray]:
+    """Solve for Newton's steps (T, k) of the joints that move; return which instants (T,) are regular.
+
+    Steps mean nothing unless all instants are regular.
+    """
+    if at_motors:
+        residual, factors = linearised.residual[:, robot.n :], linearised.passive_factors
+    else:
+        residual, factors = linearised.residual, linearised.factors
+    try:
+        steps = -factors.solve(residual)
+    except np.linalg.LinAlgError:
+        return residual, np.asarray(factors.slogdet[0] != 0)
+    has_step = np.asarray(np.isfinite(steps).all(axis=1))
+    has_residual = np.asarray(np.isfinite(residual).all(axis=1))  # one that has none spoils the others' steps
+    return steps, has_step if has_residual.all() else has_residual
 
 
 def idle_balls(robot: ParallelRobot) -> IntArray:

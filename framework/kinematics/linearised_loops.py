@@ -18,10 +18,10 @@ from framework.kinematics.closures import LoopWrenches, loop_wrenches
 from framework.kinematics.frames import (
     FrameStack,
     frames_at,
+    move_wrench,
 )
 from framework.kinematics.parallel_robot import Equations, ParallelRobot, expect_robot
 from framework.linalg.banded_lu import Band, Factors
-from framework.linalg.ordered_sums import cross
 from framework.linalg.sparsity import Part
 from framework.tolerances import FILE_ROUNDING
 
@@ -119,8 +119,7 @@ def equation_wrenches(robot: ParallelRobot, frames: FrameStack, loops: LoopWrenc
     wrench = np.empty((len(frames.q), len(bodies), 6), dtype=loops.wrench.dtype)
     wrench[:, :n] = robot.platform.wrenches(frames)
     wrench[:, n:] = loops.wrench.take(robot.structure.independent, axis=1)
-    wrench[..., 3:] += cross(frames.position.take(bodies, axis=1), wrench[..., :3])
-    return wrench
+    return move_wrench(wrench, frames.position.take(bodies, axis=1))
 
 
 def linearised_at_reference(robot: ParallelRobot) -> LinearisedLoops:

@@ -16,7 +16,8 @@ import numpy as np
 
 from framework.arrays import Array, IntArray
 from framework.errors import InvalidInput
-from framework.kinematics.frame_variations import row_variation, step_frames, vary_frames
+from framework.kinematics.closures import closure_drift, closure_rates
+from framework.kinematics.frame_variations import changes_of, step_frames, vary_motions
 from framework.kinematics.idle_turns import driven_turns
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.motion_rates import Motion, moving_rates
@@ -64,23 +65,27 @@ def motion_changes(robot: ParallelRobot, motion: Motion, steps: MotionSteps) -> 
     Raises:
         numpy.linalg.LinAlgError: the platform does not determine the joints at some instant.
     """
-    linearised, (count, k) = motion.linearised, steps.twist[0].shape[:2]
-    still, closed = np.zeros((count, k, robot.model.nv)), np.zeros((count, k, len(robot.loops.names)))
-    columns, joints = steps.columns, steps.joints
-    displacement = np.concatenate([steps.twist[0], closed], axis=2)
-    dq = solve_rates(robot, linearised, displacement, columns, joints[0])
+    linearised, columns, joints = motion.linearised, steps.columns, steps.joints
+    displacement, dtwist, dtwist_rate = steps.twist  # (T, k, n) each
 
+    def solve(platform: Array, loops: Array, prescribed: Array) -> Array:
+        """Solve for joint rates (T, k, nv) by those of platform (T, k, n) and loop equations (T, k, m)."""
+        right = np.concatenate([platform, loops], axis=2)
+        return solve_rates(robot, linearised, right, columns, prescribed)
+
+    closed = np.zeros((*displacement.shape[:2], len(robot.loops.names)))
+    dq = solve(displacement, closed, joints[0])
     ahead = step_frames(robot, linearised.frames, dq)
 
-    def missing_change(dv: Array, order: int) -> Array:
-        """Compute the change of the equations' derivative still to be made by rates of this order."""
-        variation = vary_frames(robot, ahead, motion.v, motion.a if order else None, dv)
-        platform = robot.platform.velocity_changes(variation)[order]
-        loops = row_variation(robot.loops, variation)[order]
-        return np.concatenate([steps.twist[1 + order] - platform, -loops], axis=2)
+    same_rates = vary_motions(robot, ahead, motion.v, motion.a, np.zeros_like(dq))
+    platform_change = changes_of(robot.platform.frame_velocity(same_rates))
+    loop_change = changes_of(closure_rates(robot.loops, same_rates))
+    dv = solve(dtwist - platform_change, -loop_change, joints[1])
 
-    dv = solve_rates(robot, linearised, missing_change(still, 0), columns, joints[1])
-    da = solve_rates(robot, linearised, missing_change(dv, 1), columns, joints[2])
+    same_accelerations = vary_motions(robot, ahead, motion.v, motion.a, dv)
+    platform_change = changes_of(robot.platform.drift(same_accelerations))
+    loop_change = changes_of(closure_drift(robot.loops, same_accelerations))
+    da = solve(dtwist_rate - platform_change, -loop_change, joints[2])
     return MotionChanges(dq, dv, da)
 
 

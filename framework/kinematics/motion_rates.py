@@ -110,7 +110,7 @@ def freeze_deflections(robot: ParallelRobot, q: Array, v: Array, a: Array) -> Mo
 def platform_twists(robot: ParallelRobot, motion: Motion) -> tuple[Array, Array]:
     """Compute the platform's twist v and its time derivative, each (T, n), of a motion."""
     frames, jacobian = motion.linearised.frames, motion.linearised.platform
-    drift = robot.platform.drift(frames, frame_motions(robot, frames, motion.q, motion.v))
+    drift = robot.platform.drift(frame_motions(robot, frames, motion.q, motion.v))
     twist, rate = (np.einsum("tnv,tv->tn", jacobian, rates) for rates in (motion.v, motion.a))
     return twist, rate + drift
 
@@ -128,8 +128,8 @@ def _motion_of_twist(
     if turns is not None:
         v = turns.add_turns(v)
     motions = frame_motions(robot, linearised.frames, q, v)
-    drift = closure_drift(linearised.equations.loops, linearised.frames, motions)
-    platform_drift = robot.platform.drift(linearised.frames, motions)
+    drift = closure_drift(linearised.equations.loops, motions)
+    platform_drift = robot.platform.drift(motions)
     right = np.concatenate([twist[1] - platform_drift, -drift], axis=1)
     motion = Motion(q, v, _solve_rates(robot, linearised, right, elastic[1]), linearised)
     if turns is None:

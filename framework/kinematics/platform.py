@@ -22,7 +22,7 @@ import pinocchio as pin
 
 from framework.arrays import Array, BoolArray, IntArray, ReadOnlyArrays
 from framework.kinematics.attitude import Attitude, TwistAngle, attitude_about, twist_angle_for
-from framework.kinematics.frame_variations import STEP, FrameVariation, changes_of
+from framework.kinematics.frame_variations import STEP, changes_of
 from framework.kinematics.frames import FrameMotions, FrameStack
 from framework.linalg.ordered_sums import matmul, matvec
 from framework.model.description import AXES, Platform
@@ -84,9 +84,16 @@ class PlatformCoordinates(ReadOnlyArrays, ABC):
     def jacobian(self, frames: FrameStack) -> Array:
         """Compute the derivative (T, n, nv) of v along pinocchio's velocity vector."""
 
-    @abstractmethod
-    def drift(self, frames: FrameStack, motions: FrameMotions) -> Array:
-        """Compute dv/dt (T, n) when all joint accelerations are zero."""
+    def frame_velocity(self, motions: FrameMotions) -> Array:
+        """Compute v (..., n) for motions of the frame; zero of joints, whose rates do not depend on it."""
+        return np.zeros((*motions.twist.shape[:-2], self.n))
+
+    def drift(self, motions: FrameMotions) -> Array:
+        """Compute dv/dt (..., n) for motions of the frame, which state dJ/dt v without joint accelerations.
+
+        Zero of joints: their rates are v itself.
+        """
+        return np.zeros((*motions.twist.shape[:-2], self.n))
 
     @abstractmethod
     def frame_twist(self, frames: FrameStack, v: Array) -> Array:
@@ -108,10 +115,6 @@ class PlatformCoordinates(ReadOnlyArrays, ABC):
         ahead = (part + STEP * change for part, change in zip(motion, step, strict=True))
         v, dv = self.twist(*ahead)
         return self.twist(motion[0], step[0])[0], changes_of(v), changes_of(dv)
-
-    @abstractmethod
-    def velocity_changes(self, variation: FrameVariation) -> Array:
-        """Compute the changes (2, T, k, n) of v and of dv/dt for a variation of the frames."""
 
     def rate_matrix(self, x: Array) -> Array:
         """Compute E (T, n, n) of v = E(x) dx for coordinates x (T, n)."""
@@ -190,17 +193,38 @@ class FramePlatform(PlatformCoordinates):
 
     def jacobian(self, frames: FrameStack) -> Array:
         only = frames._replace(placements=frames.placements[:, :1], carried=frames.carried[:1])
-        return self._power(frames, only.jacobian[:, 0])
+        twists = only.jacobian[:, 0]  # (T, 6, nv) of the platform's frame
+        return twists[:, self.axes] if self.constant else matmul(self.wrenches(frames), twists)
 
-    def drift(self, frames: FrameStack, motions: FrameMotions) -> Array:
-        """Compute dv/dt (T, n) at zero joint accelerations: C d(twist)/dt + dC/dt w, with wrenches C."""
-        frame_drift, frame_twist = motions.drift[:, 0], motions.twist[:, 0]  # of the platform's, the first
-        drift = self._power(frames, frame_drift[:, :, None])[..., 0]
-        if not self.constant:
-            w = frame_twist[:, 3:]
-            couple_rates = self.attitude.couple_rates(frames.rotation[:, 0], w)
-            drift[:, self.turning] += matvec(couple_rates, w)
-        return drift
+    def frame_velocity(self, motions: FrameMotions) -> Array:
+        """Compute v (..., n): velocities of the origin, and the couples times the angular velocity."""
+        v = np.empty((*motions.twist.shape[:-2], self.n), dtype=motions.twist.dtype)
+        v[..., self.sliding] = motions.rates[1][..., 0, 3, self.along]
+        rotation, w, _ = self._turning(motions)
+        v[..., self.turning] = matvec(self.attitude.couples(rotation), w).reshape(*v.shape[:-1], -1)
+        return v
+
+    def drift(self, motions: FrameMotions) -> Array:
+        """Compute dv/dt (..., n): of turns C dw/dt + dC/dt w, with the chart's couples C."""
+        rate = np.empty((*motions.twist.shape[:-2], self.n), dtype=motions.twist.dtype)
+        rate[..., self.sliding] = motions.rates[2][..., 0, 3, self.along]
+        if len(self.turning):
+            rotation, w, dw = self._turning(motions)
+            turns = matvec(self.attitude.couples(rotation), dw)
+            turns = turns + matvec(self.attitude.couple_rates(rotation, w), w)
+            rate[..., self.turning] = turns.reshape(*rate.shape[:-1], -1)
+        return rate
+
+    @staticmethod
+    def _turning(motions: FrameMotions) -> tuple[Array, Array, Array]:
+        """Return attitude (S, 3, 3), angular velocity and acceleration (S, 3) of the platform's frame."""
+        axes = motions.rates[0][..., 0, :3, :]
+        rotation = axes.swapaxes(-1, -2).reshape(-1, 3, 3)
+        return (
+            rotation,
+            motions.twist[..., 0, 3:].reshape(-1, 3),
+            motions.twist_rate[..., 0, 3:].reshape(-1, 3),
+        )
 
     def frame_twist(self, frames: FrameStack, v: Array) -> Array:
         """Compute a twist (T, 6) of the frame with this v (T, n), zero along free axes and turns."""
@@ -217,24 +241,6 @@ class FramePlatform(PlatformCoordinates):
         v, dv, turning = dx.copy(), ddx.copy(), self.turning
         v[:, turning], dv[:, turning] = self.attitude.rates(*(part[:, turning] for part in (x, dx, ddx)))
         return v, dv
-
-    def velocity_changes(self, variation: FrameVariation) -> Array:
-        """Compute changes (2, T, k, n) of v and dv/dt.
-
-        For turns v = C w and dv/dt = C dw/dt + dC/dt w, with the chart's couples C.
-        """
-        changes = np.empty((2, *variation.twist.shape[:2], self.n))
-        changes[..., self.sliding] = changes_of(variation.rates[1:, :, :, 0, 3, self.along])
-        rotation = variation.rates[0, :, :, 0, :3].swapaxes(2, 3).reshape(-1, 3, 3)
-        w, alpha = (part[:, :, 0, 3:].reshape(-1, 3) for part in variation[:2])
-        couples, couple_rates = self.attitude.couples(rotation), self.attitude.couple_rates(rotation, w)
-        turns = np.stack([matvec(couples, w), matvec(couples, alpha) + matvec(couple_rates, w)])
-        changes[..., self.turning] = changes_of(turns).reshape(*changes.shape[:3], -1)
-        return changes
-
-    def _power(self, frames: FrameStack, twists: Array) -> Array:
-        """Compute the power (T, n, k) of the wrenches on twists (T, 6, k) of the frame."""
-        return twists[:, self.axes] if self.constant else matmul(self.wrenches(frames), twists)
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,7 +271,10 @@ class JointPlatform(PlatformCoordinates):
         return np.where(self.translations, x, x + 2 * np.pi * turns)
 
     def wrenches(self, frames: FrameStack) -> Array:
-        return self._screw_wrenches(frames.screws)
+        """Compute couples about hinges and forces along slides, (T, n, 6)."""
+        wrenches = frames.screws[:, self.columns].copy()
+        wrenches[:, ~self.translations, :3] = 0.0
+        return wrenches
 
     def felt_by(self, carried: Array) -> Array:
         return np.eye(len(carried))[self.columns]
@@ -273,21 +282,9 @@ class JointPlatform(PlatformCoordinates):
     def jacobian(self, frames: FrameStack) -> Array:
         return np.repeat(np.eye(frames.screws.shape[1])[None, self.columns], len(frames.q), axis=0)
 
-    def drift(self, frames: FrameStack, motions: FrameMotions) -> Array:
-        return np.zeros((len(frames.q), self.n))
-
-    def velocity_changes(self, variation: FrameVariation) -> Array:
-        return np.zeros((2, *variation.twist.shape[:2], self.n))
-
     def frame_twist(self, frames: FrameStack, v: Array) -> Array:
         """Compute the twist (T, 6) at the frame's origin: joint screws times v (T, n)."""
         screws = frames.screws[:, self.columns]
         twist = matvec(np.swapaxes(screws, 1, 2), v)  # at the base's origin
         twist[:, :3] += np.cross(twist[:, 3:], frames.position[:, 0])
         return twist
-
-    def _screw_wrenches(self, screws: Array) -> Array:
-        """Compute couples about hinges and forces along slides, (T, n, 6)."""
-        wrenches = screws[:, self.columns].copy()
-        wrenches[:, ~self.translations, :3] = 0.0
-        return wrenches

@@ -14,7 +14,13 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.errors import NotAssembled
-from framework.kinematics.assembly import Closing, all_loops_matrix, close_reference, nearby_configurations
+from framework.kinematics.assembly import (
+    Closing,
+    all_loops_matrix,
+    close_reference,
+    nearby_configurations,
+    residual_at,
+)
 from framework.kinematics.closures import loop_equations, row_weights
 from framework.kinematics.frames import frames_at
 from framework.kinematics.loop_structure import numerical_rank, row_pivots
@@ -90,6 +96,4 @@ def _is_rounded_nearby(mechanism: Mechanism, reduced: Mechanism, q: Array) -> bo
 def _loop_gap(mechanism: Mechanism, q: Array) -> float:
     """Compute the largest residual of the rows at q (nq,) [robot lengths or rad]."""
     weights = row_weights(mechanism, mechanism.rows.rotation)
-    return float(
-        np.abs(weights * loop_equations(mechanism.rows, frames_at(mechanism, q[None])).residual[0]).max()
-    )
+    return float(np.abs(weights * residual_at(mechanism, q)).max())

@@ -10,8 +10,8 @@ import numpy as np
 import pinocchio as pin
 
 from framework.arrays import Array
-from framework.kinematics.closures import row_factors
-from framework.kinematics.frames import FrameStack, move_frames, turn_vectors
+from framework.kinematics.closures import closure_drift, row_factors
+from framework.kinematics.frames import FrameMotions, FrameStack
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import Scratch
 from framework.linalg.ordered_sums import cross
@@ -59,14 +59,9 @@ class SinglePose:
 
     def drift(self) -> Array:
         """Return the second time derivative (rows,) of the equations at the last `move`."""
-        scratch, rows = self.scratch, self.robot.rows
-        motions = np.array([scratch.velocities, scratch.accelerations]).take(scratch.bodies, axis=1)
-        rates = np.empty((3, *self._placed.shape))  # of axes and origins: values and two derivatives
-        rates[0] = self._placed
-        rates[1:] = move_frames(motions, rates[0])
-        rates[2] += turn_vectors(motions[0], rates[1])
-        a, b = row_factors(rows, rates)
-        return rows.weight * (a[2] * b[0] + 2.0 * a[1] * b[1] + a[0] * b[2]).sum(axis=1)
+        scratch = self.scratch
+        twists = np.array([scratch.velocities, scratch.accelerations]).take(scratch.bodies, axis=1)
+        return closure_drift(self.robot.rows, FrameMotions.of(self._placed, *twists))
 
     def frame_stack(self, q: Array) -> FrameStack:
         """Return the frames of the last `place` or `move` at q (nq,), as a stack of one."""

@@ -9,7 +9,6 @@ every BLAS. A study of runs needs that, to give one of them back by its seed. `n
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -47,15 +46,6 @@ def matmul(a: Array, b: Array) -> Array:
     """Compute products (..., m, p) of matrices (..., m, n) and (..., n, p)."""
     columns = np.swapaxes(b, -1, -2)  # (..., p, n)
     return dot(a[..., :, None, :], columns[..., None, :, :])
-
-
-def product_rates(
-    product: Callable[[Array, Array], Array], a: Array | Sequence[Array], b: Array | Sequence[Array]
-) -> Array:
-    """Compute a product of a and b with two derivatives, (3, ...), of factors with two derivatives each."""
-    rate = product(a[1], b[0]) + product(a[0], b[1])
-    second = product(a[2], b[0]) + 2.0 * product(a[1], b[1]) + product(a[0], b[2])
-    return np.array([product(a[0], b[0]), rate, second])
 
 
 def solve(matrix: Array, right: Array) -> Array:

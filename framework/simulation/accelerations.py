@@ -56,7 +56,7 @@ def accelerations(
     for k in map(int, np.flatnonzero(light.any(axis=1))):
         row = f", row {k}" if len(q) > 1 else ""
         _check_balance(equations, tangent.state(k), basis[k], light[k], free[k], row)
-    drift = closure_drift(equations.rows, tangent.frames, frame_motions(robot, tangent.frames, q, v))
+    drift = closure_drift(equations.rows, frame_motions(robot, tangent.frames, q, v))
     a = -matvec(closing, drift)
     across = basis.swapaxes(1, 2)
     massless = np.broadcast_to(light[:, None], (len(q), *2 * light.shape[1:]))

@@ -132,8 +132,8 @@ class RobotStack:
         frames = terms.frames
         rates = frames.carried * v[:, None]  # (R, F, nv)
         both = np.stack([frames.screws, terms.tree_rate.swapaxes(1, 2)])
-        motions = FrameMotions.from_spatial(matmul(rates, both), frames.position)
-        return closure_drift(self.first.rows, frames, motions)
+        motions = FrameMotions.of(frames.placements, *matmul(rates, both))
+        return closure_drift(self.first.rows, motions)
 
 
 @lru_cache(maxsize=128)

@@ -51,8 +51,8 @@ def test_stacks_hold_what_pinocchio_says_of_each_frame(name, flexibility):
                 "position": at.position[k, f],
                 "rotation": at.rotation[k, f],
                 "jacobian": at.jacobian[k, f],
-                "twist": motions.twist[k, f],
-                "drift": motions.drift[k, f],
+                "twist": [*motions.rates[1, k, f, 3], *motions.twist[k, f, 3:]],
+                "drift": [*motions.rates[2, k, f, 3], *motions.twist_rate[k, f, 3:]],
             }
             for what, value in expected.items():
                 size = max(1.0, np.abs(value).max())

@@ -25,6 +25,7 @@ from framework.kinematics.continuation.turning_point import (
     turning_points,
 )
 from framework.kinematics.frames import difference, integrate
+from framework.kinematics.inverse_kinematics import MAX_ITERATIONS, NewtonResult, close_each
 from framework.kinematics.linearised_loops import (
     LinearisedLoops,
     assembled_at,
@@ -33,7 +34,6 @@ from framework.kinematics.linearised_loops import (
 )
 from framework.kinematics.loop_matrices import clearance, equation_sizes, independent_loops_matrix
 from framework.kinematics.modes import keeps_assembly_mode
-from framework.kinematics.newton import MAX_ITERATIONS, Linear, NewtonResult, Which, newton
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.tolerances import BRANCHES_CROSS, BRANCHES_MEET, RANK_LOST
 
@@ -135,21 +135,14 @@ def motors_are_free(robot: ParallelRobot) -> bool:
 
 def close_at_motors(
     robot: ParallelRobot, start: Array, turn: Array, guess: Array, *, iterations: int = MAX_ITERATIONS
-) -> NewtonResult[LinearisedLoops]:
+) -> NewtonResult:
     """Close the loops near guesses (T, nq), with the motors turned by `turn` (T, nv) from start (nq,)."""
     rounding = np.zeros_like(turn)  # of the motors' angles, after many steps
     rounding[:, robot.actuated] = (turn - difference(robot, start, guess))[:, robot.actuated]
     guess = integrate(robot, guess, rounding)
-
-    def evaluate(q: Array, which: Which) -> LinearisedLoops:
-        return linearised_at(robot, q, None)
-
-    def linear(linearised: LinearisedLoops) -> Linear:
-        return Linear(linearised.residual[:, robot.n :], linearised.passive_factors)
-
     if not len(robot.following):
         return NewtonResult(guess, linearised_at(robot, guess, None), np.ones(len(guess), dtype=bool))
-    return newton(robot, guess, robot.following, evaluate, linear, iterations=iterations)
+    return close_each(robot, None, guess, iterations=iterations)
 
 
 def motor_driven_rates(robot: ParallelRobot, linearised: LinearisedLoops, turn: Array) -> Array | None:

@@ -96,7 +96,7 @@ def follow_path(
     """Follow the path with the platform from q (nq,) on its first point, up to the end of the branch.
 
     The way stays in one working mode and passes Type 2 singularities. Springs keep the deflections of q.
-    Places are closed to this `last_step` of `newton`. A way that ends early does so just before a Type 1
+    Places are closed to this `last_step` of `close_each`. A way that ends early does so just before a Type 1
     singularity; or on it, `to_the_end`, if it is found.
     """
 

@@ -23,8 +23,7 @@ from scipy.linalg import qr
 
 from framework.arrays import Array
 from framework.errors import FrameworkError, NotAssembled, RobotFileError, SingularReference
-from framework.kinematics.assembly import all_loops_matrix, nearby_configurations
-from framework.kinematics.closures import loop_equations
+from framework.kinematics.assembly import all_loops_matrix, nearby_configurations, residual_at
 from framework.kinematics.diagnostics.assembly_search import find_closed_pose
 from framework.kinematics.diagnostics.mobility import (
     PROPOSED_AXES_CLEARANCE,
@@ -36,7 +35,6 @@ from framework.kinematics.diagnostics.mobility import (
     scaled_twists,
     split_space,
 )
-from framework.kinematics.frames import frames_at
 from framework.kinematics.loop_structure import independent_rows
 from framework.kinematics.mechanism import Mechanism, columns_of, frame_of
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -274,10 +272,10 @@ def _close_near_reference(description: RobotDescription) -> _Motions:
     except NotAssembled:
         pose = find_closed_pose(mechanism)
         q = pose.q
-        equations = loop_equations(mechanism.rows, frames_at(mechanism, mechanism.q_near[None]))
+        gap = np.abs(residual_at(mechanism, mechanism.q_near)).max()
         remarks.append(
             f"reference: the nearest closed pose, {pose.joint} {pose.distance} from the file's, whose loops "
-            f"are {np.abs(equations.residual).max():.2g} m or rad open"
+            f"are {gap:.2g} m or rad open"
         )
         mechanism = replace(mechanism, q_near=q)
     beside = nearby_configurations(mechanism, q)
