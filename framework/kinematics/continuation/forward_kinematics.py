@@ -1,11 +1,9 @@
 """Forward kinematics: all joints and the platform for prescribed motor joints, followed from a start pose.
 
-The motors turn from the start to the target, all at once and in proportion, and the loops move the passive
-joints: P dq_p = -J_a dq_a, with P and J_a the passive and the actuated columns of the loop equations. Away
-from Type 2 singularities P is regular, and the branch leads to the pose of the same assembly mode. Where P
-loses rank assembly modes meet and the motors no longer determine the motion: the branch ends. (That is Type 2
-in the wide sense; `singularity.classification` tells whether the platform or only joints inside a leg
-escape.)
+The motors turn from the start to the target (`motor_ways`). Away from Type 2 singularities the passive
+columns P of the loop equations are regular, and the branch leads to the pose of the same assembly mode. Where
+P loses rank the motors no longer determine the motion: the branch ends. (That is Type 2 in the wide sense;
+`singularity.pose_classes` tells whether the platform or only joints inside a leg escape.)
 """
 
 from __future__ import annotations
@@ -14,31 +12,20 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike, BoolArray, freeze
+from framework.arrays import Array, ArrayLike, freeze
 from framework.errors import InvalidInput, NotAssembled, Type2Singularity, finite_numbers, point
 from framework.kinematics.assembly import Configuration
-from framework.kinematics.continuation.predictor_corrector import FIRST_STEP_RATIO, Places, Way, follow
-from framework.kinematics.continuation.turning_point import (
-    CurveEquations,
-    Curves,
-    TurningPoints,
-    turning_points,
-)
-from framework.kinematics.frames import difference, integrate
-from framework.kinematics.inverse_kinematics import MAX_ITERATIONS, NewtonResult, close_each
+from framework.kinematics.continuation.motor_ways import MotorWays, follow_ways, ways_at
 from framework.kinematics.linearised_loops import (
     LinearisedLoops,
     assembled_at,
     linearised_at,
     linearised_at_reference,
 )
-from framework.kinematics.loop_matrices import clearance, equation_sizes, independent_loops_matrix
-from framework.kinematics.modes import keeps_assembly_mode
+from framework.kinematics.loop_matrices import clearance
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.tolerances import BRANCHES_CROSS, BRANCHES_MEET, RANK_LOST
 
 TYPE_2_END_RATIO = 0.05  # of the usual least singular value of P: a way that ends below does so at Type 2
-MAX_SINGLE_STEP = 0.05  # [rad, lengths] that the joints may move by in a single step
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,13 +35,14 @@ class ForwardPose(Configuration):
     `q` (nq,) and platform `x` (n,), its turns counted on from those at the start; `residual`, the largest of
     all loop equations [m or rad], redundant ones included; `iterations`, the steps of the way; `clearance`,
     the least singular value of P met on the way (radians, robot lengths), which is 0 at a Type 2 singularity
-    and infinite for a robot without passive joints. `robot` and `place` let the next pose of a stream of
-    motor angles start from this one without proving again that it is assembled.
+    and infinite for a robot without passive joints. `robot`, `place` and `linearised` let the next pose of a
+    stream of motor angles start from this one without proving again that it is assembled.
     """
 
     clearance: float
     robot: ParallelRobot = field(repr=False)
-    place: Places = field(repr=False)
+    place: MotorWays = field(repr=False)  # T = 1
+    linearised: LinearisedLoops = field(repr=False)  # at q, T = 1
 
 
 def forward_kinematics(
@@ -78,12 +66,11 @@ def forward_kinematics(
     target = motor_joints_of(robot, q_a)
     check_motors_are_free(robot)
     start = start_pose(robot, near)
-    way, x = _follow_motors(robot, start.place, target), start.x[None]
-    for place in way.stretches[1:]:
-        x = robot.platform.unwrap(robot.platform.coordinates(place.linearised.frames), x[0])
-    if not way.complete:
-        raise _end_error(robot, way, x[0], target)
-    return _pose_at(robot, way.last, x[0], float(way.clearance.min()), steps=len(way.at) - 1)
+    end = follow_ways(robot, start.place, start.linearised, target[None])
+    linearised = linearised_at(robot, end.q, None)
+    if end.share[0] < 1.0:
+        raise end_error(robot, start, end, linearised, target)
+    return _pose_at(robot, end, linearised)
 
 
 def motor_joints_of(robot: ParallelRobot, q_a: ArrayLike, *, stacks: bool = False) -> Array:
@@ -91,17 +78,18 @@ def motor_joints_of(robot: ParallelRobot, q_a: ArrayLike, *, stacks: bool = Fals
     return finite_numbers(f"q_a ({', '.join(robot.actuator_names)})", q_a, robot.n_a, stacks=stacks)
 
 
-def _pose_at(robot: ParallelRobot, place: Places, x: Array, least: float, *, steps: int) -> ForwardPose:
-    """Return the pose of a place with its platform at x (n,), `least` clearance and steps of the way."""
-    freeze(place)
+def _pose_at(robot: ParallelRobot, place: MotorWays, linearised: LinearisedLoops) -> ForwardPose:
+    """Return the pose at the end of a way (T = 1), with its loops."""
+    freeze((place, linearised))
     return ForwardPose(
         q=place.q[0],
-        x=x,
-        residual=float(place.linearised.gap[0]),
-        iterations=steps,
-        clearance=least,
+        x=place.x[0],
+        residual=float(linearised.gap[0]),
+        iterations=int(place.steps[0]),
+        clearance=float(place.least[0]),
         robot=robot,
         place=place,
+        linearised=linearised,
     )
 
 
@@ -114,9 +102,7 @@ def start_pose(robot: ParallelRobot, near: ArrayLike | Configuration | None) -> 
     if isinstance(near, ForwardPose) and near.robot is robot:
         return near
     closed = assembled_at(robot, robot.reference.q if near is None else near)
-    still = np.zeros((1, robot.model.nv))
-    place = Places(closed.q, closed.linearised, still, clearance(robot, closed.linearised))
-    return _pose_at(robot, place, closed.x[0], float(place.clearance[0]), steps=0)
+    return _pose_at(robot, ways_at(robot, closed.linearised, closed.x), closed.linearised)
 
 
 def check_motors_are_free(robot: ParallelRobot) -> None:
@@ -133,124 +119,32 @@ def motors_are_free(robot: ParallelRobot) -> bool:
     return robot.n_a == robot.n and len(robot.following) == len(robot.loops.names)
 
 
-def close_at_motors(
-    robot: ParallelRobot, start: Array, turn: Array, guess: Array, *, iterations: int = MAX_ITERATIONS
-) -> NewtonResult:
-    """Close the loops near guesses (T, nq), with the motors turned by `turn` (T, nv) from start (nq,)."""
-    rounding = np.zeros_like(turn)  # of the motors' angles, after many steps
-    rounding[:, robot.actuated] = (turn - difference(robot, start, guess))[:, robot.actuated]
-    guess = integrate(robot, guess, rounding)
-    if not len(robot.following):
-        return NewtonResult(guess, linearised_at(robot, guess, None), np.ones(len(guess), dtype=bool))
-    return close_each(robot, None, guess, iterations=iterations)
+def end_error(
+    robot: ParallelRobot, start: ForwardPose, end: MotorWays, linearised: LinearisedLoops, q_a: Array
+) -> NotAssembled:
+    """Return the error for a way (T = 1) from the start to q_a (n_a,) that ends before.
 
-
-def motor_driven_rates(robot: ParallelRobot, linearised: LinearisedLoops, turn: Array) -> Array | None:
-    """Compute rates (T, nv) of all joints for rates `turn` (T, nv) of the motors; None if P is singular."""
-    rate, columns = turn.copy(), robot.following
-    if len(columns):
-        driven = np.einsum("tmv,tv->tm", linearised.closures, turn)
-        try:
-            rate[:, columns] = -linearised.passive_factors.solve(driven)
-        except np.linalg.LinAlgError:
-            return None
-    return rate
-
-
-def _follow_motors(robot: ParallelRobot, start: Places, q_a: Array) -> Way:
-    """Turn the motors from a place towards q_a (n_a,), up to the end of the branch."""
-    turn = np.zeros((1, robot.model.nv))
-    turn[0, robot.actuated] = q_a - robot.actuated_coordinates(start.q)[0]
-
-    def place(q: Array, linearised: LinearisedLoops, distance: Array) -> Places | None:
-        rate = motor_driven_rates(robot, linearised, turn)
-        return None if rate is None else Places(q, linearised, rate, distance)
-
-    def arrive(share: Array, predicted: Array) -> Places | None:
-        """Return the place at a share (1,) of the way."""
-        q, linearised, closed = close_at_motors(robot, start.q[0], share[:, None] * turn, predicted)
-        return place(q, linearised, clearance(robot, linearised)) if closed.all() else None
-
-    def belong(before: Places, after: Places, straight: BoolArray) -> BoolArray:
-        apart = straight | (after.clearance > BRANCHES_CROSS)
-        return apart & keeps_assembly_mode(before.linearised, after.linearised)
-
-    def end(share: float, last: Places) -> tuple[float, Places] | None:
-        """Find the Type 2 singularity ahead of a place, as its share of the way and place; None if none.
-
-        Joint rates by the motors are infinite there: the place has rates of zero instead.
-        """
-        singular = motors_turning_points(robot, last.q, np.array([share]), turn)
-        if not singular.found[0]:
-            return None
-        joint_rates = np.zeros_like(turn)
-        distance = clearance(robot, singular.linearised)
-        return float(singular.share[0]), Places(singular.q, singular.linearised, joint_rates, distance)
-
-    first_place = place(start.q, start.linearised, start.clearance)
-    if first_place is None or start.clearance[0] < RANK_LOST:  # on the meeting of two modes
-        return Way(np.zeros(1), (start,))
-    short = np.abs(first_place.rate / robot.column_scale).max() < MAX_SINGLE_STEP
-    step = 1.0 if short else FIRST_STEP_RATIO
-    return _up_to_the_meeting(follow(robot, first_place, arrive, belong, end=end, step=step))
-
-
-def _up_to_the_meeting(way: Way) -> Way:
-    """Cut a way at its first meeting with another assembly mode, where the clearance is least."""
-    clearance = way.clearance
-    approaching = clearance[1:] < clearance[:-1]  # not leading away from a meeting
-    meeting = np.flatnonzero((clearance[1:] < BRANCHES_MEET) & approaching)
-    if not len(meeting):
-        return way
-    first = int(meeting[0]) + 1
-    beyond = np.flatnonzero(clearance[first:] >= BRANCHES_MEET)
-    last = first + int(clearance[first : first + beyond[0] if len(beyond) else None].argmin())
-    return Way(way.at[: last + 1], way.stretches[: last + 1])
-
-
-def motors_turning_points(robot: ParallelRobot, q: Array, share: Array, turn: Array) -> TurningPoints:
-    """Find Type 2 singularities ahead of q (T, nq), after a `share` (T,) of the motors' turns (T, nv)."""
-    columns, sizes = robot.following, equation_sizes(robot)[robot.n :]
-
-    def evaluate(q: Array, share: Array) -> CurveEquations:
-        """Compute the loop equations (T, m), their matrix along following joints, and the motors' drive."""
-        linearised = linearised_at(robot, q, None)
-        loops = independent_loops_matrix(robot, linearised)
-        drive = np.einsum("tmv,tv->tm", loops, turn / robot.column_scale)
-        return CurveEquations(
-            loops[:, :, columns], drive, linearised.residual[:, robot.n :] / sizes, linearised
-        )
-
-    return turning_points(Curves(robot, columns, turn, evaluate), q, share)
-
-
-def _end_error(robot: ParallelRobot, way: Way, x: Array, q_a: Array) -> NotAssembled:
-    """Return the error for the end of the way of the motors to q_a, at platform x."""
-    residual = float(np.abs(way.last.linearised.residual[:, robot.n :]).max(initial=0.0))
-    usual = max(float(way.clearance.max()), float(clearance(robot, linearised_at_reference(robot))[0]))
-    if way.last.clearance[0] > TYPE_2_END_RATIO * usual:
-        place = _place_in_words(robot, way.at[-1], x, q_a)
-        return NotAssembled(
-            f"{robot.name}: the loops cannot be followed {place}", q=way.q[-1], residual=residual
-        )
-    return type2_singularity(robot, way.at[-1], way.q[-1], x, q_a, residual)
-
-
-def type2_singularity(
-    robot: ParallelRobot, share: float, q: Array, x: Array, q_a: Array, residual: float
-) -> Type2Singularity:
-    """Return the error for a way to q_a (n_a,) that ends after a share, at q with platform x."""
+    Where the clearance has become small beside its usual size the way ends at a Type 2 singularity.
+    """
+    usual = max(start.place.clearance[0], clearance(robot, linearised_at_reference(robot))[0])
+    residual = float(np.abs(linearised.residual[:, robot.n :]).max(initial=0.0))
+    share, x = float(end.share[0]), end.x[0]
     place = _place_in_words(robot, share, x, q_a)
+    if end.clearance[0] > TYPE_2_END_RATIO * usual:
+        return NotAssembled(
+            f"{robot.name}: the loops cannot be followed {place}", q=end.q[0], residual=residual
+        )
     return Type2Singularity(
         f"{robot.name}: a Type 2 singularity {place}: with its motors locked the robot can still move there, "
         f"and this assembly mode ends",
-        q=q,
+        q=end.q[0],
         residual=residual,
-        share=float(share),
+        share=share,
         platform=x,
     )
 
 
 def _place_in_words(robot: ParallelRobot, share: float, x: Array, q_a: Array) -> str:
+    """Return where a way of the motors to q_a (n_a,) ends, in words."""
     motors = f"{', '.join(robot.actuator_names)} = {point(q_a)}"
     return f"on the way to {motors}, after {share:.6g} of it, at {robot.place(x)}"

@@ -1,8 +1,8 @@
 """Follow a branch of assembled configurations by predictor and corrector, never jumping to another branch.
 
-The platform follows a path (`tracking`), or the motors turn from angle to angle (`forward_kinematics`). A
-step along the tangent is accepted if its correction is small against it and its end belongs to the branch;
-otherwise it is halved.
+The platform follows a path (`tracking`), or the motors turn from angle to angle (`motor_ways`). A step along
+the tangent is accepted if its correction is small against it and its end belongs to the branch; otherwise it
+is halved.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, BoolArray
+from framework.arrays import LEAST_DIVISOR, Array, BoolArray
 from framework.kinematics.frames import difference, integrate
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.mechanism import Mechanism
@@ -21,7 +21,8 @@ from framework.tolerances import BRANCH_CORRECTION, BRANCH_STEP_SHARE, BRANCH_TU
 MIN_STEP_RATIO = 1e-7  # of the way: if shorter steps are refused too, the branch has ended
 MAX_PREDICTOR_MOVE = 1.0  # [rad, lengths] of a joint in a step: beside a singularity tangents lead far
 FIRST_STEP_RATIO = 1 / 8  # of the way
-GROWTH_SHARE = 0.2  # of the allowed correction: after a smaller one the step is doubled
+BRANCH_GROWTH = 0.2 * BRANCH_CORRECTION  # [rad, lengths] after a smaller correction the step is doubled
+MAX_STEP_RATIO = 2 * FIRST_STEP_RATIO  # of the way: steps grow up to this
 END_ROUNDING = 1e-12  # of the way: a place that near to its end is the end
 
 
@@ -31,7 +32,6 @@ class Places(NamedTuple):
     q: Array  # (K, nq)
     linearised: LinearisedLoops
     rate: Array  # (K, nv) joint rates with respect to the parameter of the way
-    clearance: Array  # (K,) from the end of the branch, infinite if the parameter has no such measure
 
     @property
     def last(self) -> Places:
@@ -43,8 +43,7 @@ class Places(NamedTuple):
         return self._part(slice(count)) if count < len(self.q) else self
 
     def _part(self, which: slice) -> Places:
-        q, linearised, rate, clearance = self
-        return Places(q[which], linearised.select(which), rate[which], clearance[which])
+        return Places(self.q[which], self.linearised.select(which), self.rate[which])
 
 
 class Way(NamedTuple):
@@ -62,11 +61,6 @@ class Way(NamedTuple):
     def rate(self) -> Array:
         """The joint rates (K, nv) with respect to the parameter."""
         return np.concatenate([places.rate for places in self.stretches])
-
-    @property
-    def clearance(self) -> Array:
-        """The clearances (K,) from the end of the branch."""
-        return np.concatenate([places.clearance for places in self.stretches])
 
     @property
     def last(self) -> Places:
@@ -130,13 +124,10 @@ def follow(
     """
     parameter, place, parameters, stretches = 0.0, start, [np.zeros(1)], [start]
     while parameter < 1.0:
-        speed = float(np.abs(place.rate / robot.column_scale).max(initial=0.0))
-        step = min(step, 1.0 - parameter)
-        if step * speed > MAX_PREDICTOR_MOVE:
-            step = 0.99 * MAX_PREDICTOR_MOVE / speed  # 0.99: rounding must not make it longer again
+        step = float(cut_to_predictor(robot, place.rate, np.array([min(step, 1.0 - parameter)]))[0])
         if step < MIN_STEP_RATIO:
             break
-        ahead = _parameters_ahead(parameter, step, speed, at_once)
+        ahead = _parameters_ahead(robot, place, parameter, step, at_once)
         lengths = (ahead - parameter)[:, None]
         arrived = arrive(ahead, integrate(robot, place.q, lengths * place.rate))
         accepted = None if arrived is None else _accept_steps(robot, place, arrived, lengths, belong)
@@ -145,8 +136,8 @@ def follow(
             parameters.append(ahead[: len(places.q)])
             stretches.append(places)
             parameter, place = float(parameters[-1][-1]), places.last
-            if correction < GROWTH_SHARE * BRANCH_CORRECTION and step < 2 * FIRST_STEP_RATIO:
-                step = min(2.0 * step, 2 * FIRST_STEP_RATIO)
+            if correction < BRANCH_GROWTH and step < MAX_STEP_RATIO:
+                step = min(2.0 * step, MAX_STEP_RATIO)
             continue
         ended = None if end is None else end(parameter, place)
         if ended is not None:
@@ -157,9 +148,22 @@ def follow(
     return Way(np.concatenate(parameters), tuple(stretches))
 
 
-def _parameters_ahead(parameter: float, step: float, speed: float, count: int) -> Array:
-    """Return up to `count` parameters one step apart, up to the end and as far as the predictor may lead."""
+def joint_speeds(robot: Mechanism, rate: Array) -> Array:
+    """Compute the rate (T,) of the joint that moves most, of joint rates (T, nv) [rad, lengths]."""
+    return np.abs(rate / robot.column_scale).max(axis=1, initial=0.0)
+
+
+def cut_to_predictor(robot: Mechanism, rate: Array, step: Array) -> Array:
+    """Cut steps (T,) of the parameter so that no joint moves by `MAX_PREDICTOR_MOVE` at rates (T, nv)."""
+    speed = joint_speeds(robot, rate)
+    longest = 0.99 * MAX_PREDICTOR_MOVE / np.maximum(speed, LEAST_DIVISOR)  # 0.99: not longer by rounding
+    return np.where(step * speed > MAX_PREDICTOR_MOVE, longest, step)
+
+
+def _parameters_ahead(robot: Mechanism, place: Places, parameter: float, step: float, count: int) -> Array:
+    """Return up to `count` parameters one step apart, to the end and as far as the predictor may lead."""
     lengths = step * np.arange(1, count + 1)
+    speed = joint_speeds(robot, place.rate)[0]
     near = (parameter + lengths < 1.0 + 0.5 * MIN_STEP_RATIO) & (lengths * speed < MAX_PREDICTOR_MOVE)
     near[0] = True
     ahead = parameter + lengths[near]

@@ -116,7 +116,7 @@ def follow_path(
             return arrive(s[:1], predicted[:1]) if len(s) > 1 else None
 
     def places(s: Array, q: Array, linearised: LinearisedLoops) -> Places:
-        return Places(q, linearised, _rates(robot, path, s, linearised), np.full(len(s), np.inf))
+        return Places(q, linearised, _rates(robot, path, s, linearised))
 
     def belong(before: Places, after: Places, straight: BoolArray) -> BoolArray:
         """Return where places (T,) stay on the branch: in its working mode, and clear of others if bent."""
@@ -158,7 +158,7 @@ def _type1_end(robot: ParallelRobot, path: Path, s: float, before: Places) -> tu
     ahead = turning_points(Curves(robot, robot.moving, still, evaluate), before.q, np.array([s]))
     if not ahead.found[0]:
         return None
-    return float(ahead.share[0]), Places(ahead.q, ahead.linearised, still, np.full(1, np.inf))
+    return float(ahead.share[0]), Places(ahead.q, ahead.linearised, still)
 
 
 def _follow_branch(robot: ParallelRobot, path: Path, q: Array, what: str) -> Branch:

@@ -1,0 +1,213 @@
+"""Poses followed while the motors turn from where they are to prescribed angles, many targets at once.
+
+The motors turn all at once and in proportion, and the loops move the passive joints: P dq_p = -J_a dq_a, with
+P and J_a the passive and the actuated columns of the loop equations. Every target has a way of its own, with
+its own steps: along the tangent dq/ds, s the share of the turn, and back to closed loops by Newton's method.
+A step counts by the measures of `predictor_corrector` if det P keeps its sign; else it is halved. Where P
+loses rank assembly modes meet and the way ends: at a turning point, which is found by a direct root, or where
+branches cross, next to which steps become ever shorter.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.arrays import Array, BoolArray, IntArray, select
+from framework.kinematics.continuation.predictor_corrector import (
+    BRANCH_GROWTH,
+    END_ROUNDING,
+    FIRST_STEP_RATIO,
+    MAX_STEP_RATIO,
+    MIN_STEP_RATIO,
+    cut_to_predictor,
+    joint_speeds,
+    measure,
+)
+from framework.kinematics.continuation.turning_point import (
+    CurveEquations,
+    Curves,
+    TurningPoints,
+    turning_points,
+)
+from framework.kinematics.frames import difference, integrate
+from framework.kinematics.inverse_kinematics import NewtonResult, close_each
+from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
+from framework.kinematics.loop_matrices import clearance, equation_sizes, independent_loops_matrix
+from framework.kinematics.modes import keeps_sign, passive_determinants
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.tolerances import BRANCHES_CROSS, BRANCHES_MEET, RANK_LOST
+
+MAX_SINGLE_STEP = 0.05  # [rad, lengths] that the joints may move by in a single step
+MAX_STEP_ITERATIONS = 10  # of Newton's method; a step along the tangent that needs more is refused
+
+
+class MotorWays(NamedTuple):
+    """The last poses on T ways of the motors."""
+
+    q: Array  # (T, nq)
+    x: Array  # (T, n) the platform, its turns counted on
+    rate: Array  # (T, nv) joint rates for the whole turn of the motors
+    share: Array  # (T,) of the turn; 1 where the motors have arrived
+    steps: IntArray  # (T,) taken
+    clearance: Array  # (T,) least singular value of P at q
+    least: Array  # (T,) and on the whole way
+    sign: Array  # (T,) of det P
+    size: Array  # (T,) its logarithm
+
+
+class _Steps(NamedTuple):
+    """The ends of those of T steps whose loops close."""
+
+    rows: IntArray  # (S,) of the T steps
+    ends: MotorWays  # (S, ...)
+    correction: Array  # (S,) [rad, lengths] by which the predictor was corrected
+    on_branch: BoolArray  # (S,) whether the end is on the branch of the start
+
+
+def ways_at(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> MotorWays:
+    """Return T ways that begin at assembled poses, the platform's turns counted on from x (T, n)."""
+    frames = linearised.frames
+    count = len(frames.q)
+    clear = clearance(robot, linearised)
+    sign, size = passive_determinants(linearised)
+    return MotorWays(
+        q=frames.q.copy(),
+        x=robot.platform.unwrap(robot.platform.coordinates(frames), x),
+        rate=np.zeros((count, robot.model.nv)),
+        share=np.zeros(count),
+        steps=np.zeros(count, dtype=np.intp),
+        clearance=clear,
+        least=clear.copy(),
+        sign=sign,
+        size=size,
+    )
+
+
+def follow_ways(
+    robot: ParallelRobot, start: MotorWays, linearised: LinearisedLoops, targets: Array
+) -> MotorWays:
+    """Turn the motors from one pose, the only one of `start`, towards targets (T, n_a), as far as ways go.
+
+    `linearised` are the loops at the start (T = 1). A way whose `share` stays below 1 has ended: at a Type 2
+    singularity, or where it cannot be followed.
+    """
+    count = len(targets)
+    turn = np.zeros((count, robot.model.nv))
+    turn[:, robot.actuated] = targets - robot.actuated_coordinates(start.q)
+    copies = np.zeros(count, dtype=np.intp)
+    ways = select(start, copies)._replace(share=np.zeros(count), steps=copies.copy())
+    ways.least[:] = ways.clearance
+    loops = linearised if count == 1 else linearised.select(copies)  # a single one has its factors at hand
+    rate = motor_driven_rates(robot, loops, turn)
+    if rate is None:  # P is singular to the last bit
+        return ways
+    ways.rate[:] = rate
+    step = np.where(joint_speeds(robot, rate) < MAX_SINGLE_STEP, 1.0, FIRST_STEP_RATIO)
+    approaching, ended = np.zeros((2, count), dtype=bool)  # another assembly mode
+    live = np.flatnonzero(ways.clearance >= RANK_LOST)
+    while len(live):
+        before = select(ways, live)
+        step[live] = cut_to_predictor(robot, before.rate, step[live])
+        taken = _take_steps(robot, start.q[0], turn[live], before, step[live])
+        rows = live[taken.rows]
+        nearer = taken.ends.clearance < before.clearance[taken.rows]
+        approaching[rows] |= taken.on_branch & nearer & (taken.ends.clearance < BRANCHES_MEET)
+        past_meeting = taken.on_branch & approaching[rows] & ~nearer  # the way ends before this step
+        ended[rows[past_meeting]] = True
+        accepted = taken.on_branch & ~past_meeting
+        _assign(ways, rows[accepted], select(taken.ends, accepted))
+        grows = rows[accepted & (taken.correction < BRANCH_GROWTH)]
+        step[grows] = np.maximum(step[grows], np.minimum(2.0 * step[grows], MAX_STEP_RATIO))
+        is_refused = ~ended[live]
+        is_refused[taken.rows[accepted]] = False
+        refused = live[is_refused]
+        step[refused] *= 0.5
+        ended[_end_at_turning_points(robot, ways, refused, turn)] = True
+        live = live[~ended[live] & (ways.share[live] < 1.0) & (step[live] >= MIN_STEP_RATIO)]
+    return ways
+
+
+def _take_steps(robot: ParallelRobot, start: Array, turn: Array, before: MotorWays, step: Array) -> _Steps:
+    """Take steps (T,) of the share along tangents, and measure whether their ends are on the branches.
+
+    `turn` (T, nv) is the whole turn of the motors from the start (nq,).
+    """
+    share = before.share + step
+    share = np.where(share > 1.0 - END_ROUNDING, 1.0, share)
+    length = (share - before.share)[:, None]
+    predicted = integrate(robot, before.q, length * before.rate)
+    closing = _close_at_motors(robot, start, share[:, None] * turn, predicted)
+    rows, linearised = np.flatnonzero(closing.closed), closing.linearised
+    if len(rows) < len(step):
+        linearised = linearised.select(rows)
+    before, length = select(before, rows), length[rows]
+    rate = motor_driven_rates(robot, linearised, turn[rows])
+    ends = ways_at(robot, linearised, before.x)._replace(
+        rate=turn[rows] if rate is None else rate, share=share[rows], steps=before.steps + 1
+    )
+    ends = ends._replace(least=np.minimum(before.least, ends.clearance))
+    corrections = difference(robot, predicted[rows], ends.q)
+    measured = measure(robot, corrections, length * before.rate, length * ends.rate)
+    apart = measured.straight | (ends.clearance > BRANCHES_CROSS)  # from branches that cross
+    same_mode = keeps_sign((before.sign, before.size), (ends.sign, ends.size))
+    return _Steps(rows, ends, measured.correction, measured.small & apart & same_mode)
+
+
+def _close_at_motors(robot: ParallelRobot, start: Array, turn: Array, guess: Array) -> NewtonResult:
+    """Close the loops near guesses (T, nq), with the motors turned by `turn` (T, nv) from start (nq,)."""
+    rounding = np.zeros_like(turn)  # of the motors' angles, after many steps
+    rounding[:, robot.actuated] = (turn - difference(robot, start, guess))[:, robot.actuated]
+    guess = integrate(robot, guess, rounding)
+    if not len(robot.following):
+        return NewtonResult(guess, linearised_at(robot, guess, None), np.ones(len(guess), dtype=bool))
+    return close_each(robot, None, guess, iterations=MAX_STEP_ITERATIONS)
+
+
+def motor_driven_rates(robot: ParallelRobot, linearised: LinearisedLoops, turn: Array) -> Array | None:
+    """Compute rates (T, nv) of all joints for rates `turn` (T, nv) of the motors; None if P is singular."""
+    rate, columns = turn.copy(), robot.following
+    if len(columns):
+        driven = np.matvec(linearised.closures, turn)
+        try:
+            rate[:, columns] = -linearised.passive_factors.solve(driven)
+        except np.linalg.LinAlgError:
+            return None
+    return rate
+
+
+def _end_at_turning_points(robot: ParallelRobot, ways: MotorWays, rows: IntArray, turn: Array) -> IntArray:
+    """Move ways, some `rows` of all, to Type 2 singularities next ahead; return the rows that have one."""
+    if not len(rows) or not len(robot.following):
+        return rows[:0]
+    ahead = _motors_turning_points(robot, ways.q[rows], ways.share[rows], turn[rows])
+    found = np.flatnonzero(ahead.found)
+    ends = ways_at(robot, ahead.linearised.select(found), ways.x[rows[found]])
+    ends = ends._replace(share=ahead.share[found], steps=ways.steps[rows[found]] + 1, least=ends.clearance)
+    _assign(ways, rows[found], ends)
+    return rows[found]
+
+
+def _motors_turning_points(robot: ParallelRobot, q: Array, share: Array, turn: Array) -> TurningPoints:
+    """Find Type 2 singularities ahead of q (T, nq), after a `share` (T,) of the motors' turns (T, nv)."""
+    columns, sizes = robot.following, equation_sizes(robot)[robot.n :]
+
+    def evaluate(q: Array, share: Array) -> CurveEquations:
+        """Compute the loop equations (T, m), their matrix along following joints, and the motors' drive."""
+        linearised = linearised_at(robot, q, None)
+        loops = independent_loops_matrix(robot, linearised)
+        return CurveEquations(
+            matrix=loops[:, :, columns],
+            drive=np.matvec(loops, turn / robot.column_scale),
+            residual=linearised.residual[:, robot.n :] / sizes,
+            linearised=linearised,
+        )
+
+    return turning_points(Curves(robot, columns, turn, evaluate), q, share)
+
+
+def _assign(ways: MotorWays, rows: IntArray, ends: MotorWays) -> None:
+    """Write new ends into some rows of the ways."""
+    for values, new in zip(ways, ends, strict=True):
+        values[rows] = new
