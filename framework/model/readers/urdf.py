@@ -22,7 +22,8 @@ The proposal for ROS (urdfdom pull request 264), each axis in its own frame; a k
 
 The child's axis is the parent's unless given; a universal joint has two at right angles, both needed.
 
-Isaac Sim, where the second link may be a second `<link1>`; `<fixed_frame>` is a frame:
+Isaac Sim, whose links are in the order of the document, the second perhaps a second `<link1>`;
+`<fixed_frame>` is a frame:
 
     <loop_joint name="tip" type="spherical">
       <link1 link="left_rod" xyz="0.25 0 0" rpy="0 0 0"/>   <link2 link="right_rod" xyz="0.25 0 0"/>
@@ -90,8 +91,9 @@ def _element_name(element: ElementTree.Element) -> tuple[str, str]:
 def _read_loop(tree: UrdfTree, element: ElementTree.Element) -> Closure:
     """Read the closure of an element in `_LOOPS`."""
     syntax = _LOOPS[element.tag]
-    for second in element.findall("link1")[1:]:
-        second.tag = "link2"
+    if element.tag == "loop_joint":  # its ends are in the order of the document, and may have one tag
+        for tag, end in zip(syntax.ends, (end for end in element if end.tag in syntax.ends), strict=False):
+            end.tag = tag
     name, where = _element_name(element)
     origins = [f"{end}_origin" for end in syntax.ends]
     only(element, where, (*syntax.ends, *syntax.axes, *origins), ("name", "type"))
