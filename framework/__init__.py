@@ -52,7 +52,7 @@ Beyond these names:
   `framework.dynamics.finite_differences`: torques without a proof;
 * `framework.show.plots`, `framework.show.locus_figures`, `framework.show.drawing`: figures;
   `framework.show.jupyter`: robots and plans in notebooks;
-* `framework.catalogue`: robots by name; `framework.export.trajectory_file`: trajectories read back.
+* `framework.catalogue`: robots by name.
 """
 
 from __future__ import annotations

@@ -30,6 +30,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from framework.arrays import Array, IntArray, ReadOnlyArrays
+from framework.errors import InvalidInput
 from framework.linalg.ordered_sums import cross, dot
 from framework.linalg.rotations import left_jacobian_coefficients, rotation_matrix, rotation_vector
 from framework.tolerances import FILE_ROUNDING
@@ -132,10 +133,21 @@ class SwingTwistAngle(DirectionChart, TwistAngle):
 
 
 def twist_angle_for(angle: TwistAngle, rotations: Array) -> TwistAngle:
-    """Return the chart of attitudes (T, 3, 3): `angle` if the frame turns about its axis alone."""
+    """Return the chart of attitudes (T, 3, 3): `angle` if the frame turns about its axis alone.
+
+    Raises:
+        InvalidInput: the frame turns about other axes too, from an attitude that has no angle.
+    """
     axes = rotations[:, int(angle.axes[0])]  # the base's axis in the frame
-    fixed = np.abs(axes - axes[0]).max() <= FILE_ROUNDING
-    return angle if fixed else SwingTwistAngle(angle.axes)
+    if np.abs(axes - axes[0]).max() <= FILE_ROUNDING:
+        return angle
+    i = int(angle.axes[0])
+    if 1.0 + rotations[0, i, i] <= FILE_ROUNDING:
+        raise InvalidInput(
+            f"platform: r{'xyz'[i]} of its frame is against that of the base, where the turn about it is not "
+            f"defined; choose another frame or other axes"
+        )
+    return SwingTwistAngle(angle.axes)
 
 
 @dataclass(frozen=True, eq=False)

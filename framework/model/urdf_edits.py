@@ -124,6 +124,8 @@ def free_root(root: ElementTree.Element) -> None:
     ]
     ElementTree.SubElement(root, "link", name=GROUND)
     root.extend(chain_elements(GROUND, motions, old, np.eye(4), set(links)))
+    for limit in root.findall("joint/limit")[-len(motions) :]:
+        limit.set("effort", "0")  # nothing drives them
 
 
 # ------------------------------------------------------------------ for pinocchio

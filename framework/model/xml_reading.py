@@ -12,7 +12,7 @@ from collections.abc import Collection
 import numpy as np
 
 from framework.arrays import Array
-from framework.errors import RobotFileError, check_name, short
+from framework.errors import RobotFileError, check_name, nearest, short
 from framework.fields import LARGEST_NUMBER
 from framework.model.description import SMALLEST_LENGTH
 from framework.model.placement import from_rpy, placement
@@ -46,14 +46,15 @@ def numbers(
 def only(
     element: ElementTree.Element, where: str, children: Collection[str], attributes: Collection[str]
 ) -> None:
-    """Refuse children and attributes that are not known, and children given twice."""
+    """Refuse unknown and repeated children, and mistyped attributes; other programs may have their own."""
     tags = [child.tag for child in element]
     for tag in tags:
         check_name(where, "element", tag, children)
         if tags.count(tag) > 1:
             raise RobotFileError(f"{where}: duplicate <{tag}>")
     for attribute in element.attrib:
-        check_name(where, "attribute", attribute, attributes)
+        if nearest(attribute, attributes):
+            check_name(where, "attribute", attribute, attributes)
 
 
 def child_element(element: ElementTree.Element, where: str, tag: str) -> ElementTree.Element:

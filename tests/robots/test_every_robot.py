@@ -57,6 +57,14 @@ def test_loop_jacobian_and_drift_are_derivatives_of_the_loop_equations(robot):
     np.testing.assert_allclose(slope, (linearised[0].jacobian - linearised[2].jacobian) / (2 * h), atol=1e-8)
 
 
+@pytest.mark.parametrize("name", robots.CATALOGUE)
+def test_the_stated_reference_closes_the_loops(name):
+    mechanism = robots.load(name)
+    q = mechanism.q_near[None]
+    gap = loop_equations(mechanism.rows, frames_at(mechanism, q)).residual
+    assert np.abs(gap / np.where(mechanism.rows.rotation, 1.0, mechanism.length)).max() < 1e-3
+
+
 def test_velocity_matrices_relate_rates_on_the_manifold(robot):
     rng = np.random.default_rng(2)
     branch = track_path(robot, first_path(robot))

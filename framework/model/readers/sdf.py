@@ -51,7 +51,8 @@ _KINDS = {kind: kind for kind in ("fixed", "revolute", "prismatic", "universal",
 _AXES = dict.fromkeys(("revolute", "prismatic", "screw"), ("axis",)) | {"universal": ("axis", "axis2")}
 _NOT_READ = ("gearbox",)
 _UNUSED = ("plugin", "sensor", "light", "battery", "actor", "projector", "particle_emitter", "gripper")
-_CONSTRAINTS = {"weld_constraint": "fixed", "ball_constraint": "ball"}  # of Drake
+BALL_CONSTRAINT = "ball_constraint"
+_CONSTRAINTS = {"weld_constraint": "fixed", BALL_CONSTRAINT: "ball"}  # of Drake
 _OWN = ("dynamics", "limit", "mimic")  # what a joint of the tree can have, and a closure cannot
 _DYNAMICS = {
     "damping": "damping",
@@ -219,7 +220,7 @@ def _add_models(scope: Scope, parent: ElementTree.Element, folder: Path, prefix:
         if poses := include.findall("pose"):
             remove_children(model, "pose")
             model.extend(poses)
-        add = _add_content if include.get("merge") in ("true", "1") else _add_model
+        add = add_content if include.get("merge") in ("true", "1") else _add_model
         add(scope, model, file.parent, prefix, base)
 
 
@@ -233,7 +234,7 @@ def _add_model(scope: Scope, model: ElementTree.Element, folder: Path, prefix: s
     scope.relative[own] = (relative, pose)
     if is_first:
         scope.relative[MODEL] = (own, np.eye(4))
-    _add_content(scope, model, folder, inner, own)
+    add_content(scope, model, folder, inner, own)
     links = [key for key in scope.links if key.startswith(inner)]
     canonical = model.get("canonical_link")
     if links:
@@ -245,7 +246,7 @@ def _add_model(scope: Scope, model: ElementTree.Element, folder: Path, prefix: s
         scope.relative[own] = (relative, pose @ inverse(within))
 
 
-def _add_content(scope: Scope, model: ElementTree.Element, folder: Path, prefix: str, base: str) -> None:
+def add_content(scope: Scope, model: ElementTree.Element, folder: Path, prefix: str, base: str) -> None:
     """Add links, frames, joints and models of a model whose frame is `base`."""
     for element in model:
         tag = element.tag
@@ -277,15 +278,18 @@ def _add_content(scope: Scope, model: ElementTree.Element, folder: Path, prefix:
 
 def _add_constraint(scope: Scope, element: ElementTree.Element, name: str, prefix: str) -> None:
     """Add Drake's constraint of two bodies as a joint: a weld, or a ball between two points."""
-    parts = {local_name(child.tag).removeprefix("ball_constraint_"): child.text for child in element}
-    joint = ElementTree.Element("joint", name=name, scope=prefix, type=_CONSTRAINTS[local_name(element.tag)])
+    kind, parts = local_name(element.tag), dict[str, str]()
+    for child in element:  # of SDF with a text, of URDF with an attribute
+        text = child.text or child.get("name") or child.get("value") or ""
+        parts[local_name(child.tag).removeprefix(f"{BALL_CONSTRAINT}_")] = text.strip()
+    joint = ElementTree.Element("joint", name=name, scope=prefix, type=_CONSTRAINTS[kind])
     for end, body, point in (("parent", "body_A", "p_AP"), ("child", "body_B", "p_BQ")):
         frame = f"{name}_at_{end}"
         ElementTree.SubElement(joint, end).text = frame
-        body = prefix + (parts.get(end) or parts.get(body) or "").strip()
-        at = numbers(f"{name}: {point}", parts.get(point) or "0 0 0", 3)
-        scope.relative[prefix + frame] = (body, placement(None, at))
-        scope.attached[prefix + frame] = body
+        at = numbers(f"{name}: {point}", parts.get(point, "0 0 0"), 3)
+        link = _scope_name(prefix, parts.get(end) or parts.get(body) or "")
+        scope.relative[prefix + frame] = (link, placement(None, at))
+        scope.attached[prefix + frame] = link
     scope.joints[prefix + name] = joint
     scope.relative[f"joint {prefix}{name}"] = (f"{prefix}{name}_at_child", np.eye(4))
 
@@ -508,18 +512,15 @@ def _limits(joint: _Joint, tag: str) -> tuple[float, float] | None:
     return lower, upper
 
 
-def read_cut_joint(scope: Scope, tree: UrdfTree, element: ElementTree.Element) -> Closure:
-    """Read the closure of a joint between links of a tree, placed at zero by `scope`.
+def cut_joint(scope: Scope, tree: UrdfTree, name: str) -> Closure:
+    """Return the closure of a joint of `scope` between links of a tree.
 
     Raises:
         RobotFileError: names the joint.
     """
-    name = attribute(element, "<joint>", "name")
-    scope.joints[name] = element
-    scope.relative[f"joint {name}"] = _pose(element, "", _end_name(element, "child"), f"joint {name!r}")
-    ends = _ends(scope, name)
-    if element.get("type") in (*_NOT_READ, "screw"):
-        raise RobotFileError(f"joint {name!r}: {element.get('type')}: not read")
+    ends, kind = _ends(scope, name), scope.joints[name].get("type")
+    if kind in (*_NOT_READ, "screw"):
+        raise RobotFileError(f"joint {name!r}: {kind}: not read")
     return _closure(tree, _joint(scope, name, ends))
 
 

@@ -22,7 +22,8 @@ The proposal for ROS (urdfdom pull request 264), each axis in its own frame; a k
 
 The child's axis is the parent's unless given; a universal joint has two at right angles, both needed.
 
-Isaac Sim, where the second link may be a second `<link1>`; `<fixed_frame>` is a frame:
+Isaac Sim, whose links are in the order of the document, the second perhaps a second `<link1>`;
+`<fixed_frame>` is a frame:
 
     <loop_joint name="tip" type="spherical">
       <link1 link="left_rod" xyz="0.25 0 0" rpy="0 0 0"/>   <link2 link="right_rod" xyz="0.25 0 0"/>
@@ -53,7 +54,7 @@ from framework.model.description import Closure, ParsedRobot, locked_axes
 from framework.model.documents import naming, parse_yaml
 from framework.model.placement import inverse, placement
 from framework.model.readers.describe import Options, Pull, describe
-from framework.model.readers.sdf import Scope, read_cut_joint
+from framework.model.readers.sdf import BALL_CONSTRAINT, WORLD, Scope, add_content, cut_joint
 from framework.model.readers.urdf_tree import UrdfTree
 from framework.model.urdf_elements import MOVING, local_name
 from framework.model.xml_reading import attribute, axis_of, child_element, numbers, only, origin_of
@@ -90,8 +91,9 @@ def _element_name(element: ElementTree.Element) -> tuple[str, str]:
 def _read_loop(tree: UrdfTree, element: ElementTree.Element) -> Closure:
     """Read the closure of an element in `_LOOPS`."""
     syntax = _LOOPS[element.tag]
-    for second in element.findall("link1")[1:]:
-        second.tag = "link2"
+    if element.tag == "loop_joint":  # its ends are in the order of the document, and may have one tag
+        for tag, end in zip(syntax.ends, (end for end in element if end.tag in syntax.ends), strict=False):
+            end.tag = tag
     name, where = _element_name(element)
     origins = [f"{end}_origin" for end in syntax.ends]
     only(element, where, (*syntax.ends, *syntax.axes, *origins), ("name", "type"))
@@ -168,19 +170,6 @@ def _read_fixed_frame(tree: UrdfTree, element: ElementTree.Element) -> None:
     tree.add_frame(name, tree.link(f"{where}: <parent>", parent), origin)
 
 
-def _read_ball_constraint(tree: UrdfTree, element: ElementTree.Element) -> Closure:
-    """Return the spherical closure of point p_AP of body_A and point p_BQ of body_B [m]."""
-    parts = {local_name(child.tag).removeprefix("ball_constraint_"): child for child in element}
-    ends = []
-    for body, point in (("body_A", "p_AP"), ("body_B", "p_BQ")):
-        if missing := [key for key in (body, point) if key not in parts]:
-            raise RobotFileError(f"<ball_constraint>: {missing[0]} is missing")
-        at = numbers(f"<ball_constraint> {point}", parts[point].get("value"), 3)
-        link = tree.link(f"<ball_constraint> {body}", parts[body].get("name"))
-        ends.append((body[-1], link, placement(None, at)))
-    return tree.close(f"ball_{tree.extra.index(element) + 1}", "spherical", ends)
-
-
 # by element: the dialect and its reader, which returns None if it adds no closure
 _ELEMENTS: dict[str, tuple[str, Callable[[UrdfTree, ElementTree.Element], Closure | None]]] = {
     "loop": ("urdf+", _read_loop),
@@ -188,7 +177,6 @@ _ELEMENTS: dict[str, tuple[str, Callable[[UrdfTree, ElementTree.Element], Closur
     "constraint": ("ros", _read_loop),
     "loop_joint": ("loop_joint", _read_loop),
     "fixed_frame": ("loop_joint", _read_fixed_frame),
-    "ball_constraint": ("urdf", _read_ball_constraint),
 }
 
 
@@ -205,10 +193,10 @@ def read_urdf(
         for joint in root.findall("joint")
         if joint.get("independent", "").lower() in ("true", "1")
     ]
-    tree = UrdfTree(root, tuple(_ELEMENTS))
-    loops = [_ELEMENTS[local_name(element.tag)] for element in tree.extra]
-    closures = [read(tree, element) for (_, read), element in zip(loops, tree.extra, strict=True)]
-    closures += _gazebo_joints(tree)
+    tree = UrdfTree(root, (*_ELEMENTS, BALL_CONSTRAINT))
+    elements = [element for element in tree.extra if element.tag in _ELEMENTS]
+    closures = [_ELEMENTS[element.tag][1](tree, element) for element in elements]
+    closures += _joints_of_other_programs(tree)
     framed = _closing_frames(tree)
     beside = _loop_closures_beside(file) if beside is None else beside
     closures += [*framed, *_yaml_closures(tree, beside)]
@@ -218,7 +206,7 @@ def read_urdf(
             "Isaac Sim, <mimic>, links closing_X_1 and closing_X_2 of onshape-to-robot) or in a YAML file "
             "beside it (ours, or Gepetto's with closed_loop), and give that file"
         )
-    dialect = loops[0][0] if loops else "onshape" if framed else "urdf"
+    dialect = _ELEMENTS[elements[0].tag][0] if elements else "onshape" if framed else "urdf"
     for name in tree.motors if dialect == "ros" else ():
         check_name("transmission", "movable joint", name, tree.movable)
     return describe(
@@ -246,14 +234,16 @@ def _closing_frames(tree: UrdfTree) -> list[Closure]:
     return [Closure(name, (ends["1"], ends["2"]), axes) for name, ends in pairs.items()]
 
 
-def _gazebo_joints(tree: UrdfTree) -> list[Closure]:
-    """Return the closures of the joints that Gazebo adds to the tree."""
-    scope = Scope(version=np.inf)
+def _joints_of_other_programs(tree: UrdfTree) -> list[Closure]:
+    """Return the closures of joints of Gazebo and constraints of Drake, read as those of SDF at zero."""
+    scope, model = Scope(version=np.inf), ElementTree.Element("model")
     for link in tree.links:
         scope.links[link] = ElementTree.Element("link")
-        scope.relative[link] = ("world", tree.zero_pose(link))
-    joints = [joint for joint in tree.root.findall("gazebo/joint") if joint.find("child") is not None]
-    return [read_cut_joint(scope, tree, joint) for joint in joints]
+        scope.relative[link] = (WORLD, tree.zero_pose(link))
+    model.extend(joint for joint in tree.root.findall("gazebo/joint") if joint.find("child") is not None)
+    model.extend(element for element in tree.extra if local_name(element.tag) == BALL_CONSTRAINT)
+    add_content(scope, model, Path(), "", WORLD)
+    return [cut_joint(scope, tree, name) for name in scope.joints]
 
 
 def _loop_closures_beside(file: Path) -> Mapping[str, Any]:

@@ -20,6 +20,7 @@ from tests.model.readers.test_sdf import five_bar_urdf
 
 DATA = Path(__file__).parents[2] / "data" / "dialects"
 TIP = ("left_rod", "right_rod")
+POSE = {"left_motor": 1.27186, "left_elbow": -0.83362, "right_motor": 1.08362, "right_elbow": 1.53859}
 
 
 def link(name: str, more: str = "") -> str:
@@ -122,6 +123,27 @@ def test_loop_closures_beside_a_urdf_are_hinges(tmp_path):
 
 
 XACRO = ' xmlns:xacro="http://www.ros.org/wiki/xacro"'
+
+
+def test_ends_of_a_loop_joint_are_in_the_order_of_the_document(tmp_path):
+    """And attributes of other programs are no matter, but mistyped ones are."""
+    text = (DATA / "five_bar_loop_joint.urdf").read_text()
+    said = {"platform": "tip", "axes": ["x", "y"], "reference": POSE}
+    first, second = (f'<link1 link="{name}" xyz="0.25 0 0" rpy="0 0 0"/>' for name in TIP)
+    turned = text.replace(first, first.replace("link1", "link2")).replace(second, f"{second} ")
+    assert (
+        read(tmp_path, turned, **said).description.closures
+        == read(tmp_path, text, **said).description.closures
+    )
+    foreign = text.replace('name="loop"', 'name="loop" stiffness="1e5"').replace(
+        first, f'{first[:-2]} id="3"/>'
+    )
+    assert (
+        read(tmp_path, foreign, **said).description.closures
+        == read(tmp_path, text, **said).description.closures
+    )
+    with pytest.raises(RobotFileError, match="unknown attribute 'xyx'; did you mean 'xyz'"):
+        read(tmp_path, text.replace(first, first.replace("xyz", "xyx")), **said)
 
 
 def test_leftovers_of_xacro_are_no_matter(tmp_path):
