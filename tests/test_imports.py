@@ -8,6 +8,7 @@ cli <- robots <- tests
 from __future__ import annotations
 
 import ast
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -91,7 +92,8 @@ QUESTIONS = {
 COMPUTE = ("linalg", "kinematics", "proofs", "singularity", "locus", "simulation", "dynamics", "statics")
 
 
-def imports(module: str) -> set[str]:
+@cache
+def imports(module: str) -> frozenset[str]:
     """Modules that a module imports, wherever in its text."""
     found = set()
     for node in ast.walk(ast.parse(FILES[module].read_text(encoding="utf-8"))):
@@ -101,7 +103,7 @@ def imports(module: str) -> set[str]:
             assert node.level == 0, f"{module}: relative import"
             base = node.module or ""
             found |= {f"{base}.{a.name}" if f"{base}.{a.name}" in FILES else base for a in node.names}
-    return {f"{name}.__init__" if f"{name}.__init__" in FILES else name for name in found}
+    return frozenset(f"{name}.__init__" if f"{name}.__init__" in FILES else name for name in found)
 
 
 @pytest.mark.parametrize("module", FRAMEWORK)

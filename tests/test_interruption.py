@@ -107,15 +107,14 @@ needs_proc = pytest.mark.skipif(not os.path.exists("/proc/self/stat"), reason="t
 
 
 @needs_proc
-@pytest.mark.parametrize("number", SIGNALS)
 @pytest.mark.parametrize(
-    "command",
+    ("command", "number"),
     [
-        "plan",
-        pytest.param("simulate", marks=pytest.mark.slow),
-        pytest.param("show", marks=pytest.mark.slow),
-        pytest.param("robustness", marks=pytest.mark.slow),
-        "robustness with workers",
+        ("plan", signal.SIGTERM),
+        pytest.param("simulate", signal.SIGINT, marks=pytest.mark.slow),
+        pytest.param("show", signal.SIGTERM, marks=pytest.mark.slow),
+        pytest.param("robustness", signal.SIGINT, marks=pytest.mark.slow),
+        ("robustness with workers", signal.SIGINT),
     ],
 )
 def test_a_command_that_is_told_to_end_ends(tmp_path, command, number):
@@ -146,9 +145,16 @@ def hears(process: subprocess.Popen[str]) -> bool:
 
 
 @needs_proc
-@pytest.mark.parametrize("number", SIGNALS)
 @pytest.mark.parametrize(
-    "delay", [0.0, 0.15, *(pytest.param(0.1 * k, marks=pytest.mark.slow) for k in range(3, 20))]
+    ("delay", "number"),
+    [
+        (0.0, signal.SIGINT),
+        (0.15, signal.SIGTERM),
+        *(
+            pytest.param(0.1 * k, number, marks=pytest.mark.slow)
+            for k, number in zip(range(3, 20, 2), 5 * list(SIGNALS), strict=False)
+        ),
+    ],
 )
 def test_from_its_first_import_on_a_command_ends_with_one_line(tmp_path, delay, number):
     """Half a second of imports, then a plan, then matplotlib's imports and figures."""

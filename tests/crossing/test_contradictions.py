@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from functools import cache
 
 import numpy as np
 import pytest
@@ -18,7 +18,8 @@ from framework import NoLaw, ParallelRobot, plan_crossing
 from framework.crossing.scenes import path_of, scene_path
 from framework.model.description import RobotDescription, Scene
 from tests.crossing.optimal.law_contradictions import Answer, Asked, answer, contradictions, faults
-from tests.crossing.optimal.random_crossings import RandomCrossing, random_crossing
+from tests.crossing.optimal.random_crossings import RandomCrossing
+from tests.crossing.optimal.random_crossings import random_crossing as draw_crossing
 from tests.robots.transformed import in_other_units, mirrored, permuted_joints, reversed_joints
 
 SLOW = range(40)  # some of them in each test; `tests.benchmarks.optimal_laws` has them all
@@ -38,6 +39,15 @@ NO_WORSE = 1.01  # what more freedom may cost all the same: shares for smoothnes
 TIGHT, LOOSE = 1.05, 1.5  # of limits over the least peak
 
 
+random_crossing = cache(draw_crossing)
+
+
+@cache
+def answer_of(one: RandomCrossing, asked: Asked) -> Answer:
+    """The answer to a request, which several tests ask."""
+    return answer(*one.plan_arguments(), asked)
+
+
 def requests(duration: float, least: float) -> list[Asked]:
     """Return all goals with each bound on the duration; `least` is the least peak [N m] within it."""
     bounds = [duration * ratio for ratio in LONGEST]
@@ -49,20 +59,20 @@ def requests(duration: float, least: float) -> list[Asked]:
 
 def least_peak(one: RandomCrossing) -> Answer:
     """The law of least peak within the duration."""
-    law = answer(*one.plan_arguments(), Asked("peak_torque", longest=one.duration))
+    law = answer_of(one, Asked("peak_torque", longest=one.duration))
     assert law.plan is not None, law.refusal or law.failure
     return law
 
 
 def check_dominance(one: RandomCrossing) -> None:
     least = least_peak(one)
-    answers = [answer(*one.plan_arguments(), asked) for asked in requests(one.duration, least.peak)]
+    answers = [answer_of(one, asked) for asked in requests(one.duration, least.peak)]
     assert contradictions([least, *answers]) == []
 
 
-def value(one: RandomCrossing, asked: Asked, **options: Any) -> float:
+def value(one: RandomCrossing, asked: Asked) -> float:
     """What the goal counts of the law found."""
-    law = answer(*one.plan_arguments(), asked, **options)
+    law = answer_of(one, asked)
     assert law.plan is not None, f"{one.name}, {asked}: {law.refusal or law.failure}"
     assert faults(law) == [], one.name
     return law.value
@@ -126,8 +136,8 @@ def check_loads(one: RandomCrossing) -> None:
         Asked("energy", longest=one.duration),
         Asked("time", torque_limit=limit),
     ):
-        found = []
-        for multiple in (0.0, 0.5, 1.0):
+        found = [value(one, asked)]
+        for multiple in (0.5, 1.0):
             wrench = [0.0, -multiple * weight, 0.0, 0.0, 0.0, 0.0]
             law = answer(*one.plan_arguments(), asked, wrenches={frame: wrench})
             found.append(law.value if law.plan is not None else np.inf)
@@ -238,7 +248,7 @@ def check_idempotence(one: RandomCrossing) -> None:
         Asked("energy", longest=one.duration),
         Asked("time", torque_limit=1.25 * least.peak),
     ):
-        law = answer(*one.plan_arguments(), asked)
+        law = answer_of(one, asked)
         assert law.plan is not None, law.refusal or law.failure
         limited = answer(*one.plan_arguments(), replace(asked, torque_limit=(1.0 + 1e-5) * law.peak))
         assert limited.plan is not None, f"{one.name}, {asked}: {limited.refusal or limited.failure}"

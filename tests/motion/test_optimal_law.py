@@ -58,8 +58,10 @@ def exact_speed(law: OptimalLaw, sigma: mp.mpf) -> mp.mpf:
     x, out = exact_xi(law, sigma), mp.mpf(0)
     if len(law.cells) > 2:
         return exact_spline(law, x)
-    for k, c in enumerate(law.coefficients):
-        out += mp.mpf(float(c)) * mp.chebyt(k, x)
+    below, polynomial = x, mp.mpf(1)  # T_-1 = T_1
+    for c in law.coefficients:
+        out += mp.mpf(float(c)) * polynomial
+        below, polynomial = polynomial, 2 * x * polynomial - below
     return out
 
 

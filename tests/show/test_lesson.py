@@ -94,6 +94,7 @@ def test_the_lesson_that_is_kept_is_the_one_that_is_written_today(tmp_path):
     (shell, kept), (written, today) = (parts(page.read_text(encoding="utf-8")) for page in (KEPT, file))
     assert shell == written
     assert structure(kept) == structure(today)
+    assert not today["upright"]  # it lies in a plane
     for key in kept["slices"]:
         before, now = (along(content, key, np.linspace(0.0, 1.0, 33)) for content in (kept, today))
         np.testing.assert_allclose(before, now, atol=1e-9 * np.abs(now).max(), err_msg=key)
@@ -113,12 +114,11 @@ def structure(content: dict[str, Any]) -> dict[str, Any]:
     return rest | {"shapes": shapes, "crossing": round(content["crossing"], 9)}
 
 
-@pytest.mark.parametrize(("gravity", "upright"), [((0.0, 0.0, -9.81), False), ((0.0, -9.81, 0.0), True)])
-def test_the_lesson_of_an_upright_robot_knows_that_its_weight_is_left_out(gravity, upright):
+def test_the_lesson_of_an_upright_robot_knows_that_its_weight_is_left_out():
     robot = robots.load("five_bar")
-    stood = ParallelRobot.from_description(replace(robot.description, gravity=gravity))
+    stood = ParallelRobot.from_description(replace(robot.description, gravity=(0.0, -9.81, 0.0)))
     page = lesson_page(stood, scene_path(scene(robot, "C")), duration=1.5)
-    assert f'"upright":{str(upright).lower()}' in page.replace(" ", "")
+    assert '"upright":true' in page.replace(" ", "")
     assert "its weight is left out" in page  # said by the page's script where upright is true
 
 

@@ -1,4 +1,7 @@
-"""Methods, ours and peers', on variants of the 5R: what the maps of failure over size and masses are made of.
+"""Maps of failure: the 5R in sizes and durations that no unit suits, and with payloads and links of any mass.
+
+`sizes` has links of 1 kg. In `masses` the mass of a link over that of the payload conditions the mass matrix,
+which forward methods invert.
 
 Inverse methods are judged by the torques over the largest one, forward ones, driven by the exact torques, by
 how far the payload comes off its path over the path's length. All have the settings that suit scene C as
@@ -7,7 +10,7 @@ printed: that is the point. Where nothing is returned, or no number, a method ha
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib import import_module
 from typing import Any, NamedTuple
 
@@ -23,8 +26,9 @@ from framework.simulation import simulate
 from tests.benchmarks.chart import closed_form, integrators
 from tests.benchmarks.chart.bare import FLAT, BareRobot, Motion
 from tests.benchmarks.chart.integrators import Case, Prepared
-from tests.benchmarks.chart.measure import Judged, Method, Setting
+from tests.benchmarks.chart.measure import Judged, Method, Row, Setting, Stage, pairs
 from tests.benchmarks.chart.peers.five_bar import SIDES
+from tests.benchmarks.chart.reading import counts
 from tests.benchmarks.chart.variants import CHECKED, Variant
 
 STEPS = 600  # of forward runs with fixed steps
@@ -172,3 +176,48 @@ def methods(cells: tuple[Setting, ...], unit: str, variant_of: VariantOf) -> tup
             f"{steps}, Newton to 1e-10",
         ),
     )
+
+
+def _map(name: str, title: str, words: str, methods: tuple[Method, ...], axes: tuple[str, str]) -> Stage:
+    """A stage over two numbers; `words` begin what it says of its rows."""
+
+    def remark(rows: Sequence[Row]) -> str:
+        return f"{words}: {counts(stage, rows)}."
+
+    stage = Stage(
+        name=name,
+        title=title,
+        reference="closed form of the 5R in fifty digits, by similarity (chart/variants.py)",
+        error="largest error over the largest torque, or over the path",
+        methods=methods,
+        judge=judge,
+        remark=remark,
+        map_axes=axes,
+    )
+    return stage
+
+
+STAGES = {
+    "sizes": _map(
+        "sizes",
+        "Robot scale and duration",
+        "The same motion in other units of length and time",
+        methods(
+            pairs([10.0**k for k in (-6, -4, -2, 0, 2, 4)], [10.0**k for k in (-4, -2, 0, 2, 4)]),
+            "size, duration",
+            lambda cell: Variant(size=cell[0], slower=cell[1]),
+        ),
+        ("size over the paper's", "duration over the paper's"),
+    ),
+    "masses": _map(
+        "masses",
+        "Payload and conditioning",
+        "Payload and conditioning",
+        methods(
+            pairs([10.0**k for k in (-9, -6, -3, 0, 3, 6)], [10.0**k for k in (-12, -9, -6, -3, 0)]),
+            "payload [kg], link over payload",
+            lambda cell: Variant(payload=cell[0], link=cell[0] * cell[1]),
+        ),
+        ("payload  [kg]", "mass of a link over the payload's"),
+    ),
+}

@@ -7,10 +7,17 @@ import pytest
 
 import robots
 from framework import Arc, InvalidInput, Line, assemble, track_path
-from framework.errors import OutOfReach, Type1Singularity
+from framework.errors import NoAnswer, OutOfReach, Type1Singularity
 from framework.kinematics.continuation.tracking import follow_path
 from framework.kinematics.linearised_loops import linearised_at
-from tests.benchmarks.random_motions import CLOSINGS, evidence, in_small_steps
+from tests.kinematics.continuation.small_steps import (
+    CLOSINGS,
+    PLACES,
+    draw_path,
+    ends_at_singularity,
+    is_followed,
+    lead,
+)
 from tests.oracles.closure_rows import closure_errors
 from tests.oracles.forward_simulation import kinematics
 from tests.robots.every_robot import RIGID, first_path
@@ -92,20 +99,27 @@ def test_there_and_back_is_where_it_began(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["five_bar", "biglide", "orthoglide", "par4", "three_rpr"])
 def test_random_motions_stay_on_their_branch_or_are_refused_at_a_singularity(name):
-    found = evidence(name, 24)
-    assert found.followed + found.refused.total() == 24
-    assert found.followed >= 6
-    assert found.off_branch == []
-    assert found.undecided == []
-    assert found.unexplained == []
+    robot, rng = RIGID[name], np.random.default_rng(0)
+    refusals, followed = [], 0
+    for k in range(24):
+        path = draw_path(robot, k, rng)
+        try:
+            q = track_path(robot, path).close(PLACES).q
+        except NoAnswer as refusal:
+            refusals.append((path, refusal))
+        else:
+            followed += 1
+            assert is_followed(robot, path, q), k
+    assert followed >= 6
+    assert all(ends_at_singularity(robot, path, refusal) for path, refusal in refusals)
 
 
-def test_small_steps_of_the_random_motions_are_closed_beside_a_stretched_leg():
+def test_small_steps_are_closed_beside_a_stretched_leg():
     robot = robots.load("delta")
     beside = np.array([0.30385, -0.154295, -1.705903])  # the second leg is 0.6 mm from its full length
     for steps in (64, 128):
         course = Line(robot.reference.x, beside)(np.linspace(0.0, 1.0, steps + 1))
-        passed = in_small_steps(robot, course[None], CLOSINGS)[0]
+        passed = lead(robot, course, CLOSINGS)
         assert np.abs(linearised_at(robot, passed, course).residual).max() < 1e-13
         np.testing.assert_allclose(passed[-1], assemble(robot, beside).q, rtol=0, atol=1e-11)
 
