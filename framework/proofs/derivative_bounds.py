@@ -32,13 +32,19 @@ from framework.proofs.rounding import ROUND_UP
 from framework.tolerances import FRAME_ROUNDING
 
 
+class _ChainVector(NamedTuple):
+    """A vector on the last link of a chain of L joints, at S configurations, with its derivatives."""
+
+    value: Array  # (S, 3)
+    first: Array  # (S, L, 3)
+    second: Array  # (S, L, L, 3)
+
+
 class _ChainDerivatives(NamedTuple):
     """The derivatives of one chain at S configurations."""
 
     turning: Array  # (S, L, 3) w_j, of the second frame as seen from the first; 0 of slides
-    point: Array  # (S, L, 3) u_j
-    bent: Array  # (S, L, L, 3) d2p
-    offset: Array  # (S, 3) from the first frame's origin to the second one's
+    point: _ChainVector  # p from the first frame's origin to the second one's
     lever: Array  # (S, L) |u_j|
 
 
@@ -46,12 +52,15 @@ class _ChainDerivatives(NamedTuple):
 class DerivativeBounds:
     """The equations of a robot in its `moving` joints: a table made once."""
 
-    robot: ParallelRobot
-    chains: list[Chain]
-    terms: list[Term]
+    table: EquationTerms
     row_scale: Array  # (R,)
     column_scale: Array  # (k,)
     rounding: float  # of values and derivatives at one configuration, without dimension
+
+    @property
+    def robot(self) -> ParallelRobot:
+        """The robot whose equations these are."""
+        return self.table.robot
 
     @staticmethod
     def of(robot: ParallelRobot, *, reach: float = 1.0) -> DerivativeBounds:
@@ -74,11 +83,8 @@ class DerivativeBounds:
             )
         slid = max(reach, 1.0) * np.count_nonzero(robot.sliding[robot.moving])
         size = stretched_length(robot, robot.reference.q) + 1.0 + float(slid)
-        table = EquationTerms.of(robot)
         return DerivativeBounds(
-            robot,
-            table.chains,
-            table.terms,
+            EquationTerms.of(robot),
             1.0 / equation_sizes(robot),
             robot.column_scale[robot.moving],
             FRAME_ROUNDING * size / robot.structure.row_sizes.min(initial=1.0),
@@ -90,29 +96,23 @@ class DerivativeBounds:
 
     def evaluate(self, q: Array) -> Derivatives:
         """Evaluate the equations and their derivatives at q (S, nq)."""
-        frames = frames_at(self.robot, q)
-        derivatives = [_derivatives(chain, frames) for chain in self.chains]
+        S, frames = len(q), frames_at(self.robot, q)
+        chains = [_differentiate_chain(chain, frames) for chain in self.table.chains]
         scale = self.row_scale[:, None] * self.column_scale  # (R, k)
-        values, slopes = np.zeros((len(q), len(scale))), np.zeros((len(q), *scale.shape))
-        hessians = np.zeros((len(q), *scale.shape, scale.shape[1]))
-        for term in self.terms:
-            row, joints = term.row, self.chains[term.chain].places
+        R, k = scale.shape
+        values, slopes, hessians = np.zeros((S, R)), np.zeros((S, R, k)), np.zeros((S, R, k, k))
+        for term in self.table.terms:
             if term.kind == "joint":
-                slopes[:, row, term.selected] = 1.0 / self.column_scale[term.selected] / self.row_scale[row]
+                slopes[:, term.row, term.selected] = 1.0 / scale[term.row, term.selected]
                 continue
-            value, first, second = _term(term, self.chains[term.chain], derivatives[term.chain], frames)
-            values[:, row] += value
-            slopes[:, row, joints] += first
-            hessians[:, row, joints[:, None], joints] += second
+            chain = self.table.chains[term.chain]
+            value, first, second = _differentiate_term(term, chain, chains[term.chain], frames)
+            values[:, term.row] += value
+            slopes[:, term.row, chain.places] += first
+            hessians[:, term.row, chain.places[:, None], chain.places] += second
         values[:, self.robot.n :] -= self.robot.loops.constant
-        return Derivatives(
-            self,
-            frames,
-            values * self.row_scale,
-            slopes * scale,
-            hessians * scale[:, :, None] * self.column_scale,
-            derivatives,
-        )
+        hessians *= scale[:, :, None] * self.column_scale
+        return Derivatives(self, frames, values * self.row_scale, slopes * scale, hessians, chains)
 
 
 class Derivatives(NamedTuple):
@@ -123,7 +123,7 @@ class Derivatives(NamedTuple):
     values: Array  # (S, R) of the loops; those of the platform are not what its coordinates are
     slopes: Array  # (S, R, k)
     hessians: Array  # (S, R, k, k)
-    derivatives: list[_ChainDerivatives]  # of each chain
+    chains: list[_ChainDerivatives]
 
     def take(self, which: BoolArray) -> Derivatives:
         """Return the derivatives in the boxes `which` of the S."""
@@ -133,12 +133,18 @@ class Derivatives(NamedTuple):
             self.values[which],
             self.slopes[which],
             self.hessians[which],
-            [select(own, which) for own in self.derivatives],
+            [select(chain, which) for chain in self.chains],
         )
 
     def remainders(self, radii: Array) -> Remainders:
-        """Bound the change of values and derivatives within radii (S, k) of the middle."""
-        thirds, rounding = self._third_bounds(radii * self.bounds.column_scale), self.bounds.rounding
+        """Bound the change of values and derivatives within radii (S, k) of the middle, by Taylor's formula.
+
+        With H the second derivatives at the middle and T r bounds on the third ones times the radii, values
+        change beside their slopes by (H / 2 + T r / 6) r r at most, slopes by (H + T r / 2) r, and second
+        derivatives by T r.
+        """
+        rounding = self.bounds.rounding
+        thirds = self._third_bounds(radii * self.bounds.column_scale)  # (S, R, k, k) T r
         hessians = np.abs(self.hessians) + rounding
         slopes = np.einsum("srij,sj->sri", hessians + 0.5 * thirds, radii)
         values = np.einsum("srij,si,sj->sr", 0.5 * hessians + thirds / 6, radii, radii, optimize=True)
@@ -146,16 +152,18 @@ class Derivatives(NamedTuple):
         return Remainders(ROUND_UP * (values + widening), ROUND_UP * slopes + rounding, thirds + rounding)
 
     def _third_bounds(self, radii: Array) -> Array:
-        """Bound the third derivatives (S, R, k, k), times the radii (S, k) of the third joint."""
-        bounds, thirds = self.bounds, np.zeros_like(self.hessians)
-        for term in bounds.terms:
+        """Bound the third derivatives, times the radii of the third joint, (S, R, k, k).
+
+        Radii (S, k) are in radians and metres.
+        """
+        table, thirds = self.bounds.table, np.zeros_like(self.hessians)
+        for term in table.terms:
             if term.kind != "joint":
-                chain, derivative = bounds.chains[term.chain], self.derivatives[term.chain]
-                r = radii[:, chain.places]
-                third = _thirds(term, chain, derivative, _widen_levers(chain, derivative, r), r)
-                thirds[:, term.row, chain.places[:, None], chain.places] += third
-        scale = bounds.row_scale[:, None] * bounds.column_scale
-        return thirds * (ROUND_UP * scale[:, :, None] * bounds.column_scale)
+                chain = table.chains[term.chain]
+                bound = _bound_thirds(term, chain, self.chains[term.chain], radii[:, chain.places])
+                thirds[:, term.row, chain.places[:, None], chain.places] += bound
+        scale = self.bounds.row_scale[:, None] * self.bounds.column_scale
+        return thirds * (ROUND_UP * scale[:, :, None] * self.bounds.column_scale)
 
 
 class Remainders(NamedTuple):
@@ -166,69 +174,95 @@ class Remainders(NamedTuple):
     hessians: Array  # (S, R, k, k)
 
 
-def _derivatives(chain: Chain, frames: FrameStack) -> _ChainDerivatives:
-    """Compute the derivatives of one chain."""
-    screws = frames.screws[:, chain.columns] * chain.signs[:, None]
+def _differentiate_chain(chain: Chain, frames: FrameStack) -> _ChainDerivatives:
+    """Compute the derivatives of a chain: u_j = w_j x (p - o_j) and w_i x u_j for i not behind j."""
+    screws = frames.screws[:, chain.columns] * chain.signs[:, None]  # (S, L, 6)
     turning = screws[..., 3:]
-    point = screws[..., :3] + cross(turning, frames.position[:, chain.second, None])
-    bent = cross(turning[:, chain.inner], point[:, chain.outer])
+    u = screws[..., :3] + cross(turning, frames.position[:, chain.second, None])
     origin = 0.0 if chain.first == BASE else frames.position[:, chain.first]
-    lever = np.linalg.norm(point, axis=2)
-    return _ChainDerivatives(turning, point, bent, frames.position[:, chain.second] - origin, lever)
+    point = _ChainVector(frames.position[:, chain.second] - origin, u, _turn_again(chain, turning, u))
+    return _ChainDerivatives(turning, point, np.linalg.norm(u, axis=2))
 
 
-def _term(
-    term: Term, chain: Chain, derivative: _ChainDerivatives, frames: FrameStack
+def _turn_again(chain: Chain, turning: Array, first: Array) -> Array:
+    """Compute w_i x first_j (S, L, L, 3), with i the inner and j the outer one of two joints."""
+    return cross(turning[:, chain.inner], first[:, chain.outer])
+
+
+def _vector_of(term: Term, chain: Chain, derivatives: _ChainDerivatives, frames: FrameStack) -> _ChainVector:
+    """Return the vector of a term, with its derivatives.
+
+    Of a direction an axis of the second frame; of a turn the axial vector of the part of R(q) R(middle)'
+    that is not symmetric, 0 at the middle; else the point p.
+    """
+    turning = derivatives.turning
+    if term.kind == "direction":
+        axis = frames.rotation[:, chain.second, :, term.selected]
+        first = cross(turning, axis[:, None])
+        return _ChainVector(axis, first, _turn_again(chain, turning, first))
+    if term.kind == "turn":
+        nothing = np.zeros_like(derivatives.point.value)
+        return _ChainVector(nothing, turning, 0.5 * _turn_again(chain, turning, turning))
+    return derivatives.point
+
+
+def _differentiate_term(
+    term: Term, chain: Chain, derivatives: _ChainDerivatives, frames: FrameStack
 ) -> tuple[Array, Array, Array]:
-    """Compute the value (S,), slopes (S, L) and their derivatives (S, L, L)."""
-    S, f = len(derivative.offset), term.factor
-    vector, moved, bent = derivative.offset, derivative.point, derivative.bent
-    if term.kind == "square":
-        axis, f = vector, 2.0 * f
+    """Compute the value (S,), slopes (S, L) and second derivatives (S, L, L) of a term.
+
+    A term is factor * axis . vector with an axis of the first frame or of the base, or factor * p . p, of
+    which half the value, slope and second derivative are p . p / 2, p . u_j and p . d2p + u_i . u_j.
+    """
+    vector, first, second = _vector_of(term, chain, derivatives, frames)
+    is_square = term.kind == "square"
+    if is_square:
+        axis = vector
     elif chain.first == BASE:
-        axis = np.broadcast_to(np.eye(3)[term.axis], (S, 3))
+        axis = np.broadcast_to(np.eye(3)[term.axis], vector.shape)
     else:
         axis = frames.rotation[:, chain.first, :, term.axis]
-    if term.kind == "turn":  # axis . the part of R(q) R(middle)' that is not symmetric: 0 at the middle
-        vector, moved = np.zeros((S, 3)), derivative.turning
-        bent = 0.5 * cross(moved[:, chain.inner], moved[:, chain.outer])
-    if term.kind == "direction":
-        vector = frames.rotation[:, chain.second, :, term.selected]
-        moved = cross(derivative.turning, vector[:, None])
-        bent = cross(derivative.turning[:, chain.inner], moved[:, chain.outer])
-    value, first = np.einsum("sc,sc->s", axis, vector), np.einsum("sc,sjc->sj", axis, moved)
-    second = np.einsum("sc,sijc->sij", axis, bent)
-    if term.kind == "square":
-        value, second = 0.5 * value, second + np.einsum("sic,sjc->sij", moved, moved)
-    return f * value, f * first, f * second
+    value = np.einsum("sc,sc->s", axis, vector)
+    slopes = np.einsum("sc,sjc->sj", axis, first)
+    bends = np.einsum("sc,sijc->sij", axis, second)
+    if is_square:
+        bends = bends + np.einsum("sic,sjc->sij", first, first)
+        return term.factor * value, 2.0 * term.factor * slopes, 2.0 * term.factor * bends
+    return term.factor * value, term.factor * slopes, term.factor * bends
 
 
-def _widen_levers(chain: Chain, derivative: _ChainDerivatives, r: Array) -> Array:
-    """Bound the levers (S, L) over a box: joints behind move the point."""
-    lever, reach = derivative.lever.copy(), np.zeros(len(r))
+def _widen_levers(chain: Chain, lever: Array, radii: Array) -> Array:
+    """Bound the levers (S, L) over a box of radii (S, L): the joints behind a hinge move the point."""
+    widened, reach = lever.copy(), np.zeros(len(radii))
     for j in reversed(range(len(chain.places))):
         if chain.turns[j]:
-            lever[:, j] += reach
-        reach = ROUND_UP * (reach + r[:, j] * lever[:, j])
-    return lever
+            widened[:, j] += reach
+        reach = ROUND_UP * (reach + radii[:, j] * widened[:, j])
+    return widened
 
 
-def _thirds(term: Term, chain: Chain, derivative: _ChainDerivatives, lever: Array, r: Array) -> Array:
-    """Bound the third derivatives (S, L, L), times the radii of the third joint."""
-    number, turns = np.arange(len(chain.places)), chain.turns
-    i, j, k = number[:, None, None], number[:, None], number
-    inner, outer = np.minimum(np.minimum(i, j), k), np.maximum(np.maximum(i, j), k)
-    middle = i + j + k - inner - outer
-    f = abs(term.factor)
+def _bound_thirds(term: Term, chain: Chain, derivatives: _ChainDerivatives, radii: Array) -> Array:
+    """Bound the third derivatives of a term, times the radii (S, L) of the third joint, (S, L, L).
+
+    |d3p| of three joints is at most the lever of the outermost one if the two others turn, else 0; it is 0
+    too where the outermost is a slide that occurs twice. A direction has a lever of 1. For a square p . p
+    the product rule gives 2 (u_i . d2p_jk + u_j . d2p_ik + u_k . d2p_ij + p . d3p_ijk).
+    """
+    turns, factor = chain.turns, abs(term.factor)
+    each = np.arange(len(turns))
+    triples = np.stack(np.meshgrid(each, each, each, indexing="ij"))  # (3, L, L, L)
+    inner, middle, outer = np.sort(triples, axis=0)
     if term.kind in ("direction", "turn"):
-        return f * np.einsum("ijk,sk->sij", (turns[i] & turns[j] & turns[k]).astype(float), r)
-    is_bent = turns[inner] & turns[middle] & (turns[outer] | (outer != middle))
-    if term.kind == "point":
-        return f * np.einsum("sijk,sk->sij", lever[:, outer] * is_bent, r)
-    first, last = chain.inner, chain.outer
-    bent = lever[:, last] * (turns[first] & (turns[last] | (first != last)))
-    mixed = lever[:, :, None, None] * bent[:, None]
-    mixed = mixed + mixed.transpose(0, 2, 1, 3) + mixed.transpose(0, 2, 3, 1)
-    far = np.linalg.norm(derivative.offset, axis=1) + np.sum(lever * r, axis=1)
-    f *= 2.0
-    return f * np.einsum("sijk,sk->sij", mixed + far[:, None, None, None] * (lever[:, outer] * is_bent), r)
+        return factor * np.einsum("ijk,sk->sij", turns[triples].all(axis=0).astype(float), radii)
+    lever = _widen_levers(chain, derivatives.lever, radii)  # (S, L)
+    bends = turns[inner] & turns[middle] & (turns[outer] | (outer != middle))
+    thirds = lever[:, outer] * bends  # (S, L, L, L) of p
+    if term.kind == "square":
+        seconds = lever[:, chain.outer] * (
+            turns[chain.inner] & (turns[chain.outer] | ~np.eye(len(turns), dtype=bool))
+        )
+        mixed = lever[:, :, None, None] * seconds[:, None]  # (S, L, L, L) |u_i| |d2p_jk|
+        mixed = mixed + mixed.transpose(0, 2, 1, 3) + mixed.transpose(0, 2, 3, 1)
+        distance = np.linalg.norm(derivatives.point.value, axis=1) + np.sum(lever * radii, axis=1)
+        thirds, factor = mixed + distance[:, None, None, None] * thirds, 2.0 * factor
+    return factor * np.einsum("sijk,sk->sij", thirds, radii)

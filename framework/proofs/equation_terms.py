@@ -54,14 +54,12 @@ class Chain(NamedTuple):
     @property
     def outer(self) -> IntArray:
         """(L, L) the later one of two joints."""
-        own = np.arange(len(self.places))
-        return np.maximum(own[:, None], own)
+        return np.maximum(*np.indices(2 * self.places.shape))
 
     @property
     def inner(self) -> IntArray:
         """(L, L) the earlier one of two joints."""
-        own = np.arange(len(self.places))
-        return np.minimum(own[:, None], own)
+        return np.minimum(*np.indices(2 * self.places.shape))
 
 
 class Term(NamedTuple):
@@ -87,46 +85,52 @@ class EquationTerms:
     def of(robot: ParallelRobot) -> EquationTerms:
         """Collect the terms of platform and loops."""
         table = EquationTerms(robot, [], [])
-        platform, n = robot.platform, robot.n
-        chain = table.chain(BASE, 0)
-        for k in range(n):
-            if isinstance(platform, FramePlatform):
-                kind = "point" if robot.translations[k] else "turn"
-                table.terms.append(Term(k, chain, kind, int(platform.axes[k]) % 3, 0, 1.0))
-            else:
-                joint = int(np.flatnonzero(robot.moving == platform.columns[k])[0])  # type: ignore[attr-defined]
-                table.terms.append(Term(k, chain, "joint", 0, joint, 1.0))
+        table.terms.extend(map(table._platform_term, range(robot.n)))
         base_axes = _rows_on_base(robot)
         for row in range(len(robot.loops.names)):
-            table.terms.extend(table._row_terms(row, base_axes.get(row)))
+            table.terms.extend(table._loop_terms(row, base_axes.get(row)))
         return table
 
-    def _row_terms(self, row: int, base_axis: int | None) -> list[Term]:
-        """Return the terms of a loop equation, written on an axis of the base if that is given."""
+    def _platform_term(self, coordinate: int) -> Term:
+        """Return the term of a platform coordinate: of its frame on a base axis, or of one joint."""
+        robot, platform, chain = self.robot, self.robot.platform, self._index_of_chain(BASE, 0)
+        if isinstance(platform, FramePlatform):
+            kind = "point" if robot.translations[coordinate] else "turn"
+            return Term(coordinate, chain, kind, int(platform.axes[coordinate]) % 3, 0, 1.0)
+        column = platform.columns[coordinate]  # type: ignore[attr-defined]
+        joint = int(np.flatnonzero(robot.moving == column)[0])
+        return Term(coordinate, chain, "joint", 0, joint, 1.0)
+
+    def _loop_terms(self, row: int, base_axis: int | None) -> list[Term]:
+        """Return the terms of a loop equation: on an axis of the base, if given, one for each frame."""
         loops, number = self.robot.loops, self.robot.n + row
         first, second = int(loops.first[row]), int(loops.second[row])
         if base_axis is not None:
             return [
-                Term(number, self.chain(BASE, frame), "point", base_axis, 0, sign)
+                Term(number, self._index_of_chain(BASE, frame), "point", base_axis, 0, sign)
                 for frame, sign in ((second, 1.0), (first, -1.0))
             ]
         kind = "direction" if loops.rotation[row] else "square" if loops.square[row] else "point"
+        chain = self._index_of_chain(first, second)
         axes = int(loops.first_axis[row]), int(loops.second_axis[row])
-        return [Term(number, self.chain(first, second), kind, *axes, float(loops.weight[row]))]
+        return [Term(number, chain, kind, *axes, float(loops.weight[row]))]
 
-    def chain(self, first: int, second: int) -> int:
-        """Return the index of a chain, and add the chain if new."""
-        for index, known in enumerate(self.chains):
-            if (known.first, known.second) == (first, second):
-                return index
+    def _index_of_chain(self, first: int, second: int) -> int:
+        """Return the index of the chain between two frames, and add the chain if new."""
+        ends = [(chain.first, chain.second) for chain in self.chains]
+        if (first, second) in ends:
+            return ends.index((first, second))
         robot, moving = self.robot, self.robot.moving.tolist()
-        joints = joints_between(robot, first, second)
-        signed = [(int(robot.model.joints[joint].idx_v), sign) for joint, sign in joints]
-        signed = [(column, sign) for column, sign in signed if column in moving]
-        columns = np.array([column for column, _ in signed], dtype=np.intp)
-        places = np.array([moving.index(column) for column, _ in signed], dtype=np.intp)
-        signs = np.array([sign for _, sign in signed], dtype=float)
-        self.chains.append(Chain(first, second, places, columns, signs, ~robot.sliding[columns]))
+        columns, signs = [], []
+        for joint, sign in joints_between(robot, first, second):
+            column = int(robot.model.joints[joint].idx_v)
+            if column in moving:
+                columns.append(column)
+                signs.append(sign)
+        places = np.array([moving.index(column) for column in columns], dtype=np.intp)
+        chain_columns = np.array(columns, dtype=np.intp)
+        turns = ~robot.sliding[chain_columns]
+        self.chains.append(Chain(first, second, places, chain_columns, np.array(signs, dtype=float), turns))
         return len(self.chains) - 1
 
 

@@ -48,30 +48,52 @@ class StartSystem(NamedTuple):
 
 @cache
 def start_system(family: QuadricFamily) -> StartSystem:
-    """Find the solutions of a random system of a family."""
+    """Find the solutions of a random system of a family by monodromy.
+
+    A first system is made to pass through a random point. Solutions are led to a second one and back, each
+    time with other complex factors of the equations: another closed way of coefficients.
+    """
     rng = np.random.default_rng(START_SEED)
     z = family.random_point(rng)
-    values = family.values(z[None])[0]
+    members = family.values(z[None])[0]  # (M,)
     through = family.random_coefficients(rng)
-    through -= np.outer(through @ values, values.conj()) / np.vdot(values, values)  # z solves it
+    through -= np.outer(through @ members, members.conj()) / np.vdot(members, members)  # now z solves it
     through /= np.linalg.norm(through, axis=1, keepdims=True)
-    nodes = [through, family.random_coefficients(rng)]
-    known = [z[None] / np.linalg.norm(z), np.zeros((0, family.size), dtype=complex)]
+    systems = [through, family.random_coefficients(rng)]
+    solutions = [z[None] / np.linalg.norm(z), np.zeros((0, family.size), dtype=complex)]
     for _ in range(MONODROMY_ROUNDS):
         for near, far in ((0, 1), (1, 0)):
-            turned = [np.exp(2j * np.pi * rng.random((family.equations, 1))) * node for node in nodes]
-            ends, arrived = track_paths(family, turned[near], turned[far], known[near], rng)
-            both = np.concatenate([known[far], ends[arrived]])
-            known[far] = both[is_first(both)]
-        if len(known[0]) >= family.bound:
+            turned = [_turn_equations(family, system, rng) for system in systems]
+            tracked = track_paths(family, turned[near], turned[far], solutions[near], rng)
+            candidates = np.concatenate([solutions[far], tracked.z[tracked.arrived]])
+            solutions[far] = candidates[is_first(candidates)]
+        if len(solutions[0]) >= family.bound:
             break
-    return StartSystem(nodes[0], known[0])
+    return StartSystem(systems[0], solutions[0])
+
+
+def _turn_equations(
+    family: QuadricFamily, coefficients: ComplexArray, rng: np.random.Generator
+) -> ComplexArray:
+    """Multiply each equation by a random complex number of size one: the solutions stay the same."""
+    return np.exp(2j * np.pi * rng.random((family.equations, 1))) * coefficients
+
+
+class TrackedPaths(NamedTuple):
+    """S paths, and how far they were followed."""
+
+    z: ComplexArray  # (S, N) unit points
+    arrived: BoolArray  # (S,)
 
 
 def track_paths(
     family: QuadricFamily, start: ComplexArray, end: ComplexArray, z: ComplexArray, rng: np.random.Generator
-) -> tuple[ComplexArray, BoolArray]:
-    """Lead solutions z (S, N) from coefficients to others (K, M); return ends, and which arrived."""
+) -> TrackedPaths:
+    """Follow solutions z (S, N) from coefficients to others (K, M), t from 0 to 1 with a step each.
+
+    A step whose correction is small is taken, and after some good ones the next is twice as long; else it is
+    halved. A path is lost where steps become too short or z too large for the chart.
+    """
     chart = rng.standard_normal(family.size) + 1j * rng.standard_normal(family.size)
     homotopy = _LinearHomotopy(family.quadrics(start), family.quadrics(end) - family.quadrics(start), chart)
     z = z / (z @ chart)[:, None]
@@ -80,16 +102,16 @@ def track_paths(
     while len(live):
         h = np.minimum(step[live], 1.0 - t[live])
         ahead, correction = homotopy.advance(z[live], t[live], h)
-        good = correction < NEWTON_STEP
-        z[live[good]] = ahead[good]
-        t[live[good]] += h[good]
-        good_steps[live] = np.where(good, good_steps[live] + 1, 0)
-        longer = good_steps[live] >= STEPS_BEFORE_GROWTH
-        step[live] = np.where(good, np.where(longer, 2.0, 1.0), 0.5) * h
-        good_steps[live[longer]] = 0
-        lost = (step[live] < MIN_STEP) | ~(np.linalg.norm(z[live], axis=1) < MAX_SIZE)
-        live = live[~lost & (t[live] < 1.0)]
-    return z / np.linalg.norm(z, axis=1, keepdims=True), t >= 1.0
+        is_good = correction < NEWTON_STEP
+        z[live[is_good]] = ahead[is_good]
+        t[live[is_good]] += h[is_good]
+        good_steps[live] = np.where(is_good, good_steps[live] + 1, 0)
+        grows = good_steps[live] >= STEPS_BEFORE_GROWTH
+        step[live] = h * np.where(is_good, 1.0, 0.5) * np.where(grows, 2.0, 1.0)
+        good_steps[live[grows]] = 0
+        is_lost = (step[live] < MIN_STEP) | ~(np.linalg.norm(z[live], axis=1) < MAX_SIZE)
+        live = live[~is_lost & (t[live] < 1.0)]
+    return TrackedPaths(z / np.linalg.norm(z, axis=1, keepdims=True), t >= 1.0)
 
 
 def refine(quadrics: ComplexArray, z: ComplexArray, chart: ComplexArray) -> ComplexArray:
@@ -97,7 +119,7 @@ def refine(quadrics: ComplexArray, z: ComplexArray, chart: ComplexArray) -> Comp
     z = z / (z @ chart)[:, None]
     system = _LinearHomotopy(quadrics, 0 * quadrics, chart)
     for _ in range(REFINEMENT_STEPS):
-        z = z + system.newton(z, np.zeros(len(z)))
+        z = z + system.newton_step(z, np.zeros(len(z)))
     return z
 
 
@@ -112,18 +134,24 @@ class PathEnds(NamedTuple):
 
 
 def path_ends(family: QuadricFamily, coefficients: Array, seed: int = 0) -> PathEnds:
-    """Find the ends of all paths of a family to real coefficients (K, M), on ways that the seed chooses."""
+    """Find the ends of all paths of a family to real coefficients (K, M), on ways that the seed chooses.
+
+    Paths that do not arrive, or end far away, are followed again by the endgame, which tells how they end.
+    """
     rng = np.random.default_rng([PATH_SEED, seed])
-    start = start_system(family)
+    first = start_system(family)
     target = (coefficients / np.linalg.norm(coefficients, axis=1, keepdims=True)).astype(complex)
-    turned = np.exp(2j * np.pi * rng.random((family.equations, 1))) * start.coefficients
-    z, arrived = track_paths(family, turned, target, start.z, rng)
+    start = _turn_equations(family, first.coefficients, rng)
+    z, arrived = track_paths(family, start, target, first.z, rng)
+    ends = PathEnds(z, arrived, np.zeros_like(arrived), np.zeros_like(arrived), z.copy())
     again = np.flatnonzero(~arrived | (sizes(family, z) > FOLLOWED_AGAIN_SIZE))
-    ends, missing = _endgame(family, turned, target, start.z[again], rng), ~arrived[again]
-    infinite, multiple, last = np.zeros_like(arrived), np.zeros_like(arrived), z.copy()
-    infinite[again], multiple[again], last[again] = ends.infinite, ends.multiple & missing, ends.last
-    z[again[missing]], arrived[again[missing]] = ends.z[missing], ends.arrived[missing]
-    return PathEnds(z, arrived, infinite, multiple, last)
+    endgame = _endgame(family, start, target, first.z[again], rng)
+    is_missing = ~arrived[again]
+    missing = again[is_missing]
+    ends.z[missing], ends.arrived[missing] = endgame.z[is_missing], endgame.arrived[is_missing]
+    ends.infinite[again], ends.last[again] = endgame.infinite, endgame.last
+    ends.multiple[again] = endgame.multiple & is_missing
+    return ends
 
 
 def sizes(family: QuadricFamily, z: ComplexArray) -> Array:
@@ -140,74 +168,85 @@ def _endgame(
     z: ComplexArray,
     rng: np.random.Generator,
 ) -> PathEnds:
-    """Follow paths from z (S, N) on a way of shrinking segments until the exponents tell the ends."""
-    last, end = z.copy(), z.copy()
-    infinite, multiple, arrived = np.zeros((3, len(z)), dtype=bool)
+    """Follow paths from z (S, N) on a way of shrinking segments until the exponents tell the ends.
+
+    After segment k a share s = `ENDGAME_SEGMENT_RATIO`^k of the way is left. Of a size s^-w the exponent
+    w = -(change of log size) / log(ratio) of successive segments tells infinity (the same w > 0) from a
+    finite end (w = 0), to which the path is then followed.
+    """
+    arrived, infinite, multiple = np.zeros((3, len(z)), dtype=bool)
+    ends = PathEnds(z.copy(), arrived, infinite, multiple, z.copy())
     live = np.ones(len(z), dtype=bool)
-    logarithms, near = [np.log(sizes(family, z))], start
+    log_sizes, near = [np.log(sizes(family, z))], start
     for segment in range(1, ENDGAME_SEGMENTS + 1):
-        k = np.flatnonzero(live)
-        if not len(k):
+        followed = np.flatnonzero(live)
+        if not len(followed):
             break
         far = target + ENDGAME_SEGMENT_RATIO**segment * (start - target)
-        last[k], live[k] = track_paths(family, near, far, last[k], rng)
-        logarithms.append(np.log(sizes(family, last)))
+        ends.last[followed], live[followed] = track_paths(family, near, far, ends.last[followed], rng)
+        log_sizes.append(np.log(sizes(family, ends.last)))
         near = far
-        if len(logarithms) <= AGREEING_EXPONENTS:
+        if segment < AGREEING_EXPONENTS:
             continue
-        w = np.diff(np.array(logarithms[-AGREEING_EXPONENTS - 1 :]), axis=0) / -np.log(ENDGAME_SEGMENT_RATIO)
-        infinite |= live & _leave_for_infinity(w, logarithms[-1])
-        finite = live & (np.abs(w).max(axis=0) < ENDGAME_MIN_EXPONENT)
-        end[finite], arrived[finite] = track_paths(family, far, target, last[finite], rng)
-        multiple |= finite & ~arrived
-        live &= ~(infinite | finite)
-    return PathEnds(end, arrived, infinite, multiple, last)
+        changes = np.diff(log_sizes[-AGREEING_EXPONENTS - 1 :], axis=0)  # (A, S)
+        w = changes / -np.log(ENDGAME_SEGMENT_RATIO)
+        leaves = live & _leave_for_infinity(w, log_sizes[-1])
+        is_finite = live & (np.abs(w).max(axis=0) < ENDGAME_MIN_EXPONENT)
+        tracked = track_paths(family, far, target, ends.last[is_finite], rng)
+        ends.z[is_finite], ends.arrived[is_finite] = tracked
+        ends.infinite[leaves], ends.multiple[is_finite] = True, ~tracked.arrived
+        live &= ~(leaves | is_finite)
+    return ends
 
 
-def _leave_for_infinity(w: Array, logarithm: Array) -> BoolArray:
+def _leave_for_infinity(w: Array, log_size: Array) -> BoolArray:
     """Whether exponents w (A, S) of successive segments agree and sizes are large, (S,)."""
     least, largest = w.min(axis=0), w.max(axis=0)
     agree = largest - least < MAX_EXPONENT_SPREAD * largest
-    return (least > ENDGAME_MIN_EXPONENT) & agree & (logarithm > np.log(MIN_INFINITE_SIZE))
+    return (least > ENDGAME_MIN_EXPONENT) & agree & (log_size > np.log(MIN_INFINITE_SIZE))
 
 
 class _LinearHomotopy(NamedTuple):
-    """A straight way of systems, in a chart."""
+    """Quadrics z' (start + t change) z = 0 in a chart: a straight way of systems, t from 0 to 1."""
 
-    start: ComplexArray  # (N - 1, N, N) quadrics at t = 0
-    change: ComplexArray  # (N - 1, N, N) from there to t = 1
+    start: ComplexArray  # (N - 1, N, N)
+    change: ComplexArray  # (N - 1, N, N)
     chart: ComplexArray  # (N,) chart . z = 1
 
-    def slopes(self, z: ComplexArray, t: Array) -> ComplexArray:
+    def half_jacobian(self, z: ComplexArray, t: Array) -> ComplexArray:
         """Compute half the Jacobian (S, N, N), the chart last, at z (S, N) and t (S,)."""
         S, N = z.shape
-        values = self.start.reshape(-1, N) @ z.T + (self.change.reshape(-1, N) @ z.T) * t
-        rows = values.T.reshape(S, N - 1, N)
+        rows = _multiply_all(self.start, z) + _multiply_all(self.change, z) * t[:, None, None]
         return np.concatenate([rows, np.broadcast_to(0.5 * self.chart, (S, 1, N))], axis=1)
 
     def rate(self, z: ComplexArray, t: Array) -> ComplexArray:
-        """Compute dz/dt (S, N) along the way."""
-        S, N = z.shape
-        changes = np.einsum("ski,si->sk", (self.change.reshape(-1, N) @ z.T).T.reshape(S, N - 1, N), z)
-        right = np.concatenate([-0.5 * changes, np.zeros((S, 1))], axis=1)
-        return solve_or_fit(self.slopes(z, t), right[:, :, None])[:, :, 0]
+        """Compute dz/dt (S, N) along the way: 2 z' (start + t change) dz/dt = -z' change z."""
+        values = np.einsum("ski,si->sk", _multiply_all(self.change, z), z)  # (S, N - 1)
+        right = np.concatenate([-0.5 * values, np.zeros((len(z), 1))], axis=1)
+        return solve_or_fit(self.half_jacobian(z, t), right[:, :, None])[:, :, 0]
 
-    def newton(self, z: ComplexArray, t: Array) -> ComplexArray:
-        """Compute the Newton step (S, N)."""
-        slopes = self.slopes(z, t)
-        values = 0.5 * np.einsum("ski,si->sk", slopes, z)
-        values[:, -1] = 0.5 * (z @ self.chart - 1.0)
-        # one of them singular to the last bit: its path is shortened
-        return solve_or_fit(slopes, -values[:, :, None])[:, :, 0]
+    def newton_step(self, z: ComplexArray, t: Array) -> ComplexArray:
+        """Compute the Newton step (S, N), of least norm where the Jacobian is singular to the last bit."""
+        half_jacobian = self.half_jacobian(z, t)
+        half_values = 0.5 * np.einsum("ski,si->sk", half_jacobian, z)
+        half_values[:, -1] = 0.5 * (z @ self.chart - 1.0)
+        return solve_or_fit(half_jacobian, -half_values[:, :, None])[:, :, 0]
 
     def advance(self, z: ComplexArray, t: Array, h: Array) -> tuple[ComplexArray, Array]:
-        """Predict z (S, N) at t + h (Runge-Kutta) and correct; return also the last correction."""
+        """Predict z (S, N) at t + h (Runge-Kutta) and correct; return also the last relative correction."""
+        H = h[:, None]
         k1 = self.rate(z, t)
-        k2 = self.rate(z + 0.5 * h[:, None] * k1, t + 0.5 * h)
-        k3 = self.rate(z + 0.5 * h[:, None] * k2, t + 0.5 * h)
-        k4 = self.rate(z + h[:, None] * k3, t + h)
-        ahead = z + h[:, None] / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        k2 = self.rate(z + 0.5 * H * k1, t + 0.5 * h)
+        k3 = self.rate(z + 0.5 * H * k2, t + 0.5 * h)
+        k4 = self.rate(z + H * k3, t + h)
+        ahead = z + H / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
         for _ in range(CORRECTOR_STEPS):
-            change = self.newton(ahead, t + h)
-            ahead = ahead + change
-        return ahead, np.linalg.norm(change, axis=1) / np.linalg.norm(ahead, axis=1)
+            correction = self.newton_step(ahead, t + h)
+            ahead = ahead + correction
+        return ahead, np.linalg.norm(correction, axis=1) / np.linalg.norm(ahead, axis=1)
+
+
+def _multiply_all(matrices: ComplexArray, z: ComplexArray) -> ComplexArray:
+    """Multiply K matrices (K, N, N) and S vectors (S, N) in one product, (S, K, N)."""
+    S, N = z.shape
+    return (matrices.reshape(-1, N) @ z.T).T.reshape(S, -1, N)

@@ -1,87 +1,179 @@
-"""Proof that a system of quadrics has exactly one solution near an approximate one: Krawczyk's test.
+"""Krawczyk's test: proof that equations have exactly one solution in a box.
 
-For H(z) = 0, an approximate solution z, a matrix Y near the inverse of its Jacobian J and radii r: if
+For F(z) = 0 with the Jacobian J, a point z0, a matrix Y near the inverse of J(z0) and radii r, the map
+z - Y F(z) takes the box B = z0 + [-r, r] to within
 
-    |Y H(z)| + max |I - Y J(Z)| r < r    over the polydisc Z = z + D(r),
+    image = |Y F(z0)| + max over B of |1 - Y J| r
 
-H has one solution in Z and no other (Krawczyk 1969; Rump 1983; for holomorphic H on discs as well). Rounding
-is bounded as `rounding` says. The coefficients may be discs themselves; then the proof is for every system in
-them.
+of z0. If image < r entry by entry, F has one solution in B and no other (Krawczyk 1969; Moore 1977; Neumaier,
+Interval Methods for Systems of Equations, 1990, section 5.1). The same holds for holomorphic F on discs of
+complex numbers (Rump 1983). Where the test fails, the box is made a little larger than its image and tested
+again (epsilon-inflation, Rump 2010). Rounding is bounded as `rounding` says.
 
-A solution of a real system in a polydisc about a real point is real: its conjugate is in it too, and there is
-one alone. A polydisc away from its mirror image holds a solution that is not.
+`existence` is the test of linearised equations in real unknowns, of which one may be a parameter;
+`enclosures` that of quadrics with complex solutions. `regular_ball` has its own bound of the image.
+
+A solution of a real system in a disc about a real point is real: its conjugate is in it too, and there is one
+alone. A disc away from its mirror image holds a solution that is not.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from framework.arrays import Array, BoolArray
-from framework.proofs.rounding import ROUND_UP, WIDENING_RATIO, gamma
+from framework.arrays import Array, BoolArray, IntArray
+from framework.proofs.interval_newton import LinearEnclosure
+from framework.proofs.rounding import ROUND_UP, WIDENING_RATIO, gamma, identity_defect, inverses, times
 from framework.proofs.study_quadric import ComplexArray
 
-MAX_WIDENINGS = 6  # of the radii until the test holds
-MIN_RADIUS, MAX_RADIUS = 1e-300, 1e100  # away from underflow and overflow
+MAX_TESTS = 6  # of boxes that are widened until the test holds
+MIN_RADIUS, MAX_RADIUS = 1e-300, 1e100  # of discs, away from underflow and overflow
 RANDOM_CHARTS = 200
+
+
+class TestedBoxes(Protocol):
+    """The outcome of the test in S boxes."""
+
+    @property
+    def proved(self) -> BoolArray:
+        """Whether the map takes the box into itself, (S,)."""
+
+    @property
+    def radii(self) -> Array:
+        """Radii of the boxes, (S, k)."""
+
+    @property
+    def image(self) -> Array:
+        """Radii of the images of the boxes, (S, k)."""
+
+
+Tested = TypeVar("Tested", bound=TestedBoxes)
+
+
+def widen_until_proved(
+    test: Callable[[Array], Tested], radii: Array, min_radius: float, max_radius: float
+) -> Tested:
+    """Test boxes of radii (S, k), widen the boxes without a proof to contain their images, and repeat."""
+    tested = test(radii)
+    for _ in range(MAX_TESTS - 1):
+        if tested.proved.all():
+            break
+        wider = np.minimum(WIDENING_RATIO * tested.image, max_radius) + min_radius
+        tested = test(np.where(tested.proved[:, None], tested.radii, wider))
+    return tested
+
+
+class Existence(NamedTuple):
+    """Existence of one solution for each value of the parameter, in S boxes."""
+
+    proved: BoolArray  # (S,)
+    lower: Array  # (S, k) off the middle: all solutions in the box are within
+    upper: Array
+    along: Array  # (S, k) their slope along the parameter, 1 there itself; 0 without a parameter
+    spread: Array  # (S, k) how far they are from middle + along * parameter, 0 for the parameter
+
+
+def existence(
+    equations: LinearEnclosure, changes: Array, radii: Array, parameter: IntArray | None
+) -> Existence:
+    """Test whether m equations have one solution in each of S boxes of radii (S, k).
+
+    The k unknowns are m, or m + 1 of which one is a parameter p. With F = values + J_u du + J_p dp and
+    Y near the inverse of J_u the map is du -> -Y values - Y J_p dp + error: root, slope and error are
+    computed one by one, with the unknowns in the order (u, p).
+
+    Args:
+        equations: values and slopes at the middle, with the errors of the values there.
+        changes: (S, m, k) bounds on the changes of the slopes within the box.
+        parameter: (S,) the unknown that is one.
+    """
+    values, slopes, errors = equations
+    m, k = slopes.shape[1:]
+    is_parameter = np.zeros(radii.shape, dtype=bool)  # (S, k)
+    if parameter is not None:
+        is_parameter = np.arange(k) == parameter[:, None]
+    order = np.argsort(is_parameter, axis=1, kind="stable")  # (S, k) the parameter last
+    J_u, J_p = np.split(np.take_along_axis(slopes, order[:, None], axis=2), [m], axis=2)
+    r_u, r_p = np.split(np.take_along_axis(radii, order, axis=1), [m], axis=1)
+    Y = inverses(J_u)  # (S, m, m)
+
+    root = -times(Y, values)  # (S, m)
+    slope = -(Y @ J_p)  # (S, m, k - m)
+    uncertain = errors + gamma(m) * np.abs(values) + times(changes + gamma(m) * np.abs(slopes), radii)
+    error = times(np.abs(Y), uncertain) + times(identity_defect(Y, J_u), r_u)
+    error = ROUND_UP * error + gamma(m) * np.abs(root)
+    reach = ROUND_UP * (error + ROUND_UP * times(np.abs(slope), r_p))  # of solutions from the root
+    is_inside = ROUND_UP * (np.abs(root) + reach) < r_u
+
+    def restore(of_unknowns: Array, of_parameter: Array) -> Array:
+        """Join values of u (S, m) and p (S, k - m), and put the unknowns back in their order (S, k)."""
+        return np.take_along_axis(np.hstack([of_unknowns, of_parameter]), np.argsort(order, axis=1), axis=1)
+
+    return Existence(
+        proved=is_inside.all(axis=1) & Y.any(axis=(1, 2)),
+        lower=restore(root - reach, -r_p),
+        upper=restore(root + reach, r_p),
+        along=restore(slope.sum(axis=2), np.ones_like(r_p)),
+        spread=restore(ROUND_UP * error + np.abs(root), np.zeros_like(r_p)),
+    )
+
+
+# ------------------------------------------------------------------ quadrics in complex unknowns
 
 
 class Enclosures(NamedTuple):
     """Polydiscs about S points of P^(N-1), in the chart."""
 
     proved: BoolArray  # (S,) each holds exactly one solution
-    radii: Array  # (S, N), infinite where none are proved
+    radii: Array  # (S, N)
+    image: Array  # (S, N) radii of the image of the polydisc
 
 
 def enclosures(quadrics: ComplexArray, radii: Array, chart: Array, z: ComplexArray) -> Enclosures:
     """Enclose solutions z (S, N) of N - 1 quadrics with coefficients in discs.
 
-    The equations are z' Q z = 0 for Q (N - 1, N, N), and chart . z = 1.
+    The equations are z' Q z = 0 for Q (N - 1, N, N), and chart . z = 1. Their Jacobian 2 Q z changes by
+    2 |Q| r within radii r. The proof holds for every system with coefficients in the discs.
 
     Args:
         quadrics: the middles of the symmetric matrices.
         radii: (N - 1, N, N) of their entries; zero where they are exact as they stand.
         chart: (N,) real and exact, z in it.
     """
-    discs = np.array([_radii(quadrics, radii, chart, point) for point in z]).reshape(z.shape)
-    return Enclosures(np.isfinite(discs).all(axis=1), discs)
-
-
-def _radii(quadrics: ComplexArray, radii: Array, chart: Array, z: ComplexArray) -> Array:
-    """Find radii (N,) about a solution z (N,) in which the test holds; infinite if none are found."""
-    N, size = len(z), np.abs(z)
+    N = z.shape[1]
     rounding = gamma(2 * N)  # of a quadratic form in complex numbers
-    J = np.vstack([2 * quadrics @ z, chart])
-    try:
-        Y = np.linalg.inv(J)
-    except np.linalg.LinAlgError:
-        return np.full(N, np.inf)
-    Y_size, sizes = np.abs(Y), ROUND_UP * np.abs(quadrics)
-    uncertainty = rounding * sizes + radii
-    values = np.append(np.einsum("kij,i,j->k", quadrics, z, z), z @ chart - 1.0)
-    errors = np.append(
-        np.einsum("kij,i,j->k", uncertainty, size, size), rounding * (np.abs(chart) @ size + 1.0)
+    z_size = np.abs(z)  # (S, N)
+    Q_size = ROUND_UP * np.abs(quadrics)
+    Q_error = rounding * Q_size + radii  # (N - 1, N, N)
+
+    gradients = np.einsum("kij,sj->ski", quadrics, z)  # (S, N - 1, N) Q z
+    gradient_errors = np.einsum("kij,sj->ski", Q_error, z_size)
+    J = _append_row(2 * gradients, chart)  # (S, N, N)
+    J_error = _append_row(2 * ROUND_UP * gradient_errors, rounding * np.abs(chart))
+    values = np.column_stack([np.matvec(gradients, z), z @ chart - 1.0])  # (S, N)
+    value_errors = np.column_stack(
+        [times(gradient_errors, z_size), rounding * (z_size @ np.abs(chart) + 1.0)]
     )
-    off = ROUND_UP**2 * (Y_size @ (np.abs(values) + ROUND_UP * errors))
-    slack = np.vstack([2 * ROUND_UP * uncertainty @ size, rounding * np.abs(chart)])
-    identity = np.eye(N)
-    rest = np.abs(identity - Y @ J) + rounding * (Y_size @ np.abs(J) + identity) + Y_size @ slack
-    return _widen(off, rest, Y_size, sizes + radii)
+    Y = inverses(J)
+    Y_size = np.abs(Y)
+    offset = ROUND_UP**2 * times(Y_size, np.abs(values) + ROUND_UP * value_errors)  # |Y F(z)|
+    defect = identity_defect(Y, J) + Y_size @ J_error  # |1 - Y J(z)|
+
+    def test(r: Array) -> Enclosures:
+        """Bound the image of polydiscs of radii r (S, N)."""
+        J_change = _append_row(2 * ROUND_UP * np.einsum("kij,sj->ski", Q_size + radii, r), np.zeros(N))
+        image = ROUND_UP * (offset + ROUND_UP**2 * times(defect + Y_size @ J_change, r))
+        return Enclosures(np.all(image < r, axis=1), r, image)
+
+    return widen_until_proved(test, 2 * offset + MIN_RADIUS, MIN_RADIUS, MAX_RADIUS)
 
 
-def _widen(off: Array, rest: Array, Y_size: Array, sizes: Array) -> Array:
-    """Widen radii (N,) until the test maps the polydisc into itself; infinite if never."""
-    r = 2 * off + MIN_RADIUS
-    for _ in range(MAX_WIDENINGS):
-        spread = np.vstack([2 * ROUND_UP * sizes @ r, np.zeros(len(r))])
-        needed = ROUND_UP * (off + ROUND_UP**2 * ((rest + Y_size @ spread) @ r))
-        if np.all(needed < r):
-            return r
-        r = WIDENING_RATIO * needed + MIN_RADIUS
-        if not r.max() < MAX_RADIUS:
-            break
-    return np.full(len(r), np.inf)
+def _append_row(matrices: Any, row: Array) -> Any:
+    """Append one row (N,) to each of the matrices (S, N - 1, N)."""
+    return np.concatenate([matrices, np.broadcast_to(row, (len(matrices), 1, len(row)))], axis=1)
 
 
 def chart_for(z: ComplexArray, seed: int = 0) -> Array:

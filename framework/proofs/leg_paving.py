@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from framework.arrays import Array, BoolArray, IntArray
 from framework.kinematics.closures import loop_equations
@@ -70,13 +71,14 @@ def _region(equations: LegEquations) -> Boxes | None:
     robot, own = equations.robot, equations.own
     slides = robot.sliding[own]
     half = np.pi / INITIAL_PARTS
-    axes = [np.arange(-np.pi + half, np.pi, 2 * half)] * int((~slides).sum())
+    axes = [np.arange(-np.pi + half, np.pi, 2 * half)] * int((~slides).sum())  # middles along each hinge
     radii = np.full(len(own), half)
     if slides.any():
         farthest = equations.farthest_slide()
         if farthest is None:
             return None
-        axes.insert(int(np.argmax(slides)), -equations.slides(equations.q)[own[slides]] / robot.length)
+        rest = -equations.slides(equations.q)[own[slides]] / robot.length
+        axes.insert(int(np.argmax(slides)), rest)
         radii[slides] = farthest
     middles = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(own))
     return Boxes(middles, np.repeat(radii[None], len(middles), axis=0))
@@ -84,12 +86,12 @@ def _region(equations: LegEquations) -> Boxes | None:
 
 @dataclass(frozen=True, eq=False)
 class LegEquations:
-    """The equations of a leg in its own joints [rad, robot lengths] from q, all others fixed."""
+    """The equations of a leg in its own n joints [rad, robot lengths] from q, all others fixed."""
 
     robot: ParallelRobot
-    own: IntArray
+    own: IntArray  # (n,) columns of the velocity vector
     q: Array  # (nq,)
-    x: Array | None
+    x: Array | None  # (platform coordinates,) where the leg and fixed joints alone carry the platform
     loops: IntArray  # of `robot.rows`
     chains: tuple[LeverChain, ...]  # of the loops, then of the platform's frame if its position counts
     chain_of: IntArray  # (loops,)
@@ -98,45 +100,44 @@ class LegEquations:
     @staticmethod
     def of(robot: ParallelRobot, own: IntArray, fixed: BoolArray, q: Array, x: Array | None) -> LegEquations:
         """Collect the equations whose joints are the leg's, or fixed."""
-        carried, rows = scratch_of(robot).carried, robot.rows
-        feels = carried[rows.second] != carried[rows.first]
+        carried, rows, platform = scratch_of(robot).carried, robot.rows, robot.platform
         free_joints = ~fixed
         free_joints[own] = False
-        loops = np.flatnonzero(feels[:, own].any(axis=1) & ~feels[:, free_joints].any(axis=1))
+        moves_row = carried[rows.second] != carried[rows.first]  # (rows, nv)
+        loops = np.flatnonzero(moves_row[:, own].any(axis=1) & ~moves_row[:, free_joints].any(axis=1))
         ends = np.stack([rows.first[loops], rows.second[loops]], axis=1)
         pairs, chain_of = np.unique(ends, axis=0, return_inverse=True)
         chains = [LeverChain.of(robot, own, *pair) for pair in pairs.tolist()]
-        platform = robot.platform
         if isinstance(platform, JointPlatform):
-            x = x if x is not None and np.isin(platform.columns, own).any() else None
-        elif x is None or not carried[0, own].any() or carried[0, free_joints].any():
-            x = None
+            determines_own = bool(np.isin(platform.columns, own).any())
         else:
+            determines_own = bool(carried[0, own].any() and not carried[0, free_joints].any())
+        attitude = None
+        if x is not None and determines_own and isinstance(platform, FramePlatform):
             chains.append(LeverChain.of(robot, own, BASE, 0))
-        attitude, turns = None, 1 if planar_normal(robot) is not None else 3
-        if x is not None and isinstance(platform, FramePlatform) and len(platform.turning) == turns:
-            attitude = frames_at(robot, q[None]).rotation[0, 0]
+            if len(platform.turning) == (3 if planar_normal(robot) is None else 1):
+                attitude = frames_at(robot, q[None]).rotation[0, 0]
+        x = x if determines_own else None
         return LegEquations(robot, own, q, x, loops, tuple(chains), chain_of, attitude)
 
     def __call__(self, middle: Array, radii: Array) -> LinearEnclosure:
         """Enclose the equations in boxes (B, n)."""
         robot, own = self.robot, self.own
         frames = frames_at(robot, integrate_columns(robot, self.q, own, middle * robot.column_scale[own]))
-        slid = np.abs(self.slides(frames.q))
+        slid = np.abs(self.slides(frames.q))  # (B, nv) [m] at most in the box
         slid[:, own] += np.where(robot.sliding[own], radii * robot.column_scale[own], 0.0)
         bounds = [chain.hessian_bounds(radii, slid) for chain in self.chains]
-        enclosure = self._loops(frames, bounds)
-        if self.x is not None:
-            on_joints = isinstance(robot.platform, JointPlatform)
-            enclosure = enclosure.join(
-                self._joints(frames, radii) if on_joints else self._position(frames, bounds[-1])
-            )
+        enclosures = [self._loops(frames, bounds)]
+        if self.x is not None and isinstance(robot.platform, JointPlatform):
+            enclosures.append(self._platform_joints(frames, radii, self.x))
+        elif self.x is not None:
+            enclosures.append(self._position(frames, bounds[-1], self.x))
         if self.attitude is not None:
-            enclosure = enclosure.join(self._attitude(frames, self.attitude, bounds[-1]))
-        values, slopes, errors = enclosure
+            enclosures.append(self._attitude(frames, bounds[-1], self.attitude))
+        values, slopes, errors = enclosures[0].join(*enclosures[1:])
         units = np.where(robot.sliding[own], robot.length, 1.0)
-        chain_lengths = np.max([bound.length for bound in bounds], axis=0, initial=0.0)  # (B,)
-        rounding = FRAME_ROUNDING * (1.0 + chain_lengths)
+        longest = np.max([bound.length for bound in bounds], axis=0, initial=0.0)  # (B,) chain
+        rounding = FRAME_ROUNDING * (1.0 + longest)
         return LinearEnclosure(values, slopes * units, errors + np.reshape(rounding, (-1, 1)))
 
     def _loops(self, frames: FrameStack, bounds: list[ChainBounds]) -> LinearEnclosure:
@@ -149,42 +150,45 @@ class LegEquations:
         slopes = equations.jacobian[:, loops][:, :, self.own] / lengths[:, None]
         return LinearEnclosure(equations.residual[:, loops] / lengths, slopes, errors)
 
-    def _position(self, frames: FrameStack, bound: ChainBounds) -> LinearEnclosure:
+    def _position(self, frames: FrameStack, bound: ChainBounds, x: Array) -> LinearEnclosure:
         """Enclose the position of the platform's frame against x."""
         platform, length = self.robot.platform, self.robot.length
-        assert self.x is not None
-        values = (frames.position[:, 0, platform.along] - self.x[platform.sliding]) / length
+        values = (frames.position[:, 0, platform.along] - x[platform.sliding]) / length
         slopes = frames.jacobian[:, 0][:, platform.along][:, :, self.own] / length
         errors = np.repeat(bound.position[:, None], len(platform.sliding), axis=1)
         return LinearEnclosure(values, slopes, errors)
 
-    def _attitude(self, frames: FrameStack, attitude: Array, bound: ChainBounds) -> LinearEnclosure:
+    def _attitude(self, frames: FrameStack, bound: ChainBounds, attitude: Array) -> LinearEnclosure:
         """Enclose the axes of the platform's frame against the attitude (3, 3)."""
-        count, n = len(frames.q), len(self.own)
         axes = frames.rotation[:, 0].swapaxes(1, 2)  # (B, 3, 3), one axis a row
-        turns = frames.jacobian[:, 0, 3:][:, :, self.own].swapaxes(1, 2)  # (B, n, 3)
-        turned = cross(turns[:, None], axes[:, :, None])  # (B, axis, n, 3)
-        slopes = turned.swapaxes(2, 3).reshape(count, 9, n)
+        turning = frames.jacobian[:, 0, 3:][:, :, self.own].swapaxes(1, 2)  # (B, n, 3)
+        slopes = cross(turning[:, None], axes[:, :, None])  # (B, axis, n, 3)
+        slopes = slopes.swapaxes(2, 3).reshape(-1, 9, len(self.own))
         errors = np.repeat(bound.attitude[:, None], 9, axis=1)
-        return LinearEnclosure((axes - attitude.T).reshape(count, 9), slopes, errors)
+        return LinearEnclosure((axes - attitude.T).reshape(-1, 9), slopes, errors)
 
-    def _joints(self, frames: FrameStack, radii: Array) -> LinearEnclosure:
-        """Enclose the platform's own joints against x: sine and cosine of hinges' offsets."""
-        platform, robot = self.robot.platform, self.robot
+    def _platform_joints(self, frames: FrameStack, radii: Array, x: Array) -> LinearEnclosure:
+        """Enclose the platform's own joints against x: sines, then cosines less 1, of hinges' offsets.
+
+        For slides these are the offset [robot lengths] and 0. Second derivatives of sine and cosine are at
+        most 1.
+        """
+        robot, platform = self.robot, self.robot.platform
         assert isinstance(platform, JointPlatform)
-        assert self.x is not None
-        hinges = ~platform.translations
-        scale = np.where(hinges, 1.0, robot.length)
-        off = platform.residual(frames, self.x) / scale
-        along = np.eye(robot.model.nv)[platform.columns][:, self.own] / scale[:, None]
-        curvature = 0.5 * (radii @ np.where(hinges[:, None], along, 0.0).T) ** 2
-        sine, cosine = np.where(hinges, np.sin(off), off), np.where(hinges, np.cos(off), 1.0)
-        rates = np.concatenate([cosine, np.where(hinges, -np.sin(off), 0.0)], axis=1)
+        is_hinge = ~platform.translations
+        scale = np.where(is_hinge, 1.0, robot.length)
+        offset = platform.residual(frames, x) / scale  # (B, coordinates)
+        slopes = np.eye(robot.model.nv)[platform.columns][:, self.own] / scale[:, None]  # of the offset
+        sine = np.where(is_hinge, np.sin(offset), offset)
+        cosine = np.where(is_hinge, np.cos(offset), 1.0)
+        values = np.concatenate([sine, cosine - 1.0], axis=1)
+        rates = np.concatenate([cosine, np.where(is_hinge, -np.sin(offset), 0.0)], axis=1)
+        errors = 0.5 * (radii @ np.where(is_hinge[:, None], slopes, 0.0).T) ** 2
         is_own = np.tile(np.isin(platform.columns, self.own), 2)
         return LinearEnclosure(
-            np.concatenate([sine, cosine - 1.0], axis=1)[:, is_own],
-            (rates[:, :, None] * np.tile(along, (2, 1)))[:, is_own],
-            np.tile(curvature, 2)[:, is_own],
+            values[:, is_own],
+            (rates[:, :, None] * np.tile(slopes, (2, 1)))[:, is_own],
+            np.tile(errors, 2)[:, is_own],
         )
 
     def slides(self, q: Array) -> Array:
@@ -194,25 +198,24 @@ class LegEquations:
     def farthest_slide(self) -> float | None:
         """Bound the leg's slide [robot lengths] at which a chain can close; None without a bound.
 
-        The translations of a chain change by one unit with its slide, whatever its hinges do.
+        The translations of a chain change by one unit with its slide, whatever its hinges do (at random
+        joints). So the slide is no longer than the rest of the chain, stretched out.
         """
         robot, n = self.robot, len(self.own)
-        random = np.random.default_rng(RANDOM_SEED).uniform(-2, 2, (3, n))
-        slopes = self(random, 0.0 * random).slopes
+        joints = np.random.default_rng(RANDOM_SEED).uniform(-2, 2, (3, n))
+        slopes = self(joints, 0.0 * joints).slopes
         slide = np.flatnonzero(robot.sliding[self.own])[0]
-        position = ~robot.rows.rotation[self.loops]
-        others = np.abs(self.slides(self.q))
-        others[self.own[slide]] = 0.0
-        ends = robot.rows.reach[self.loops].sum()
-        ends += 0.0 if self.x is None else np.abs(self.x).sum()
+        other_slides = np.abs(self.slides(self.q))  # (nv,) [m]
+        other_slides[self.own[slide]] = 0.0
+        ends = robot.rows.reach[self.loops].sum() + (0.0 if self.x is None else np.abs(self.x).sum())
         bounds = []
         for k, chain in enumerate(self.chains):
-            rows = np.flatnonzero(position & (self.chain_of == k))
+            translations = np.flatnonzero(~robot.rows.rotation[self.loops] & (self.chain_of == k))
             if k == len(self.chains) - 1 and self.x is not None:
-                rows = len(self.loops) + np.arange(len(robot.platform.sliding))
-            squares = np.sum(slopes[:, rows, slide] ** 2, axis=1)
-            if np.all(squares > 1 - SLIDE_SLOPE_ROUNDING):
-                bounds.append((chain.length + chain.slides @ others + ends) / robot.length)
+                translations = len(self.loops) + np.arange(len(robot.platform.sliding))
+            change = np.sum(slopes[:, translations, slide] ** 2, axis=1)
+            if np.all(change > 1 - SLIDE_SLOPE_ROUNDING):
+                bounds.append((chain.length + chain.slides @ other_slides + ends) / robot.length)
         return REACH_MARGIN * min(bounds) if bounds else None
 
 
@@ -241,38 +244,45 @@ class LeverChain(NamedTuple):
 
     @staticmethod
     def of(robot: ParallelRobot, columns: IntArray, first: int, second: int) -> LeverChain:
-        """Walk from the origin of the second frame to the first, or to BASE."""
+        """Walk from the origin of the second frame to the first, or to BASE, and add up the links."""
         model = robot.model
         levers, between = np.zeros(len(columns)), np.zeros((len(columns), model.nv))
         inside, slides = np.zeros(len(columns), dtype=bool), np.zeros(model.nv)
-        length, *rest = (
-            float(np.linalg.norm(model.frames[robot.frames[k]].placement.translation))
-            for k in (second, first)
-            if k != BASE
-        )
+        length = _offset_on_body(robot, second)
         for number, sign in reversed(joints_between(robot, first, second)):
-            joint = model.joints[number]
+            joint, link = model.joints[number], _length(model.jointPlacements[number])
             own, span = columns == joint.idx_v, slice(joint.idx_v, joint.idx_v + joint.nv)
             inside |= own
-            if sign > 0.0:  # the joint stands before its link
+            is_before_link = sign > 0.0
+            if is_before_link:
                 levers[own], between[own] = length, slides
-            length += float(np.linalg.norm(model.jointPlacements[number].translation))
+            length += link
             slides[span] = robot.sliding[span]
-            if sign < 0.0:
+            if not is_before_link:
                 levers[own], between[own] = length, slides
-        length += sum(rest)
+        if first != BASE:
+            length += _offset_on_body(robot, first)
         slide = robot.sliding[columns]
         return LeverChain(robot.length, inside & ~slide, inside & slide, levers, between, length, slides)
 
     def hessian_bounds(self, radii: Array, slid: Array) -> ChainBounds:
         """Bound second-order terms in boxes of radii (B, n), slides out by at most `slid` (B, nv) [m]."""
-        levers = (self.levers + slid @ self.between.T) / self.robot_length
-        length = (self.length + slid @ self.slides) / self.robot_length
-        turns, slides = radii * self.turning, (radii * self.sliding).sum(axis=1)
-        lesser = np.minimum(levers[:, :, None], levers[:, None])
-        curved = 0.5 * np.einsum("bi,bij,bj->b", turns, lesser, turns)
-        total = turns.sum(axis=1)
-        position = curved + total * slides
-        travel = (turns * levers).sum(axis=1) + slides
+        levers = (self.levers + slid @ self.between.T) / self.robot_length  # (B, n)
+        length = (self.length + slid @ self.slides) / self.robot_length  # (B,)
+        turns = radii * self.turning  # (B, n)
+        slide = (radii * self.sliding).sum(axis=1)
+        turn = turns.sum(axis=1)
+        lesser = np.minimum(levers[:, :, None], levers[:, None])  # (B, n, n) lever of two hinges
+        position = 0.5 * np.einsum("bi,bij,bj->b", turns, lesser, turns) + turn * slide
+        travel = (turns * levers).sum(axis=1) + slide  # of the point
         square = (length * position + 0.5 * travel**2) * self.robot_length
-        return ChainBounds(position, 0.5 * total**2, square, length)
+        return ChainBounds(position, 0.5 * turn**2, square, length)
+
+
+def _offset_on_body(robot: ParallelRobot, frame: int) -> float:
+    """Return the distance [m] of a frame from the joint of its body."""
+    return _length(robot.model.frames[robot.frames[frame]].placement)
+
+
+def _length(placement: pin.SE3) -> float:
+    return float(np.linalg.norm(placement.translation))

@@ -27,71 +27,78 @@ MAX_INVERSE_DEFECT = 0.1  # largest row sum of |X M - 1| of an inverse X that a 
 INVERSE_FACTOR = 1.2  # of its norm: more than 1 / (1 - MAX_INVERSE_DEFECT)
 
 
-def joints_at(robot: ParallelRobot, q: Array, place: Array, turn: Array | None) -> list[Array | None]:
-    """Find joints (nq,) that bring the platform's frame to places (k, 3), turns (k, 3, 3), or None.
+def joints_at(
+    robot: ParallelRobot, q: Array, positions: Array, rotations: Array | None
+) -> list[Array | None]:
+    """Find joints (nq,) that bring the platform's frame to positions (k, 3), rotations (k, 3, 3), or None.
 
     Motors and springs stay as in q (1, nq). Of several joint angles at one pose those next to the reference.
     """
-    count = len(place)
-    places = np.repeat(place, RANDOM_STARTS, axis=0)
-    turns = None if turn is None else np.repeat(turn, RANDOM_STARTS, axis=0)
+    targets = np.repeat(positions, RANDOM_STARTS, axis=0)  # (T, 3)
+    target_rotations = None if rotations is None else np.repeat(rotations, RANDOM_STARTS, axis=0)
 
-    def pose_rows(frames: FrameStack) -> tuple[Array, Array]:
-        """Compute the offset of the frame from the poses, (S, 3 or 6), and its slopes.
-
-        Attitudes differ by the axial vector of (G - G^T) / 2, with G = R R_target^T.
-        """
-        off, slopes = frames.position[:, 0] - places, frames.jacobian[:, 0] * robot.column_scale
-        if turns is None:
-            return off / robot.length, slopes[:, :3] / robot.length
-        gap = frames.rotation[:, 0] @ turns.swapaxes(1, 2)
-        turned = 0.5 * (gap - gap.swapaxes(1, 2))[:, [2, 0, 1], [1, 2, 0]]
-        # a half turn has no sine either: it is told from none by the trace
-        turned[:, 0] += np.where(np.trace(gap, axis1=1, axis2=2) < 0, 1.0, 0.0)
+    def pose_equations(frames: FrameStack) -> tuple[Array, Array]:
+        """Compute the offsets (T, 3 or 6) of the platform's frame from its targets, and their slopes."""
+        offsets = (frames.position[:, 0] - targets) / robot.length
+        slopes = frames.jacobian[:, 0] * robot.column_scale
         slopes[:, :3] /= robot.length
-        return np.concatenate([off / robot.length, turned], axis=1), slopes
+        if target_rotations is None:
+            return offsets, slopes[:, :3]
+        return np.hstack([offsets, _turn_offsets(frames.rotation[:, 0], target_rotations)]), slopes
 
-    poses, closed = close_all_loops(
-        robot, np.tile(random_starts(robot, q, RANDOM_STARTS), (count, 1)), pose_rows
-    )
+    starts = np.tile(random_starts(robot, q, RANDOM_STARTS), (len(positions), 1))
+    poses, closed = close_all_loops(robot, starts, pose_equations)
     nearest_poses: list[Array | None] = []
-    for k in range(count):
-        starts_of = slice(k * RANDOM_STARTS, (k + 1) * RANDOM_STARTS)
-        candidates = nearest_turn(robot, poses[starts_of][closed[starts_of]])
+    for first in range(0, len(poses), RANDOM_STARTS):
+        group = slice(first, first + RANDOM_STARTS)
+        candidates = nearest_turn(robot, poses[group][closed[group]])
         nearest_poses.append(min(candidates, key=partial(distance_from_reference, robot), default=None))
     return nearest_poses
+
+
+def _turn_offsets(rotations: Array, targets: Array) -> Array:
+    """Compute the offsets (T, 3) of rotations (T, 3, 3) from others: the axial vector of (G - G') / 2.
+
+    G = R R_target'. A half turn has no sine either: it is told from none by the trace.
+    """
+    G = rotations @ targets.swapaxes(1, 2)
+    offsets = 0.5 * (G - G.swapaxes(1, 2))[:, [2, 0, 1], [1, 2, 0]]
+    offsets[:, 0] += np.trace(G, axis1=1, axis2=2) < 0
+    return offsets
 
 
 def close_all_loops(
     robot: ParallelRobot,
     q: Array,
-    more: Callable[[FrameStack], tuple[Array, Array]] | None,
+    further: Callable[[FrameStack], tuple[Array, Array]] | None,
     columns: IntArray | None = None,
 ) -> tuple[Array, BoolArray]:
     """Close the loops by Newton's method from q (T, nq); return configurations (T, nq), and which are closed.
 
+    Redundant equations count as well, so a step is one of least squares. After all are closed one step more
+    is taken, to rounding.
+
     Args:
         columns: the joints that move; the passive ones by default.
-        more: further equations and their slopes along all joints, (T, e) and (T, e, nv), without dimension.
+        further: more equations and their slopes along all joints, (T, e) and (T, e, nv), without dimension.
     """
     columns, size = robot.following if columns is None else columns, np.full(len(q), np.inf)
     weights = 1.0 / robot.row_lengths
-    last = False
+    is_last = False
     for _ in range(MAX_SEARCH_STEPS):
         frames = frames_at(robot, q)
         loops = loop_equations(robot.rows, frames)
         values, slopes = loops.residual * weights, scale_jacobian(robot, loops.jacobian, robot.rows.rotation)
-        if more is not None:
-            added = more(frames)
-            values, slopes = np.hstack([values, added[0]]), np.hstack([slopes, added[1]])
-        size = np.abs(values).max(axis=1)
-        if last or not len(q):
+        if further is not None:
+            further_values, further_slopes = further(frames)
+            values, slopes = np.hstack([values, further_values]), np.hstack([slopes, further_slopes])
+        size = np.abs(values).max(axis=1)  # (T,)
+        if is_last or not len(q):
             break
-        last = bool((size < LOOP_GAP).all())  # and one step more, to rounding
-        inverse = np.linalg.pinv(slopes[:, :, columns], rcond=RANK_ROUNDING)
-        change = -np.matvec(inverse, values)
-        change /= np.maximum(np.abs(change).max(axis=1, keepdims=True) / MAX_SEARCH_STEP, 1.0)
-        q = integrate_columns(robot, q, columns, change * robot.column_scale[columns])
+        is_last = bool((size < LOOP_GAP).all())
+        step = -np.matvec(np.linalg.pinv(slopes[:, :, columns], rcond=RANK_ROUNDING), values)
+        step /= np.maximum(np.abs(step).max(axis=1, keepdims=True) / MAX_SEARCH_STEP, 1.0)
+        q = integrate_columns(robot, q, columns, step * robot.column_scale[columns])
     return q, size < LOOP_GAP
 
 
@@ -124,25 +131,26 @@ def distance_from_reference(robot: ParallelRobot, q: Array) -> float:
 def is_proved(robot: ParallelRobot, q: Array, *, locked: str = "motors") -> bool:
     """Whether the loops have one solution near q (nq,), by the theorem of Newton and Kantorovich.
 
-    The motors are locked, or the platform is (`locked`), and the springs. beta^2 K |F| <= 1/2 with F the loop
-    equations (and the platform's), beta the norm of the inverse of their Jacobian and K a bound on its
-    change: no joint turns a frame that is farther away than all links are long, and an equation is a product
-    of two vectors that turn. All in radians and lengths of the robot, norms of largest entries.
+    The motors are locked, or the platform is (`locked`), and the springs. The theorem asks for
+    beta^2 K |F| <= 1/2 with F the loop equations (and the platform's), beta the norm of the inverse of their
+    Jacobian and K a bound on its change: no joint turns a frame that is farther away than all links are long,
+    and an equation is a product of two vectors that turn. All in radians and lengths of the robot, norms of
+    largest entries (Ortega 1968).
     """
     linearised = linearised_at(robot, q[None], None)
-    matrix = (passive_matrix if locked == "motors" else type1_matrix)(robot, linearised)[0]
-    if matrix.shape[0] != matrix.shape[1]:
+    J = (passive_matrix if locked == "motors" else type1_matrix)(robot, linearised)[0]  # (k, k)
+    if J.shape[0] != J.shape[1]:
         return False
-    inverse = np.linalg.pinv(matrix)
-    if np.abs(inverse @ matrix - np.eye(len(matrix))).sum(axis=1).max() > MAX_INVERSE_DEFECT:
+    inverse = np.linalg.pinv(J)
+    if np.abs(inverse @ J - np.eye(len(J))).sum(axis=1).max() > MAX_INVERSE_DEFECT:
         return False
-    values = float(np.abs(linearised.residual[0] / equation_sizes(robot))[robot.n :].max())
     size = stretched_length(robot, q) + 1.0  # with a length to spare for slides near by
+    residual = np.abs(linearised.residual[0] / equation_sizes(robot))[robot.n :].max() + FRAME_ROUNDING * size
     units = np.where(robot.loops.square, robot.length, 1.0)
     steepest = np.abs(robot.loops.derivative_weight * units).max(initial=1.0)
-    bend = 8.0 * size**2 * steepest / robot.structure.row_sizes.min(initial=1.0)
-    beta = INVERSE_FACTOR * float(np.abs(inverse).sum(axis=1).max())
-    return bool(beta**2 * len(matrix) ** 2 * bend * (values + FRAME_ROUNDING * size) <= 0.5)
+    second_derivative = 8.0 * size**2 * steepest / robot.structure.row_sizes.min(initial=1.0)
+    beta = INVERSE_FACTOR * np.abs(inverse).sum(axis=1).max()
+    return bool(beta**2 * len(J) ** 2 * second_derivative * residual <= 0.5)
 
 
 def distinct_rows(joints: Array) -> list[int]:

@@ -87,16 +87,15 @@ def real_solutions(
     family = group.family
     coefficients = coefficients / np.linalg.norm(coefficients, axis=1, keepdims=True)
     if family.is_dependent(coefficients):
-        nowhere, nothing = PathCount(0, 0, 0, 0), np.zeros(0)
-        R, p = np.zeros((0, 3, 3)), np.zeros((0, 3))
-        return RealSolutions(
-            np.zeros((0, family.size)), R, p, nothing, nowhere, family.bound, "architecturally singular"
-        )
-    rows, slack = group.eliminate_square(coefficients)
-    slack = rounding * slack
+        nothing = np.zeros((0, family.size))
+        R, p = group.embed(nothing)
+        no_paths = PathCount(0, 0, 0, 0)
+        return RealSolutions(nothing, R, p, nothing[:, 0], no_paths, family.bound, "architecturally singular")
+    rows, sizes = group.eliminate_square(coefficients)
+    slack = rounding * sizes
     attempts = list[RealSolutions]()
-    for attempt in range(MAX_ATTEMPTS):
-        attempts.append(_prove_path_ends(group, rows, slack, attempt))
+    for seed in range(MAX_ATTEMPTS):
+        attempts.append(_prove_path_ends(group, rows, slack, seed))
         if attempts[-1].status != "at least":
             break
     best = min(  # of equal ones the last
@@ -108,26 +107,34 @@ def real_solutions(
     return best
 
 
-def _prove_path_ends(group: Displacements, coefficients: Array, slack: Array, attempt: int) -> RealSolutions:
-    """Find and prove the solutions by one attempt of paths; coefficients (K, M) are known up to slack."""
+def _prove_path_ends(group: Displacements, coefficients: Array, slack: Array, seed: int) -> RealSolutions:
+    """Follow all paths once, and prove the solutions at their ends.
+
+    Args:
+        coefficients: (K, M), known up to `slack` (K, M).
+        seed: of the ways that paths take.
+    """
     family, quadrics = group.family, group.family.quadrics(coefficients)
-    ends = path_ends(family, coefficients, seed=attempt)
-    z = ends.z[ends.arrived]
-    chart = chart_for(z)
-    z = refine(quadrics, z, chart.astype(complex))
-    real = np.abs(z.imag).max(axis=1) < DISTINCT_SOLUTIONS * np.linalg.norm(z, axis=1)
-    z[real] = z[real].real
+    ends = path_ends(family, coefficients, seed)
+    chart = chart_for(ends.z[ends.arrived])
+    z = refine(quadrics, ends.z[ends.arrived], chart.astype(complex))  # (S, N)
+    norms = np.linalg.norm(z, axis=1, keepdims=True)
+    is_real = np.abs(z.imag).max(axis=1) < DISTINCT_SOLUTIONS * norms[:, 0]
+    z[is_real] = z[is_real].real
+    is_new = is_first(z / norms)
     proof = enclosures(quadrics, family.quadrics_slack(slack), chart, z)
-    first = is_first(z / np.linalg.norm(z, axis=1, keepdims=True))
-    count = _count_paths(family, ends, z, real, first, proof)
-    decided = proof.proved & (real | (np.abs(z.imag) > proof.radii).any(axis=1))
+    count = _count_paths(family, ends, z, is_real, is_new, proof)
+
+    is_not_real = (np.abs(z.imag) > proof.radii).any(axis=1)
+    decided = np.count_nonzero(proof.proved & (is_real | is_not_real))
     status: Status = "at least"
-    if np.sum(decided) == family.bound and are_apart(z, proof.radii):
+    if decided == family.bound and are_apart(z, proof.radii):
         status = "proved"
     elif count.finite + count.infinite == count.paths == family.bound:
         status = "numerically complete"
-    z, proved = z[real & first], proof.proved[real & first].astype(float)
-    return RealSolutions(z.real, *group.embed(z.real), proved, count, family.bound, status)
+    real_z = z[is_real & is_new].real
+    proved = proof.proved[is_real & is_new].astype(float)
+    return RealSolutions(real_z, *group.embed(real_z), proved, count, family.bound, status)
 
 
 def _count_paths(

@@ -35,6 +35,7 @@ from framework.kinematics.platform import FramePlatform
 from framework.proofs.branch_and_bound import Examined, branch_and_bound
 from framework.proofs.derivative_bounds import DerivativeBounds, Derivatives, Remainders
 from framework.proofs.equation_terms import moving_balls
+from framework.proofs.krawczyk import widen_until_proved
 from framework.proofs.rounding import ROUND_UP, WIDENING_RATIO, gamma, identity_defect, inverses, times
 from framework.tolerances import LOOP_GAP
 
@@ -47,7 +48,6 @@ STEPS_PER_OCTAVE = 20  # between the last two of these
 MAX_TURN = 1.0  # [rad] below a right angle, where its sine no longer tells a turn
 MAX_STEP = 0.5  # [rad, lengths] a joint is moved at most before the loops are closed
 OFF_CENTRE = 0.4370160244488211  # where in the first cube the pose lies: on no face of a smaller one
-MAX_WIDENINGS = 6  # of the box of joints, until the test holds
 MAX_RADIUS = 10.0  # [rad, lengths] of a box of joints
 MIN_RADIUS = 1e-14  # [rad, lengths]
 PERRON_SHIFT = 0.1  # of the largest row sum, added to row sums as weights
@@ -75,14 +75,14 @@ def regular_ball(
         max_cells: cells that are tested, up to a batch.
     """
     platform = robot.platform
-    turning = platform.attitude if isinstance(platform, FramePlatform) else None
-    planar = isinstance(turning, TwistAngle) and planar_normal(robot) is not None
-    unknown_turn = isinstance(turning, TwoAngles) or (isinstance(turning, TwistAngle) and not planar)
-    if moving_balls(robot) or robot.rows.has_couplings or unknown_turn:
+    attitude = platform.attitude if isinstance(platform, FramePlatform) else None
+    turns_in_plane = isinstance(attitude, TwistAngle) and planar_normal(robot) is not None
+    unmeasured_turn = isinstance(attitude, TwistAngle | TwoAngles) and not turns_in_plane
+    if moving_balls(robot) or robot.rows.has_couplings or unmeasured_turn:
         return RegularBall(0.0, 0)
     test = CellTest(DerivativeBounds.of(robot), x, robot.platform_scale)
     single = _single_cell(test, q, min(within, MAX_TURN))
-    if robot.n > 3 or isinstance(turning, RotationVector):
+    if robot.n > 3 or isinstance(attitude, RotationVector):
         return RegularBall(single, MAX_HALVINGS + STEPS_PER_OCTAVE)
     many = _many_cells(test, q, within, min(max_cells, int(MAX_WORK / len(robot.moving) ** 4)))
     return RegularBall(max(single, many.radius), many.cells)
@@ -95,8 +95,8 @@ def _single_cell(test: CellTest, q: Array, within: float) -> float:
         radii = (best or within) * np.exp2(exponents)
         radii = radii[radii <= within]
         joints = np.repeat(q[None], len(radii), axis=0)
-        proved = test(np.zeros((len(radii), len(test.x))), joints, radii, ball=True).proved
-        best = float(radii[proved].max(initial=best))
+        cells = test(np.zeros((len(radii), len(test.x))), joints, radii, ball=True)
+        best = float(radii[cells.proved].max(initial=best))
         if best == 0.0:
             break
     return best
@@ -153,75 +153,81 @@ def _many_cells(test: CellTest, q: Array, within: float, max_cells: int) -> Regu
     def examine(cubes: _Cubes) -> Examined[_Cubes, _Cubes]:
         """Test cubes; cut cubes without proof into parts, undecided at the last cut."""
         cubes = _test_cubes(test, grid, cubes, start.signs)
-        proved = cubes.cells.proved
-        undecided = select(cubes, ~proved & (cubes.level == MAX_CUTS))
-        ahead = select(cubes, ~proved & (cubes.level < MAX_CUTS)).parts()
+        proved, is_smallest = cubes.cells.proved, cubes.level == MAX_CUTS
+        undecided = select(cubes, ~proved & is_smallest)
+        ahead = select(cubes, ~proved & ~is_smallest).parts()
         return Examined(select(cubes, proved), undecided, ahead)
 
     end = branch_and_bound(
         examine, first, batch=CELLS_PER_BATCH, max_examined=max_cells, distance=grid.distances, limit=within
     )
     proved = join(end.proved)
-    distances = grid.distances(proved)
-    proved, distances = select(proved, distances < end.limit), distances[distances < end.limit]
-    if not len(distances):
+    proved = select(proved, grid.distances(proved) < end.limit)
+    if not len(proved.level):
         return RegularBall(0.0, end.examined)
-    disagree = ~_agree(test, grid, proved, q)
-    return RegularBall(min(end.limit, float(distances[disagree].min(initial=np.inf))), end.examined)
+    disagreeing = select(proved, ~_agree(test, grid, proved, q))
+    return RegularBall(float(grid.distances(disagreeing).min(initial=end.limit)), end.examined)
 
 
 def _test_cubes(test: CellTest, grid: _Grid, cubes: _Cubes, signs: Array) -> _Cubes:
-    """Test cubes; one whose joints come out on another branch is not proved, and keeps its parent's cell."""
+    """Test cubes; one whose joints come out on another branch is not proved, and keeps its parent's cell.
+
+    Branches are told by the signs (1, 2) of the determinants.
+    """
     z = grid.middles(cubes)
-    half = 0.5 * grid.width * 0.5 ** np.asarray(cubes.level, dtype=float)
-    parent = cubes.cells._replace(proved=np.zeros(len(half), dtype=bool))
-    verdict = test(z, _close(test, parent, z), half)
-    elsewhere = (verdict.signs != signs).any(axis=1)
+    half_widths = 0.5 * grid.width * 0.5 ** np.asarray(cubes.level, dtype=float)
+    parents = cubes.cells._replace(proved=np.zeros(len(z), dtype=bool))
+    tested = test(z, _close(test, parents, z), half_widths)
+    is_elsewhere = (tested.signs != signs).any(axis=1)
     cells = [
-        np.where(elsewhere.reshape(-1, *[1] * (new.ndim - 1)), old, new)
-        for old, new in zip(parent, verdict, strict=True)
+        np.where(is_elsewhere.reshape(-1, *[1] * (new.ndim - 1)), old, new)
+        for old, new in zip(parents, tested, strict=True)
     ]
     return cubes._replace(cells=Cells(*cells))
 
 
 def _agree(test: CellTest, grid: _Grid, cubes: _Cubes, q: Array) -> BoolArray:
-    """Whether each cube has its inward neighbour's joints, and the pose's own cube has q, (S,)."""
-    robot, scale, cells = test.bounds.robot, test.bounds.column_scale, cubes.cells
+    """Whether each cube has its inward neighbour's joints, and the pose's own cube has q, (S,).
+
+    At its point nearest to the pose a cube has one pose, in the box of joints of a cell of size zero. Both
+    cubes have it if the boxes of joints of both contain this box.
+    """
+    cells, nearest = cubes.cells, grid.nearest(cubes)
     neighbour = _inward_neighbours(grid, cubes)
-    nearest = grid.nearest(cubes)
     joints = _close(test, cells, nearest)
     point = test(nearest, joints, np.zeros(len(nearest)))
     agree = point.proved & (neighbour >= 0)
-    for index in (np.arange(len(nearest)), neighbour):
-        offset = difference(robot, cells.q[index], joints)[:, robot.moving] / scale
-        agree &= (ROUND_UP * (np.abs(offset) + point.radii) <= cells.radii[index]).all(axis=1)
-    home = (nearest == 0).all(axis=1)
-    offset = difference(robot, cells.q[home], np.repeat(q[None], np.count_nonzero(home), axis=0))
-    offset = np.abs(offset[:, robot.moving] / scale) + LOOP_GAP
-    agree[home] &= (offset <= cells.radii[home]).all(axis=1)
+    for owners in (cells, select(cells, neighbour)):
+        agree &= _contain(test, owners, joints, ROUND_UP * point.radii)
+    home = np.flatnonzero((nearest == 0).all(axis=1))
+    agree[home] &= _contain(test, select(cells, home), np.repeat(q[None], len(home), axis=0), LOOP_GAP)
     return agree
+
+
+def _contain(test: CellTest, cells: Cells, q: Array, radii: Array | float) -> BoolArray:
+    """Whether the boxes of joints of S cells contain boxes of radii (S, k) about q (S, nq), (S,)."""
+    robot = test.bounds.robot
+    offset = difference(robot, cells.q, q)[:, robot.moving] / test.bounds.column_scale
+    return np.all(ROUND_UP * np.abs(offset) + radii <= cells.radii, axis=1)
 
 
 def _inward_neighbours(grid: _Grid, cubes: _Cubes) -> IntArray:
     """Find the cube (S,) behind each one's nearest point, on the way to the pose; -1 for none, or itself."""
-    inward, neighbour = grid.inward(cubes).astype(np.intp), np.full(len(cubes.level), -1)
-    for level in np.unique(cubes.level):
-        of_level = np.flatnonzero(cubes.level == level)
-        number_of = {
-            tuple(places): k for k, places in zip(of_level, cubes.places[of_level].tolist(), strict=True)
-        }
-        behind = (inward >> (MAX_CUTS - level)).tolist()
-        numbers = [number_of.get(tuple(places), k) for places, k in zip(behind, neighbour, strict=True)]
-        neighbour = np.array(numbers, dtype=np.intp)
+    keys = np.column_stack([cubes.level, cubes.places]).tolist()
+    index_of = {tuple(key): index for index, key in enumerate(keys)}
+    inward = grid.inward(cubes).astype(np.intp)  # smallest cubes, each within one cube of every level
+    neighbour = np.full(len(keys), -1)
+    for level in np.unique(cubes.level).tolist():
+        for k, places in enumerate((inward >> (MAX_CUTS - level)).tolist()):
+            neighbour[k] = index_of.get((level, *places), neighbour[k])
     return neighbour
 
 
 def _close(test: CellTest, cells: Cells, z: Array) -> Array:
     """Compute joints (S, nq) at points z (S, n), on from the middle of a cell each."""
     robot = test.bounds.robot
-    offset = np.einsum("skn,sn->sk", cells.slope, z - cells.z)
-    change = np.clip(offset, -MAX_STEP, MAX_STEP) * test.bounds.column_scale
-    guess = integrate_columns(robot, cells.q, robot.moving, change)
+    change = np.clip(times(cells.slope, z - cells.z), -MAX_STEP, MAX_STEP)  # (S, k)
+    guess = integrate_columns(robot, cells.q, robot.moving, change * test.bounds.column_scale)
     result = close_each(robot, test.x + z * test.scale, guess)
     return np.where(result.closed[:, None], result.q, guess)
 
@@ -246,81 +252,99 @@ class CellTest(NamedTuple):
 
     def __call__(self, z: Array, q: Array, half: Array, *, ball: bool = False) -> Cells:
         """Test cells of half a width (S,), or balls of that radius, joints q (S, nq) near their middles."""
-        bounds, n, n_a = self.bounds, self.bounds.robot.n, self.bounds.robot.n_a
-        derivatives = bounds.evaluate(q)
-        off = bounds.robot.platform.residual(derivatives.frames, self.x + z * self.scale) / self.scale
-        values = np.concatenate([off, derivatives.values[:, n:]], axis=1)
-        inverse = inverses(derivatives.slopes)
-        along = inverse[:, :, :n]
-        box = _joint_boxes(derivatives, values, inverse, _extent(along, half, ball))
-        regular = _passive_block_is_regular(derivatives, along, half, box, ball)
-        signs = np.stack(
-            [np.linalg.slogdet(P)[0] for P in (derivatives.slopes, derivatives.slopes[:, n:, n_a:])], axis=1
-        )
-        return Cells(z, q, box.proved & regular, along, box.radii, signs)
+        robot, derivatives = self.bounds.robot, self.bounds.evaluate(q)
+        x = self.x + z * self.scale
+        platform_values = robot.platform.residual(derivatives.frames, x) / self.scale
+        values = np.concatenate([platform_values, derivatives.values[:, robot.n :]], axis=1)
+        dF = derivatives.slopes  # (S, k, k)
+        Y = inverses(dF)
+        slope = Y[:, :, : robot.n]
+        boxes = _joint_boxes(derivatives, values, Y, _extent(slope, half, ball))
+        regular = _passive_block_is_regular(derivatives, slope, half, boxes, ball)
+        determinants = [np.linalg.slogdet(matrices) for matrices in (dF, dF[:, robot.n :, robot.n_a :])]
+        signs = np.stack([sign for sign, _ in determinants], axis=1)
+        return Cells(z, q, boxes.proved & regular, slope, boxes.radii, signs)
 
 
 class _JointBoxes(NamedTuple):
-    """Boxes of joints with one pose for each x of a cell."""
+    """Boxes of joints with one pose for each x of a cell: x and `error` move joints within `image`."""
 
     proved: BoolArray  # (S,)
-    error: Array  # (S, k)
     radii: Array  # (S, k)
+    image: Array  # (S, k)
+    error: Array  # (S, k)
     remainders: Remainders
 
 
-def _extent(along: Array, half: Array, ball: bool) -> Array:
-    """Bound along dz (S, ...) over cells or balls, the last axis that of z (n)."""
-    size = np.linalg.norm(along, axis=-1) if ball else np.abs(along).sum(axis=-1)
-    return size * half.reshape(-1, *[1] * (size.ndim - 1))
+def _extent(slopes: Array, half: Array, ball: bool) -> Array:
+    """Bound slopes dz over cells or balls, the last axis that of z (n).
+
+    By the inequality of Cauchy and Schwarz over balls of radius `half` (S,), by that of the triangle over
+    cubes of half the width.
+    """
+    sizes = np.linalg.norm(slopes, axis=-1) if ball else np.abs(slopes).sum(axis=-1)
+    return sizes * half.reshape(-1, *[1] * (sizes.ndim - 1))
 
 
-def _joint_boxes(derivatives: Derivatives, values: Array, inverse: Array, reach: Array) -> _JointBoxes:
-    """Widen boxes of joints until Krawczyk's test holds; x moves the joints by reach (S, k) at most."""
-    k, size = inverse.shape[1], np.abs(inverse)
-    exact = np.abs(times(inverse, values)) + times(
-        size, gamma(k) * np.abs(values) + derivatives.bounds.rounding
-    )
-    rest = identity_defect(inverse, derivatives.slopes)
-    invertible = (size > 0).any(axis=(1, 2))
-    radii = WIDENING_RATIO * (exact + reach) + MIN_RADIUS
-    for widening in range(MAX_WIDENINGS):
+def _joint_boxes(derivatives: Derivatives, values: Array, Y: Array, reach: Array) -> _JointBoxes:
+    """Widen boxes of joints until Krawczyk's test holds; x moves the joints by reach (S, k) at most.
+
+    The map q - Y F takes a box of radii r into itself within reach + error, with the bounds |Y F| of the
+    middle, |1 - Y dF| r of rounding in Y, and |Y| times the remainder of F.
+    """
+    Y_size, rounding = np.abs(Y), derivatives.bounds.rounding
+    uncertain = gamma(Y.shape[1]) * np.abs(values) + rounding
+    offset = np.abs(times(Y, values)) + times(Y_size, uncertain)
+    defect = identity_defect(Y, derivatives.slopes)
+    is_invertible = Y.any(axis=(1, 2))
+
+    def test(radii: Array) -> _JointBoxes:
+        """Bound the images of boxes of radii (S, k)."""
         remainders = derivatives.remainders(radii)
-        error = ROUND_UP * (exact + times(size, remainders.values) + times(rest, radii))
-        contracts = _spectral_radius_below_one(size @ remainders.slopes + rest, radii)
-        into_itself = (ROUND_UP * (reach + error) < radii).all(axis=1)
-        proved = into_itself & contracts & invertible
-        if proved.all() or widening == MAX_WIDENINGS - 1:
-            break
-        wider = np.minimum(WIDENING_RATIO * (reach + error), MAX_RADIUS) + MIN_RADIUS
-        radii = np.where(proved[:, None], radii, wider)
-    return _JointBoxes(proved, error, radii, remainders)
+        error = ROUND_UP * (offset + times(Y_size, remainders.values) + times(defect, radii))
+        image = ROUND_UP * (reach + error)
+        contracts = _spectral_radius_below_one(Y_size @ remainders.slopes + defect, radii)
+        proved = (image < radii).all(axis=1) & contracts & is_invertible
+        return _JointBoxes(proved, radii, image, error, remainders)
+
+    return widen_until_proved(test, WIDENING_RATIO * (offset + reach) + MIN_RADIUS, MIN_RADIUS, MAX_RADIUS)
 
 
 def _passive_block_is_regular(
-    derivatives: Derivatives, along: Array, half: Array, box: _JointBoxes, ball: bool
+    derivatives: Derivatives, slope: Array, half: Array, box: _JointBoxes, ball: bool
 ) -> BoolArray:
-    """Whether P = dF/dq of loops and passive joints is regular all over the cells (S,): no Type 2."""
-    n, n_a, rounding = derivatives.bounds.robot.n, derivatives.bounds.robot.n_a, derivatives.bounds.rounding
-    P, dP = derivatives.slopes[:, n:, n_a:], derivatives.hessians[:, n:, n_a:]
-    Y, s, k = inverses(P), P.shape[1], along.shape[1]
+    """Whether P = dF/dq of loops and passive joints is regular all over the cells (S,): no Type 2.
+
+    It is where a bound N of |1 - Y P| has a spectral radius below 1. P changes by dP along the joints,
+    which move by `slope` (S, k, n) times z, and by no more than their error beside that.
+    """
+    robot, rounding = derivatives.bounds.robot, derivatives.bounds.rounding
+    P, dP = derivatives.slopes[:, robot.n :, robot.n_a :], derivatives.hessians[:, robot.n :, robot.n_a :]
+    thirds = box.remainders.hessians[:, robot.n :, robot.n_a :]  # (S, s, s, k) changes of dP
+    Y, (s, k) = inverses(P), dP.shape[2:]
     Y_size, dP_size = np.abs(Y), np.abs(dP)
-    changes = np.einsum("sij,sjkl,sln->sikn", Y, dP, along, optimize=True)
-    step = _extent(along, half, ball=False)
+
+    # along the platform's coordinates
+    changes = np.einsum("sij,sjkl,sln->sikn", Y, dP, slope, optimize=True)
+    step = _extent(slope, half, ball=False)  # (S, k)
     rounded = np.einsum("sij,sjkl,sl->sik", Y_size, dP_size, step, optimize=True)
     N = identity_defect(Y, P) + _extent(changes, half, ball) + gamma(s * k) * rounded
-    beside = np.einsum("sjkl,sl->sjk", dP_size + rounding, box.error)
-    beside += 0.5 * np.einsum("sjkl,sl->sjk", box.remainders.hessians[:, n:, n_a:], box.radii)
-    beside += rounding * (1 + step.sum(axis=1))[:, None, None]
-    N = ROUND_UP * (N + Y_size @ beside)
-    return _spectral_radius_below_one(N, np.ones((1, s))) & (Y_size > 0).any(axis=(1, 2))
+    # beside
+    P_errors = np.einsum("sjkl,sl->sjk", dP_size + rounding, box.error)
+    P_errors += 0.5 * np.einsum("sjkl,sl->sjk", thirds, box.radii)
+    P_errors += rounding * (1 + step.sum(axis=1))[:, None, None]
+    N = ROUND_UP * (N + Y_size @ P_errors)
+    return _spectral_radius_below_one(N, np.ones((1, s))) & Y.any(axis=(1, 2))
 
 
 def _spectral_radius_below_one(N: Array, weights: Array) -> BoolArray:
-    """Whether matrices N >= 0 (S, k, k) have a spectral radius below 1, by N w < w."""
+    """Whether matrices N >= 0 (S, k, k) have a spectral radius below 1, by N w < w for a w > 0 (Collatz).
+
+    Tried are the `weights` (S, k), ones, and the row sums, which lie near the eigenvector of Perron.
+    """
     rows = N.sum(axis=2)
-    shifted = rows + PERRON_SHIFT * rows.max(axis=1, keepdims=True)  # near the eigenvector of Perron
-    below = np.zeros(len(N), dtype=bool)
+    shifted = rows + PERRON_SHIFT * rows.max(axis=1, keepdims=True)
+    is_below = np.zeros(len(N), dtype=bool)
     for w in (weights, np.ones_like(rows), shifted):
-        below |= (ROUND_UP * times(N, np.broadcast_to(w, rows.shape)) < w).all(axis=1)
-    return below
+        is_below |= (ROUND_UP * times(N, np.broadcast_to(w, rows.shape)) < w).all(axis=1)
+    return is_below

@@ -7,6 +7,8 @@ of numbers without sign is rounded up by the factor `ROUND_UP` (Rump, Verificati
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from framework.arrays import Array
@@ -27,10 +29,10 @@ def times(matrices: Array, vectors: Array) -> Array:
     return (matrices @ vectors[:, :, None])[:, :, 0]
 
 
-def inverses(matrices: Array) -> Array:
+def inverses(matrices: Any) -> Any:
     """Compute approximate inverses (S, k, k); zero where a matrix is singular to the last bit."""
     try:
-        return np.asarray(np.linalg.inv(matrices))
+        return np.linalg.inv(matrices)
     except np.linalg.LinAlgError:
         regular = np.linalg.matrix_rank(matrices) == matrices.shape[1]
         inverted = np.zeros_like(matrices)
@@ -38,8 +40,12 @@ def inverses(matrices: Array) -> Array:
         return inverted
 
 
-def identity_defect(inverse: Array, matrices: Array) -> Array:
-    """Bound |1 - X M| entry by entry (S, k, k), rounding included, for X near the inverse of M."""
+def identity_defect(inverse: Any, matrices: Any) -> Array:
+    """Bound |1 - X M| entry by entry (S, k, k), rounding included, for X near the inverse of M.
+
+    A product of complex numbers counts as two of real ones.
+    """
     identity = np.eye(matrices.shape[1])
     computed = np.abs(identity - inverse @ matrices)
-    return computed + gamma(len(identity)) * (np.abs(inverse) @ np.abs(matrices) + identity)
+    products = len(identity) * (2 if np.iscomplexobj(matrices) else 1)
+    return computed + gamma(products) * (np.abs(inverse) @ np.abs(matrices) + identity)

@@ -38,9 +38,9 @@ from framework.proofs.interval_newton import (
     LinearEnclosure,
     bordered_bounds,
     contract,
-    existence,
     pivoting_mixers,
 )
+from framework.proofs.krawczyk import existence
 from framework.proofs.rounding import ROUND_UP, times
 
 RESOLUTION = 1e-3  # [m], or in robot lengths of turns
@@ -132,7 +132,7 @@ def pave_singularities(
             move; or an option is no positive number.
     """
     expect_robot(robot)
-    _check(robot)
+    _expect_pavable(robot)
     resolution, reach = _positive("resolution", resolution), _positive("reach", reach)
     max_boxes = whole_number("max_boxes", max_boxes, 1, 10**9)
     region = None
@@ -159,7 +159,7 @@ def _positive(name: str, number: object) -> float:
     return value
 
 
-def _check(robot: ParallelRobot) -> None:
+def _expect_pavable(robot: ParallelRobot) -> None:
     """Raise InvalidInput for a robot that cannot be paved."""
     require_square(robot)
     if robot.n > 2 or robot.n_a != robot.n or not len(robot.following):
@@ -172,17 +172,15 @@ def _check(robot: ParallelRobot) -> None:
 
 
 def _pave(test: SingularBoxTest, reach: float, max_boxes: int) -> PavedSet:
-    """Pave one set, from the whole region on."""
-    robot, bounds = test.bounds.robot, test.bounds
-    k = len(robot.moving)
-    region = Boxes(np.zeros((1, k)), np.where(robot.sliding[robot.moving], reach, ROUND_UP * np.pi)[None])
+    """Pave one set, from the whole region on: slides within `reach` robot lengths, hinges all the way."""
+    bounds = test.bounds
+    robot, k = bounds.robot, len(bounds.robot.moving)
+    region_radii = np.where(robot.sliding[robot.moving], reach, ROUND_UP * np.pi)
+    region = Boxes(np.zeros((1, k)), region_radii[None])
     batch = max(MAX_HESSIAN_ENTRIES // (len(bounds.row_scale) * k**2), 1)
     partition = branch_and_bound(test, region, batch=batch, max_examined=max_boxes)
-    left = join([partition.undecided, partition.ahead])
+    arcs, left = join(partition.proved), join([partition.undecided, partition.ahead])
     derivatives = bounds.evaluate(bounds.configurations(left.middle))
-    left_reach = times(np.abs(derivatives.slopes[:, : robot.n]), left.radii)
-    left_reach += derivatives.remainders(left.radii).values[:, : robot.n]
-    arcs = join(partition.proved)
     return PavedSet(
         name=test.which.name,
         x=arcs.x,
@@ -191,11 +189,22 @@ def _pave(test: SingularBoxTest, reach: float, max_boxes: int) -> PavedSet:
         q_radii=arcs.boxes.radii * bounds.column_scale,
         along=arcs.along,
         undecided_x=robot.platform.coordinates(derivatives.frames),
-        undecided_x_radii=robot.platform_scale * ROUND_UP * left_reach,
+        undecided_x_radii=_platform_radii(derivatives, left.radii, derivatives.remainders(left.radii).values),
         undecided_q=derivatives.frames.q,
         undecided_q_radii=left.radii * bounds.column_scale,
         examined=partition.examined,
     )
+
+
+def _platform_radii(derivatives: Derivatives, radii: Array, remainders: Array) -> Array:
+    """Bound the change (S, n) [m, rad] of the platform's coordinates from the middles of boxes.
+
+    Args:
+        radii: (S, k) of the boxes; remainders: (S, R) of the values within these radii.
+    """
+    robot = derivatives.bounds.robot
+    change = times(np.abs(derivatives.slopes[:, : robot.n]), radii) + remainders[:, : robot.n]
+    return robot.platform_scale * ROUND_UP * change
 
 
 class SingularSet(NamedTuple):
@@ -208,8 +217,8 @@ class SingularSet(NamedTuple):
 
 def singular_sets(robot: ParallelRobot) -> tuple[SingularSet, ...]:
     """Return Type 2 first, then Type 1 of each leg, see `legs`."""
-    n = robot.n
-    loops, passive = np.arange(n, n + len(robot.loops.names)), np.arange(robot.n_a, len(robot.moving))
+    loops = np.arange(robot.n, robot.n + len(robot.loops.names))
+    passive = np.arange(robot.n_a, len(robot.moving))
     of_legs = [
         SingularSet(
             f"type_1 of {' and '.join(leg.motors) or 'joints without a motor'}", leg.rows, leg.columns
@@ -220,7 +229,7 @@ def singular_sets(robot: ParallelRobot) -> tuple[SingularSet, ...]:
 
 
 class MeasureBounds(NamedTuple):
-    """g over S boxes."""
+    """The bordered scalar g over S boxes."""
 
     valid: BoolArray  # (S,) a pose in the box is singular where g = 0, and there alone
     g: Array  # (S,) at the middle
@@ -230,30 +239,32 @@ class MeasureBounds(NamedTuple):
 
 
 def measure_bounds(which: SingularSet, derivatives: Derivatives, remainders: Remainders) -> MeasureBounds:
-    """Enclose the bordered scalar g of a block, dg = -psi' dP eta (Govaerts 2000), over boxes."""
+    """Enclose the bordered scalar g of a block P, dg = -psi' dP eta (Govaerts 2000), over boxes."""
     rows, columns = which.rows[:, None], which.columns
     rounding = derivatives.bounds.rounding
-    right, left = bordered_bounds(
-        derivatives.slopes[:, rows, columns], remainders.slopes[:, rows, columns], rounding
-    )
-    eta, psi = right.z[:, :-1], left.z[:, :-1]
-    eta_error, psi_error = right.error[:, :-1], left.error[:, :-1]
-    eta_size, psi_size = np.abs(eta) + eta_error, np.abs(psi)
+    P, P_errors = derivatives.slopes[:, rows, columns], remainders.slopes[:, rows, columns]
+    right, left = bordered_bounds(P, P_errors, rounding)
+    eta, eta_error = right.z[:, :-1], right.error[:, :-1]  # (S, s)
+    psi, psi_error = left.z[:, :-1], left.error[:, :-1]
     dP = derivatives.hessians[:, rows, columns]  # (S, s, s, k)
-    dP_size, dP_change = np.abs(dP), remainders.hessians[:, rows, columns] + rounding
+    dP_change = remainders.hessians[:, rows, columns] + rounding
 
-    def product(left: Array, middle: Array, right: Array) -> Array:
-        return np.einsum("si,sijl,sj->sl", left, middle, right, optimize=True)
-
-    slope_changes = product(psi_size, dP_change, eta_size) + product(psi_size, dP_size, eta_error)
-    slope_changes += product(psi_error, dP_size + dP_change, eta_size)
+    # |psi' dP eta| changes by one factor at a time: dP, then eta, then psi
+    psi_size, eta_size = np.abs(psi), np.abs(eta) + eta_error
+    slope_changes = _bilinear(psi_size, dP_change, eta_size) + _bilinear(psi_size, np.abs(dP), eta_error)
+    slope_changes += _bilinear(psi_error, np.abs(dP) + dP_change, eta_size)
     return MeasureBounds(
-        right.valid & left.valid,
-        right.z[:, -1],
-        right.last_error,
-        -product(psi, dP, eta),
-        ROUND_UP * slope_changes,
+        valid=right.valid & left.valid,
+        g=right.z[:, -1],
+        g_error=right.last_error,
+        slope=-_bilinear(psi, dP, eta),
+        slope_changes=ROUND_UP * slope_changes,
     )
+
+
+def _bilinear(left: Array, matrices: Array, right: Array) -> Array:
+    """Compute left' M_l right (S, k) of vectors (S, s) and k matrices M_l, stacked as (S, s, s, k)."""
+    return np.einsum("si,sijl,sj->sl", left, matrices, right, optimize=True)
 
 
 class Arcs(NamedTuple):
@@ -276,6 +287,15 @@ class _SingularEquations(NamedTuple):
     x_errors: Array  # (S, n) of these in the wider box
 
 
+class _Decision(NamedTuple):
+    """What the singular equations tell of S boxes."""
+
+    remaining: Contracted  # the parts that hold all singular poses
+    axis: IntArray  # (S,) to cut across where an arc is proved that is not small enough yet, else NO_AXIS
+    is_arc: BoolArray  # (S,) an arc is proved that is small enough to be kept
+    arcs: Arcs  # these
+
+
 @dataclass(frozen=True, eq=False)
 class SingularBoxTest:
     """The test for one set of singular poses."""
@@ -286,24 +306,25 @@ class SingularBoxTest:
     resolution: float  # [m, robot lengths]
 
     def __call__(self, boxes: Boxes) -> Examined[Boxes, Arcs]:
-        """Drop, keep, narrow or cut boxes."""
-        boxes, (lower, upper), derivatives, loops = self._close(boxes)
-        axis, is_arc = np.full(boxes.size, NO_AXIS), np.zeros(boxes.size, dtype=bool)
+        """Drop, keep, narrow or cut boxes.
 
-        wider = TESTED_BOX_RATIO * boxes.radii
-        wider += WIDENING_CURVATURE * boxes.radii.max(axis=1, keepdims=True, initial=0.0) ** 2
+        The loops drop and narrow all; the measure g decides where it is valid.
+        """
+        boxes, (lower, upper), derivatives, loops = self._close(boxes)
+        largest = boxes.radii.max(axis=1, keepdims=True, initial=0.0)
+        wider = TESTED_BOX_RATIO * boxes.radii + WIDENING_CURVATURE * largest**2
         remainders = derivatives.remainders(wider)
         g = measure_bounds(self.which, derivatives, remainders)
-        equations = select(self._equations(derivatives, remainders, loops, g, boxes.radii), g.valid)
-        # elsewhere g says nothing
-        (lower[g.valid], upper[g.valid]), axis[g.valid], is_arc[g.valid], arcs = self._decide(
-            select(boxes, g.valid), wider[g.valid], equations
-        )
+        equations = self._equations(derivatives, remainders, loops, g, boxes.radii)
+        decision = self._decide(select(boxes, g.valid), wider[g.valid], select(equations, g.valid))
 
+        lower[g.valid], upper[g.valid] = decision.remaining
+        axis, is_arc = np.full(boxes.size, NO_AXIS), np.zeros(boxes.size, dtype=bool)
+        axis[g.valid], is_arc[g.valid] = decision.axis, decision.is_arc
         is_open = (lower <= upper).all(axis=1) & ~is_arc
-        narrow, boxes = select(boxes.clip(lower, upper), is_open), select(boxes, is_open)
+        narrow, wide = select(boxes.clip(lower, upper), is_open), select(boxes, is_open)
         is_small = self.bounds.robot.length * narrow.radii.sum(axis=1) < MIN_SIZE_RATIO * self.resolution
-        return Examined(arcs, *narrow_or_halve(boxes, narrow, axis[is_open], is_small))
+        return Examined(decision.arcs, *narrow_or_halve(wide, narrow, axis[is_open], is_small))
 
     def _close(self, boxes: Boxes) -> tuple[Boxes, Contracted, Derivatives, LinearEnclosure]:
         """Return the boxes in which the loops may close within the window.
@@ -321,14 +342,13 @@ class SingularBoxTest:
 
     def _meets_window(self, derivatives: Derivatives, radii: Array, errors: Array) -> BoolArray:
         """Whether boxes may have poses in the window, whose angles are the same after a whole turn."""
-        robot, n = self.bounds.robot, self.bounds.robot.n
+        robot = self.bounds.robot
         if self.window is None:
             return np.ones(len(radii), dtype=bool)
-        extent = times(np.abs(derivatives.slopes[:, :n]), radii) + errors[:, :n] + self.bounds.rounding
-        off = robot.platform.coordinates(derivatives.frames) - self.window.mean(axis=0)
-        off = np.where(robot.translations, off, wrap_angles(off))
-        reach = 0.5 * np.ptp(self.window, axis=0) + robot.platform_scale * ROUND_UP * extent
-        return (np.abs(off) <= reach).all(axis=1)
+        offset = robot.platform.coordinates(derivatives.frames) - self.window.mean(axis=0)
+        offset = np.where(robot.translations, offset, wrap_angles(offset))
+        reach = 0.5 * np.ptp(self.window, axis=0) + _platform_radii(derivatives, radii, errors)
+        return (np.abs(offset) <= reach).all(axis=1)
 
     def _equations(
         self,
@@ -338,50 +358,45 @@ class SingularBoxTest:
         g: MeasureBounds,
         radii: Array,
     ) -> _SingularEquations:
-        """Return the equations in boxes of radii (S, k)."""
+        """Return the equations in boxes of radii (S, k); `remainders` are those of the wider boxes."""
         n, rounding = self.bounds.robot.n, self.bounds.rounding
         g_errors = ROUND_UP * (g.g_error + np.sum(g.slope_changes * radii, axis=1))
         measure = LinearEnclosure(g.g[:, None], g.slope[:, None], g_errors[:, None])
         return _SingularEquations(
             loops.join(measure),
-            exact=np.concatenate([np.full_like(loops.errors, rounding), g.g_error[:, None]], axis=1),
+            exact=np.column_stack([np.full_like(loops.errors, rounding), g.g_error]),
             changes=np.concatenate([remainders.slopes[:, n:], g.slope_changes[:, None]], axis=1),
             x=self.bounds.robot.platform.coordinates(derivatives.frames),
             x_slopes=derivatives.slopes[:, :n],
             x_errors=remainders.values[:, :n],
         )
 
-    def _decide(
-        self, boxes: Boxes, wider: Array, equations: _SingularEquations
-    ) -> tuple[Contracted, IntArray, BoolArray, Arcs]:
+    def _decide(self, boxes: Boxes, wider: Array, equations: _SingularEquations) -> _Decision:
         """Narrow boxes by the equations, and look for an arc in boxes of the radii `wider` (S, k).
 
-        Returns:
-            The parts that hold all singular poses; the axis (S,) to cut across where an arc is proved that is
-            not small enough yet, else NO_AXIS; which arcs are small enough to be kept (S,); those arcs.
+        With two freedoms the set is a curve, and the joint along which it leaves the box first is the
+        parameter; the tested box is not wider along it. With one freedom the set is a point.
         """
         robot, each = self.bounds.robot, np.arange(boxes.size)
-        values, slopes, _ = equations.enclosure
+        slopes = equations.enclosure.slopes
         lower, upper = contract(equations.enclosure, boxes.radii, pivoting_mixers(slopes, boxes.radii))
-        parameter = None
-        along, reach = np.full(boxes.size, NO_AXIS), np.zeros(boxes.size)
-        if robot.n == 2:  # the joint along which a curve leaves the box first
-            tangent = np.linalg.svd(slopes)[2][:, -1]
-            parameter = along = np.argmax(np.abs(tangent) / boxes.radii, axis=1)
-            reach = boxes.radii[each, along]
-            wider[each, along] = reach
-        proof = existence(values, slopes, equations.changes, equations.exact, wider, parameter)
+        parameter, reach = None, np.zeros(boxes.size)
+        if robot.n == 2:
+            tangent = np.linalg.svd(slopes)[2][:, -1]  # (S, k)
+            parameter = np.argmax(np.abs(tangent) / boxes.radii, axis=1)
+            reach = wider[each, parameter] = boxes.radii[each, parameter]
+        at_middle = equations.enclosure._replace(errors=equations.exact)
+        proof = existence(at_middle, equations.changes, wider, parameter)
         lower = np.where(proof.proved[:, None], np.maximum(lower, proof.lower), lower)
         upper = np.where(proof.proved[:, None], np.minimum(upper, proof.upper), upper)
+
+        # an arc runs along the parameter, within a tube about its tangent
         x_radii = np.abs(times(equations.x_slopes, proof.along)) * reach[:, None] + equations.x_errors
-        x_radii = ROUND_UP * (x_radii + times(np.abs(equations.x_slopes), proof.spread))
-        small = proof.proved & (lower <= upper).all(axis=1)
-        small &= (2 * robot.length * x_radii <= self.resolution).all(axis=1)
-        x_radii = robot.platform_scale * x_radii
-        boxes = select(boxes.clip(proof.lower, proof.upper), small)
-        return (
-            Contracted(lower, upper),
-            np.where(proof.proved, along, NO_AXIS),
-            small,
-            Arcs(equations.x[small], x_radii[small], boxes, along[small]),
-        )
+        x_radii = ROUND_UP * (x_radii + times(np.abs(equations.x_slopes), proof.spread))  # (S, n)
+        is_small = (2 * robot.length * x_radii <= self.resolution).all(axis=1)
+        is_arc = proof.proved & (lower <= upper).all(axis=1) & is_small
+        along = np.full(boxes.size, NO_AXIS) if parameter is None else parameter
+        arc_boxes = boxes.clip(proof.lower, proof.upper)
+        arcs = Arcs(equations.x, robot.platform_scale * x_radii, arc_boxes, along)
+        axis = np.where(proof.proved, along, NO_AXIS)
+        return _Decision(Contracted(lower, upper), axis, is_arc, select(arcs, is_arc))

@@ -10,9 +10,9 @@ from framework.proofs.interval_newton import (
     bordered_bounds,
     contract,
     damped_mixers,
-    existence,
     pivoting_mixers,
 )
+from framework.proofs.krawczyk import existence
 from framework.proofs.rounding import inverses
 
 BOXES = 200
@@ -81,7 +81,7 @@ def test_one_root_is_proved_where_there_is_one_and_none_elsewhere(rng):
     values = np.stack([(x**2).sum(axis=1) - 1, x[:, 1] - np.tan(angle) * x[:, 0]], axis=1)
     slopes = np.stack([2 * x, np.stack([-np.tan(angle), np.ones(BOXES)], axis=1)], axis=1)
     changes = np.stack([2 * radii, 0 * radii], axis=1)
-    found = existence(values, slopes, changes, np.full((BOXES, 2), 1e-14), radii, None)
+    found = existence(LinearEnclosure(values, slopes, np.full((BOXES, 2), 1e-14)), changes, radii, None)
     inside = (np.abs(off) < radii).all(axis=1)
     assert found.proved[::2].all()
     assert inside[found.proved].all()
@@ -96,7 +96,9 @@ def test_an_arc_is_proved_along_its_parameter(rng):
     radii = np.tile([0.02, 0.04], (BOXES, 1))
     values, slopes = (x**2).sum(axis=1)[:, None] - 1, 2 * x[:, None]
     none = np.zeros(BOXES, dtype=np.intp)
-    found = existence(values, slopes, 2 * radii[:, None], np.full((BOXES, 1), 1e-14), radii, none)
+    found = existence(
+        LinearEnclosure(values, slopes, np.full((BOXES, 1), 1e-14)), 2 * radii[:, None], radii, none
+    )
     assert found.proved.mean() > 0.9
     for share in (-1.0, 0.3, 1.0):
         d = share * radii[:, 0]
