@@ -20,7 +20,7 @@ from framework.output import Document, json_text
 
 STUDY_FILE = "fidelity.json"
 SAME_LAW_DIFFERENCE = 1e-12  # in s
-REPORTED_GROWTH = 2.0  # times as far as by itself: worth a line
+REPORTED_FALL = 1.0  # time constants in the motion: worth a line
 
 HEAD = """\
 {0.robot.name}: {1} levels judged to {2} of the path, {0.length:.4g} m in {0.highest.duration:g} s, and of \
@@ -31,9 +31,10 @@ the peak torque; {0.seconds:.2g} s
 def add(commands: Any) -> None:
     """Add the command to the parser."""
     details = (
-        "Each level of fidelity, from kinematics to the inertia of the elastic motion, plans the motion; "
-        "its torques drive the full elastic simulation, without feedback. Enough is what keeps platform (of "
-        "the path's length) and torques (of the highest level's peak) within the tolerance. Put the printed "
+        "All levels of fidelity, from kinematics to the inertia of the elastic motion, make one motion. The "
+        "torques of each drive the full elastic simulation, without feedback unless the robot falls. Enough "
+        "is what keeps platform (of the path's length) and torques (of the fullest level's peak) within the "
+        "tolerance. Put the printed "
         "line into the scene, and `crossing plan --flexibility auto` uses it."
     )
     parser = command(commands, "fidelity", run, details)
@@ -90,10 +91,11 @@ def fidelity_text(study: FidelityStudy) -> str:
     ]
     places = ", ".join(f"{crossing.s:.6g}" for crossing in plan.crossings)
     lines.append(f"  crossing          {f's = {places}' if places else 'none'}")
-    if study.indicators.growth >= REPORTED_GROWTH:
+    if study.fall >= REPORTED_FALL:
+        judged = "so the motors have controllers" if study.has_control else "and nothing corrects them"
         lines.append(
-            f"  growth            what is off grows {study.indicators.growth:.2g} times: weight and torques "
-            f"carry the platform away, and nothing corrects them"
+            f"  growth            what is off grows e times in {plan.duration / study.fall:.2g} s, "
+            f"{study.fall:.2g} times in the motion: weight and torques carry the platform away, {judged}"
         )
     if study.neglected_work:
         lines.append(
@@ -122,10 +124,10 @@ def _row(study: FidelityStudy, comparison: Comparison) -> str:
     name, law, spring = comparison.level.name, study.law_difference(comparison), comparison.deflection
     predicted = _percent(study.indicators.error[name])
     motion = ["-"] * 4
-    if comparison.plan is not None:
+    if comparison.motion is not None:
         bent = "-" if spring is None else f"{spring[0]} {spring[1]:.2g}"
         difference = "same" if law <= SAME_LAW_DIFFERENCE else f"{law:.1e}"
-        motion = [f"{1e3 * comparison.plan.seconds:.0f} ms", _percent(comparison.torque), difference, bent]
+        motion = [f"{1e3 * comparison.seconds:.0f} ms", _percent(comparison.torque), difference, bent]
     plan, torque, difference, bent = motion
     cells = (plan, torque, _percent(comparison.platform), difference, bent, predicted)
     return "\t".join([f"  {name}", *cells, study.indicators.words[name]])

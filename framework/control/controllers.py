@@ -39,8 +39,7 @@ from framework.control.estimation import (
 from framework.control.reference import Reference
 from framework.dynamics.forces import tree_forces
 from framework.dynamics.forward_derivatives import forward_derivatives
-from framework.dynamics.platform_wrench import motor_speeds
-from framework.dynamics.pointwise_dynamics import dynamics_at
+from framework.dynamics.pointwise_dynamics import motor_inertia
 from framework.errors import InvalidInput, check_choice
 from framework.kinematics.closures import closure_drift, loop_equations, scale_jacobian
 from framework.kinematics.external_wrenches import AppliedWrench
@@ -70,10 +69,8 @@ class FeedforwardPD:
         motion. With springs a fast motor moves only its rotor: w is lowered to a damping k_d that is stable
         with this sampling period.
         """
-        robot, motion = reference.robot, reference.motion
-        M_x = dynamics_at(robot, motion.q[0]).platform_inertia
-        dx_dmotor = np.linalg.pinv(motor_speeds(robot, motion.linearised.select(0))[0][0])
-        inertia = np.diag(dx_dmotor.T @ M_x @ dx_dmotor)  # (n_a,) [kg m^2], motor side
+        robot = reference.robot
+        inertia = motor_inertia(robot, reference.motion.q[0])
         w = np.full(robot.n_a, frequency)
         if robot.n_e and robot.rotor_inertia.all():
             highest = MAX_SAMPLED_DAMPING * robot.rotor_inertia / (2 * damping * inertia * reference.period)

@@ -1,8 +1,8 @@
 """The effects that a motion's torques leave out, each with the motor torque that it adds at this motion.
 
 Springs left rigid, geometry and inertia of the deflections, dry friction, masses of bodies: the torques of
-the model with one effect more, less those without (`fuller_model`). Idle turns: the torque that holds them,
-which the certificate has. Parts of a foreign file that its reader left out have no number.
+the model with one effect more, less those without (`model_on_motion`). Idle turns: the torque that holds
+them, which the certificate has. Parts of a foreign file that its reader left out have no number.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array
-from framework.crossing.fuller_model import FullerModel
+from framework.crossing.model_on_motion import ModelOnMotion
 from framework.crossing.motion_scales import largest_by_unit
 from framework.dynamics.result import InverseDynamics
 from framework.errors import NoAnswer
@@ -105,10 +105,10 @@ def _spring_differences(dynamics: InverseDynamics, description: RobotDescription
     robot = dynamics.robot
 
     @cache
-    def fullest() -> tuple[FullerModel, Array]:
+    def fullest() -> tuple[ModelOnMotion, Array]:
         """Return the model with all springs, and its torques at the deflections of the motion."""
         model = ParallelRobot.from_description(description, flexibility=FLEXIBILITIES[-1])
-        fuller = FullerModel.of(dynamics, model)
+        fuller = ModelOnMotion.of(dynamics, model)
         return fuller, fuller.torque(fuller.first_pass)
 
     def difference(coordinates: Sequence[str], left_rigid: bool) -> Array:
@@ -157,7 +157,7 @@ def _mass_differences(dynamics: InverseDynamics, whole: RobotDescription | None)
     def difference() -> Array:
         """Compute the change of torque (T, n_a) by the masses."""
         robot = ParallelRobot.from_description(whole, flexibility=dynamics.robot.flexibility)
-        fuller = FullerModel.of(dynamics, robot)
+        fuller = ModelOnMotion.of(dynamics, robot)
         return fuller.torque(fuller.first_pass) - fuller.planned_torque
 
     yield "mass of bodies", difference
@@ -171,7 +171,7 @@ def _friction_differences(dynamics: InverseDynamics) -> Differences:
 
     def difference() -> Array:
         """Compute the change of torque (T, n_a) by the friction."""
-        rough = FullerModel.of(dynamics, robot, friction=friction)
+        rough = ModelOnMotion.of(dynamics, robot, friction=friction)
         smooth = replace(rough, friction=None)
         return rough.torque(rough.first_pass) - smooth.torque(smooth.first_pass)
 

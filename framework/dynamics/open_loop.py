@@ -1,4 +1,4 @@
-"""The error of a platform under inexact torques, without feedback.
+"""The error of a platform under inexact torques, without feedback or with that of its motors alone.
 
 With G' tau the wrench of the motors and W(x, dx/dt, d2x/dt2) the one that the motion requires, the offset d
 of the platform from its path follows, to first order,
@@ -19,15 +19,31 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.dynamics.platform_wrench import platform_wrench
+from framework.dynamics.pointwise_dynamics import motor_inertia
 from framework.dynamics.result import InverseDynamics
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.linearised_loops import ClosedStack
 from framework.kinematics.motion_rates import motion_at
 
 GROWTH_INSTANTS = 65  # at which the rate of growth is computed and integrated over the motion
+CONTROL_TO_FALL = 10.0  # frequency of the motors' feedback over the rate of the fall: it catches the robot
 DIFFERENCE_STEP = 1e-4  # [rad, robot lengths] for a difference of wrenches
 # Exponents of growth below which the growth is 1 but for rounding, and above which it overflows.
 MIN_EXPONENT, MAX_EXPONENT = 1e-4, 300.0
+
+
+class MotorControl(NamedTuple):
+    """Proportional and derivative feedback of each motor on its own angle."""
+
+    k_p: Array  # (n_a,) [N m/rad], motor side
+    k_d: Array  # (n_a,) [N m s/rad]
+
+    @staticmethod
+    def tune(result: InverseDynamics, fall: float) -> MotorControl:
+        """Return critically damped feedback CONTROL_TO_FALL times as fast as the fall, of `fall_exponent`."""
+        frequency = CONTROL_TO_FALL * fall / result.duration  # [rad/s]
+        inertia = motor_inertia(result.robot, result.configuration(0.0)[0])
+        return MotorControl(k_p=frequency**2 * inertia, k_d=2.0 * frequency * inertia)
 
 
 class ErrorDynamics(NamedTuple):
@@ -39,6 +55,14 @@ class ErrorDynamics(NamedTuple):
     forced: Array  # -M^-1
     damped: Array  # -M^-1 dW/d(dx/dt)
     own: Array  # -M^-1 d(W - G' tau)/dx
+
+    def under_control(self, control: MotorControl, motor_speed: Array) -> ErrorDynamics:
+        """Return the dynamics under feedback of motors with speeds G (T, n_a, n) for unit twists."""
+        G_transposed = motor_speed.transpose(0, 2, 1)
+        stiffness, damping = (G_transposed @ (gain[:, None] * motor_speed) for gain in control)
+        return ErrorDynamics(
+            self.forced, self.damped + self.forced @ damping, self.own + self.forced @ stiffness
+        )
 
 
 def error_dynamics(result: InverseDynamics, times: Array) -> ErrorDynamics:
@@ -116,18 +140,22 @@ def open_loop_error(dynamics: ErrorDynamics, times: Array, lacking: Array) -> Ar
     return y[:, :n]
 
 
-def open_loop_growth(result: InverseDynamics) -> float:
-    """Compute the error at the end of a motion under a constant force, over the error of a free mass.
-
-    It is 2 (cosh L - 1) / L^2 with L the integral of the repelling rate over the motion, and 1 if no error
-    grows: d" = r^2 d + f gives d = f (cosh rt - 1) / r^2, a free mass f t^2 / 2.
+def fall_exponent(result: InverseDynamics) -> float:
+    """Compute the integral of the repelling rate over a motion: its duration in time constants of the fall.
 
     Raises:
         NotAssembled: the loops do not close beside the path.
     """
     times = np.linspace(0.0, result.duration, GROWTH_INSTANTS)
-    rate = repelling_rates(result, times)
-    exponent = float(np.trapezoid(rate, times))
+    return float(np.trapezoid(repelling_rates(result, times), times))
+
+
+def open_loop_growth(exponent: float) -> float:
+    """Compute the error at the end of a motion under a constant force, over the error of a free mass.
+
+    It is 2 (cosh L - 1) / L^2 with L the `fall_exponent`, and 1 if no error grows: d" = r^2 d + f gives d =
+    f (cosh rt - 1) / r^2, a free mass f t^2 / 2.
+    """
     if exponent <= MIN_EXPONENT:
         return 1.0
     return float(2.0 * (np.cosh(min(exponent, MAX_EXPONENT)) - 1.0) / exponent**2)

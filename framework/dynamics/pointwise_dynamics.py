@@ -222,6 +222,17 @@ def dynamics_at(
     return instant_of(robot, motion, r, forces, prescribed.entry)
 
 
+def motor_inertia(robot: ParallelRobot, q: Array) -> Array:
+    """Compute the inertia (n_a,) [kg m^2, kg] that each motor moves alone at a pose q (nq,), motor side.
+
+    Raises:
+        As `dynamics_at`.
+    """
+    speeds, _ = motor_speeds(robot, assembled_at(robot, q).linearised)
+    dx_dmotor = np.linalg.pinv(speeds[0])
+    return np.asarray(np.diag(dx_dmotor.T @ dynamics_at(robot, q).platform_inertia @ dx_dmotor))
+
+
 class PrescribedMotion(NamedTuple):
     """The prescribed motion at T instants, with the wrenches of the world."""
 

@@ -1,22 +1,20 @@
 """The level of fidelity to plan a motion with: the level stated in its scene, or a prediction.
 
 A scene may state the level that a study found by simulation (`fidelity_study`). For other motions the
-indicators (`fidelity_indicators`) predict the level from the plans of the two levels without springs, without
-simulation.
+indicators (`fidelity_indicators`) predict the level from the plan of the rigid robot, without simulation.
 """
 
 from __future__ import annotations
 
-from contextlib import suppress
 from typing import Any, NamedTuple
 
 from framework.crossing.plan import plan_request
 from framework.crossing.request import SMOOTHNESS, Request
-from framework.crossing.result import CrossingPlan
 from framework.crossing.scenes import scene_request
 from framework.errors import InvalidInput, NoAnswer
 from framework.fidelity.fidelity_indicators import Indicators, indicators_of
-from framework.fidelity.model_comparison import model_of, plan_of_level
+from framework.fidelity.level_motions import level_motions, model_of
+from framework.fidelity.model_comparison import fall_of
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import FLEXIBILITIES, RobotDescription
 from framework.model.fidelity_levels import LEVELS, LEVELS_BY_NAME
@@ -86,15 +84,15 @@ def predict_errors(description: RobotDescription, path: Path | str, **options: A
     Raises:
         InvalidInput: an option that cannot be right.
     """
-    highest, robot = (model_of(description, LEVELS_BY_NAME[name]) for name in (LEVELS[-1].name, "rigid"))
-    smoothness = options.pop("smoothness", None) or SMOOTHNESS[highest.n_e > 0]
+    robot, has_springs = model_of(description, LEVELS_BY_NAME["rigid"]), bool(description.springs)
+    smoothness = options.pop("smoothness", None) or SMOOTHNESS[has_springs]
     request = request_without_geometry(robot, path, smoothness=smoothness, **options)
-    rigid: CrossingPlan | None = None
-    payload: CrossingPlan | None = None
-    with suppress(NoAnswer):
-        rigid = plan_request(robot, request)
-        payload = plan_of_level(description, LEVELS_BY_NAME["payload"], rigid)
-    return indicators_of(rigid, payload, highest)
+    try:
+        plan = plan_request(robot, request)
+        motions = level_motions(description, plan.dynamics, LEVELS_BY_NAME["rigid"], plan.seconds)
+        return indicators_of(dict(motions), fall_of(plan.dynamics)[1])
+    except NoAnswer:
+        return Indicators.of({})
 
 
 def request_without_geometry(robot: ParallelRobot, path: Path | str, **options: Any) -> Request:

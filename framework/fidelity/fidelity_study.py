@@ -1,20 +1,23 @@
 """The least model of a robot that is enough for a motion: each level of fidelity against the highest.
 
-Each level plans the motion. Its torques then drive the forward simulation of the highest model that the
-robot's file can express, from rest at the start of the path and without feedback. The level is enough if two
-errors are within the tolerance: the platform's distance from the level's plan over the path's length, and the
-difference of its torques from those of the highest level over their peak. A comparison with the next level
-would not suffice: where legs have no mass two levels agree exactly, whatever the springs of the levels above.
+All levels make one motion: that of the plan of the fullest level that has one. The torques of each level
+drive the forward simulation of the highest model that the robot's file can express, from rest at the start of
+the path. The level is enough if two errors are within the tolerance: the platform's distance from the motion
+over the path's length, and the difference of its torques from those of the reference over their peak. A
+comparison with the next level would not suffice: where legs have no mass two levels agree exactly, whatever
+the springs of the levels above.
 
 The simulation shows what the torques of too low a level do near a singularity. There the robot cannot resist
-a force along t_s, and what remains of t_s . W_p pushes the platform off its path.
+a force along t_s, and what remains of t_s . W_p pushes the platform off its path. A robot that falls by
+itself is simulated with controllers of its motors (`model_comparison`).
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -23,13 +26,17 @@ import numpy as np
 from framework.arrays import Array, ReadOnlyArrays
 from framework.crossing.neglected_effects import neglected_friction
 from framework.crossing.plan import plan_request
+from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan
+from framework.dynamics.inverse_dynamics import checked_geometry
+from framework.dynamics.open_loop import open_loop_growth
 from framework.errors import InvalidInput, NoAnswer
 from framework.fidelity.chosen_level import TOLERANCE, request_without_geometry
 from framework.fidelity.fidelity_indicators import Indicators, indicators_of
-from framework.fidelity.model_comparison import MOTION_SAMPLES, Comparison, HighestLevel, model_of
+from framework.fidelity.level_motions import level_motions, model_of
+from framework.fidelity.model_comparison import MOTION_SAMPLES, Comparison, ReferenceMotion
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.model.fidelity_levels import LEVELS
+from framework.model.fidelity_levels import LEVELS, Level
 from framework.motion.law import is_number
 from framework.motion.path import Path
 from framework.output import Document, plain
@@ -40,21 +47,19 @@ ERROR_ROUNDING = 1e-12  # of the path or the peak, below which an error is round
 
 @dataclass(frozen=True, eq=False)
 class FidelityStudy(ReadOnlyArrays):
-    """The levels compared for one motion; `highest` is the plan of the highest."""
+    """The levels compared for one motion."""
 
     tolerance: float
-    highest: CrossingPlan
+    highest: CrossingPlan  # the plan of the motion: of the fullest level that has one
+    robot: ParallelRobot  # the highest model
     length: float  # of the path, turns multiplied by the robot's length [m]
     times: Array  # (T,) [s] of the levels' errors
     levels: tuple[Comparison, ...]  # as in `fidelity_levels.LEVELS`
     indicators: Indicators
+    fall: float  # time constants of the fall in the motion, see `open_loop.fall_exponent`
+    has_control: bool  # whether the simulated motors have controllers, as the robot falls
     simulating: float  # seconds of all that simulations took
     seconds: float
-
-    @property
-    def robot(self) -> ParallelRobot:
-        """The highest model."""
-        return self.highest.robot
 
     def is_enough(self, comparison: Comparison) -> bool:
         """Whether a level keeps torque and platform within the tolerance."""
@@ -102,13 +107,10 @@ class FidelityStudy(ReadOnlyArrays):
         return by_name[chosen.same_as] if chosen.same_as else chosen
 
     def law_difference(self, comparison: Comparison) -> float:
-        """Return the largest difference in s of a level's law from the highest's; infinite without one."""
-        if comparison.plan is None:
+        """Return the largest difference in s of a level's law from the motion's; infinite without one."""
+        if comparison.motion is None:
             return np.inf
-        s, s_highest = (
-            plan.law(np.minimum(self.times, plan.duration)) for plan in (comparison.plan, self.highest)
-        )
-        return float(np.abs(s - s_highest).max())
+        return float(np.abs(comparison.motion.law(self.times) - self.highest.law(self.times)).max())
 
     def place(self, errors: Array) -> float | None:
         """Return s where the error (T,) is largest; None if all errors are rounding."""
@@ -157,7 +159,9 @@ class FidelityStudy(ReadOnlyArrays):
                 "enough": None if self.enough is None else self.enough.level.name,
                 "by_luck": self.by_luck,
                 "predicted": self.indicated.level.name,
-                "growth": self.indicators.growth,
+                "growth": open_loop_growth(self.fall),
+                "time_constants": self.fall,
+                "controlled": self.has_control,
                 "neglected": {
                     "dry_friction": self.highest.neglected_friction,
                     "share_of_work": self.neglected_work,
@@ -179,7 +183,7 @@ class FidelityStudy(ReadOnlyArrays):
             "enough": self.is_enough(comparison),
             "same_as": comparison.same_as or None,
             "reason": comparison.reason or None,
-            "seconds": None if comparison.plan is None else comparison.plan.seconds,
+            "seconds": None if comparison.motion is None else comparison.seconds,
             "torque": comparison.torque,
             "torque_at": self.place(comparison.torque_error),
             "platform": comparison.platform,
@@ -211,28 +215,48 @@ def fidelity_study(
 
     Raises:
         InvalidInput: an option that cannot be right, or a robot that cannot be simulated.
-        NoAnswer: the highest level has no plan, or its simulation stops early: there is no reference.
+        NoAnswer: no level with all bodies has a plan, or its simulation stops early: there is no reference.
     """
     expect_robot(robot)
     if not (is_number(tolerance) and MIN_TOLERANCE <= tolerance < 1):
         raise InvalidInput(f"tolerance: needs a share in [{MIN_TOLERANCE:g}, 1), got {tolerance!r}")
     started = time.perf_counter()
-    top = model_of(robot.description, LEVELS[-1])
-    request = request_without_geometry(top, path, **options)
-    highest = HighestLevel.of(plan_request(top, request), tolerance)
+    highest = model_of(robot.description, LEVELS[-1])
+    level, plan = _plan_fullest(highest, request_without_geometry(highest, path, **options))
+    motions = dict(level_motions(highest.description, plan.dynamics, level, plan.seconds))
+    reference = ReferenceMotion.of(plan, highest, tolerance)
     levels: list[Comparison] = []
-    for level in LEVELS:
-        levels.append(highest.compare(level, levels))
+    for comparison in reference.compare_levels(motions.items()):
+        levels.append(comparison)
         if progress is not None:
             progress(len(levels))
-    plans = {comparison.level.name: comparison.plan for comparison in levels}
     return FidelityStudy(
         tolerance=tolerance,
-        highest=highest.plan,
-        length=highest.length,
-        times=highest.times,
+        highest=plan,
+        robot=highest,
+        length=reference.length,
+        times=reference.times,
         levels=tuple(levels),
-        indicators=indicators_of(plans["rigid"], plans["payload"], top),
-        simulating=highest.seconds,
+        indicators=indicators_of(motions, reference.control),
+        fall=reference.fall,
+        has_control=reference.control is not None,
+        simulating=reference.seconds,
         seconds=time.perf_counter() - started,
     )
+
+
+def _plan_fullest(highest: ParallelRobot, request: Request) -> tuple[Level, CrossingPlan]:
+    """Plan with the fullest level that has a plan, of those with all bodies.
+
+    Raises:
+        NoAnswer: of the highest level, where none has a plan.
+    """
+    try:
+        return LEVELS[-1], plan_request(highest, request)
+    except NoAnswer as refusal:
+        for level in reversed([level for level in LEVELS[:-1] if level.bodies == "all"]):
+            model = model_of(highest.description, level)
+            with suppress(NoAnswer):
+                geometry = checked_geometry(model, level.geometry)
+                return level, plan_request(model, replace(request, geometry=geometry))
+        raise refusal

@@ -1,40 +1,46 @@
-"""The comparison of one level of fidelity: its torques in the forward simulation of the highest model."""
+"""The comparison of the levels of fidelity: their torques in the forward simulation of the highest model.
+
+All levels make one motion (`level_motions`). The simulation begins at rest at the start of the path.
+
+Where the robot falls so fast that even errors of integration would carry it off its path, the motors have a
+controller each: it pulls the motor back to the angle that the level plans.
+"""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from framework.arrays import Array, ReadOnlyArrays
 from framework.crossing.motion_scales import coordinate_sizes, largest_by_unit, path_length
-from framework.crossing.plan import plan_request
-from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan
-from framework.dynamics.inverse_dynamics import checked_geometry
-from framework.errors import FrameworkError, NoAnswer
-from framework.kinematics.frames import frames_at
+from framework.dynamics.open_loop import MotorControl, fall_exponent
+from framework.dynamics.result import InverseDynamics
+from framework.errors import NoAnswer
+from framework.fidelity.level_motions import LevelMotion
+from framework.kinematics.continuation.tracking import assemble
+from framework.kinematics.frames import difference, frames_at
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.model.description import RobotDescription
-from framework.model.fidelity_levels import LEVELS, Level, with_bodies
+from framework.model.fidelity_levels import LEVELS, LEVELS_BY_NAME, Level
 from framework.simulation import Event, Simulation, simulate
+from framework.simulation.drive import Drive
 from framework.tolerances import TORQUE_TAIL
 
-EQUAL_TORQUES = (
-    10 * TORQUE_TAIL
-)  # difference over the peak; an effect that counts changes torques by 1e-7 and more
-# Error of the platform over the path's length, or of torques over their peak, from which on a level has
-# another motion and is not simulated; twice the tolerance if that is more.
+# Difference over the peak of torques that are equal; an effect that counts changes torques by 1e-7 and more.
+EQUAL_TORQUES = 10 * TORQUE_TAIL
+# Error of the platform over the path's length that ends a simulation; twice the tolerance if that is more.
 MAX_ERROR = 0.1
-UNLIMITED: Mapping[str, Any] = {"torque_limit": np.inf, "speed_limit": np.inf}
 METHOD = "stiff"  # takes long steps where fast vibrations are not excited
 STEP_ERRORS = (1e-3, 1e-5)  # error of an integration step over the tolerance, tried in turn
-# Platform error of the highest level's own torques over the tolerance, from which on shorter steps are tried.
+# Platform error of the reference's own torques over the tolerance, from which on shorter steps are tried.
 # The error with the shortest steps is reported.
 OWN_ERROR = 0.1
+# Time constants of the fall in a motion, from which on the motors have a controller: without one, the error
+# of the shortest steps would grow beyond OWN_ERROR.
+MAX_FALL = float(np.log(OWN_ERROR / STEP_ERRORS[-1]))
 MIN_STEP_ERROR = 1e-12  # [robot lengths] the accuracy of planned torques
 MOTION_SAMPLES = 1001  # equidistant instants of a comparison
 NEAR_CROSSING = np.geomspace(1e-6, 0.1, 41)  # of the duration: more instants, where differences may be narrow
@@ -42,237 +48,210 @@ NEAR_CROSSING = np.geomspace(1e-6, 0.1, 41)  # of the duration: more instants, w
 
 @dataclass(frozen=True, eq=False)
 class Comparison(ReadOnlyArrays):
-    """One level: its plan, and the errors of its torques in the highest model.
+    """One level: its torques along the motion, and their errors in the highest model.
 
-    torque_error: (T,) difference from the highest level's torques over their peak, at the study's instants.
-    platform_error: (T,) distance of the simulated platform from the level's own plan over the path's length.
-        Both are nan without a plan, and after the end of the plan or its simulation.
-    reason: why there is no plan, or where the platform was lost; empty otherwise.
+    motion: the level's motion with its torques; None if its model cannot make it.
+    torque_error: (T,) difference from the reference's torques over their peak, at the study's instants.
+    platform_error: (T,) distance of the simulated platform from the level's motion over the path's length.
+        Both are nan without a motion, the latter also after the simulation was lost.
+    reason: why there is no motion, or where the platform was lost; empty otherwise.
+    seconds: time that the torques took.
     same_as: the lowest level that gives the same torques; empty if none does.
     """
 
     level: Level
-    plan: CrossingPlan | None
+    motion: InverseDynamics | None
     torque_error: Array
     platform_error: Array
     reason: str = ""
+    seconds: float = 0.0
     same_as: str = ""
 
     @property
     def torque(self) -> float:
-        """The largest torque error; infinite without a plan."""
-        return np.inf if self.plan is None else float(self.torque_error.max())
+        """The largest torque error; infinite without torques."""
+        return np.inf if self.motion is None else float(self.torque_error.max())
 
     @property
     def platform(self) -> float:
         """The largest platform error; infinite where the platform was lost."""
-        return np.inf if self.reason else float(np.nanmax(self.platform_error))
+        return np.inf if self.reason else float(self.platform_error.max())
 
     @property
     def deflection(self) -> tuple[str, float] | None:
         """The spring with the largest deflection (compared in rad, robot lengths), and that [m, rad]."""
-        if self.plan is None or not self.plan.robot.n_e:
+        if self.motion is None or not self.motion.robot.n_e:
             return None
-        robot = self.plan.robot
-        times = np.linspace(0.0, self.plan.duration, MOTION_SAMPLES)
-        largest = np.abs(self.plan.deflection(times)).max(axis=0)
+        robot = self.motion.robot
+        times = np.linspace(0.0, self.motion.duration, MOTION_SAMPLES)
+        largest = np.abs(self.motion.deflection(times)).max(axis=0)
         k = np.argmax(largest / robot.column_scale[robot.elastic])
         return robot.elastic_names[k], float(largest[k])
 
 
+def fall_of(motion: InverseDynamics) -> tuple[float, MotorControl | None]:
+    """Return the time constants of the fall in a motion, and the motors' feedback where these are many."""
+    fall = fall_exponent(motion)
+    return fall, MotorControl.tune(motion, fall) if fall > MAX_FALL else None
+
+
 @dataclass
-class HighestLevel:
-    """The plan of the highest level and its simulation, the reference for all other levels.
+class ReferenceMotion:
+    """The motion of a study, by its plan, and the highest model, in which all are simulated.
 
     `seconds` is the time of all simulations so far.
     """
 
     plan: CrossingPlan
+    highest: ParallelRobot
     tolerance: float
     length: float  # of the path, turns multiplied by the robot's length [m]
     times: Array  # (T,) [s]
     peak: Array  # (n_a,) the largest torque of the motors of the same unit
-    step_error: float  # of integration steps [robot lengths]
-    own: Comparison  # of the highest level with its own plan
-    seconds: float
+    fall: float  # time constants of the fall in the motion, see `open_loop.fall_exponent`
+    control: MotorControl | None  # of the motors, where the robot falls
+    step_error: float = 0.0  # of integration steps [robot lengths]; set with the first simulation
+    seconds: float = 0.0
 
     @classmethod
-    def of(cls, plan: CrossingPlan, tolerance: float) -> HighestLevel:
-        """Simulate a plan of the highest level, with shorter steps if the platform leaves the path.
-
-        The allowed error of a step is STEP_ERRORS times the tolerance times the path's length.
-
-        Raises:
-            NoAnswer: the simulation stops early.
-            InvalidInput: the robot cannot be simulated.
-        """
-        robot, duration = plan.robot, plan.duration
-        close_instants = [
-            crossing.time + side * NEAR_CROSSING * duration
-            for crossing in plan.crossings
-            for side in (-1.0, 1.0)
-        ]
+    def of(cls, plan: CrossingPlan, highest: ParallelRobot, tolerance: float) -> ReferenceMotion:
+        """Sample the motion of a plan, and tune the controllers if the robot falls along it."""
+        duration = plan.duration
+        offsets = np.concatenate([-NEAR_CROSSING, NEAR_CROSSING]) * duration
+        close_instants = [crossing.time + offsets for crossing in plan.crossings]
         times = np.unique(np.concatenate([np.linspace(0.0, duration, MOTION_SAMPLES), *close_instants]))
-        times = times[(times >= 0.0) & (times <= duration)]
-        no_error = np.zeros(len(times))
-        highest = cls(
+        fall, control = fall_of(plan.dynamics)
+        return cls(
             plan=plan,
+            highest=highest,
             tolerance=tolerance,
-            length=path_length(robot, plan.path),
-            times=times,
-            peak=largest_by_unit(robot, np.array(list(plan.peak_torque.values()))),
-            step_error=0.0,  # set with the first simulation
-            own=Comparison(LEVELS[-1], plan, torque_error=no_error, platform_error=no_error),
-            seconds=0.0,
+            length=path_length(plan.robot, plan.path),
+            times=times[(times >= 0.0) & (times <= duration)],
+            peak=largest_by_unit(plan.robot, np.array(list(plan.peak_torque.values()))),
+            fall=fall,
+            control=control,
         )
-        length = highest.length
-        for step_error in STEP_ERRORS:
-            highest.step_error = max(step_error * tolerance * length / robot.length, MIN_STEP_ERROR)
-            highest.own = highest._simulate_level(LEVELS[-1], plan)
-            if highest.own.platform <= OWN_ERROR * tolerance:
-                break
-        return highest
 
     @property
     def lost(self) -> float:
-        """Error over path length or peak torque from which on a level has another motion."""
+        """Platform error over path length from which on the platform counts as lost."""
         return max(MAX_ERROR, 2.0 * self.tolerance)
 
-    def compare(self, level: Level, below: list[Comparison]) -> Comparison:
-        """Compare a level, after the levels `below`; reuse a result where robot or torques are equal."""
-        description = self.plan.robot.description
-        if below and adds_nothing(description, level, below[-1].level):
-            return replace(below[-1], level=level, same_as=below[-1].same_as or below[-1].level.name)
-        try:
-            plan = self.plan if level is LEVELS[-1] else plan_of_level(description, level, self.plan)
-        except FrameworkError as refusal:
-            unknown = np.full(len(self.times), np.nan)
-            return Comparison(level, None, unknown, unknown, reason=f"no plan: {refusal}")
-        for lower in below:
-            if lower.plan is not None and self._torque_error(plan, lower.plan).max() <= EQUAL_TORQUES:
-                return replace(lower, level=level, plan=plan, same_as=lower.same_as or lower.level.name)
-        if self._torque_error(plan, self.plan).max() <= EQUAL_TORQUES:
-            return replace(self.own, level=level, plan=plan)
-        return self._simulate_level(level, plan)
+    def compare_levels(self, motions: Iterable[tuple[str, LevelMotion]]) -> Iterator[Comparison]:
+        """Yield the comparison of each level; levels with equal torques share one simulation.
 
-    def _torque_error(self, plan: CrossingPlan, reference: CrossingPlan) -> Array:
-        """Return the largest difference (T,) of the torques of two plans over their peak.
-
-        A plan that has ended keeps its last torque. Dry friction, the same in both, is left out: it would
-        jump at slightly different instants.
+        Raises:
+            NoAnswer: the simulation of the reference's torques stops early.
+            InvalidInput: the robot cannot be simulated.
         """
-        torque, reference_torque = (
-            one.dynamics.torque_without_friction(np.minimum(self.times, one.duration))
-            for one in (plan, reference)
-        )
+        own, below = self._simulate_reference(), None
+        for name, (motion, seconds, reason) in motions:
+            level = LEVELS_BY_NAME[name]
+            if motion is None:
+                unknown = np.full(len(self.times), np.nan)
+                comparison = Comparison(level, None, unknown, unknown, reason)
+            elif below is not None and self._is_equal(motion, below.motion):
+                comparison = replace(below, same_as=below.same_as or below.level.name)
+            elif self._is_equal(motion, self.plan.dynamics):
+                comparison = own
+            else:
+                comparison = self._simulate(level, motion)
+            below = replace(comparison, level=level, motion=motion, seconds=seconds)
+            yield below
+
+    def _simulate_reference(self) -> Comparison:
+        """Simulate the reference's own torques, with shorter steps if the platform leaves the path.
+
+        The allowed error of a step is STEP_ERRORS times the tolerance times the path's length.
+        """
+        allowed = self.tolerance * self.length / self.highest.length
+        for step_error in STEP_ERRORS:
+            self.step_error = max(step_error * allowed, MIN_STEP_ERROR)
+            own = self._simulate(LEVELS[-1], self.plan.dynamics)
+            if own.platform <= OWN_ERROR * self.tolerance:
+                break
+        return own
+
+    def _is_equal(self, motion: InverseDynamics, other: InverseDynamics | None) -> bool:
+        """Whether the torques of two motions are equal but for rounding."""
+        return other is not None and bool(self._torque_error(motion, other).max() <= EQUAL_TORQUES)
+
+    def _torque_error(self, motion: InverseDynamics, reference: InverseDynamics) -> Array:
+        """Return the largest difference (T,) of the torques of two motions over their peak.
+
+        Dry friction, the same in both, is left out.
+        """
+        torque, reference_torque = (one.torque_without_friction(self.times) for one in (motion, reference))
         return (np.abs(torque - reference_torque) / self.peak).max(axis=1)
 
-    def _simulate_level(self, level: Level, plan: CrossingPlan) -> Comparison:
+    def _simulate(self, level: Level, motion: InverseDynamics) -> Comparison:
         """Return the comparison of a level whose torques drive the highest model.
 
         Raises:
-            NoAnswer: the simulation of the highest level's torques stops early.
+            NoAnswer: the simulation of the reference's torques stops early.
         """
-        torque_error = self._torque_error(plan, self.plan)
-        platform_error = np.full(len(self.times), np.nan)
-        if torque_error.max() > self.lost:
-            reason = "torques of another motion, not simulated"
-            return Comparison(level, plan, torque_error, platform_error, reason)
+        platform_error, reason = np.full(len(self.times), np.nan), ""
         started = time.perf_counter()
         try:
-            run = self._run(plan)
+            run = self._run(motion)
+            reached = self.times <= run.duration
+            t = self.times[reached]
+            platform_error[reached] = self._distance(run.configuration(t), motion.platform(t))
+            if run.occurrences:
+                s = float(motion.law(np.array(run.duration)))
+                lost = f"{100 * self.lost:.3g} % off its path, and lost"
+                reason = f"{lost}, at t = {run.duration:.4g} s, s = {s:.4g}"
         except NoAnswer as failure:
-            if plan is self.plan:
+            if motion is self.plan.dynamics:
                 raise
             reason = f"no simulation: {failure}"
-            return Comparison(level, plan, torque_error, platform_error, reason)
-        finally:
-            self.seconds += time.perf_counter() - started
-        reached = self.times <= min(run.duration, plan.duration)
-        t = self.times[reached]
-        platform_error[reached] = self._distance(run.configuration(t), plan.platform(t))
-        reason = ""
-        if run.occurrences:
-            s = float(plan.law(run.duration))
-            reason = (
-                f"{100 * self.lost:.3g} % off its path, and lost, at t = {run.duration:.4g} s, s = {s:.4g}"
-            )
-        return Comparison(level, plan, torque_error, platform_error, reason)
+        self.seconds += time.perf_counter() - started
+        torque_error = self._torque_error(motion, self.plan.dynamics)
+        return Comparison(level, motion, torque_error, platform_error, reason)
 
-    def _run(self, plan: CrossingPlan) -> Simulation:
-        """Simulate the highest model under the torques of a plan, from rest at the start of the path.
+    def _run(self, motion: InverseDynamics) -> Simulation:
+        """Simulate the highest model under the torques of a level, from rest at the start of the path.
 
         The simulation ends where the platform's error reaches `lost`.
         """
-        start, robot = self.plan.configuration(0.0), self.plan.robot
 
         def remaining_distance(t: float, q: Array, v: Array) -> float:
-            planned = plan.platform(np.array([min(t, plan.duration)]))
+            planned = motion.platform(np.array([min(t, motion.duration)]))
             return float(self.lost - self._distance(q[None], planned)[0])
 
+        robot, plan = self.highest, self.plan
+        has_same_springs = plan.robot.elastic_names == robot.elastic_names
+        start = plan.configuration(0.0) if has_same_springs else assemble(robot, plan.platform(0.0)).q
+        feedforward = Drive.of(robot, motion)
         return simulate(
             robot,
-            plan,
+            feedforward if self.control is None else self._with_control(feedforward, motion),
             method=METHOD,
             tolerance=self.step_error,
             start=start,
             start_velocity=np.zeros(robot.model.nv),
-            wrenches=self.plan.request.wrenches or {},
+            duration=motion.duration,
             events=(Event(remaining_distance, "lost", terminal=True, direction=-1),),
             samples=2,
         )
 
+    def _with_control(self, feedforward: Drive, motion: InverseDynamics) -> Drive:
+        """Return the drive with the controllers of the motors about the angles that a level plans."""
+        robot, control = self.highest, self.control
+        assert control is not None
+
+        def torque(t: Array, q: Array, v: Array) -> Array:
+            """Compute motor torques (T, n_a)."""
+            angle = robot.gear_ratio * difference(robot, robot.neutral, q)[:, robot.actuated]
+            speed = robot.gear_ratio * v[:, robot.actuated]
+            spring = control.k_p * (motion.motor_angle(t) - angle)
+            damper = control.k_d * (motion.motor_angle(t, 1) - speed)
+            return feedforward.function(t, q, v) + spring + damper
+
+        return replace(feedforward, function=torque, feedback=True)
+
     def _distance(self, q: Array, x: Array) -> Array:
         """Return the distance (T,) of the platform at q (T, nq) from x (T, n), in path lengths."""
-        robot = self.plan.robot
-        difference = robot.platform.residual(frames_at(robot, q), x) * coordinate_sizes(robot)
-        return np.linalg.norm(difference, axis=1) / self.length
-
-
-def plan_of_level(description: RobotDescription, level: Level, reference: CrossingPlan) -> CrossingPlan:
-    """Plan with a level, with the duration and the times and speeds of crossings of a reference plan.
-
-    A polynomial law with these times is planned without limits, as only its torques are compared. An optimal
-    law is optimised again.
-
-    Raises:
-        As `plan_crossing`.
-    """
-    model = model_of(description, level)
-    request = replace(reference.request, geometry=checked_geometry(model, level.geometry))
-    if level.bodies == "none":  # without forces there is no condition (8) to meet
-        request = Request(
-            path=reference.path,
-            duration=reference.duration,
-            times=(),
-            smoothness=request.smoothness,
-            tolerance=request.tolerance,
-            law="polynomial",
-            **UNLIMITED,
-        )
-    elif reference.optimality is not None:
-        request = replace(request, law="optimal", times=None)
-    elif request.at is None and request.times is None:
-        times = tuple(crossing.time for crossing in reference.crossings)
-        speeds = tuple(crossing.speed for crossing in reference.crossings)
-        request = replace(request, times=times, speeds=speeds or None, **UNLIMITED)
-    return plan_request(model, request)
-
-
-def model_of(description: RobotDescription, level: Level) -> ParallelRobot:
-    """Return the robot with the masses and springs of a level."""
-    simplified = with_bodies(description, level.bodies)
-    robot = ParallelRobot.from_description(simplified, flexibility=level.flexibility)
-    return robot if level.elastic_inertia else replace(robot, elastic_inertia=False)
-
-
-def adds_nothing(description: RobotDescription, level: Level, below: Level) -> bool:
-    """Whether a robot has none of the effects that a level adds to the level below.
-
-    Another geometry or the inertia of elastic motion is an effect only for a robot with springs.
-    """
-    if level.bodies != below.bodies:
-        return False
-    springs, springs_below = (description.active_springs(one.flexibility) for one in (level, below))
-    same_elasticity = (level.geometry, level.elastic_inertia) == (below.geometry, below.elastic_inertia)
-    return springs == springs_below and (same_elasticity or not springs)
+        robot = self.highest
+        offset = robot.platform.residual(frames_at(robot, q), x) * coordinate_sizes(robot)
+        return np.linalg.norm(offset, axis=1) / self.length

@@ -13,12 +13,12 @@ from framework.show.style import ALARM, draw_dashed, figure, line_style
 def plot_fidelity(study: FidelityStudy) -> Axes:
     """Plot torque error over the peak and platform error over the path's length along s, one curve a level.
 
-    Levels with the torques of a lower one, and those without a plan, have no curve.
+    Levels with the torques of a lower one, and those without torques, have no curve.
     """
     axes = figure(2, height=2.0)[1]
     s = study.highest.law(study.times)
     own = [
-        comparison for comparison in study.levels if comparison.plan is not None and not comparison.same_as
+        comparison for comparison in study.levels if comparison.motion is not None and not comparison.same_as
     ]
     for k, comparison in enumerate(own):
         for ax, errors in zip(axes, (comparison.torque_error, comparison.platform_error), strict=True):

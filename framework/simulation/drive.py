@@ -103,7 +103,7 @@ class Drive:
         breaks: Sequence[float] = (),
         wrenches: Mapping[str, Any] | None = None,
     ) -> Drive:
-        """Return the drive in a planned motion or a callable torque(t) or torque(t, q, v).
+        """Return the drive in a planned motion, a callable torque(t) or torque(t, q, v), or a drive.
 
         Args:
             wrenches: of the world; None: those of the planned motion, if it has any.
@@ -112,6 +112,8 @@ class Drive:
             InvalidInput: it is none of these; its first answer comes with the wrong number of torques;
                 wrenches that are none.
         """
+        if isinstance(source, Drive):
+            return source
         motion = planned_motion(source)
         planned = getattr(motion, "wrenches", NO_WRENCHES)
         entries = planned if wrenches is None else ExternalWrenches.of(wrenches)

@@ -9,10 +9,10 @@ import pytest
 
 import robots
 from framework import ParallelRobot, plan_scene
-from framework.crossing.fuller_model import FullerModel
+from framework.crossing.model_on_motion import ModelOnMotion
 from framework.crossing.neglected_effects import neglected_effects
 from framework.errors import NotConverged
-from framework.fidelity.model_comparison import model_of
+from framework.fidelity.level_motions import model_of
 from framework.model.description import JointDynamics
 from framework.model.fidelity_levels import LEVELS_BY_NAME
 from tests.oracles import five_bar as oracle
@@ -97,7 +97,7 @@ def rubbing_elbow():
 def test_a_pole_is_no_torque_with_friction_either():
     """Of the law through the condition without friction, and of that through the one with it."""
     dynamics = rubbing_elbow()
-    smooth = FullerModel.of(dynamics, dynamics.robot)
+    smooth = ModelOnMotion.of(dynamics, dynamics.robot)
     rough = replace(smooth, friction=dynamics.robot.joint_friction)
     known = smooth.known_deflections()
     assert np.isfinite(rough.torque(rough.compute_pass(known))).all()
@@ -109,14 +109,14 @@ def test_a_pole_is_no_torque_with_friction_either():
 
 def test_a_corrected_law_that_turns_back_is_none():
     dynamics = rubbing_elbow()
-    much = FullerModel.of(dynamics, dynamics.robot, friction=100.0 * dynamics.robot.joint_friction)
+    much = ModelOnMotion.of(dynamics, dynamics.robot, friction=100.0 * dynamics.robot.joint_friction)
     with pytest.raises(NotConverged, match="the corrected law turns back"):
         much.compute_pass(much.known_deflections())
 
 
 def test_two_crossings_do_not_meet_one_singular_point():
     dynamics = plan_scene(robots.load("slider_crank"), "full_turn").dynamics
-    fuller = FullerModel.of(dynamics, dynamics.robot)
+    fuller = ModelOnMotion.of(dynamics, dynamics.robot)
     assert len(fuller.searched.points) > 1
     fewer = replace(fuller, searched=fuller.searched._replace(points=fuller.searched.points[:1]))
     fuller.compute_pass(fuller.known_deflections())

@@ -9,9 +9,9 @@ import pytest
 
 import robots
 from framework import InvalidInput, fidelity_study, plan_scene
-from framework.dynamics.open_loop import ErrorDynamics, error_dynamics, open_loop_error
+from framework.dynamics.open_loop import ErrorDynamics, MotorControl, error_dynamics, open_loop_error
 from framework.fidelity.chosen_level import predict_errors, predict_level, scene_level
-from framework.fidelity.fidelity_indicators import LevelError, _accumulate_errors
+from framework.fidelity.fidelity_indicators import Indicators, LevelError
 from framework.model.fidelity_levels import LEVELS
 from tests.fidelity.test_kept_levels import PLANNED
 from tests.robots.every_robot import in_stages
@@ -74,6 +74,19 @@ def test_a_standing_rod_that_lacks_a_constant_torque_falls_as_a_hyperbolic_cosin
     )
 
 
+def test_a_controller_that_is_stiffer_than_weight_makes_the_rod_swing():
+    """m d" = (w - k) d, without damping and from d = lacking / (k - w) at rest: a cosine about that."""
+    times, weight, mass, gear = np.linspace(0.0, 2.0, 2049), 3.0, 2.0, 5.0
+    constant = np.ones((len(times), 1, 1))
+    falling = ErrorDynamics(-constant / mass, 0.0 * constant, constant * weight / mass)
+    control = MotorControl(k_p=np.array([1.0]), k_d=np.zeros(1))  # 25 N/m at the rod
+    swinging = falling.under_control(control, gear * constant)
+    off = open_loop_error(swinging, times, np.full((len(times), 1), -0.1))[:, 0]
+    stiffness = 25.0 - weight
+    expected = 0.1 / stiffness * (1.0 - np.cosh(1j * times * np.sqrt(stiffness / mass)).real)
+    np.testing.assert_allclose(off, expected, rtol=1e-4, atol=1e-8)
+
+
 def test_errors_of_the_platform_are_accelerated_by_the_robot_s_own_mass():
     """A free payload of 10 kg on massless legs: the 5R's platform, whose rotors weigh little."""
     plan = plan_scene(robots.load("five_bar"), "A")
@@ -86,6 +99,6 @@ def test_an_error_that_is_not_a_number_is_not_none():
     names = [level.name for level in LEVELS]
     errors = {name: LevelError(0.01, 0.02) for name in names[:-1]}
     errors[names[2]] = LevelError(np.nan, 0.0)
-    indicators = _accumulate_errors(errors, 1.0)
+    indicators = Indicators.of(errors)
     assert [indicators.error[name] for name in names] == [np.inf] * 3 + [0.02] * (len(names) - 4) + [0.0]
     assert indicators.choose_level(0.1) == names[3]

@@ -6,7 +6,8 @@ import pytest
 
 import robots
 from framework import plan_scene
-from framework.fidelity.model_comparison import Comparison, HighestLevel, model_of
+from framework.fidelity.level_motions import level_motions, model_of
+from framework.fidelity.model_comparison import Comparison, ReferenceMotion
 from framework.model.fidelity_levels import LEVELS, LEVELS_BY_NAME
 from tests.robots.every_robot import RIGID, SCENES, asks_nothing, in_stages
 
@@ -29,12 +30,14 @@ def test_the_kept_level_is_enough_and_the_one_below_it_is_not(case):
     kept = robots.load(name).description.scenes[scene].fidelity
     top = model_of(robots.load(name).description, LEVELS[-1])
     plan = plan_scene(top, scene)
-    highest = HighestLevel.of(plan, kept.tolerance)
+    place = LEVELS.index(LEVELS_BY_NAME[kept.level])
+    motions = dict(level_motions(top.description, plan.dynamics, LEVELS[-1], plan.seconds))
+    names = [level.name for level in LEVELS[max(place - 1, 0) : place + 1]]
+    reference = ReferenceMotion.of(plan, top, kept.tolerance)
+    *below, enough = reference.compare_levels([(name, motions[name]) for name in names])
 
     def error(comparison: Comparison) -> float:
         return max(comparison.torque, comparison.platform)
 
-    place = LEVELS.index(LEVELS_BY_NAME[kept.level])
-    assert error(highest.compare(LEVELS[place], [])) <= kept.tolerance
-    if place:
-        assert error(highest.compare(LEVELS[place - 1], [])) > kept.tolerance
+    assert error(enough) <= kept.tolerance
+    assert all(error(one) > kept.tolerance for one in below)
