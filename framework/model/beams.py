@@ -31,6 +31,7 @@ import numpy as np
 
 from framework.arrays import Array, ArrayLike
 from framework.errors import InvalidInput, check_name, finite_numbers, point
+from framework.fields import check_distinct
 from framework.model.description import AXES, Spring
 from framework.model.placement import inverse, placement
 from framework.model.robot_file_writer import spring_entry
@@ -242,10 +243,7 @@ def _spring(name: str, after: str, stiffness: dict[str, float], axes: tuple[str,
     """Return a link's spring behind joint `after`; refuse empty names, unknown and repeated axes."""
     if not name or not after:
         raise InvalidInput(f"name and after: need names, got {name!r} and {after!r}")
-    for axis in axes:
-        check_name("axes", "axis", axis, AXES)
-    if not axes or len(set(axes)) < len(axes):
-        raise InvalidInput(f"axes: needs different axes out of {', '.join(AXES)}, got {axes!r}")
+    check_distinct("axes", "axis", axes, AXES)
     return Spring(name, "link", after, tuple(axes), tuple(stiffness[axis] for axis in axes))
 
 

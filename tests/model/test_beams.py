@@ -230,8 +230,14 @@ def test_the_entry_goes_into_a_robot_file(tmp_path):
         (lambda: beam_stiffness(BAR, STEEL, -1.0), "length: must be"),
         (lambda: beam_spring("", "rod", BAR, STEEL, 1.0), "name and after: need names"),
         (lambda: beam_spring("a", "rod", BAR, STEEL, 1.0, axes=("q",)), "axes: unknown axis 'q'"),
-        (lambda: beam_spring("a", "rod", BAR, STEEL, 1.0, axes=("x", "x")), "axes: needs different axes"),
-        (lambda: beam_spring("a", "rod", BAR, STEEL, 1.0, axes=()), "axes: needs different axes"),
+        (
+            lambda: beam_spring("a", "rod", BAR, STEEL, 1.0, axes=("x", "x")),
+            "axes: needs at least one axis, and each once",
+        ),
+        (
+            lambda: beam_spring("a", "rod", BAR, STEEL, 1.0, axes=()),
+            "axes: needs at least one axis, and each once",
+        ),
         (lambda: split_beam(urdf(), "arm"), "tip: unknown fixed joint 'arm'"),
         (lambda: split_beam(urdf("0 0 0"), "rod"), "has no length"),
         (lambda: split_beam(urdf("a b c"), "rod"), "needs finite numbers"),

@@ -21,7 +21,7 @@ import pinocchio as pin
 from framework.arrays import Array
 from framework.errors import RobotFileError
 from framework.model.description import Closure, Coupling, JointDynamics, ParsedRobot, locked_axes
-from framework.model.placement import from_quaternion, placement
+from framework.model.placement import from_quaternion, inverse, placement
 from framework.model.readers.describe import LeftOut, Options, Pull, describe
 from framework.model.readers.mujoco_model import mujoco_model
 from framework.model.readers.urdf_tree import MAX_LOOPS, UrdfTree
@@ -165,12 +165,13 @@ class _Model:
             zero, start = view.qpos0, view.qposadr.item()
             qpos = model.key_qpos[0, start : start + zero.size]
             values = (qpos - zero).tolist()
-            if kind in SEVERAL:
-                first, turn = (from_quaternion(*each[-4:]) for each in (zero, qpos))
-                values = pin.log3(turn).tolist()
-            if kind == "floating":  # its qpos is the pose of the body, not the way from the zero pose
-                values = [*(first.T @ (qpos[:3] - zero[:3])).tolist(), *pin.log3(first.T @ turn).tolist()]
-            reference.update(zip(coordinates_of(name, kind), values, strict=True))
+            names = coordinates_of(name, kind)
+            if kind in SEVERAL:  # qpos is the pose, not the way from the zero pose
+                poses = [np.append(np.zeros(3), each)[-7:] for each in (zero, qpos)]
+                first, last = (placement(from_quaternion(*pose[3:]), pose[:3]) for pose in poses)
+                motion = inverse(first) @ last
+                values = [*motion[:3, 3].tolist(), *pin.log3(motion[:3, :3]).tolist()][-len(names) :]
+            reference.update(zip(names, values, strict=True))
         return reference
 
     # -------------------------------------------------------------- loops
