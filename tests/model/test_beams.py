@@ -14,7 +14,6 @@ from framework.model.beams import (
     beam_stiffness,
     split_beam,
     spring_entry,
-    tip_spring,
 )
 from framework.model.description import AXES, Spring
 from framework.model.robot_file import read_robot_file
@@ -165,13 +164,6 @@ def test_splitting_leaves_the_tip_where_it_was():
         pin.framesForwardKinematics(model, data, pin.neutral(model))
         placements.append(data.oMf[model.getFrameId("tip")].homogeneous)
     np.testing.assert_allclose(*placements, atol=1e-15)
-
-
-@pytest.mark.parametrize("section", [BAR, SHEARED], ids=["Euler-Bernoulli", "Timoshenko"])
-def test_a_spring_at_the_tip_keeps_the_direct_terms_alone(section):
-    found = tip_compliance(urdf(), tip_spring("flex", "rod", section, STEEL, LENGTH))
-    expected = np.diag(np.diag(cantilever(section, STEEL, LENGTH)))
-    np.testing.assert_allclose(found, expected, rtol=1e-13, atol=0)
 
 
 def test_a_rod_of_the_paper_has_its_stiffness_along_x():
