@@ -7,13 +7,13 @@ the value read, or raises an InvalidInput that names the place, the value given 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import MISSING, fields
 from difflib import get_close_matches
 from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
-from framework.errors import InvalidInput, choose_from, short
+from framework.errors import InvalidInput, check_name, choose_from, short
 
 LARGEST_NUMBER = 1e30  # of any quantity in SI units: powers of others overflow
 T = TypeVar("T")
@@ -124,6 +124,25 @@ def list_of(read: Reader[T]) -> Reader[tuple[T, ...]]:
 def one_or_list_of(read: Reader[T]) -> Reader[tuple[T, ...]]:
     """Return a reader of a list of values of one kind, or of one such value."""
     return lambda where, given: list_of(read)(where, given if isinstance(given, list) else [given])
+
+
+def distinct(what: str, valid: Collection[str]) -> Reader[tuple[str, ...]]:
+    """Return a reader of one valid name, or of a list of different ones."""
+
+    def read(where: str, given: Any) -> tuple[str, ...]:
+        names = one_or_list_of(one_of(what, valid))(where, given)
+        check_distinct(where, what, names, valid)
+        return names
+
+    return read
+
+
+def check_distinct(where: str, what: str, names: Sequence[str], valid: Collection[str]) -> None:
+    """Refuse unknown and repeated names, and an empty list."""
+    for name in names:
+        check_name(where, what, name, valid)
+    if not names or len(set(names)) < len(names):
+        raise InvalidInput(f"{where}: needs at least one {what}, and each once, got {list(names)}")
 
 
 def entries(read: Reader[T]) -> Reader[tuple[T, ...]]:

@@ -14,10 +14,8 @@ At the middle of the beam the two are not coupled, and the stiffness is diagonal
 stands in the middle of the link is exact for every small load at the tip, to first order in the
 deflection, with the beam's own mass neglected. `split_beam` puts a fixed joint there.
 
-At the tip itself no diagonal stiffness is exact. `tip_spring` keeps the two direct terms, 3 E I / L^3 and E I
-/ L, without the cross terms L^2 / (2 E I). It is exact for the displacement under a force at the tip alone,
-as of a rod that ends in a spherical joint, and for the rotation under a moment alone. A planar rod with a pin
-at each end carries no bending: only its x matters, exact in both.
+At the tip itself no diagonal stiffness is exact. A planar rod with a pin at each end carries no bending: only
+its x matters, which is exact there too.
 """
 
 from __future__ import annotations
@@ -31,6 +29,7 @@ import numpy as np
 
 from framework.arrays import Array, ArrayLike
 from framework.errors import InvalidInput, check_name, finite_numbers, point
+from framework.fields import check_distinct
 from framework.model.description import AXES, Spring
 from framework.model.placement import inverse, placement
 from framework.model.robot_file_writer import spring_entry
@@ -151,28 +150,11 @@ def beam_spring(
     Raises:
         InvalidInput: length, name or axes are not valid.
     """
-    return _spring(name, after, beam_stiffness(section, material, length), axes)
-
-
-def tip_spring(
-    name: str,
-    after: str,
-    section: Section,
-    material: Material,
-    length: float,
-    axes: tuple[str, ...] = AXES,
-) -> Spring:
-    """Return the virtual joint of a link, behind the fixed joint `after` at its tip; lacks the cross terms.
-
-    Exact where the tip carries either only a force (its displacement) or only a moment (its rotation).
-
-    Raises:
-        InvalidInput: length, name or axes are not valid.
-    """
     stiffness = beam_stiffness(section, material, length)
-    for axis, turn in (("y", "rz"), ("z", "ry")):  # the tip swings about the middle: (L/2)^2 / k
-        stiffness[axis] = 1.0 / (1.0 / stiffness[axis] + length**2 / (4.0 * stiffness[turn]))
-    return _spring(name, after, stiffness, axes)
+    if not name or not after:
+        raise InvalidInput(f"name and after: need names, got {name!r} and {after!r}")
+    check_distinct("axes", "axis", axes, AXES)
+    return Spring(name, "link", after, tuple(axes), tuple(stiffness[axis] for axis in axes))
 
 
 def split_beam(urdf_text: str, tip: str, *, y: ArrayLike | None = None) -> SplitBeam:
@@ -238,17 +220,6 @@ def _section_axes(along: Array, y: ArrayLike | None) -> Array:
     return np.column_stack([along, across, np.cross(along, across)])
 
 
-def _spring(name: str, after: str, stiffness: dict[str, float], axes: tuple[str, ...]) -> Spring:
-    """Return a link's spring behind joint `after`; refuse empty names, unknown and repeated axes."""
-    if not name or not after:
-        raise InvalidInput(f"name and after: need names, got {name!r} and {after!r}")
-    for axis in axes:
-        check_name("axes", "axis", axis, AXES)
-    if not axes or len(set(axes)) < len(axes):
-        raise InvalidInput(f"axes: needs different axes out of {', '.join(AXES)}, got {axes!r}")
-    return Spring(name, "link", after, tuple(axes), tuple(stiffness[axis] for axis in axes))
-
-
 def _positive(**values: float) -> None:
     """Refuse named values that are not finite and greater than zero."""
     for name, value in values.items():
@@ -264,5 +235,4 @@ __all__ = [
     "beam_stiffness",
     "split_beam",
     "spring_entry",
-    "tip_spring",
 ]

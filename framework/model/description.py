@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from framework.errors import RobotFileError, check_choice, check_name, choose_from
+from framework.errors import RobotFileError, check_choice, check_name
 
 # Each has the springs of its predecessors; a spring exists from some level on, see `Spring.exists_in`.
 FLEXIBILITIES = ("rigid", "flexible_joints", "flexible_links")
@@ -37,14 +37,10 @@ def locked_axes(kind: str, axis: str = "z") -> tuple[str, ...]:
     `axis` in {x, y, z} is the axis of the joint; the kinds are tabled for z and turned cyclically.
 
     Raises:
-        RobotFileError: unknown kind or axis.
+        InvalidInput: unknown kind or axis.
     """
-    for what, given, valid in (
-        ("closure kind", kind, tuple(_LOCKED)),
-        ("closure axis", axis, ("x", "y", "z")),
-    ):
-        if given not in valid:
-            raise RobotFileError(choose_from(what, given, valid))
+    check_choice("closure kind", kind, _LOCKED)
+    check_choice("closure axis", axis, tuple("xyz"))
     turn = {"x": "yzx", "y": "zxy", "z": "xyz"}[axis]  # where x, y, z go when z goes to `axis`
     axes = {name[:-1] + turn["xyz".index(name[-1])] for name in _LOCKED[kind] if name in AXES}
     with_length = (name for name in _LOCKED[kind] if name not in AXES)

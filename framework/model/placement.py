@@ -60,15 +60,11 @@ def from_quaternion(w: float, x: float, y: float, z: float) -> Array:
 
 def turning(name: str, axis: Sequence[float] | Array) -> Array:
     """Return a rotation matrix whose column `name` (x, y or z) is the axis; exact for axes of the frame."""
-    main = np.asarray(axis, dtype=float) / np.linalg.norm(axis)
-    helper = np.eye(3)[int(np.argmin(np.abs(main)))]
-    second = np.cross(main, helper)
-    second /= np.linalg.norm(second)
-    columns = [main, second, np.cross(main, second)]  # right-handed, in cyclic order
     first = "xyz".index(name)
-    if abs(main[first]) == 1.0 and main[first] > 0:
+    main = np.asarray(axis, dtype=float) / np.linalg.norm(axis)
+    if main[first] == 1.0:
         return np.eye(3)
-    matrix = np.empty((3, 3))
-    for k, column in enumerate(columns):
-        matrix[:, (first + k) % 3] = column
-    return matrix
+    second = np.cross(main, np.eye(3)[int(np.argmin(np.abs(main)))])
+    second /= np.linalg.norm(second)
+    columns = np.array([main, second, np.cross(main, second)])  # right-handed, in cyclic order
+    return np.roll(columns, first, axis=0).T

@@ -13,6 +13,7 @@ from framework.fields import (
     Table,
     anything,
     below,
+    distinct,
     entries,
     list_of,
     mapping,
@@ -31,6 +32,7 @@ from framework.fields import (
 )
 from framework.model.description import (
     AXES,
+    CLOSURE_KINDS,
     GOALS,
     Actuator,
     Closure,
@@ -73,12 +75,7 @@ def robot_table(urdf: Tree, *, is_coupled: bool = False, locked: Sequence[str] =
     }
 
 
-def _axes(where: str, given: Any) -> tuple[str, ...]:
-    """Read one axis or several different ones, out of `AXES`."""
-    axes = one_or_list_of(one_of("axis", AXES))(where, given)
-    if not axes or len(set(axes)) < len(axes):
-        raise RobotFileError(f"{where}: needs different axes out of {', '.join(AXES)}, got {given!r}")
-    return axes
+_axes = distinct("axis", AXES)
 
 
 def _frame(urdf: Tree) -> Reader[str]:
@@ -93,10 +90,7 @@ def _frame(urdf: Tree) -> Reader[str]:
 def _platform(urdf: Tree) -> Reader[Platform]:
     """Return a reader of a frame with axes, or of joints, whose frame is by default the last one's link."""
     on_axes = {"frame": required(_frame(urdf)), "axes": required(_axes)}
-    of_joints = {
-        "joints": required(one_or_list_of(one_of("joint", urdf.movable))),
-        "frame": optional(_frame(urdf)),
-    }
+    of_joints = {"joints": required(distinct("joint", urdf.movable)), "frame": optional(_frame(urdf))}
 
     def read(where: str, given: Any) -> Platform:
         """Read a frame with axes, or joints with the frame of the last one."""
@@ -106,10 +100,8 @@ def _platform(urdf: Tree) -> Reader[Platform]:
         if "axes" in content:
             raise RobotFileError(f"{where}: needs either axes or joints, and not both")
         values = read_table(where, given, of_joints)
-        joints = values["joints"]
-        if not joints or len(set(joints)) < len(joints):
-            raise RobotFileError(f"{below(where, 'joints')}: needs different joints, got {list(joints)}")
-        return Platform(values["frame"] or urdf.joints[joints[-1]].child, joints=joints)
+        frame = values["frame"] or urdf.joints[values["joints"][-1]].child
+        return Platform(frame, joints=values["joints"])
 
     return read
 
@@ -134,26 +126,23 @@ def _actuator(urdf: Tree) -> Reader[Actuator]:
 def _closure(urdf: Tree) -> Reader[Closure]:
     """Return a reader of a closure, by kind, by locked axes, or by kind and length."""
     table = {"name": required(text), "frames": required(_pair(urdf))}
-    by_kind = {"kind": required(text), "axis": optional(text, "z")}
-    by_length = {"kind": required(text), "length": required(positive)}
+    kind = required(one_of("closure kind", CLOSURE_KINDS))
+    by_kind = {"kind": kind, "axis": optional(one_of("closure axis", tuple("xyz")), "z")}
+    by_length = {"kind": kind, "length": required(positive)}
 
     def read(where: str, given: Any) -> Closure:
         """Read a closure by kind and length, by locked axes, or by kind."""
         content = mapping(where, given)
-        if content.get("kind") in measured_kinds():
-            values = read_table(where, given, table | by_length)
-            axes = locked_axes(values["kind"])
-            return Closure(values["name"], values["frames"], axes, values["length"])
         if ("kind" in content) == ("axes" in content):
             raise RobotFileError(f"{where}: needs either kind or axes, and not both")
         if "axes" in content:
             values = read_table(where, given, table | {"axes": required(_axes)})
-            return Closure(values["name"], values["frames"], tuple(a for a in AXES if a in values["axes"]))
-        values = read_table(where, given, table | by_kind)
-        try:
-            return Closure(values["name"], values["frames"], locked_axes(values["kind"], values["axis"]))
-        except RobotFileError as error:
-            raise RobotFileError(f"{below(where, 'kind')}: {error}") from None
+            axes = tuple(axis for axis in AXES if axis in values["axes"])
+        else:
+            is_measured = content["kind"] in measured_kinds()
+            values = read_table(where, given, table | (by_length if is_measured else by_kind))
+            axes = locked_axes(values["kind"], values.get("axis", "z"))
+        return Closure(values["name"], values["frames"], axes, values.get("length"))
 
     return read
 

@@ -18,8 +18,9 @@ import numpy as np
 
 from framework.errors import check_name
 from framework.model.description import Spring
+from framework.model.inertia import ENTRIES
 from framework.model.placement import about, placement
-from framework.model.urdf_elements import MOVING, SEVERAL, Joint, read_tree
+from framework.model.urdf_elements import JOINT_TYPES, MOVING, SEVERAL, Joint, read_tree
 from framework.model.urdf_writing import (
     AXIS,
     ChainJoint,
@@ -36,11 +37,15 @@ from framework.model.xml_reading import child_element
 
 GROUND = "ground"
 ROOT_JOINTS = ("root_x", "root_y", "root_z", "root_rz", "root_ry", "root_rx")
-# attributes of numbers that pinocchio reads, by tag
+# children that pinocchio reads, by tag and by type of joint
+_READ_PARTS = {"link": ("inertial",), "inertial": ("origin", "mass", "inertia")}
+_READ_PARTS |= dict.fromkeys(JOINT_TYPES, ("parent", "child", "origin"))
+_READ_PARTS |= dict.fromkeys(MOVING, ("parent", "child", "origin", "axis", "limit"))
+# and their attributes of numbers
 _NUMBERS = {
     "origin": ("xyz", "rpy"),
     "mass": ("value",),
-    "inertia": ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"),
+    "inertia": ENTRIES,
     "axis": ("xyz",),
     "limit": ("lower", "upper", "effort", "velocity"),
 }
@@ -138,25 +143,20 @@ def bare_urdf(root: ElementTree.Element) -> ElementTree.Element:
     its own.
     """
     bare = ElementTree.Element("robot", name=root.get("name", ""))
-    for link in root.findall("link"):
-        copy = ElementTree.SubElement(bare, "link", name=link.get("name", ""))
-        for inertial in link.findall("inertial")[:1]:
-            _copy_numbers(inertial, ElementTree.SubElement(copy, "inertial"), ("origin", "mass", "inertia"))
-    for joint in root.findall("joint"):
-        kind = joint.get("type", "")
-        copy = ElementTree.SubElement(bare, "joint", name=joint.get("name", ""), type=kind)
-        for end in ("parent", "child"):
-            ElementTree.SubElement(copy, end, link=child_element(joint, "", end).get("link", ""))
-        _copy_numbers(joint, copy, ("origin", "axis", "limit") if kind in MOVING else ("origin",))
+    bare.extend(_copy_read_parts(element) for element in root if element.tag in ("link", "joint"))
     return bare
 
 
-def _copy_numbers(source: ElementTree.Element, target: ElementTree.Element, tags: Sequence[str]) -> None:
-    """Copy the first child of each tag, with its attributes of numbers."""
-    for element in (child for tag in tags for child in source.findall(tag)[:1]):
-        texts = {key: element.get(key, "").split() for key in _NUMBERS[element.tag] if key in element.attrib}
-        numbers = {key: vector_text(map(float, parts)) for key, parts in texts.items()}
-        ElementTree.SubElement(target, element.tag, numbers)
+def _copy_read_parts(element: ElementTree.Element) -> ElementTree.Element:
+    """Copy an element with the first of each child that pinocchio reads, as _READ_PARTS has them."""
+    copy = ElementTree.Element(element.tag, element.attrib)
+    for key in _NUMBERS.get(element.tag, ()):
+        if key in copy.attrib:
+            copy.set(key, vector_text(map(float, copy.attrib[key].split())))
+    kind = element.get("type", "") if element.tag == "joint" else element.tag
+    first_children = (element.findall(tag)[:1] for tag in _READ_PARTS.get(kind, ()))
+    copy.extend(_copy_read_parts(child) for children in first_children for child in children)
+    return copy
 
 
 def make_continuous_joints_revolute(root: ElementTree.Element) -> None:

@@ -199,17 +199,13 @@ def _base(links: list[str], joints: Mapping[str, Joint]) -> str:
     roots = [link for link in links if link not in parents]
     if len(roots) != 1:
         raise RobotFileError(f"needs exactly one root link, got {', '.join(roots[:5]) or 'none'}")
-    children: dict[str, list[str]] = {}
-    for child, parent in parents.items():
-        children.setdefault(parent, []).append(child)
-    order = [(roots[0], 0)]
-    for link, depth in order:  # which grows
-        order += [(child, depth + 1) for child in children.get(link, ())]
-    depths = dict(order)
-    if lost := [link for link in links if link not in depths]:
-        raise RobotFileError(f"link {lost[0]!r} hangs in a circle of joints without a root")
-    if order[-1][1] > MAX_TREE_DEPTH:
-        raise RobotFileError(f"<robot>: more than {MAX_TREE_DEPTH} joints in a row")
+    for link in links:
+        depth, below = 0, link
+        while below in parents:
+            depth, below = depth + 1, parents[below]
+            if depth > MAX_TREE_DEPTH:
+                where = f"link {link!r} hangs in a circle of joints"
+                raise RobotFileError(f"{where}, or behind more than {MAX_TREE_DEPTH} joints in a row")
     return roots[0]
 
 

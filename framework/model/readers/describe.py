@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from framework.errors import FrameworkError, RobotFileError, check_name, check_unique, choose_from
+from framework.fields import check_distinct
 from framework.model.description import (
     AXES,
     Actuator,
@@ -184,10 +185,8 @@ def _check_closures(closures: Sequence[Closure]) -> None:
     """Refuse too many closures, equal names, and a frame joined with itself."""
     if len(closures) > MAX_LOOPS:
         raise RobotFileError(f"{len(closures)} loops; at most {MAX_LOOPS} are read")
-    names = [closure.name for closure in closures]
+    check_unique("closures", [closure.name for closure in closures])
     for closure in closures:
-        if names.count(closure.name) > 1:
-            raise RobotFileError(f"duplicate closure {closure.name!r}")
         if closure.frames[0] == closure.frames[1]:
             raise RobotFileError(
                 f"closure {closure.name!r}: joins {closure.frames[0]!r} with itself; needs two frames"
@@ -368,8 +367,10 @@ def complete(options: Options, known: Known) -> Known:
     """
     joints, description = known.tree.movable, known.description
     if options.motors is not None:
-        motors = _actuators(options.motors, joints, description.actuators)
-        description = replace(description, actuators=motors)
+        check_distinct("--motors", "movable joint", options.motors, joints)
+        motors = {motor.joint: motor for motor in description.actuators}
+        chosen = tuple(motors.get(name, Actuator(name)) for name in options.motors)
+        description = replace(description, actuators=chosen)
     platform = _platform(options, known)
     known = known._replace(description=description, platform=platform)
     if options.propose is not None:
@@ -396,35 +397,13 @@ def _platform(options: Options, known: Known) -> Platform | None:
     if joints is not None:
         if options.axes is not None:
             raise RobotFileError("--platform-joints: the platform has joints or --axes, not both")
-        _check_axes("--platform-joints", "movable joint", joints, known.tree.movable)
+        check_distinct("--platform-joints", "movable joint", joints, known.tree.movable)
         return Platform(frame or known.tree.joints[joints[-1]].child, (), joints)
     if options.axes is not None:
-        _check_axes("--axes", "axis", options.axes, AXES)
+        check_distinct("--axes", "axis", options.axes, AXES)
         frame = frame or (platform.frame if platform else None)
         return None if frame is None else Platform(frame, options.axes)
     return platform if platform is None or frame is None else replace(platform, frame=frame)
-
-
-def _check_axes(option: str, kind: str, names: Sequence[str], valid: Sequence[str]) -> None:
-    """Refuse unknown and repeated names of an option, axes or joints."""
-    for name in names:
-        check_name(option, kind, name, valid)
-    if len(set(names)) < len(names):
-        plural = "axes" if kind == "axis" else "joints"
-        raise RobotFileError(f"{option}: needs different {plural}, got {' '.join(names)}")
-
-
-def _actuators(
-    motors: Sequence[str], joints: Sequence[str], known: Sequence[Actuator]
-) -> tuple[Actuator, ...]:
-    """Return the motors of the options with their properties in the file."""
-    by_joint = {actuator.joint: actuator for actuator in known}
-    for name in motors:
-        check_name("--motors", "movable joint", name, joints)
-    check_unique("--motors", motors)
-    if not motors:
-        raise RobotFileError(f"--motors: needs at least one joint (valid: {_few(joints)})")
-    return tuple(by_joint.get(name, Actuator(name)) for name in motors)
 
 
 def checked_reference(

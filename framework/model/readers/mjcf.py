@@ -13,7 +13,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -21,7 +21,7 @@ import pinocchio as pin
 from framework.arrays import Array
 from framework.errors import RobotFileError
 from framework.model.description import Closure, Coupling, JointDynamics, ParsedRobot, locked_axes
-from framework.model.placement import from_quaternion, placement
+from framework.model.placement import from_quaternion, inverse, placement
 from framework.model.readers.describe import LeftOut, Options, Pull, describe
 from framework.model.readers.mujoco_model import mujoco_model
 from framework.model.readers.urdf_tree import MAX_LOOPS, UrdfTree
@@ -43,7 +43,6 @@ _JOINT_MOTORS = (0, 1)  # mjTRN_JOINT, mjTRN_JOINTINPARENT
 _ON_TENDON, _OF_JOINT, _SITE = 3, 1, 6  # mjTRN_TENDON, mjWRAP_JOINT, mjOBJ_SITE
 _DIRECT_GAINS = (0, 1, 6)  # mjtGain of motors: fixed, affine, and those of users
 _DIRECT = (0, 1, 2, 3)  # mjtDyn of motors: none, integrator, filters; not muscles and those of users
-T = TypeVar("T")
 
 
 def read_mjcf(file: Path, root: ElementTree.Element, options: Options) -> ParsedRobot:
@@ -64,25 +63,22 @@ def read_mjcf(file: Path, root: ElementTree.Element, options: Options) -> Parsed
         tree.add_frame(model.name("site", k) or f"site_{k}", model.bodies[compiled.site_bodyid[k]], place)
         for k, place in enumerate(_places(compiled.site_pos, compiled.site_quat))
     ]
-    items = [*model.loops(tree, sites), *model.motors(), *model.left_out()]
+    closures = list(model.loops(tree, sites))
+    pulls = [*model.motors(), *model.tendons()]
+    model.name_unread_effects()
     reference = model.reference()
     return describe(
         tree,
         file,
         options,
-        _select_kind(Closure, items),
-        couplings=_select_kind(Coupling, items),
-        pulls=[*_select_kind(Pull, items), *model.tendons()],
+        closures,
+        couplings=model.couplings,
+        pulls=pulls,
         joints=model.acting(),
         gravity=tuple(compiled.opt.gravity.tolist()),
         reference={name: value for name, value in reference.items() if name in tree.coordinates},
-        left_out=[*left_out, *_select_kind(LeftOut, items)],
+        left_out=[*left_out, *model.left_out],
     )._replace(dialect="mjcf")
-
-
-def _select_kind(kind: type[T], items: Iterable[object]) -> list[T]:
-    """Return the items of a kind."""
-    return [item for item in items if isinstance(item, kind)]
 
 
 def _refuse_nan(root: ElementTree.Element) -> None:
@@ -113,11 +109,16 @@ class _Joint(NamedTuple):
 
 
 class _Model:
-    """A compiled model with a name for each body and joint."""
+    """A compiled model with a name for each body and joint.
+
+    Couplings and unread elements are gathered while the loops and what acts are read.
+    """
 
     def __init__(self, compiled: Any) -> None:
         """Name all bodies and joints: unnamed ones body_<k> and <body>_joint, <body>_joint_2."""
         self.compiled = compiled
+        self.couplings: list[Coupling] = []
+        self.left_out: list[LeftOut] = []
         names = [self.name("body", k) for k in range(compiled.nbody)]
         self.taken = {*names, ""}
         unnamed = (names[k] or free_name(f"body_{k}", self.taken) for k in range(1, compiled.nbody))
@@ -128,9 +129,13 @@ class _Model:
             rank = j - compiled.body_jntadr[k]
             name = self.name("joint", j) or f"{self.bodies[k]}_joint" + (f"_{rank + 1}" if rank else "")
             self.joints.append(_Joint(name, _KINDS[kind], compiled.joint(j)))
+        self.all_joints = tuple(joint.name for joint in self.joints)
 
     def name(self, kind: str, number: int) -> str:
         return str(getattr(self.compiled, kind)(number).name)
+
+    def leave_out(self, text: str, acts_on: Iterable[str], *, is_decisive: bool = False) -> None:
+        self.left_out.append(LeftOut(text, tuple(acts_on), is_decisive))
 
     # -------------------------------------------------------------- the tree
 
@@ -165,33 +170,31 @@ class _Model:
             zero, start = view.qpos0, view.qposadr.item()
             qpos = model.key_qpos[0, start : start + zero.size]
             values = (qpos - zero).tolist()
-            if kind in SEVERAL:
-                first, turn = (from_quaternion(*each[-4:]) for each in (zero, qpos))
-                values = pin.log3(turn).tolist()
-            if kind == "floating":  # its qpos is the pose of the body, not the way from the zero pose
-                values = [*(first.T @ (qpos[:3] - zero[:3])).tolist(), *pin.log3(first.T @ turn).tolist()]
-            reference.update(zip(coordinates_of(name, kind), values, strict=True))
+            names = coordinates_of(name, kind)
+            if kind in SEVERAL:  # qpos is the pose, not the way from the zero pose
+                poses = [np.append(np.zeros(3), each)[-7:] for each in (zero, qpos)]
+                first, last = (placement(from_quaternion(*pose[3:]), pose[:3]) for pose in poses)
+                motion = inverse(first) @ last
+                values = [*motion[:3, 3].tolist(), *pin.log3(motion[:3, :3]).tolist()][-len(names) :]
+            reference.update(zip(names, values, strict=True))
         return reference
 
     # -------------------------------------------------------------- loops
 
-    def loops(self, tree: UrdfTree, sites: list[str]) -> Iterator[Closure | Coupling | LeftOut]:
-        """Yield the loops of the equalities, and unread equalities that decide how joints move.
+    def loops(self, tree: UrdfTree, sites: list[str]) -> Iterator[Closure]:
+        """Yield the closures of the equalities; gather couplings, and equalities that are not read.
 
         Joints that an equality holds become fixed in the tree.
         """
         model = self.compiled
-        active = np.flatnonzero(model.eq_active0).tolist()
-        for k in active:
+        for k in np.flatnonzero(model.eq_active0).tolist():
             kind = _EQUALITIES[model.eq_type[k]] if model.eq_type[k] < len(_EQUALITIES) else "flex"
             ends = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
             name = self.name("equality", k) or f"{kind}_{k + 1}"
             if kind == "flex":
-                yield LeftOut(f"equality {name!r}: of flexible bodies", tuple(tree.coordinates), True)
+                self.leave_out(f"equality {name!r}: of flexible bodies", tree.coordinates, is_decisive=True)
             elif kind in ("joint", "tendon"):
-                loop = self._joint_equality(tree, name, kind, ends, model.eq_data[k])
-                if loop is not None:
-                    yield loop
+                yield from self._joint_equality(tree, name, kind, ends, model.eq_data[k])
             elif model.eq_objtype[k] == _SITE:
                 axes = locked_axes(_closure_kind(kind, model.eq_data[k]))
                 yield Closure(name, (sites[ends[0]], sites[ends[1]]), axes)
@@ -210,40 +213,41 @@ class _Model:
 
     def _joint_equality(
         self, tree: UrdfTree, name: str, kind: str, ends: tuple[int, int], data: Array
-    ) -> Closure | Coupling | LeftOut | None:
-        """Return the coupling of an equality of joints or tendons; a joint that is held alone becomes fixed.
+    ) -> Iterator[Closure]:
+        """Gather the coupling of an equality of joints or tendons; a joint that is held alone becomes fixed.
 
         Equal turns about parallel axes of one body are a closure, which all proofs know. MuJoCo's polynomial
         is between ways from the zero pose, as ours is.
         """
-        first, second = (self._shares(kind, end) for end in ends)
-        offset, ratio = data[:2].tolist()
         where = f"{kind} equality {name!r}"
+        offset, ratio = data[:2].tolist()
+        first, second = (self._shares(kind, end) for end in ends)
         if first is None or second is None:
-            return LeftOut(
-                f"{where}: of a spatial tendon, which is not read", tuple(tree.coordinates), is_decisive=True
-            )
-        joints = tuple(first | second)
+            where += ": of a spatial tendon, which is not read"
+            return self.leave_out(where, tree.coordinates, is_decisive=True)
+        differences = {
+            joint: first.get(joint, 0.0) - ratio * second.get(joint, 0.0) for joint in first | second
+        }
+        shares = {joint: share for joint, share in differences.items() if share}
         if second and data[2:5].any():
-            text = (
-                f"{where}: polycoef {' '.join(map('{:g}'.format, data[:5]))} couples {' and '.join(joints)}"
+            polynomial = " ".join(map("{:g}".format, data[:5]))
+            where += (
+                f": polycoef {polynomial} couples {' and '.join(differences)}: only linear couplings are read"
             )
-            return LeftOut(f"{text}: only linear couplings are read", joints, is_decisive=True)
-        shares = {joint: first.get(joint, 0.0) - ratio * second.get(joint, 0.0) for joint in joints}
-        shares = {joint: share for joint, share in shares.items() if share}
-        if len(shares) > 2:
-            text = f"{where}: couples {', '.join(shares)}: only couplings of two joints are read"
-            return LeftOut(text, tuple(shares), is_decisive=True)
-        if len(shares) < 2:
-            for joint, share in shares.items():
-                if tree.joints[joint].moves:
-                    tree.fix(tree.joints[joint], offset / share)
-            return None
-        (driven, share), (of, other) = shares.items()
-        closure = None
-        if (offset, share, other) == (0.0, 1.0, -1.0):
-            closure = _parallel_turns(tree, name, driven, of)
-        return closure or Coupling(driven, of, -other / share, offset / share)
+            self.leave_out(where, differences, is_decisive=True)
+        elif len(shares) > 2:
+            where += f": couples {', '.join(shares)}: only couplings of two joints are read"
+            self.leave_out(where, shares, is_decisive=True)
+        elif len(shares) == 2:
+            (driven, share), (of, other) = shares.items()
+            is_equal = (offset, share, other) == (0.0, 1.0, -1.0)
+            if is_equal and (closure := _parallel_turns(tree, name, driven, of)):
+                yield closure
+            else:
+                self.couplings.append(Coupling(driven, of, -other / share, offset / share))
+        for joint, share in shares.items() if len(shares) == 1 else ():
+            if tree.joints[joint].moves:
+                tree.fix(tree.joints[joint], offset / share)
 
     def _shares(self, kind: str, number: int) -> dict[str, float] | None:
         """Return the joints of a joint or a fixed tendon with their shares; None of a spatial tendon."""
@@ -296,13 +300,13 @@ class _Model:
             if shares is not None:
                 yield Pull(f"tendon {self.name('tendon', k)!r}", shares, acting=acting, is_motor=False)
 
-    def motors(self) -> Iterator[Pull | LeftOut]:
-        """Yield motors on hinges, slides and their fixed tendons, and other motors as left out."""
+    def motors(self) -> Iterator[Pull]:
+        """Yield motors on hinges, slides and their fixed tendons; gather other motors as left out."""
         model = self.compiled
         for k in range(model.nactuator):
             target, kind, gear = int(model.actuator_trnid[k, 0]), model.actuator_trntype[k], self._gear(k)
             shares: Mapping[str, float] | None = None
-            acts_on, name = tuple(joint.name for joint in self.joints), self.name("actuator", k)
+            acts_on, name = self.all_joints, self.name("actuator", k)
             if kind in _JOINT_MOTORS:
                 joint = self.joints[target]
                 acts_on, name = (joint.name,), name or joint.name
@@ -312,9 +316,9 @@ class _Model:
                 acts_on = tuple(shares or acts_on)
             where = f"motor {name or f'actuator_{k + 1}'!r}"
             if model.actuator_gaintype[k] not in _DIRECT_GAINS or model.actuator_dyntype[k] not in _DIRECT:
-                yield LeftOut(f"{where}: a muscle, or an actuator of another program", acts_on)
+                self.leave_out(f"{where}: a muscle, or an actuator of another program", acts_on)
             elif not shares or not gear:
-                yield LeftOut(f"{where}: no motor on a hinge or a slide", acts_on)
+                self.leave_out(f"{where}: no motor on a hinge or a slide", acts_on)
             else:
                 acting = JointDynamics(float(model.actuator_armature[k]), float(model.actuator_damping[k]))
                 yield Pull(where, shares, gear, acting, self._force_limit(k))
@@ -334,25 +338,25 @@ class _Model:
             ranges.append(model.jnt_actfrcrange[joint] / abs(self._gear(k)))
         return min((float(abs(high)) for low, high in ranges if high and low == -high), default=None)
 
-    def left_out(self) -> Iterator[LeftOut]:
-        """Yield unread effects of the model, with their sizes."""
+    def name_unread_effects(self) -> None:
+        """Gather unread effects of joints, bodies, tendons and the fluid, with their sizes."""
         model = self.compiled
         for joint in self.joints:
-            yield from _left_out_of_joint(joint)
+            for effect in _unread_effects(joint):
+                self.leave_out(f"joint {joint.name!r}{effect}", [joint.name])
         for k, body in enumerate(self.bodies):
             if model.body_mocapid[k] >= 0:
-                yield LeftOut(f"body {body!r}: mocap, so it stands still", (body,))
+                self.leave_out(f"body {body!r}: mocap, so it stands still", [body])
             if model.body_gravcomp[k]:
                 weight = model.body_gravcomp[k] * model.body_mass[k] * np.linalg.norm(model.opt.gravity)
-                yield LeftOut(f"body {body!r} gravcomp {model.body_gravcomp[k]:g}: {weight:.3g} N", (body,))
-        everything = tuple(joint.name for joint in self.joints)
+                self.leave_out(f"body {body!r} gravcomp {model.body_gravcomp[k]:g}: {weight:.3g} N", [body])
         for k in range(model.ntendon):
             if acting := self._left_out_of_tendon(k):
-                touched = tuple(self._shares("tendon", k) or everything)  # a spatial one may touch any body
-                yield LeftOut(f"tendon {self.name('tendon', k)!r}: {', '.join(acting)}", touched)
+                touched = self._shares("tendon", k) or self.all_joints  # a spatial one may touch any body
+                self.leave_out(f"tendon {self.name('tendon', k)!r}: {', '.join(acting)}", touched)
         if model.opt.density or model.opt.viscosity:
             around = f"density {model.opt.density:g}, viscosity {model.opt.viscosity:g}"
-            yield LeftOut(f"<option> {around}: the drag of the fluid", everything)
+            self.leave_out(f"<option> {around}: the drag of the fluid", self.all_joints)
 
     def _left_out_of_tendon(self, k: int) -> list[str]:
         """Return the unread effects of a tendon: all of a spatial one, slack springs, ranges."""
@@ -377,16 +381,15 @@ def _parallel_turns(tree: UrdfTree, name: str, *joints: str) -> Closure | None:
     return tree.same_turning(name, *children)
 
 
-def _left_out_of_joint(joint: _Joint) -> Iterator[LeftOut]:
+def _unread_effects(joint: _Joint) -> Iterator[str]:
     """Yield the unread effects of a joint: springs of balls, powers of damping and stiffness."""
-    name, kind, view = joint
-    if kind in SEVERAL and view.stiffness[0]:
-        yield LeftOut(f"joint {name!r}: spring of a ball, {view.stiffness[0]:g} N m/rad", (name,))
+    view = joint.view
+    if joint.kind in SEVERAL and view.stiffness[0]:
+        yield f": spring of a ball, {view.stiffness[0]:g} N m/rad"
     for effect, rows in (("damping", view.dampingpoly), ("stiffness", view.stiffnesspoly)):
         values = np.atleast_2d(rows)[0]
         if values.any():
-            powers = " ".join(map("{:g}".format, values))
-            yield LeftOut(f"joint {name!r} {effect}: higher powers {powers}", (name,))
+            yield f" {effect}: higher powers {' '.join(map('{:g}'.format, values))}"
 
 
 def _closure_kind(kind: str, data: Array) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ElementTree
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -166,10 +167,6 @@ class UrdfTree(Tree):
 
     # -------------------------------------------------------------- small edits
 
-    def frame_at(self, name: str, link: str, where: Array) -> str:
-        """Return a frame on a link: the link's own where the placement is the identity, else one added."""
-        return link if np.array_equal(where, np.eye(4)) else self.add_frame(name, link, where)
-
     def close(
         self, name: str, kind: str, ends: Iterable[tuple[str, str, Array]], axes: Sequence[Array] = ()
     ) -> Closure:
@@ -180,11 +177,12 @@ class UrdfTree(Tree):
         """
         letters = "xy" if kind == "universal" else "zz"
         turns = [turning(*pair) for pair in zip(letters, 2 * tuple(axes), strict=False)] or 2 * [np.eye(3)]
-        first, second = (
-            self.frame_at(f"{name}_{suffix}", link, place @ placement(turn))
-            for (suffix, link, place), turn in zip(ends, turns, strict=True)
-        )
-        return Closure(name, (first, second), locked_axes(kind))
+        frames = []
+        for (suffix, link, place), turn in zip(ends, turns, strict=True):
+            where = place @ placement(turn)
+            is_own = np.array_equal(where, np.eye(4))
+            frames.append(link if is_own else self.add_frame(f"{name}_{suffix}", link, where))
+        return Closure(name, (frames[0], frames[1]), locked_axes(kind))
 
     def add_frame(self, name: str, link: str, where: Array) -> str:
         """Return a frame added to a link; its name, with underscores behind where that was taken."""
@@ -280,9 +278,6 @@ class UrdfTree(Tree):
             return None
         if any(np.linalg.norm(axis - axes[0]) > FILE_ROUNDING for axis in axes):
             return None
-        common = turning("z", axes[0])
-        one, other = (
-            self.frame_at(f"{name}_{end}", link, placement(inverse(self.zero_pose(link))[:3, :3] @ common))
-            for end, link in (("first", first), ("second", second))
-        )
-        return Closure(name, (one, other), ("rz",))
+        turns = [placement(inverse(self.zero_pose(link))[:3, :3]) for link in (first, second)]
+        ends = zip(("first", "second"), (first, second), turns, strict=True)
+        return replace(self.close(name, "planar", ends, [axes[0], axes[0]]), axes=("rz",))

@@ -167,13 +167,16 @@ def test_all_that_is_missing_is_asked_for_at_once_with_candidates():
     [
         ({"platform": "tip_C"}, "--platform: unknown frame 'tip_C'; did you mean"),
         ({"axes": ["x", "w"]}, "--axes: unknown axis 'w'"),
-        ({"axes": ["x", "x"]}, "--axes: needs different axes"),
+        ({"axes": ["x", "x"]}, "--axes: needs at least one axis, and each once"),
         (
             {"motors": ["left_moter"]},
             "--motors: unknown movable joint 'left_moter'; did you mean 'left_motor'",
         ),
         ({"motors": ["tip_A_frame"]}, "--motors: unknown movable joint"),
-        ({"motors": ["left_motor", "left_motor"]}, "--motors: duplicate 'left_motor'"),
+        (
+            {"motors": ["left_motor", "left_motor"]},
+            "--motors: needs at least one movable joint, and each once",
+        ),
         ({"motors": []}, "--motors: needs at least one"),
         ({"reference": {"elbow": 1.0}}, "--reference: unknown movable joint 'elbow'"),
     ],
