@@ -221,7 +221,7 @@ def test_a_crossing_is_planned_alike(name, change):
 BETWEEN = {"lengths x 0.0001", "lengths x 0.01", "masses x 0.0001", "masses x 10000", "times x 0.01"}
 BETWEEN |= {"times x 100", "a speck"}
 OUTERMOST = [change for change in ONE_BY_ONE if change not in BETWEEN]
-# each change on half of the robots by turns; on all of them in test_a_crossing_is_planned_alike, several at once
+# each change on half of the robots by turns; several at once on all of them in the tests above
 BY_TURNS = [
     (name, change)
     for k, name in enumerate(robots.CATALOGUE)
