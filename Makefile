@@ -10,8 +10,9 @@ PYTEST_ARGS ?=
 CHART_ARGS ?=
 
 BIN := $(VENV)/bin
-# One process a core, and one thread a process: threads of processes that share a core wait for one another.
-ON_ALL_CORES := --numprocesses auto
+# One process a core, each with a stretch of the tests, which share what is computed once; who is done takes from the
+# other. And one thread a process: threads of processes that share a core wait for one another.
+ON_ALL_CORES := --numprocesses auto --dist worksteal
 export OPENBLAS_NUM_THREADS ?= 1
 INSTALL := $(BIN)/python -m pip install --disable-pip-version-check --constraint constraints.txt
 SOURCES := $(shell find framework robots urdf -type f ! -name '*.pyc' 2>/dev/null)
