@@ -138,20 +138,22 @@ def _random_poses(robot: ParallelRobot, count: int, random: np.random.Generator)
     ones.
     """
     q, x = (np.repeat(start[None], count, axis=0) for start in (robot.reference.q, robot.reference.x))
-    has_moved = np.zeros(count, dtype=bool)
+    is_done = np.zeros(count, dtype=bool)  # walks that take no further step
+    has_moved = is_done.copy()
     for k in range(MAX_STEPS):
+        if k >= STEPS:
+            is_done = has_moved.copy()
+            if is_done.all():
+                break
         step = STEP * robot.platform_scale * random.uniform(-1.0, 1.0, (count, robot.n))
         target = x + step * 0.5 ** max(k - STEPS, 0)
         closed = close_each(robot, target, q, farthest=MAX_NEWTON_STEP)
-        accepted = closed.closed.copy()
-        if k >= STEPS:
-            accepted &= ~has_moved
-        linearised = linearised_at(robot, closed.q[accepted], None)
-        accepted[accepted] = clearance(robot, linearised) > BRANCHES_MEET
+        accepted = closed.closed & ~is_done
+        accepted[accepted] = clearance(robot, linearised_at(robot, closed.q[accepted], None)) > BRANCHES_MEET
         q[accepted], x[accepted] = closed.q[accepted], target[accepted]
         has_moved |= accepted
-        if k + 1 >= STEPS and has_moved.all():
-            return q, x
+    if has_moved.all():
+        return q, x
     raise NotAssembled(
         f"{robot.name}: the loops close at no pose beside the reference",
         q=robot.reference.q,

@@ -28,7 +28,7 @@ from framework.identification.calibration_equations import (
 from framework.identification.combinations import Combinations, combination_text, determined_combinations
 from framework.identification.geometry import Geometry, geometry_of
 from framework.identification.recording import Recording, recording_of
-from framework.kinematics.closures import loop_equations
+from framework.kinematics.continuation.forward_kinematics import close_at_motors
 from framework.kinematics.continuation.pose_stack import forward_kinematics_stack
 from framework.kinematics.frames import frames_at, integrate_columns
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
@@ -40,7 +40,6 @@ LENGTH_ERROR = 1e-3  # [m] standard deviation of the file's lengths, as of a mac
 ANGLE_ERROR = float(np.radians(1.0))  # [rad] standard deviation of the file's angles
 NOISE = {"motor_angle": 3e-5, "joint": 1e-4, "platform": 2e-5}  # standard deviations [rad, m], by kind
 HELD_OUT_EVERY = 4  # instants: one of so many is kept for validation
-MAX_CLOSING_STEPS = 20
 MIN_RESPONSE = 1e-6  # of a measurement to a direction, over its largest motion [robot lengths, rad]
 HUBER = 2.0  # residual of an instant over the median residual, above which its weight falls
 MAX_STEPS, FIRST_DAMPING, MAX_DAMPING = 60, 1e-3, 1e9  # damping is over the prior's weight
@@ -240,31 +239,21 @@ def _check_plausible(robot: ParallelRobot, geometry: Geometry, share: Array, noi
 def _prediction_error(model: ParallelRobot, measured: Measurements, q: Array, values: Array) -> Array:
     """Compute the root mean square errors (m,) of measurements predicted from motors' angles.
 
-    With the parameters (p,) the loops are closed at the measured motor angles by Newton's method, from q.
+    From q (T, nq) the motors are moved to their measured angles and the parameters to `values` (p,), then the
+    loops are closed.
     """
-    q = integrate_columns(model, q, model.elastic, np.tile(values, (len(q), 1)))
-    lengths = model.column_scale[model.joints]
-    loop_weights = 1.0 / model.row_lengths[model.structure.independent]
-    for _ in range(MAX_CLOSING_STEPS):
-        frames = frames_at(model, q)
-        loops = loop_equations(model.loops, frames)
-        offset, slope = offsets(model, measured, frames)
-        motors = slice(0, measured.driven)
-        jacobian = np.concatenate([loop_weights[:, None] * loops.jacobian, slope[:, motors]], axis=1)
-        residual = np.concatenate([loop_weights * loops.residual, offset[:, motors]], axis=1)
-        inverse = np.linalg.pinv(jacobian[:, :, model.joints] * lengths, rcond=RANK_ROUNDING)
-        step = -lengths * np.einsum("tkr,tr->tk", inverse, residual)
-        q = integrate_columns(model, q, model.joints, step)
-        if np.abs(residual).max() < RANK_ROUNDING:
-            break
-    else:
-        worst = np.abs(residual).max(axis=1).argmax()
+    turns = measured.values[:, : measured.driven] - model.actuated_coordinates(q)
+    change = np.hstack([turns, np.tile(values, (len(q), 1))])
+    q = integrate_columns(model, q, np.concatenate([model.actuated, model.elastic]), change)
+    poses = close_at_motors(model, q, np.zeros((len(q), model.model.nv)), q)
+    if not poses.closed.all():
+        worst = int(np.argmin(poses.closed))
         raise NotConverged(
             f"{model.name}: at pose {worst + 1} of those held out the loops do not close at the measured "
             f"motor angles; these data are of another robot, or the file is too far off",
-            residual=float(np.abs(residual[worst]).max()),
+            residual=float(poses.linearised.gap[worst]),
         )
-    return np.sqrt(np.mean(offsets(model, measured, frames_at(model, q)).offset ** 2, axis=0))
+    return np.sqrt(np.mean(offsets(model, measured, poses.linearised.frames).offset ** 2, axis=0))
 
 
 def _describe_unseen(
@@ -287,8 +276,10 @@ def _describe_unseen(
         motion[:, model.joints] = equations.follow @ direction
         motion[:, model.elastic] = direction
         least = MIN_RESPONSE * np.abs(motion / model.column_scale).max()
-        responses = {name: np.abs(np.einsum("tv,tv->t", slope, motion)) for name, slope in unused.items()}
-        sensor = next((name for name, response in responses.items() if response.max() > least), None)
+        responding = (
+            name for name, slope in unused.items() if np.abs(np.vecdot(slope, motion)).max() > least
+        )
+        sensor = next(responding, None)
         advice = f"{sensor} would show it" if sensor else "no pose or joint angle depends on it"
         sentences.append(f"{unseen_text(geometry.names, direction)}; {advice}")
     return tuple(sentences)
@@ -342,27 +333,22 @@ class GaussNewton:
     def run(self, name: str, progress: Callable[[int], None]) -> None:
         """Iterate until no parameter changes; name is the robot's.
 
-        A step that raises the cost is repeated with ten times the damping. Poses follow the parameters
-        linearly.
+        A step that raises the cost is repeated with ten times the damping (Levenberg and Marquardt). Poses
+        follow the parameters linearly.
         """
         damping, equations = FIRST_DAMPING, eliminate_poses(self.model, self.measured, self.q)
         cost = self._weigh(equations)
-        columns = np.concatenate([self.model.joints, self.model.elastic])
         for self.count in range(1, MAX_STEPS + 1):
             progress(self.count)
             change = self._change(equations, damping)
-            joint_step = equations.step + equations.follow @ change
-            parameter_step = np.tile(change, (len(joint_step), 1))
-            step = np.concatenate([joint_step, parameter_step], axis=1)
-            q = integrate_columns(self.model, self.q, columns, step)
+            q, values = self._move_poses(equations, change), self.values + change
             next_equations = eliminate_poses(self.model, self.measured, q)
-            next_cost = self._cost(next_equations, self.values + change)
-            if not next_cost <= cost * (1.0 + RANK_ROUNDING) + RANK_ROUNDING:
+            if not self._cost(next_equations, values) <= cost * (1.0 + RANK_ROUNDING) + RANK_ROUNDING:
                 damping *= 10.0
                 if damping > MAX_DAMPING:
                     break
                 continue
-            self.q, self.values, equations = q, self.values + change, next_equations
+            self.q, self.values, equations = q, values, next_equations
             damping = max(0.1 * damping, 1e-12)
             cost = self._weigh(equations)
             if np.abs(change / self.prior).max() < CONVERGED:
@@ -373,6 +359,13 @@ class GaussNewton:
             f"these data, or they are of another robot",
             residual=cost,
         )
+
+    def _move_poses(self, equations: ParameterEquations, change: Array) -> Array:
+        """Return the poses (T, nq) after a change (p,) of the parameters, which the joints follow."""
+        joint_step = equations.step + equations.follow @ change  # (T, k)
+        parameter_step = np.tile(change, (len(joint_step), 1))
+        columns = np.concatenate([self.model.joints, self.model.elastic])
+        return integrate_columns(self.model, self.q, columns, np.hstack([joint_step, parameter_step]))
 
     def _system(self, equations: ParameterEquations) -> tuple[Array, Array]:
         """Return rows on parameters over their prior deviations, of unit noise, and their residuals."""

@@ -131,25 +131,26 @@ def eliminate_poses(model: ParallelRobot, measured: Measurements, q: Array) -> P
     """Compute the equations of the parameters at q (T, nq), with the poses eliminated.
 
     Offsets over their noise are r + A dp + B z, with z the free motions of the loops. Least squares give
-    z = -B^+ (r + A dp), so the equations (1 - B B^+) (r + A dp) remain.
+    z = -B^+ (r + A dp), so the equations (1 - B B^+) (r + A dp) remain (variable projection, Golub and
+    Pereyra 1973).
     """
-    frames, lengths = frames_at(model, q), model.column_scale[model.joints]
+    frames, scale = frames_at(model, q), model.column_scale[model.joints]  # (k,)
     loops = _close_linearly(model, frames)
-    offset, slope = offsets(model, measured, frames)
-    by_joints = slope[:, :, model.joints] * lengths / measured.noise[:, None]
-    A = slope[:, :, model.elastic] / measured.noise[:, None] + by_joints @ loops.follow
-    r = offset / measured.noise + np.einsum("tmk,tk->tm", by_joints, loops.step)
-    B = by_joints @ loops.free
+    measurements = offsets(model, measured, frames)
+    slopes = measurements.slope / measured.noise[:, None]  # (T, m, nv) over the noise
+    by_joints = slopes[:, :, model.joints] * scale  # (T, m, k)
+    r = measurements.offset / measured.noise + np.matvec(by_joints, loops.step)  # (T, m)
+    A = slopes[:, :, model.elastic] + by_joints @ loops.follow  # (T, m, p)
+    B = by_joints @ loops.free  # (T, m, f)
     B_inverse = np.linalg.pinv(B, rcond=RANK_ROUNDING)
-    step = loops.step - np.einsum("tkf,tfm,tm->tk", loops.free, B_inverse, r)
-    follow = loops.follow - loops.free @ B_inverse @ A
+    z, z_slope = np.matvec(B_inverse, r), B_inverse @ A  # (T, f), (T, f, p), both with the opposite sign
     return ParameterEquations(
-        right=r - np.einsum("tmf,tfn,tn->tm", B, B_inverse, r),
-        matrix=A - B @ (B_inverse @ A),
+        right=r - np.matvec(B, z),
+        matrix=A - B @ z_slope,
         open_loops=loops.open_loops,
         loop_slopes=loops.slopes,
-        step=lengths * step,
-        follow=lengths[:, None] * follow,
+        step=scale * (loops.step - np.matvec(loops.free, z)),
+        follow=scale[:, None] * (loops.follow - loops.free @ z_slope),
     )
 
 
@@ -173,16 +174,18 @@ def _close_linearly(model: ParallelRobot, frames: FrameStack) -> _LinearLoops:
     the free motions, the other columns of U the equations that no joint can close.
     """
     loops, weights = loop_equations(model.rows, frames), 1.0 / model.row_lengths
-    jacobian = weights[:, None] * loops.jacobian
-    gap, F_p = weights * loops.residual, jacobian[:, :, model.elastic]
-    U, S, V_rows = np.linalg.svd(jacobian[:, :, model.joints] * model.column_scale[model.joints])
+    residual, jacobian = weights * loops.residual, weights[:, None] * loops.jacobian
+    F_q = jacobian[:, :, model.joints] * model.column_scale[model.joints]  # (T, r, k)
+    F_p = jacobian[:, :, model.elastic]  # (T, r, p)
+    U, S, V_rows = np.linalg.svd(F_q)
     rank = len(model.structure.independent)
-    inverse = V_rows[:, :rank].swapaxes(1, 2) / S[:, None, :rank] @ U[:, :, :rank].swapaxes(1, 2)
-    unreachable = U[:, :, rank:].swapaxes(1, 2) / LOOP_GAP
+    U_rows, V = U.swapaxes(1, 2), V_rows.swapaxes(1, 2)
+    inverse = V[:, :, :rank] / S[:, None, :rank] @ U_rows[:, :rank]  # (T, k, r)
+    unreachable = U_rows[:, rank:] / LOOP_GAP
     return _LinearLoops(
-        step=-np.einsum("tkr,tr->tk", inverse, gap),
+        step=-np.matvec(inverse, residual),
         follow=-inverse @ F_p,
-        free=V_rows[:, rank:].swapaxes(1, 2),
-        open_loops=np.einsum("tir,tr->ti", unreachable, gap),
+        free=V[:, :, rank:],
+        open_loops=np.matvec(unreachable, residual),
         slopes=unreachable @ F_p,
     )

@@ -75,22 +75,25 @@ def determined_combinations(regressor: Array, sizes: Array) -> Combinations:
     columns = regressor * sizes
     lengths = np.linalg.norm(columns, axis=0)
     seen = np.flatnonzero(lengths > RANK_ROUNDING * lengths.max(initial=0.0))
-    R = np.asarray(np.linalg.qr(columns[:, seen] / lengths[seen], mode="r"))
+    R = np.asarray(np.linalg.qr(columns[:, seen] / lengths[seen], mode="r"))  # of columns of unit length
     values = singular_values(R)
     rank = int(np.sum(values > RANK_ROUNDING * values.max(initial=0.0)))
-    leading = _leading(R, rank)
-    dependent = np.setdiff1d(np.arange(len(seen)), leading)
-    shares = np.linalg.lstsq(R[:, leading], R[:, dependent], rcond=None)[0]  # of unit columns
-    # shares of columns in sizes of the parameters; those that are rounding become zero
-    sized_shares = shares * lengths[seen[dependent]] / lengths[seen[leading], None]
-    largest = np.abs(sized_shares).max(axis=0, initial=0.0)
-    shares[np.abs(sized_shares) <= COEFFICIENT_ROUNDING * np.maximum(largest, 1.0)] = 0.0
-    weights = lengths[seen] / sizes[seen]  # lengths of columns in units of the parameters
-    coefficients = np.zeros((rank, regressor.shape[1]))
-    coefficients[np.arange(rank), seen[leading]] = 1.0
-    coefficients[:, seen[dependent]] = shares * weights[dependent] / weights[leading, None]
-    without_effect = np.setdiff1d(np.arange(regressor.shape[1]), seen)
-    return Combinations(rank, values, seen[leading], coefficients, without_effect)
+    first = _leading(R, rank)  # among the seen
+    others = np.setdiff1d(np.arange(len(seen)), first)
+    leading, dependent = seen[first], seen[others]
+
+    # each dependent column is a sum of leading ones: R_dependent = R_leading shares
+    shares = np.linalg.lstsq(R[:, first], R[:, others], rcond=None)[0]  # (rank, dependent)
+    in_sizes = shares * lengths[dependent] / lengths[leading, None]  # of columns in sizes of the parameters
+    largest = np.abs(in_sizes).max(axis=0, initial=0.0)
+    shares[np.abs(in_sizes) <= COEFFICIENT_ROUNDING * np.maximum(largest, 1.0)] = 0.0
+
+    weights = lengths / sizes  # lengths of columns in units of the parameters
+    coefficients = np.zeros((rank, len(sizes)))
+    coefficients[np.arange(rank), leading] = 1.0
+    coefficients[:, dependent] = shares * weights[dependent] / weights[leading, None]
+    without_effect = np.setdiff1d(np.arange(len(sizes)), seen)
+    return Combinations(rank, values, leading, coefficients, without_effect)
 
 
 def _leading(matrix: Array, rank: int) -> IntArray:

@@ -188,15 +188,9 @@ def identify(
             f"{data.source}: {len(rows.right)} equations at {int((~test).sum())} instants for {base.rank} "
             f"base parameters; record longer, or give a cutoff above {measured.cutoff:.3g} Hz"
         )
-    values, deviations, noise = _least_squares(base, rows)
+    estimate = _estimate_base_parameters(base, rows)
     file, links = base.described.values, link_parameters_of(robot, base.described)
-    sizes = base.described.sizes[base.combinations.leading]
-    spread = np.clip(KEPT_SPREAD * deviations, LEAST_SPREAD * sizes, KEPT_SPREAD * sizes)
-    unseen = _are_unseen(base, values, deviations)
-    pinned = base.combinations.coefficients[unseen] / spread[unseen, None]
-    information = rows.matrix.T @ rows.matrix / noise**2 + pinned.T @ pinned
-    residual = rows.matrix.T @ (rows.right - rows.matrix @ file) / noise**2
-    link_values = possible_parameters(robot, links, information, residual, prior)
+    link_values = _fit_possible_bodies(robot, base, links, rows, estimate, prior)
     parameters = file + links.to_parameters @ (link_values - links.values)
     before, after = (torque_error(robot, regressor, measured, test, each) for each in (file, parameters))
     if np.linalg.norm(before) <= np.linalg.norm(after):
@@ -204,14 +198,14 @@ def identify(
     return Identification(
         robot=robot,
         base=base,
-        values=values,
-        deviations=deviations,
+        values=estimate.values,
+        deviations=estimate.deviations,
         parameters=parameters,
         links=links,
         link_values=link_values,
         error_before=before,
         error_after=after,
-        noise=noise,
+        noise=estimate.noise,
         cutoff=measured.cutoff,
         poses=measured.source,
         motor_misfit=measured.motor_misfit,
@@ -229,12 +223,12 @@ def _whiten(robot: ParallelRobot, regressor: ParameterRegressor, measured: Measu
     scale = robot.platform_scale  # forces and moments are compared as forces
     noise = np.maximum(measured.torque_noise, RANK_ROUNDING * np.abs(measured.torque).max(axis=0))
     wrench_noise = regressor.motors * noise / scale[:, None]  # (T, n, n_a) G' E
-    variance, axes = np.linalg.eigh(wrench_noise @ wrench_noise.swapaxes(1, 2))
+    variance, axes = np.linalg.eigh(wrench_noise @ wrench_noise.swapaxes(1, 2))  # ascending
     least_variance = MIN_NOISE_RATIO**2 * variance[:, -1:]
-    deviation = np.sqrt(np.maximum(variance, least_variance))
-    weights = axes.swapaxes(1, 2) / deviation[..., None] / scale
-    wrench = np.einsum("tna,ta->tn", regressor.motors, measured.torque) - regressor.known
-    return Rows(weights @ regressor.matrix, np.einsum("tmn,tn->tm", weights, wrench))
+    deviation = np.sqrt(np.maximum(variance, least_variance))  # (T, n)
+    weights = axes.swapaxes(1, 2) / deviation[..., None] / scale  # (T, n, n)
+    wrench = np.matvec(regressor.motors, measured.torque) - regressor.known  # (T, n)
+    return Rows(weights @ regressor.matrix, np.matvec(weights, wrench))
 
 
 def _are_unseen(base: BaseParameters, values: Array, deviations: Array) -> BoolArray:
@@ -249,22 +243,55 @@ def _held_out(times: Array) -> BoolArray:
     return blocks % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
 
 
-def _least_squares(base: BaseParameters, rows: Rows) -> tuple[Array, Array, float]:
-    """Return base parameters and standard deviations, both (rank,), and the noise of rows over the assumed 1.
+class BaseEstimate(NamedTuple):
+    """Base parameters by least squares."""
 
-    With A = U S V' the solution is V S^-1 U' b, its covariance noise^2 V S^-2 V'. Parameters with a part
-    along directions of zero singular value have infinite deviations.
+    values: Array  # (rank,) SI units
+    deviations: Array  # (rank,) standard deviations, infinite where the rows do not determine one
+    noise: float  # of the rows over the assumed 1
+
+
+def _estimate_base_parameters(base: BaseParameters, rows: Rows) -> BaseEstimate:
+    """Estimate the base parameters by least squares, A beta = b, over their sizes (Gautier 1997).
+
+    With A = U S V' the solution is V S^-1 U' b, its covariance noise^2 V S^-2 V'. The noise is the root mean
+    square of the residual per degree of freedom. Parameters with a part along directions of zero singular
+    value have infinite deviations.
     """
     leading = base.combinations.leading
     sizes = base.described.sizes[leading]
-    U, sigma, V_rows = np.linalg.svd(rows.matrix[:, leading] * sizes, full_matrices=False)
-    seen = sigma > RANK_ROUNDING * sigma[0]
-    solution = V_rows[seen].T @ ((U.T @ rows.right)[seen] / sigma[seen])
-    residual = rows.right - rows.matrix[:, leading] @ (sizes * solution)
-    noise = float(np.sqrt(residual @ residual / (len(residual) - np.count_nonzero(seen))))
-    deviations = noise * np.sqrt(np.sum((V_rows[seen] / sigma[seen, None]) ** 2, axis=0))
-    undetermined = np.sum(V_rows[~seen] ** 2, axis=0) > RANK_ROUNDING
-    return sizes * solution, np.where(undetermined, np.inf, sizes * deviations), noise
+    A = rows.matrix[:, leading] * sizes  # (rows, rank)
+    U, sigma, V_rows = np.linalg.svd(A, full_matrices=False)
+    is_seen = sigma > RANK_ROUNDING * sigma[0]
+    inverse = V_rows[is_seen].T / sigma[is_seen]  # (rank, seen) V S^-1
+    beta = inverse @ (U.T @ rows.right)[is_seen]
+    residual = rows.right - A @ beta
+    noise = float(np.sqrt(residual @ residual / (len(residual) - np.count_nonzero(is_seen))))
+    deviations = noise * np.linalg.norm(inverse, axis=1)
+    is_undetermined = np.sum(V_rows[~is_seen] ** 2, axis=0) > RANK_ROUNDING
+    return BaseEstimate(sizes * beta, np.where(is_undetermined, np.inf, sizes * deviations), noise)
+
+
+def _fit_possible_bodies(
+    robot: ParallelRobot,
+    base: BaseParameters,
+    links: LinkParameters,
+    rows: Rows,
+    estimate: BaseEstimate,
+    prior: float,
+) -> Array:
+    """Fit parameters (u,) of possible links and motors to the rows; what they do not show stays the file's.
+
+    A base parameter that is not seen is kept near the file's value by a further row of small deviation.
+    """
+    sizes = base.described.sizes[base.combinations.leading]
+    spread = np.clip(KEPT_SPREAD * estimate.deviations, LEAST_SPREAD * sizes, KEPT_SPREAD * sizes)
+    is_unseen = _are_unseen(base, estimate.values, estimate.deviations)
+    kept_rows = base.combinations.coefficients[is_unseen] / spread[is_unseen, None]
+    information = rows.matrix.T @ rows.matrix / estimate.noise**2 + kept_rows.T @ kept_rows  # (p, p)
+    misfit = rows.right - rows.matrix @ base.described.values
+    residual = rows.matrix.T @ misfit / estimate.noise**2  # (p,)
+    return possible_parameters(robot, links, information, residual, prior)
 
 
 def torque_error(
@@ -279,14 +306,15 @@ def torque_error(
     The error e solves G' e = W - G' tau with the predicted wrench W. Only instants count at which G is well
     conditioned; NaN without any.
     """
-    scaled_G = regressor.motors / robot.platform_scale[:, None] / robot.column_scale[robot.actuated]
-    values = singular_values(scaled_G / robot.gear_ratio)
-    used = np.flatnonzero(instants & (values[:, -1] > MIN_NOISE_RATIO * values[:, -1].max()))
+    G_transposed = regressor.motors  # (T, n, n_a)
+    scaled_G = G_transposed / robot.platform_scale[:, None] / robot.column_scale[robot.actuated]
+    least_stretch = singular_values(scaled_G / robot.gear_ratio)[:, -1]
+    used = np.flatnonzero(instants & (least_stretch > MIN_NOISE_RATIO * least_stretch.max()))
     if not len(used):
         return np.full(robot.n_a, np.nan)
+    torque = measured.torque[used]
     wrench = regressor.matrix[used] @ parameters + regressor.known[used]
-    G_transposed, torque = regressor.motors[used], measured.torque[used]
-    missing_wrench = wrench - np.einsum("tna,ta->tn", G_transposed, torque)
-    error = np.einsum("tan,tn->ta", np.linalg.pinv(G_transposed), missing_wrench)
-    size = np.sqrt(np.mean(torque**2, axis=0))
-    return np.sqrt(np.mean(error**2, axis=0)) / np.maximum(size, np.finfo(float).tiny)
+    missing_wrench = wrench - np.matvec(G_transposed[used], torque)
+    error = np.matvec(np.linalg.pinv(G_transposed[used]), missing_wrench)  # (used, n_a)
+    error_size, torque_size = (np.sqrt(np.mean(values**2, axis=0)) for values in (error, torque))
+    return error_size / np.maximum(torque_size, np.finfo(float).tiny)

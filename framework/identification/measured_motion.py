@@ -90,15 +90,15 @@ def measured_motion(
     torque_noise = removed * np.sqrt(2.0 * low_pass.cutoff * period)
     if poses not in (None, "motors", "platform"):
         raise InvalidInput(f"poses: needs motors or platform, got {poses!r}")
-    motion, misfit = None, 0.0
-    if poses != "platform":
+    source, misfit = poses or "motors", 0.0
+    if source == "motors":
         try:
             motion = _motion_of_motors(robot, [rows[instants] for rows in angles], progress)
         except NotAssembled:  # by default try the platform, if it was measured
             if poses == "motors" or not data.has("platform", robot.axis_names):
                 raise
-    source = "platform" if motion is None else "motors"
-    if motion is None:
+            source = "platform"
+    if source == "platform":
         x = low_pass.differentiate(data.columns("platform", robot.axis_names))
         motion = _motion_of_platform(robot, [rows[instants] for rows in x])
         misfit = _motor_misfit(robot, data.source, motion, angles[0][instants], instants)
@@ -213,11 +213,10 @@ def _motion_of_motors(robot: ParallelRobot, angles: list[Array], progress: Calla
     _check_clearance(robot, q, linearised)
     unit_twists = np.broadcast_to(np.eye(robot.n)[:, None], (robot.n, len(q), robot.n))
     N = joint_rates(robot, linearised, unit_twists, np.zeros((len(q), 0))).transpose(1, 2, 0)  # (T, nv, n)
-    N_a_inverse = np.linalg.pinv(N[:, robot.actuated])
-    v = np.einsum("tvn,tna,ta->tv", N, N_a_inverse, dq_a)
+    joints_per_motor = N @ np.linalg.pinv(N[:, robot.actuated])  # (T, nv, n_a)
+    v = np.matvec(joints_per_motor, dq_a)
     drift = freeze_deflections(robot, q, v, np.zeros_like(v)).a
-    relative = ddq_a - drift[:, robot.actuated]
-    a = drift + np.einsum("tvn,tna,ta->tv", N, N_a_inverse, relative)
+    a = drift + np.matvec(joints_per_motor, ddq_a - drift[:, robot.actuated])
     return freeze_deflections(robot, q, v, a)
 
 

@@ -51,26 +51,34 @@ def link_parameters_of(robot: ParallelRobot, parameters: TorqueParameters) -> Li
     """
     urdf = ElementTree.fromstring(robot.description.urdf_text)
     in_file = {link.get("name", ""): inertial_parameters(link) for link in urdf.findall("link")}
-    links, blocks = [], []
+    links, columns = [], []  # a link's columns of `to_parameters`, (p, 10)
     for i, j in enumerate(map(int, parameters.bodies)):
         for frame in robot.model.frames:
             is_link = frame.parentJoint == j and frame.type == pin.FrameType.BODY
             if is_link and in_file.get(frame.name, np.zeros(1))[0] > 0.0:
-                block = np.zeros((len(parameters.names), 10))
-                link_pose = link_axes(robot.model, j).inverse() * frame.placement  # in the body
-                block[10 * i : 10 * i + 10] = parameter_transform(link_pose)
+                of_link = np.zeros((len(parameters.names), 10))
+                pose_on_body = link_axes(robot.model, j).inverse() * frame.placement
+                of_link[10 * i : 10 * i + 10] = parameter_transform(pose_on_body)
                 links.append(str(frame.name))
-                blocks.append(block)
+                columns.append(of_link)
     motors = slice(10 * len(parameters.bodies), None)
-    motor_spread = parameters.sizes[motors].copy()
-    rotors = slice(None, None, len(OF_MOTORS))
-    motor_spread[rotors] = np.maximum(parameters.values[motors][rotors], NO_ROTOR * motor_spread[rotors])
+    of_motors = np.eye(len(parameters.names))[:, motors]
+    values = [*(in_file[link] for link in links), parameters.values[motors]]
+    spread = [*(_body_sizes(in_file[link]) for link in links), _motor_spread(parameters, motors)]
     return LinkParameters(
         links=tuple(links),
-        values=np.concatenate([*(in_file[link] for link in links), parameters.values[motors]]),
-        spread=np.concatenate([*(_body_sizes(in_file[link]) for link in links), motor_spread]),
-        to_parameters=np.concatenate([*blocks, np.eye(len(parameters.names))[:, motors]], axis=1),
+        values=np.concatenate(values),
+        spread=np.concatenate(spread),
+        to_parameters=np.concatenate([*columns, of_motors], axis=1),
     )
+
+
+def _motor_spread(parameters: TorqueParameters, motors: slice) -> Array:
+    """Return the sizes (3 n_a,) of motors' parameters; of a rotor the file's inertia, or next to nothing."""
+    spread = parameters.sizes[motors].copy()
+    rotors = slice(None, None, len(OF_MOTORS))
+    spread[rotors] = np.maximum(parameters.values[motors][rotors], NO_ROTOR * spread[rotors])
+    return spread
 
 
 def _body_sizes(body: Array) -> Array:
@@ -112,24 +120,24 @@ def possible_parameters(
     Raises:
         NotConverged: the solver does not converge.
     """
-    deviation = prior * links.spread
-    scaled = links.to_parameters * deviation
-    # unknowns in which the quadratic form is a distance; with the prior no eigenvalue is below 1
-    eigenvalues, axes = np.linalg.eigh(scaled.T @ information @ scaled + np.eye(len(deviation)))
-    eigenvalues = np.maximum(eigenvalues, 1.0)
-    change = deviation[:, None] * axes / np.sqrt(eigenvalues)
-    best = links.values + change @ (axes.T @ (scaled.T @ residual) / np.sqrt(eigenvalues))
+    deviation = prior * links.spread  # (u,)
+    T = links.to_parameters * deviation  # (p, u) in units of the deviations
+    # unknowns y in which the quadratic form is a distance; with the prior no eigenvalue is below 1
+    eigenvalues, axes = np.linalg.eigh(T.T @ information @ T + np.eye(len(deviation)))
+    root = np.sqrt(np.maximum(eigenvalues, 1.0))
+    change = deviation[:, None] * axes / root  # (u, u)
+    best = links.values + change @ (axes.T @ (T.T @ residual) / root)
     bodies = [slice(10 * i, 10 * i + 10) for i in range(len(links.links))]
     matrices = [_inertia_cone(links.values[body], change[body], best[body]) for body in bodies]
     motors = slice(10 * len(links.links), None)
     positive = Affine(change[motors] / deviation[motors, None], best[motors] / deviation[motors])
-    solution = semidefinite_least_squares(matrices, positive)
-    if isinstance(solution, Unsolved):
+    y = semidefinite_least_squares(matrices, positive)
+    if isinstance(y, Unsolved):
         raise NotConverged(
-            f"{robot.name}: no parameters of bodies that can exist were found ({solution.status})",
+            f"{robot.name}: no parameters of bodies that can exist were found ({y.status})",
             residual=float(np.linalg.norm(residual)),
         )
-    values = best + change @ solution
+    values = best + change @ y
     values[motors] = np.maximum(values[motors], 0.0)
     return values
 

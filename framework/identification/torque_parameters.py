@@ -113,15 +113,15 @@ def parameter_regressor(
     """
     G, N = motor_speeds(robot, motion.linearised)  # (T, n_a, n), (T, nv, n)
     columns = robot.actuated
-    bodies = N.swapaxes(1, 2) @ tree_regressor(robot, motion, parameters.bodies)
+    of_bodies = N.swapaxes(1, 2) @ tree_regressor(robot, motion, parameters.bodies)  # (T, n, 10 b)
     v, a = motion.v[:, columns], motion.a[:, columns]
     signs = np.sign(v) if signs is None else signs
-    motor_torques = np.stack([robot.gear_ratio**2 * a, v, signs], axis=2)  # (T, n_a, 3) per unit
-    N_motors = N[:, columns].transpose(0, 2, 1)  # (T, n, n_a)
-    motors = motor_torques[:, None] * N_motors[..., None]
-    matrix = np.concatenate([bodies, motors.reshape(*motors.shape[:2], -1)], axis=2)
-    values = parameters.values.copy()
-    motor_values = values[bodies.shape[2] :].reshape(-1, len(OF_MOTORS))  # a view
-    motor_values[:, [0, 2]] = 0.0  # rotors and dry friction
-    known = np.einsum("tvn,tv->tn", N, tree_forces(robot, motion)) - matrix @ values
+    joint_torques = np.stack([robot.gear_ratio**2 * a, v, signs], axis=2)  # (T, n_a, 3) of unit parameters
+    of_motors = N[:, columns].transpose(0, 2, 1)[..., None] * joint_torques[:, None]  # (T, n, n_a, 3)
+    matrix = np.concatenate([of_bodies, of_motors.reshape(*of_motors.shape[:2], -1)], axis=2)
+
+    in_tree_forces = parameters.values.copy()  # of these `tree_forces` has bodies and damping
+    motor_values = in_tree_forces[of_bodies.shape[2] :].reshape(-1, len(OF_MOTORS))  # a view
+    motor_values[:, [OF_MOTORS.index("rotor_inertia"), OF_MOTORS.index("friction")]] = 0.0
+    known = np.matvec(N.swapaxes(1, 2), tree_forces(robot, motion)) - matrix @ in_tree_forces
     return ParameterRegressor(matrix, known, G.transpose(0, 2, 1))
