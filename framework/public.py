@@ -7,6 +7,7 @@ from framework.catalogue import load_robot
 from framework.control.control_cycle import ControlCycle
 from framework.crossing.capacity import largest_load
 from framework.crossing.plan import plan_crossing
+from framework.crossing.plan_study import plan_study
 from framework.crossing.result import CrossingPlan
 from framework.crossing.saved import load_plan
 from framework.crossing.scenes import plan_scene
@@ -105,6 +106,7 @@ __all__ = [
     "pave_singularities",
     "plan_crossing",
     "plan_scene",
+    "plan_study",
     "platform_limits",
     "simulate",
     "trace_locus",

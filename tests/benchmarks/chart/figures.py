@@ -36,6 +36,8 @@ MOST_TICKS = 7  # settings that are all written at the axis
 MARKERS = "os^Dv<>Pphd*X"
 LEGEND_COLUMNS, LETTERS = 2, 140  # of the legend, and letters in a line of the sentence
 MAP_COLUMNS, MAP_AXES, MAP_LEFT, MAP_BELOW = 4, 1.5, 0.55, 0.62  # maps side by side; their size [in]
+SHORT_SIZE = (5.0, 2.9)  # [in] of the figure read at a glance
+SHORT_LIFT, SHORT_TOP = 3.0, 1e3  # names stand above the first points: factors of the error, and of the axis
 ROUNDING = 1e-16  # an error that has lost no digit
 DIGITS = 16  # that a cell may lose
 
@@ -117,10 +119,29 @@ def map_figure(stage: Stage, rows: Sequence[Row]) -> Figure:
     return figure
 
 
+def short_figure(stage: Stage, rows: Sequence[Row]) -> Figure:
+    """Errors over times of the few methods of `Stage.short` in one panel, their names beside the curves."""
+    figure, looks = Figure(figsize=SHORT_SIZE, layout="constrained"), styles(stage)
+    ax = figure.add_subplot()
+    for name, label in stage.short.items():
+        times, errors = _points(front(finite(rows, name)))
+        if times:
+            ax.plot(times, errors, **looks[name])
+            above = (times[0], errors[0] * SHORT_LIFT)
+            ax.text(*above, label, color=looks[name]["color"], fontsize=7, ha="center", va="bottom")
+    _scaled(ax, TIME)
+    ax.set_ylabel(stage.error)
+    ax.set_ylim(top=SHORT_TOP * ax.get_ylim()[1])
+    return figure
+
+
 def save_chart(stage: Stage, rows: Sequence[Row], stem: Path) -> list[Path]:
-    """Write `stem`.pdf and `stem`.png."""
+    """Write `stem`.pdf and `stem`.png, and `stem`_short.png where the stage has a short figure."""
     draw = map_figure if stage.map_axes else chart_figure
-    return save_pages({stem.name: lambda: draw(stage, rows)}, stem.with_suffix(".pdf"))
+    drawings = {stem.name: lambda: draw(stage, rows)}
+    if stage.short:
+        drawings[f"{stem.name}_short"] = lambda: short_figure(stage, rows)
+    return save_pages(drawings, stem.with_suffix(".pdf"))
 
 
 def styles(stage: Stage) -> dict[str, dict[str, Any]]:

@@ -10,8 +10,8 @@ stage are repeated in turns; time is processor time: the least, and the upper qu
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from importlib.util import find_spec
 from itertools import groupby
 from typing import Any, Literal, NamedTuple
@@ -96,6 +96,7 @@ class Stage:
     profile_error, profile_title: what these errors are, if not the same, and what to say of it.
     map_axes: names of the two numbers of a setting, where the figure is a map over them.
     remark: what the reader should see besides the times, from the rows.
+    short: names of at most five curves, by method of one panel, for the figure that is read at a glance.
     """
 
     name: str
@@ -114,6 +115,7 @@ class Stage:
     profile_error: str = ""
     profile_title: str = ""
     map_axes: tuple[str, str] | None = None
+    short: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def timed(self) -> bool:

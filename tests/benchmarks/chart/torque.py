@@ -384,4 +384,11 @@ STAGE = Stage(
     profile=DISTANCES,
     profiled="distance to the singular instant  [s]",
     profile_title="Asked at that very instant",
+    short={
+        "formula": "formula written\nfor this robot",
+        "chebyshev": "this framework",
+        "pointwise": "pose by pose,\nin stacks",
+        "mujoco": "MuJoCo",
+        "pinocchio": "pose by pose,\nPinocchio",
+    },
 )

@@ -1,0 +1,126 @@
+"""A study of plans over the parameters of a robot file: which stiffness, mass or length is enough?
+
+One plan is made for each set of values, with numbers of it that the caller chooses. The sets are computed in
+this process or by any `concurrent.futures.Executor`: of processes, or of a dask cluster.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from functools import partial
+from itertools import product
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from framework.arrays import Array, ReadOnlyArrays
+from framework.catalogue import load_robot, robot_file
+from framework.crossing.plan import plan_crossing
+from framework.crossing.result import CrossingPlan
+from framework.crossing.scenes import plan_scene
+from framework.errors import InvalidInput, NoAnswer, RobotFileError, SingularReference, choose_from
+from framework.input import read_text
+from framework.model.parameters import declared_parameters
+from framework.motion.path import Path
+from framework.parallel.kept import ArrayField, complete_chunks
+
+Quantities = Mapping[str, Callable[[CrossingPlan], float]]
+
+
+def duration_of(plan: CrossingPlan) -> float:
+    """Return the duration of a plan [s]."""
+    return plan.duration
+
+
+def peak_torque_of(plan: CrossingPlan) -> float:
+    """Return the largest motor torque of a plan [N m or N]."""
+    return max(plan.peak_torque.values())
+
+
+QUANTITIES: Quantities = MappingProxyType({"duration": duration_of, "peak_torque": peak_torque_of})
+
+
+@dataclass(frozen=True, eq=False)
+class PlanStudy(ReadOnlyArrays):
+    """The quantities of the plans of D sets of parameters; NaN where there is no plan."""
+
+    parameters: Mapping[str, Array]  # (D,) values, by name
+    quantities: Mapping[str, Array]  # (D,) by name
+    why: tuple[str, ...]  # (D,) empty, or why there is no plan
+
+
+def plan_study(
+    file: str | os.PathLike[str],
+    motion: Path | str,
+    parameters: Mapping[str, Sequence[float]],
+    *,
+    quantities: Quantities = QUANTITIES,
+    flexibility: str = "rigid",
+    executor: Executor | None = None,
+    progress: Callable[[int], None] = lambda done: None,
+    **options: Any,
+) -> PlanStudy:
+    """Plan one motion for each combination of values of a robot file's parameters.
+
+    Args:
+        file: of the robot, which declares the parameters, or its name in the catalogue.
+        motion: path to follow, or the name of a scene.
+        parameters: values of each parameter, by name.
+        quantities: functions of a plan, each to one number, by name; executors of processes take only
+            functions that can be pickled.
+        executor: where the plans are made, by default this process.
+        progress: called with the number of plans that are done.
+        options: of `plan_crossing`.
+
+    Raises:
+        InvalidInput: the file declares no parameter of a name, or an option cannot be right.
+
+    Example:
+        >>> study = plan_study("my_robot.yaml", "pick", {"stiffness": [1e5, 1e6]})  # doctest: +SKIP
+        >>> study.quantities["peak_torque"]  # doctest: +SKIP
+    """
+    path = str(robot_file(file))
+    declared = declared_parameters(read_text(path, f"{path}: cannot read it"))
+    for unknown in parameters.keys() - declared.keys():
+        raise InvalidInput(f"{path}: {choose_from('parameter', unknown, declared)}")
+    sets = [dict(zip(parameters, values, strict=True)) for values in product(*parameters.values())]
+    if not sets:
+        raise InvalidInput("parameters: needs at least one value of each")
+    arrays = complete_chunks(
+        partial(_plan_set, path, flexibility, motion, options, quantities),
+        {f"{k:07d}": values for k, values in enumerate(sets)},
+        lambda _: dict.fromkeys(quantities, ArrayField("f", (1,))) | {"why": ArrayField("U", (1,))},
+        executor=executor,
+        keeper=None,
+        progress=lambda names: progress(len(names)),
+    )
+    return PlanStudy(
+        {name: np.array([values[name] for values in sets], dtype=float) for name in parameters},
+        {name: arrays[name] for name in quantities},
+        tuple(arrays["why"].tolist()),
+    )
+
+
+def _plan_set(
+    file: str,
+    flexibility: str,
+    motion: Path | str,
+    options: Mapping[str, Any],
+    quantities: Quantities,
+    values: Mapping[str, float],
+) -> dict[str, NDArray[Any]]:
+    """Return the quantities (1,) of the plan with one set of parameters, or `why` there is none."""
+    row, why = dict.fromkeys(quantities, np.nan), ""
+    try:
+        robot = load_robot(file, flexibility=flexibility, parameters=values)
+        planned = plan_scene if isinstance(motion, str) else plan_crossing
+        plan = planned(robot, motion, **options)  # type: ignore[arg-type]
+        row = {name: float(of(plan)) for name, of in quantities.items()}
+    except (NoAnswer, RobotFileError, SingularReference) as refusal:
+        why = str(refusal)
+    return {**{name: np.array([value]) for name, value in row.items()}, "why": np.array([why])}
