@@ -83,7 +83,7 @@ def test_pose_tells_torques_loops_and_reactions_of_an_instant(capsys):
         ),
         (
             ["export", "five_bar", "--scene", "C", "--to", "lesson", "--out", "a.html", "--wrench", "1", "2"],
-            "a lesson has no wrenches of the world",
+            "--wrench: of ros2_control, csv only, not of lesson",
         ),
         (["pose", "humanoid_ankle", "--platform", "0", "0", "--wrench", "1", "2"], "move with it"),
         (["pose", "five_bar", "--platform", "0", "0.3", "--all", "--wrench", "1", "2"], "lists poses alone"),
@@ -126,4 +126,4 @@ def test_bounds_of_all_laws_count_the_wrenches():
 def test_the_report_lists_the_wrenches(given, said):
     plan = plan_scene(robots.load("five_bar"), "A", wrenches={"left_tip": given})
     page = html.unescape(report_page(plan))
-    assert f"<td>wrench of the world on left_tip</td><td>{said}, the base's axes</td>" in page
+    assert f"<td>wrench</td><td>on left_tip: {said}, axes of the base</td>" in page
