@@ -82,7 +82,7 @@ def test_pose_tells_torques_loops_and_reactions_of_an_instant(capsys):
         ),
         (
             ["export", "five_bar", "--scene", "C", "--to", "lesson", "--out", "a.html", "--wrench", "1", "2"],
-            "a lesson has no wrenches of the world",
+            "--wrench: of ros2_control, csv only, not of lesson",
         ),
         (["pose", "humanoid_ankle", "--platform", "0", "0", "--wrench", "1", "2"], "move with it"),
         (["pose", "five_bar", "--platform", "0", "0.3", "--all", "--wrench", "1", "2"], "lists poses alone"),
@@ -120,4 +120,4 @@ def test_the_report_lists_the_wrenches():
         ("left_tip", "force (0, 1, 0) N, moment (0, 0, 0.5) N m"),
         ("right_crank", "a table of 2 rows over s, force up to 5 N, moment up to 0 N m"),
     ):
-        assert f"<td>wrench of the world on {frame}</td><td>{said}, the base's axes</td>" in page
+        assert f"<td>wrench</td><td>on {frame}: {said}, axes of the base</td>" in page

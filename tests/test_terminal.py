@@ -15,8 +15,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from framework.cli.layout import lay_out, shows_colours
-from framework.cli.progress import FIRST, Progress
+from framework.cli.console import FIRST, Progress, lay_out, shows_colours
 
 STYLE = re.compile(r"\x1b\[[0-9;]*m")
 ERASED = re.compile(r"[^\n]*\r\x1b\[K")  # the progress line, where it came up
@@ -156,8 +155,8 @@ def test_json_is_one_line_without_colours_in_a_terminal_too():
 def test_work_that_lasts_says_so_on_the_terminal_and_leaves_no_trace(monkeypatch, capsys):
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
     monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setattr("framework.cli.progress.FIRST", 0.05)
-    monkeypatch.setattr("framework.cli.progress.INTERVAL", 0.05)
+    monkeypatch.setattr("framework.cli.console.FIRST", 0.05)
+    monkeypatch.setattr("framework.cli.console.INTERVAL", 0.05)
     shown, latest = "", time.monotonic() + 60.0
     with Progress("at work") as progress:
         progress.start("mapping", 40.0, "poses")(10.0)
@@ -178,7 +177,7 @@ def test_short_work_and_logs_are_spared(monkeypatch, capsys, terminal, term, las
     monkeypatch.setattr("sys.stderr.isatty", lambda: terminal)
     monkeypatch.setenv("TERM", term)
     if lasts:
-        monkeypatch.setattr("framework.cli.progress.FIRST", 0.05)
+        monkeypatch.setattr("framework.cli.console.FIRST", 0.05)
     assert FIRST <= 2.0
     with Progress("at work"):
         time.sleep(lasts)
@@ -187,7 +186,7 @@ def test_short_work_and_logs_are_spared(monkeypatch, capsys, terminal, term, las
 
 def test_how_far_it_is_is_told_in_words(monkeypatch):
     now = iter([0.0, 0.4, 1.0, 4.0, 5.0, 17.0, 20.0, 22.0])  # s, of each start and each sentence
-    monkeypatch.setattr("framework.cli.progress.time", SimpleNamespace(monotonic=lambda: next(now)))
+    monkeypatch.setattr("framework.cli.console.time", SimpleNamespace(monotonic=lambda: next(now)))
     progress = Progress("at work")
     assert progress.sentence == "at work: 0 s"
     progress.start("planning", unit="plans")(3)

@@ -4,13 +4,11 @@ It parses and prints, and computes nothing.
 
 What commands share
     commands            the list of commands, and its parser
-    running             one command run, and the message where it fails
+    running             one command run, the message where it fails, and the command line to try instead
     parser              the options of several commands
     writing             files in the folder of --out
     arguments           from options to the robot, the path and the request
-    console, layout     reports on stdout, errors in one line on stderr; their layout in a terminal
-    advice              the command line to try after a refusal
-    progress            the progress line while a command works
+    console             reports on stdout, errors in one line on stderr, progress; their layout in a terminal
 
 Commands
     robots, check, convert   the catalogue; what a file describes; files of other dialects

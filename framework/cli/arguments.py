@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from framework.catalogue import robot_file
-from framework.crossing.motion_table import DEFAULT_ROWS, MAX_SAMPLES, MotionTable
+from framework.crossing.motion_table import (
+    DEFAULT_ROWS,
+    MAX_SAMPLES,
+    MotionTable,
+    motion_columns,
+    select_columns,
+)
 from framework.crossing.options import TYPED
 from framework.crossing.plan import plan_request
 from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan
 from framework.crossing.saved import is_plan_folder, load_plan
 from framework.crossing.scenes import scene, scene_path, scene_request
-from framework.errors import InvalidInput
+from framework.errors import InvalidInput, finite_numbers
 from framework.fields import LARGEST_NUMBER
 from framework.kinematics.external_wrenches import wrench_on_platform
 from framework.kinematics.mechanism import Mechanism
@@ -116,29 +120,28 @@ def _missing_fields(options: Namespace) -> MotionOptions:
 
 def path(options: Namespace, robot: ParallelRobot) -> Path:
     """Return the path of --scene, or the line of --from and --to."""
-    ends, via = (options.start, options.end), options.via or []
+    start, end, via = options.start, options.end, options.via or []
     if (options.blend is None) == bool(via):
         missing = "--via: needs --blend r" if via else "--blend: needs a corner, --via X.."
         raise InvalidInput(f"{missing}: blends begin and end r from each corner [m]")
     if options.scene is not None:
-        if via or any(end is not None for end in ends):
+        if via or start is not None or end is not None:
             raise InvalidInput("--scene already has a path; give either --scene or --from and --to").advising(
                 _NO_LINE
             )
         return scene_path(scene(robot, options.scene))
-    if any(end is None for end in ends):
-        names = list(robot.description.scenes)
-        first = {**_NO_LINE, "scene": names[0]} if names else None
-        either = f"either --scene (of {robot.name}: {', '.join(names)}) or " if names else ""
-        none = "" if names else f": {robot.name} has no scenes"
-        raise InvalidInput(f"give {either}both --from and --to{none}").advising(first)
-    for name, end in [*zip(("--from", "--to"), ends, strict=True), *(("--via", corner) for corner in via)]:
-        if len(end) != robot.n or not np.all(np.isfinite(end)):
-            raise InvalidInput(
-                f"{name}: needs {robot.n} finite numbers ({', '.join(robot.axis_names)}), got "
-                f"{' '.join(f'{value:g}' for value in end)}"
-            )
-    return Polyline([ends[0], *via, ends[1]], options.blend) if via else Line(*ends)
+    if start is None or end is None:
+        scenes = list(robot.description.scenes)
+        if not scenes:
+            raise InvalidInput(f"give both --from and --to: {robot.name} has no scenes")
+        raise InvalidInput(
+            f"give either --scene (of {robot.name}: {', '.join(scenes)}) or both --from and --to"
+        ).advising({**_NO_LINE, "scene": scenes[0]})
+    axes = ", ".join(robot.axis_names)
+    for flag, corners in {"--from": [start], "--to": [end], "--via": via}.items():
+        for corner in corners:
+            finite_numbers(f"{flag} ({axes})", corner, robot.n)
+    return Polyline([start, *via, end], options.blend) if via else Line(start, end)
 
 
 def request(options: Namespace, robot: ParallelRobot) -> Request:
@@ -153,10 +156,8 @@ def request(options: Namespace, robot: ParallelRobot) -> Request:
 
 def options_with_wrenches(options: Namespace, robot: ParallelRobot) -> MotionOptions:
     """Return the options of the motion that were typed, and the scene's wrenches if none were."""
-    typed = motion_options(options, robot)
-    if options.scene is not None and "wrenches" not in typed:
-        typed["wrenches"] = scene(robot, options.scene).wrenches
-    return typed
+    of_scene = {} if options.scene is None else {"wrenches": scene(robot, options.scene).wrenches}
+    return of_scene | motion_options(options, robot)
 
 
 def motion_options(options: Namespace, robot: ParallelRobot) -> MotionOptions:
@@ -187,37 +188,26 @@ def wrenches(options: Namespace, robot: ParallelRobot) -> MotionOptions:
             stated.append((frame, tuple(map(float, words))))
         except ValueError:
             raise InvalidInput(f"--wrench-on {frame}: needs 6 numbers, got {' '.join(words)}") from None
-    frames = [frame for frame, _ in stated]
-    for frame in frames:
-        if frames.count(frame) > 1:
-            raise InvalidInput(f"--wrench, --wrench-on: {frame} has two wrenches; add them up")
-    return {"wrenches": dict(stated)} if stated else {}
+    by_frame = dict(stated)
+    if len(by_frame) < len(stated):
+        *_, twice = sorted(by_frame, key=[frame for frame, _ in stated].count)
+        raise InvalidInput(f"--wrench, --wrench-on: {twice} has two wrenches; add them up")
+    return {"wrenches": by_frame} if stated else {}
 
 
 def limits(option: str, words: Sequence[str]) -> list[float | None] | dict[str, float | None]:
     """Parse limits of motors: numbers, or JOINT=N of some; `none` is no limit."""
-    by_joint = ["=" in word for word in words]
-    if any(by_joint) and not all(by_joint):
-        raise InvalidInput(f"{option}: needs either numbers or JOINT=N of some, got {' '.join(words)}")
-    pairs = [word.rpartition("=") for word in words]
+    pairs = [word.rpartition("=")[::2] for word in words]
     try:
-        values = [None if value == "none" else float(value) for *_, value in pairs]
+        values = [None if value == "none" else float(value) for _, value in pairs]
     except ValueError:
         raise InvalidInput(f"{option}: needs numbers, JOINT=N or none, got {' '.join(words)}") from None
-    if not any(by_joint):
+    joints = [joint for joint, _ in pairs if joint]
+    if not joints:
         return values
-    return {joint: value for (joint, *_), value in zip(pairs, values, strict=True)}
-
-
-def peaks(robot: ParallelRobot, torques: Mapping[str, float], digits: int = 6) -> str:
-    """Return the torques of motors with their units, in words."""
-    units = zip(torques.items(), robot.torque_units, strict=True)
-    return ", ".join(f"{joint} {torque:.{digits}g} {unit}" for (joint, torque), unit in units)
-
-
-def excesses(exceeded: Mapping[str, str]) -> list[str]:
-    """Return lines on joints that exceed their limits."""
-    return [f"  warning           {joint} exceeds its limits: {excess}" for joint, excess in exceeded.items()]
+    if len(joints) < len(words):
+        raise InvalidInput(f"{option}: needs either numbers or JOINT=N of some, got {' '.join(words)}")
+    return dict(zip(joints, values, strict=True))
 
 
 def share(name: str, text: str) -> float:
@@ -239,7 +229,13 @@ def load_or_plan(options: Namespace) -> CrossingPlan:
     if saved is not None:
         return saved
     robot = load(options)
+    check_columns(options, robot)
     return plan_request(robot, request(options, robot))
+
+
+def check_columns(options: Namespace, robot: ParallelRobot) -> None:
+    """Refuse unknown --columns before planning takes its time."""
+    select_columns(motion_columns(robot), getattr(options, "columns", None))
 
 
 def saved_plan(options: Namespace) -> CrossingPlan | None:
@@ -267,19 +263,18 @@ def saved_plan(options: Namespace) -> CrossingPlan | None:
 
 def motion_rows(options: Namespace, plan: CrossingPlan) -> MotionTable:
     """Return the rows of motion.csv by --samples or --rate, and --columns."""
-    period = None
-    if options.rate is not None:
-        if options.samples is not None:
-            raise InvalidInput("--samples, --rate: both say how many rows; leave one of them out").advising(
-                {"samples": None}
-            )
-        least, most = 1.0 / plan.duration, (MAX_SAMPLES - 1) / plan.duration
-        if not least <= options.rate <= most:
-            raise InvalidInput(
-                f"--rate: needs {least:.4g} to {most:.4g} rows a second here, got {options.rate:g}"
-            )
-        period = 1.0 / options.rate
-    return plan.samples(options.samples or DEFAULT_ROWS, period=period, columns=options.columns)
+    if options.rate is None:
+        return plan.samples(options.samples or DEFAULT_ROWS, columns=options.columns)
+    if options.samples is not None:
+        raise InvalidInput("--samples, --rate: both say how many rows; leave one of them out").advising(
+            {"samples": None}
+        )
+    least, most = 1.0 / plan.duration, (MAX_SAMPLES - 1) / plan.duration
+    if not least <= options.rate <= most:
+        raise InvalidInput(
+            f"--rate: needs {least:.4g} to {most:.4g} rows a second here, got {options.rate:g}"
+        )
+    return plan.samples(period=1.0 / options.rate, columns=options.columns)
 
 
 def flag_of(key: str) -> str:

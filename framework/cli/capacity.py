@@ -10,6 +10,7 @@ import numpy as np
 from framework.cli import arguments
 from framework.cli.parser import Report, add_path_and_motion, add_robot, command
 from framework.crossing.capacity import Capacity, capacity_request, largest_load_of
+from framework.crossing.plan_facts import torque_text
 from framework.output import Document
 
 NUMBERS = ("multiple", "refused", "proved", "impossible", "undecided")  # of a capacity, with --json
@@ -59,7 +60,7 @@ def capacity_text(capacity: Capacity) -> str:
     lines = [
         f"{plan.robot.name}, {plan.robot.flexibility}: {capacity.multiple:.6g} times the wrench is planned, "
         f"over {plan.duration:.6g} s",
-        f"  peak torque       {arguments.peaks(plan.robot, plan.peak_torque)}",
+        f"  peak torque       {torque_text(plan.robot, plan.peak_torque)}",
     ]
     if capacity.refusal is not None:
         word = "refused, proved" if capacity.proved else "refused"

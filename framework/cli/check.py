@@ -10,9 +10,10 @@ import numpy as np
 
 from framework.cli import arguments
 from framework.cli.parser import Report, add_flexibility, add_missing_fields, add_robot, command
-from framework.errors import InvalidInput, NotAssembled, point
-from framework.kinematics.diagnostics.diagnosis import check_robot, reference_in_words
+from framework.errors import FrameworkError, InvalidInput, NotAssembled, point
+from framework.kinematics.diagnostics.diagnosis import Diagnosis, check_robot, reference_in_words
 
+LISTS = ("platform_axes", "actuators", "passive_joints", "idle_joints", "springs", "massless_joints")
 REPORT = """\
 {robot}, {flexibility}
   platform          {platform_axes} at {place}
@@ -41,24 +42,10 @@ def run(options: Namespace) -> Report:
     """Examine a robot and report its mobility, its masses, its pose and advice."""
     mechanism = arguments.load_mechanism(options)
     diagnosis = check_robot(mechanism)
-    if not diagnosis.assembled:
-        instead = "" if diagnosis.square else ", where A is not square: the notes say at what to look first"
-        options.refusal = NotAssembled(
-            f"{diagnosis.robot}: the loops do not close near {reference_in_words(mechanism)}; they do at the "
-            f"pose that is printed as reference{instead}",
-            q=np.array(list(diagnosis.reference.values())),
-            residual=diagnosis.gap_at_reference,
-        ).advising({"reference": diagnosis.reference} if diagnosis.square else None)
-    elif not diagnosis.square:
-        options.refusal = InvalidInput(
-            f"{diagnosis.robot}: A is not square: {len(diagnosis.platform_axes)} platform axes and "
-            f"{len(diagnosis.actuators)} actuators for {diagnosis.mobility - len(diagnosis.idle_joints)} "
-            f"degrees of freedom; the notes say what other commands need"
-        )
+    options.refusal = _refusal(diagnosis, reference_in_words(mechanism))
     facts, smallest = asdict(diagnosis), diagnosis.smallest_singular_value
     idle, redundant = diagnosis.idle_joints, diagnosis.redundant_rows
-    words = {key: ", ".join(facts[key]) for key in ("platform_axes", "actuators", "passive_joints")}
-    words |= {key: ", ".join(facts[key]) or "none" for key in ("idle_joints", "springs", "massless_joints")}
+    words = {key: ", ".join(facts[key]) or "none" for key in LISTS}
     words |= {
         "place": point(diagnosis.platform),
         "idle": f", {len(idle)} of them idle" if idle else "",
@@ -69,3 +56,22 @@ def run(options: Namespace) -> Report:
     }
     notes = [f"  note              {advice}" for advice in diagnosis.advice]
     return facts, "\n".join([REPORT.format_map(facts | words), *notes])
+
+
+def _refusal(diagnosis: Diagnosis, reference: str) -> FrameworkError | None:
+    """Return the reason why other commands refuse the robot, or None; `reference` is in words."""
+    if not diagnosis.assembled:
+        instead = "" if diagnosis.square else ", where A is not square: the notes say at what to look first"
+        return NotAssembled(
+            f"{diagnosis.robot}: the loops do not close near {reference}; they do at the pose that is "
+            f"printed as reference{instead}",
+            q=np.array(list(diagnosis.reference.values())),
+            residual=diagnosis.gap_at_reference,
+        ).advising({"reference": diagnosis.reference} if diagnosis.square else None)
+    if diagnosis.square:
+        return None
+    return InvalidInput(
+        f"{diagnosis.robot}: A is not square: {len(diagnosis.platform_axes)} platform axes and "
+        f"{len(diagnosis.actuators)} actuators for {diagnosis.mobility - len(diagnosis.idle_joints)} degrees "
+        f"of freedom; the notes say what other commands need"
+    )

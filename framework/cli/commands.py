@@ -188,7 +188,7 @@ class OneLineParser(argparse.ArgumentParser):
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse arguments; refuse unknown ones in the name of their command."""
-        parsed, unknown = super().parse_known_args(args, namespace)
+        parsed, unknown = super().parse_known_args(_move_last(args, "--set"), namespace)
         if unknown:
             self.error(f"unrecognized arguments: {' '.join(unknown)}{self._hint(unknown[0])}")
         return parsed, unknown
@@ -234,6 +234,18 @@ class OneLineParser(argparse.ArgumentParser):
         lacking = "arguments are required" in message  # no typed word can be mended
         anywhere = [example for example in self.examples if NEEDS_NO_FILE.fullmatch(example)]
         raise Misuse(f"{message} (see `{self.prog} --help`)", next(iter(anywhere), None) if lacking else None)
+
+
+def _move_last(words: Sequence[str], flag: str) -> list[str]:
+    """Move an option to the end of a command line, with its values NAME=VALUE and no other words."""
+    others: list[str] = []
+    moved: list[str] = []
+    takes_values = False
+    for word in words:
+        is_value = takes_values and ("=" in word or moved[-1] == flag) and not word.startswith("--")
+        takes_values = word == flag or is_value
+        (moved if takes_values else others).append(word)
+    return [*others, *moved]
 
 
 def _meant_numbers(action: argparse.Action, text: str) -> list[str] | None:

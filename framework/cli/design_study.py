@@ -9,6 +9,7 @@ import numpy as np
 
 from framework.atlas.design_study import (
     DOCUMENT,
+    Designs,
     DesignStudy,
     StudyTask,
     design_study,
@@ -51,35 +52,37 @@ def report_design_study(options: Namespace) -> Report:
     file = robot_file(options.robot)
     designs = designs_of(file, options.table)
     robot = ParallelRobot.from_file(file, flexibility=options.flexibility)
-    axes = map_axes(robot, None if options.over is None else tuple(options.over))
+    first, second = map_axes(robot, None if options.over is None else tuple(options.over))
     task = StudyTask(
         file=str(file.resolve()),
         names=designs.names,
         flexibility=options.flexibility,
-        axes=(robot.axis_names[axes[0]], robot.axis_names[axes[1]]),
+        axes=(robot.axis_names[first], robot.axis_names[second]),
         window=None if options.window is None else finite_window(options),
         size=options.size or STUDY_EDGE_POSES,
         keys=tuple(quantity.key for quantity in choose_quantities(robot, options.quantity)),
     )
-
-    def compute_study(store: KeptChunks | None) -> DesignStudy:
-        """Map all designs by several processes; `store` keeps finished chunks."""
-        progress = options.progress.start("mapping", len(designs.values), "designs")
-        with executor_of(workers=options.workers, dask=options.dask) as executor:
-            return design_study(task, designs, executor=executor, keeper=store, progress=progress)
-
     if options.out is None:
-        return _report(compute_study(None), robot.name)
+        return _report(_compute_study(options, task, designs, None), robot.name)
     store = KeptChunks.of(Path(options.out), study_setup(task, designs))
     with written_stepwise(options, DOCUMENT, lambda: len(store.read()), "chunks") as folder:
         from framework.show.design_study import plot_study
         from framework.show.plots import save
 
-        study = compute_study(store)
+        study = _compute_study(options, task, designs, store)
         write_study(study, folder)
         options.progress.start("drawing the figure")
         save(lambda: plot_study(study), folder / "study")
     return _report(study, robot.name)
+
+
+def _compute_study(
+    options: Namespace, task: StudyTask, designs: Designs, store: KeptChunks | None
+) -> DesignStudy:
+    """Map all designs by several processes; `store` keeps finished chunks."""
+    progress = options.progress.start("mapping", len(designs.values), "designs")
+    with executor_of(workers=options.workers, dask=options.dask) as executor:
+        return design_study(task, designs, executor=executor, keeper=store, progress=progress)
 
 
 def finite_window(options: Namespace) -> tuple[float, ...]:
@@ -91,33 +94,35 @@ def finite_window(options: Namespace) -> tuple[float, ...]:
 
 def _report(study: DesignStudy, robot: str) -> Report:
     """Return the results of all designs as a document, and a table of the first ones."""
-    count = len(study.why)
-    refused = sum(bool(why) for why in study.why)
-    medians = [key for key in study.columns if key.endswith("_median")]
-    columns = {key: study.columns[key] for key in ("area", "free_area", *medians)}
-    heads = [*study.designs.names, *(f"{key} [{study.units[key]}]" for key in columns)]
-    heads += ["why no robot"] if refused else []
-    lines = [
-        f"{robot}: {count} designs, {study.task.size} x {study.task.size} poses each, {refused} make no "
-        f"robot",
-        "  " + "\t".join(heads),
-    ]
-    for k in range(min(count, MAX_PRINTED_DESIGNS)):
-        numbers = [*study.designs.values[k], *(values[k] for values in columns.values())]
-        cells = [f"{value:.4g}" if np.isfinite(value) else "-" for value in numbers]
-        lines.append("  " + "\t".join([*cells, *([study.why[k]] if refused else [])]))
-    if count > MAX_PRINTED_DESIGNS:
-        lines.append(f"  and {count - MAX_PRINTED_DESIGNS} more; --out or --json keeps all")
+    names, designs = study.designs.names, study.designs.values
     document = {
         "robot": robot,
         "designs": [
             {
-                "parameters": dict(zip(study.designs.names, values, strict=True)),
+                "parameters": dict(zip(names, design, strict=True)),
                 **{key: column[k] for key, column in study.columns.items()},
                 "why": study.why[k],
             }
-            for k, values in enumerate(study.designs.values)
+            for k, design in enumerate(designs)
         ],
         "units": study.units,
     }
+    count, size = len(designs), study.task.size
+    refused = sum(map(bool, study.why))
+    lines = [f"{robot}: {count} designs, {size} x {size} poses each, {refused} make no robot"]
+    lines += _table(study, with_reasons=refused > 0)
+    if count > MAX_PRINTED_DESIGNS:
+        lines.append(f"  and {count - MAX_PRINTED_DESIGNS} more; --out or --json keeps all")
     return document, "\n".join(lines)
+
+
+def _table(study: DesignStudy, *, with_reasons: bool) -> list[str]:
+    """Return the lines of a table of the first designs: parameters, areas, medians, why no robot."""
+    columns = [key for key in study.columns if key in ("area", "free_area") or key.endswith("_median")]
+    heads = [*study.designs.names, *(f"{key} [{study.units[key]}]" for key in columns)]
+    numbers = np.column_stack([study.designs.values, *(study.columns[key] for key in columns)])
+    rows = [[f"{value:.4g}" if np.isfinite(value) else "-" for value in row] for row in numbers]
+    if with_reasons:
+        heads.append("why no robot")
+        rows = [[*row, why] for row, why in zip(rows, study.why, strict=True)]
+    return ["  " + "\t".join(row) for row in [heads, *rows[:MAX_PRINTED_DESIGNS]]]

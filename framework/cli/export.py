@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from argparse import Namespace
+from collections.abc import Callable
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -36,12 +37,23 @@ from framework.export.trajectory_file import (
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.output import write_file
 
+Export = tuple[ParallelRobot, str, list[str]]  # robot, content, description and lines of the report
 SIDE = "joint"  # of the gears, by default
 SUFFIXES = {
     "mjcf": (".xml", ".mjcf"),
     "ros2_control": (".yaml", ".yml", ".json"),
     "csv": (".csv",),
     "lesson": (".html",),
+}
+FORMATS_OF = {  # of the options that not every format has
+    "scene": ("ros2_control", "csv", "lesson"),
+    "samples": ("ros2_control", "csv"),
+    "side": ("ros2_control",),
+    "rate": ("csv",),
+    "columns": ("csv",),
+    "hinges": ("mjcf",),
+    "wrench": ("ros2_control", "csv"),
+    "wrench_on": ("ros2_control", "csv"),
 }
 
 
@@ -88,44 +100,8 @@ def add(commands: Any) -> None:
 def run(options: Namespace) -> Report:
     """Write the file, whole or not at all."""
     file = FilePath(options.out)
-    if not file.name:
-        raise InvalidInput(f"--out: needs the name of a file, got {options.out!r}")
-    if file.suffix not in SUFFIXES[options.program]:
-        valid = " or ".join(SUFFIXES[options.program])
-        raise InvalidInput(f"--out: {options.program} is written to {valid}, got {options.out!r}").advising(
-            {"out": str(file.with_suffix(SUFFIXES[options.program][0]))}
-        )
-    if options.hinges and options.program != "mjcf":
-        raise InvalidInput("--hinges: of a MuJoCo model only; leave it out").advising({"hinges": None})
-    if options.program != "csv" and not (options.rate is None and options.columns is None):
-        raise InvalidInput("--rate, --columns: of csv only; leave them out").advising(
-            dict.fromkeys(("rate", "columns"))
-        )
-    if options.program == "csv" and options.side is not None:
-        raise InvalidInput("--side: the columns of csv say theirs; leave it out").advising({"side": None})
-    lines: list[str] = []
-    if options.program == "mjcf":
-        if any(option is not None for option in (options.scene, options.samples, options.side)):
-            raise InvalidInput(
-                "--scene, --samples, --side: a MuJoCo model has no motion; leave them out"
-            ).advising(dict.fromkeys(("scene", "samples", "side")))
-        saved = is_plan_folder(options.robot)
-        robot = arguments.load_or_plan(options).robot if saved else arguments.load(options)
-        text, description = mjcf_text(robot, hinges=options.hinges), "a MuJoCo model with its loops"
-        lines.append(f"  {START}")
-        if left_out := ranges_left_out(robot):
-            lines.append(f"  without the ranges of {', '.join(left_out)}: the reference is outside")
-    elif options.program == "lesson":
-        robot, text = _lesson(options)
-        description = "a lesson of five steps, to be opened in a browser"
-    else:
-        if not (is_plan_folder(options.robot) or options.scene):
-            raise InvalidInput("give --scene, or the folder that `crossing plan --out` wrote, to be exported")
-        plan = arguments.load_or_plan(options)
-        robot = plan.robot
-        text, description = _motion_file(options, plan, file)
-        if options.program == "ros2_control":
-            lines.append(f"  {describe_side(plan, options.side or SIDE)}")
+    _check_options(options, file)
+    robot, text, lines = WRITERS[options.program](options, file)
     write_file(file, text, option="--out")
     document = {
         "robot": robot.name,
@@ -133,43 +109,93 @@ def run(options: Namespace) -> Report:
         "format": options.program,
         "file": str(file),
     }
+    description, *rest = lines
     head = f"{robot.name}, {robot.flexibility}: {description}, written to {file}"
-    return document, "\n".join([head, *lines])
+    return document, "\n".join([head, *(f"  {line}" for line in rest)])
 
 
-def _motion_file(options: Namespace, plan: CrossingPlan, file: FilePath) -> tuple[str, str]:
-    """Return the text and the description of a motion, for a file; write metadata beside rows of csv."""
-    over = f"over {plan.duration:g} s"
-    if options.program == "csv":
-        motion = arguments.motion_rows(options, plan)
-        beside = file.with_name(f"{file.name}-metadata.json")
-        write_file(beside, motion.metadata(file.name), option="--out")
-        return motion.as_csv(), f"{len(motion.rows)} rows of {len(motion.names)} columns {over}"
-    side = options.side or SIDE
+def _check_options(options: Namespace, file: FilePath) -> None:
+    """Refuse a file of another format, and options that the format does not have."""
+    program, suffixes = options.program, SUFFIXES[options.program]
+    if not file.name:
+        raise InvalidInput(f"--out: needs the name of a file, got {options.out!r}")
+    if file.suffix not in suffixes:
+        raise InvalidInput(
+            f"--out: {program} is written to {' or '.join(suffixes)}, got {options.out!r}"
+        ).advising({"out": str(file.with_suffix(suffixes[0]))})
+    for key, formats in FORMATS_OF.items():
+        if program not in formats and getattr(options, key) not in (None, False):
+            raise InvalidInput(
+                f"{arguments.flag_of(key)}: of {', '.join(formats)} only, not of {program}; leave it out"
+            ).advising({key: None})
+
+
+def _model_file(options: Namespace, file: FilePath) -> Export:
+    """Return the robot as a MuJoCo model, without a motion."""
+    saved = arguments.saved_plan(options)
+    robot = arguments.load(options) if saved is None else saved.robot
+    lines = ["a MuJoCo model with its loops", START]
+    if left_out := ranges_left_out(robot):
+        lines.append(f"without the ranges of {', '.join(left_out)}: the reference is outside")
+    return robot, mjcf_text(robot, hinges=options.hinges), lines
+
+
+def _plan_of(options: Namespace) -> CrossingPlan:
+    """Return the plan of a folder or of --scene."""
+    if not (is_plan_folder(options.robot) or options.scene):
+        raise InvalidInput("give --scene, or the folder that `crossing plan --out` wrote, to be exported")
+    return arguments.load_or_plan(options)
+
+
+def _table_file(options: Namespace, file: FilePath) -> Export:
+    """Return the rows of a motion; write their metadata beside the file."""
+    plan = _plan_of(options)
+    motion = arguments.motion_rows(options, plan)
+    metadata = file.with_name(f"{file.name}-metadata.json")
+    write_file(metadata, motion.metadata(file.name), option="--out")
+    size = f"{len(motion.rows)} rows of {len(motion.names)} columns"
+    return plan.robot, motion.as_csv(), [f"{size} over {plan.duration:g} s"]
+
+
+def _trajectory_file(options: Namespace, file: FilePath) -> Export:
+    """Return a motion as a joint trajectory, in YAML or JSON."""
+    plan, side = _plan_of(options), options.side or SIDE
     message = joint_trajectory(plan, samples=options.samples or DEFAULT_SAMPLES, side=side)
-    description = f"a joint trajectory of {len(message['points'])} points {over}"
+    sentence = describe_side(plan, side)
     if file.suffix == ".json":
-        return json.dumps(message, indent=2) + "\n", description
-    return f"# {describe_side(plan, side)}\n" + yaml.safe_dump(message, sort_keys=False), description
+        text = json.dumps(message, indent=2) + "\n"
+    else:
+        text = f"# {sentence}\n" + yaml.safe_dump(message, sort_keys=False)
+    size = f"a joint trajectory of {len(message['points'])} points"
+    return plan.robot, text, [f"{size} over {plan.duration:g} s", sentence]
 
 
-def _lesson(options: Namespace) -> tuple[ParallelRobot, str]:
-    """Return the robot and the page about one of its scenes."""
-    if options.scene is None or options.samples is not None or options.side is not None:
-        raise InvalidInput("a lesson is about a scene of a robot: give --scene, without --samples and --side")
-    if options.wrench is not None or options.wrench_on is not None:
-        raise InvalidInput("--wrench, --wrench-on: a lesson has no wrenches of the world; leave them out")
+def _lesson_file(options: Namespace, file: FilePath) -> Export:
+    """Return the page about a scene of a robot."""
+    if options.scene is None:
+        raise InvalidInput("a lesson is about a scene of a robot: give --scene")
     from framework.show.lesson import lesson_page  # matplotlib takes time to import
 
     robot = arguments.load(options)
     chosen = scene(robot, options.scene)
     if chosen.wrenches is not None:
         raise InvalidInput(f"--scene {chosen.name} has wrenches of the world, which a lesson does not have")
+    duration = chosen.duration if options.duration is None else options.duration
+    if duration is None:
+        raise InvalidInput(
+            f"--scene {chosen.name} has no duration, which a lesson needs; give --duration"
+        ).advising({"duration": 1.0})
     try:
-        if chosen.duration is None:
-            raise InvalidInput(f"--scene {chosen.name} has no duration, which a lesson needs")
-        page = lesson_page(robot, scene_path(chosen), duration=chosen.duration, name=f"Scene {chosen.name}")
+        page = lesson_page(robot, scene_path(chosen), duration=duration, name=f"Scene {chosen.name}")
     except NoAnswer as error:
         error.args = (f"--scene {chosen.name}: {error}",)
         raise
-    return robot, page
+    return robot, page, ["a lesson of five steps, to be opened in a browser"]
+
+
+WRITERS: dict[str, Callable[[Namespace, FilePath], Export]] = {
+    "mjcf": _model_file,
+    "ros2_control": _trajectory_file,
+    "csv": _table_file,
+    "lesson": _lesson_file,
+}

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.cli import arguments
 from framework.cli.parser import (
     Report,
@@ -18,15 +17,13 @@ from framework.cli.parser import (
     add_wrenches,
     command,
 )
-from framework.crossing.durations import optimal_durations
-from framework.crossing.feasibility import Feasibility, feasibility_at
+from framework.crossing.feasibility import Feasibility, feasibility_at, optimal_durations
+from framework.crossing.plan_facts import twist_text
 from framework.crossing.request import Request
-from framework.errors import point
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.output import Document
 from framework.singularity.points_on_path import SearchedPath, SingularPoint, search_path
 from framework.singularity.spring_shift import spring_shift
-from framework.singularity.type2 import moves_point
 
 MISS = "near miss at s = {0.s:.9f}  {1}  |g| = {2:.3g}"
 POINT = "s = {0.s:.15f}  {0.kind} ({0.contact})  {1}  t_s = {2}  dg/ds = {0.slope:.6g}"
@@ -106,11 +103,6 @@ def _lines(
     if condition is not None:
         lines.append(f"  {condition.sentence}")
     return lines
-
-
-def twist_text(robot: ParallelRobot, twist: Array) -> str:
-    """Return the twist t_s on the platform's axes in words, with the unit of its norm."""
-    return f"{point(twist)} of unit {'speed' if moves_point(robot, twist) else 'turning rate'}"
 
 
 def _shift(searched: SearchedPath, singular: SingularPoint) -> dict[str, float] | None:

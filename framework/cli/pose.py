@@ -19,6 +19,7 @@ from framework.cli.parser import (
     add_wrenches,
     command,
 )
+from framework.crossing.plan_facts import excess_facts
 from framework.dynamics.platform_limits import PlatformLimits, platform_limits
 from framework.dynamics.pointwise_dynamics import Instant, dynamics_at
 from framework.errors import InvalidInput, NoAnswer, NotAssembled
@@ -108,29 +109,34 @@ def _pose_report(robot: ParallelRobot, q: Array, options: Namespace) -> Report:
     pose, classification = describe_pose(robot, q), classify(robot, q)
     limits, instant = _limits(robot, q, options), _compute_loads(robot, q, options)
     facts = asdict(pose)
-    coordinates = ("platform", "motor_joints", "motor_angles", "joints")
+    words = {
+        key: _format_values(facts[key]) for key in ("platform", "motor_joints", "motor_angles", "joints")
+    }
+    twists = [dict(zip(robot.axis_names, twist, strict=True)) for twist in classification.twists]
     lines = [
-        HEAD.format_map(facts | {key: _format_values(facts[key]) for key in coordinates}),
+        HEAD.format_map(facts | words),
         f"  singularity       {classification.sentence}",
-        *(
-            f"  t_s               {_format_values(dict(zip(robot.axis_names, twist, strict=True)), 6)}"
-            for twist in classification.twists
-        ),
+        *(f"  t_s               {_format_values(twist, 6)}" for twist in twists),
         DISTANCES.format(classification, _angles(robot, classification)),
         *_worst_torques(robot, classification),
         *_limits_in_words(robot, limits),
-        *([] if instant is None else _loads_in_words(robot, instant)),
+        *_loads_in_words(robot, instant),
         f"  closures          closed to {pose.closure_error:.1e} m or rad",
-        *arguments.excesses(pose.exceeded),
+        *(fact.line for fact in excess_facts(pose.exceeded)),
     ]
     document = facts | {
-        "singularity": {"regular": classification.regular, **vars(classification)},
+        "singularity": _singularity_document(classification),
         "limits": _limits_document(limits),
     }
     if instant is not None:
         torque = dict(zip(robot.actuator_names, instant.torque, strict=True))
         document["dynamics"] = {key: getattr(instant, key) for key in LOADS} | {"torque": torque}
     return document, "\n".join(lines)
+
+
+def _singularity_document(classification: Classification) -> Document:
+    """Return the class of a pose for JSON."""
+    return {"regular": classification.regular, **vars(classification)}
 
 
 def _close(robot: ParallelRobot, options: Namespace, *, advise_all: bool) -> Array:
@@ -155,18 +161,16 @@ def _limits(robot: ParallelRobot, q: Array, options: Namespace) -> PlatformLimit
 
 def _limits_in_words(robot: ParallelRobot, limits: PlatformLimits | None) -> list[str]:
     """Return lines on the platform's limits; none where no motor has one."""
+    if limits is None or not limits.polytopes:
+        return []
     lines = []
     units = [("N", "m/s") if moves else ("N m", "rad/s") for moves in robot.translations]
-    for k, (name, polytope) in enumerate(limits.polytopes.items() if limits else ()):
-        ranges = (
-            f"{axis} {low:.4g} .. {high:.4g} {unit[k]}"
-            for axis, (low, high), unit in zip(robot.axis_names, polytope.axis_ranges(), units, strict=True)
-        )
-        alone = ", each alone" if robot.n > 1 else ""
+    alone = ", each alone" if robot.n > 1 else ""
+    for k, (name, polytope) in enumerate(limits.polytopes.items()):
+        rows = zip(robot.axis_names, polytope.axis_ranges(), units, strict=True)
+        ranges = [f"{axis} {low:.4g} .. {high:.4g} {unit[k]}" for axis, (low, high), unit in rows]
         lines.append(f"  {name + ' limits':<17} {', '.join(ranges)}{alone}")
-    if lines:
-        lines.append(f"  {'':<17} of the motors in this pose; rigid, without contact, the weight held")
-    return lines
+    return [*lines, f"  {'':<17} of the motors in this pose; rigid, without contact, the weight held"]
 
 
 def _limits_document(limits: PlatformLimits | None) -> Document:
@@ -191,8 +195,10 @@ def _compute_loads(robot: ParallelRobot, q: Array, options: Namespace) -> Instan
     return dynamics_at(robot, q, dx=options.velocity, ddx=options.acceleration, **wrenches)
 
 
-def _loads_in_words(robot: ParallelRobot, instant: Instant) -> list[str]:
-    """Return lines on the torques of motors, and on the forces of loops and joints."""
+def _loads_in_words(robot: ParallelRobot, instant: Instant | None) -> list[str]:
+    """Return lines on the torques of motors, and on the forces of loops and joints; none without loads."""
+    if instant is None:
+        return []
     torques = zip(robot.actuator_names, instant.torque, robot.torque_units, strict=True)
     values = ", ".join(f"{joint} {round(torque, 12) + 0.0:.9g} {unit}" for joint, torque, unit in torques)
     lines = [f"  motor torque      {values} (motor side)"]
@@ -226,17 +232,10 @@ def _assembly(robot: ParallelRobot, options: Namespace) -> Report:
     for mode in assembly.modes:
         pose, kind = describe_pose(robot, mode.q), classify(robot, mode.q)
         lines.append(f"  platform          {_format_values(pose.platform)}; g {kind.g:.3g}, {kind.sentence}")
-        singularity = {"regular": kind.regular, **vars(kind)}
-        modes.append(asdict(pose) | {"proved": mode.proved, "singularity": singularity})
-    about = {
-        "complete": assembly.complete,
-        "status": assembly.status,
-        "bound": assembly.bound,
-        "paths": None if assembly.count is None else asdict(assembly.count),
-        "method": assembly.method,
-        "modes": modes,
-    }
-    return _report(robot, {"assembly_modes": about}, lines)
+        modes.append(asdict(pose) | {"proved": mode.proved, "singularity": _singularity_document(kind)})
+    about = {key: getattr(assembly, key) for key in ("complete", "status", "bound", "method")}
+    paths = assembly.count and asdict(assembly.count)
+    return _report(robot, {"assembly_modes": {**about, "paths": paths, "modes": modes}}, lines)
 
 
 def _working(robot: ParallelRobot, options: Namespace) -> Report:
@@ -270,14 +269,11 @@ def _report(robot: ParallelRobot, facts: Document, lines: list[str]) -> Report:
 
 def _angles(robot: ParallelRobot, classification: Classification) -> str:
     """Return the transmission angles in words; empty where undefined."""
-    if not np.isfinite(classification.transmission_angle).all():
+    angles = np.rad2deg(classification.transmission_angle)
+    if not np.isfinite(angles).all():
         return ""
-    degrees = np.rad2deg(classification.transmission_angle)
-    return (
-        ", transmission "
-        + _format_values(dict(zip(robot.actuator_names, degrees, strict=True)), 4)
-        + " degrees"
-    )
+    named = dict(zip(robot.actuator_names, angles, strict=True))
+    return f", transmission {_format_values(named, 4)} degrees"
 
 
 def _worst_torques(robot: ParallelRobot, classification: Classification) -> list[str]:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 import csv
 from argparse import Namespace
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -52,9 +51,11 @@ DIFFERENCES = (  # of the robots from their model: option, default, meaning
     ("speed_noise", 0.0, "[rad/s, robot lengths/s] the same of measured speeds"),
 )
 FEEDBACK_TRIED = (
-    "\n  with feedback     {passed} of the first {runs} runs that failed pass with --controller "
+    "  with feedback     {passed} of the first {runs} runs that failed pass with --controller "
     "{controller}; the default is for robots with springs, too"
 )
+FAILED = "  failed            {controller}, seed {seed}: {why}"
+MORE_FAILED = "                    and {} more; --out or --json keeps all seeds"
 MAX_RUNS = 1_000_000
 
 
@@ -196,10 +197,7 @@ def _report(options: Namespace, setup: StudySetup, studies: list[Study], folder:
         "studies": [_document(study) for study in studies],
         **_with_feedback(options, setup, studies[0]),
     }
-    text = _text(document)
-    if "with_feedback" in document:
-        text += FEEDBACK_TRIED.format_map(document["with_feedback"])
-    return document, text
+    return document, _text(document)
 
 
 def _studies(options: Namespace, setup: StudySetup, stores: dict[str, KeptRuns]) -> list[Study]:
@@ -207,29 +205,23 @@ def _studies(options: Namespace, setup: StudySetup, stores: dict[str, KeptRuns])
     controllers = {name: setup.controller(name) for name in _names(options)}
     studies: list[Study] = []
     chunk = None if options.dask else -(-options.runs // options.workers)
-    progress = options.progress.start("simulating", options.runs * len(controllers), "runs")
+    count = options.progress.start("simulating", options.runs * len(controllers), "runs")
     with executor_of(workers=options.workers, dask=options.dask) as executor:
         for name, controller in controllers.items():
-            studies.append(
-                run_study(
-                    controller,
-                    setup.loop,
-                    setup.spread,
-                    runs=options.runs,
-                    name=name,
-                    seed=setup.seed,
-                    executor=executor,
-                    chunk=chunk,
-                    keeper=stores.get(name),
-                    progress=partial(_count_further, progress, len(studies) * options.runs),
-                )
+            study = run_study(
+                controller,
+                setup.loop,
+                setup.spread,
+                runs=options.runs,
+                name=name,
+                seed=setup.seed,
+                executor=executor,
+                chunk=chunk,
+                keeper=stores.get(name),
+                progress=lambda done: count(len(studies) * options.runs + done),
             )
+            studies.append(study)
     return studies
-
-
-def _count_further(progress: Callable[[float], None], finished: int, done: int) -> None:
-    """Report the runs done, earlier studies included."""
-    progress(finished + done)
 
 
 def _document(study: Study) -> Document:
@@ -266,10 +258,11 @@ def _text(document: Document) -> str:
     lines = [HEAD.format_map(document), *map(ROW.format_map, document["studies"])]
     for study in document["studies"]:
         failures = study["failures"]
-        for failure in failures[:3]:
-            lines.append("  failed            {controller}, seed {seed}: {why}".format_map(study | failure))
+        lines += [FAILED.format_map(study | failure) for failure in failures[:3]]
         if len(failures) > 3:
-            lines.append(f"                    and {len(failures) - 3} more; --out or --json keeps all seeds")
+            lines.append(MORE_FAILED.format(len(failures) - 3))
+    if "with_feedback" in document:
+        lines.append(FEEDBACK_TRIED.format_map(document["with_feedback"]))
     return "\n".join(lines)
 
 
@@ -363,12 +356,9 @@ def _failure(runs: Study | Run, number: int, seed: Sequence[int]) -> Document:
 def _describe_replay(document: Document) -> str:
     """Return the report on a repeated run, and its differences from the study, in words."""
     then, now = document["versions"]["then"], document["versions"]["now"]
-    others = [
-        f"{library} {then.get(library)} then, {present} now"
-        for library, present in now.items()
-        if then.get(library) != present
-    ]
+    changed = [library for library in now if then.get(library) != now[library]]
+    versions = ", ".join(f"{library} {then.get(library)} then, {now[library]} now" for library in changed)
     agreement = "as in the study"
     if not document["as_written"]:
-        agreement = f"otherwise than in the study, with {', '.join(others) or 'the same versions'}"
+        agreement = f"otherwise than in the study, with {versions or 'the same versions'}"
     return REPORT.format_map(document | {"verdict": document["why"] or "passed", "agreement": agreement})

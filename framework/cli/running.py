@@ -1,26 +1,34 @@
-"""One command run: its report on stdout, or one sentence about its failure on stderr, and the exit code."""
+"""One command run: its report on stdout, or one sentence about its failure on stderr, and the exit code.
+
+A failure ends with the command line to try instead, from the remedy that the error carries: never from its
+words.
+"""
 
 from __future__ import annotations
 
+import argparse
 import json
+import math
 import os
+import shlex
 import traceback
 from argparse import Namespace
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from framework.cli.advice import advise
-from framework.cli.commands import Misuse
-from framework.cli.console import MAX_MESSAGE_LENGTH, TRY, complain, one_line, report, tell
-from framework.cli.progress import Progress
+from framework.cli.commands import COMMANDS, Misuse, parser_of
+from framework.cli.console import MAX_MESSAGE_LENGTH, TRY, Progress, complain, one_line, report, tell
 from framework.errors import FrameworkError, NoAnswer
 from framework.interruption import Heard
 from framework.output import Document, plain
 
 UNEXPECTED_EXIT_CODE = 70  # exit code; sysexits.h calls it EX_SOFTWARE
 DEBUG_VARIABLE = "CROSSING_DEBUG"  # environment variable: set, an unexpected error shows its traceback
+MAX_ADVICE_LENGTH = 500  # [characters] half of what a complaint may have
+VALUE_COUNTS = {"None": 1.0, "?": 1.0, "+": math.inf, "*": math.inf}  # of an option, by its `nargs`
 
 
 def run(options: Namespace, heard: Heard, arguments: Sequence[str]) -> int:
@@ -105,3 +113,69 @@ def describe_error(error: BaseException, message: str, arguments: Sequence[str])
         if isinstance(value, float | str | list):
             document[key] = value
     return line, document
+
+
+# ------------------------------------------------------------------ advice
+
+
+def advise(error: BaseException, arguments: Sequence[str]) -> str | None:
+    """Return the command line to try instead of `arguments`; None without a remedy."""
+    if isinstance(error, Misuse):
+        return error.instead if error.mend is None else _mend_words(error.mend, arguments)
+    remedy: Mapping[str, Any] | None = getattr(error, "remedy", None)
+    if not remedy or not arguments or arguments[0] not in COMMANDS:
+        return None
+    words = typed = [word for word in arguments if word != "--json"]
+    options = parser_of(typed).option_actions
+    for name, value in remedy.items():
+        flag = f"--{name.replace('_', '-')}"
+        if flag not in options:
+            return None
+        words = _remove_option(words, options[flag])
+        if value is not None and value is not False:
+            words += [flag, *_typed_words(value)]
+    instead = one_line(shlex.join(["crossing", *words]))
+    tried = sorted(words) == sorted(typed)
+    return None if tried or len(instead) > MAX_ADVICE_LENGTH else instead
+
+
+def _mend_words(mend: Callable[[str], list[str] | None], arguments: Sequence[str]) -> str:
+    """Replace words, alone or behind an option's `=`, by the words of `mend`, if any."""
+    words: list[str] = []
+    for word in arguments:
+        flag, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
+        meant = mend(value)
+        words += [word] if meant is None else [*([flag] if equals else []), *meant]
+    return one_line(shlex.join(["crossing", *(word for word in words if word != "--json")]))
+
+
+def _remove_option(words: Sequence[str], option: argparse.Action) -> list[str]:
+    """Remove an option and its values from the words of a command line."""
+    rest: list[str] = []
+    values = 0.0  # number of values of the option that may follow
+    for word in words:
+        flag, equals, _ = word.partition("=")
+        if flag in option.option_strings:
+            count = option.nargs
+            many = float(count) if isinstance(count, int) else VALUE_COUNTS.get(str(count), 0.0)
+            values = 0.0 if equals else many
+        elif values and not word.startswith("--"):
+            values -= 1
+        else:
+            values = 0
+            rest.append(word)
+    return rest
+
+
+def _typed_words(value: Any) -> list[str]:
+    """Return the value of an option as words of a command line."""
+    if value is True:
+        return []
+    if isinstance(value, Mapping):
+        same = set(value.values())
+        return (
+            [f"{same.pop():.6g}"] if len(same) == 1 else [f"{key}={part:.6g}" for key, part in value.items()]
+        )
+    if isinstance(value, list | tuple):
+        return [word for part in value for word in _typed_words(part)]
+    return [value if isinstance(value, str) else f"{value:.6g}"]

@@ -110,36 +110,48 @@ def crossing_point(
     """
     if isinstance(singular, CrossingPoint) or deflection is None or not len(deflection.value):
         return undeformed_crossing(singular)
-    robot = branch.robot
-    spring_step = np.zeros((1, robot.model.nv))
-    spring_step[:, robot.elastic] = deflection.value
-    closed_before: tuple[Array, ClosedStack] | None = None  # at three s, the middle one the iterate
+    robot, poses = branch.robot, _DeflectedPoses(branch, deflection)
+    root = root_of_g(lambda s: type2_matrix(robot, poses.close(s).linearised), s_guess)
+    if not root.converged:
+        raise NoLaw(
+            f"{robot.name}: the deflected robot has no singular point near s = {singular.s:.6g}; the "
+            f"deflections are too large for the path to cross the locus there"
+        )
+    closed = poses.at_root(root.place)
+    twist, motion = least_held(robot, closed.linearised)
+    return _orient_along_path(branch, root.place, closed, twist, motion, singular.kind)
 
-    def predict_poses(s: Array) -> Array:
-        """Predict configurations (k, nq) with the deflections, along the tangent of the last closed ones."""
-        if closed_before is None:
-            return integrate(robot, branch.guess(s), np.repeat(spring_step, len(s), axis=0))
-        last_s, last = closed_before
-        tangent = difference(robot, last.q[0], last.q[2:]) / (last_s[2] - last_s[0])
+
+class _DeflectedPoses:
+    """Poses along a path with constant deflections, each predicted from the poses closed last."""
+
+    def __init__(self, branch: Branch, deflection: Deflection) -> None:
+        """Start from the poses of the undeformed robot, its springs deflected."""
+        self._branch = branch
+        self._spring_step = np.zeros((1, branch.robot.model.nv))
+        self._spring_step[:, branch.robot.elastic] = deflection.value
+        self._closed: tuple[Array, ClosedStack] | None = None  # s (3,), the middle one the iterate; poses
+
+    def close(self, s: Array) -> ClosedStack:
+        """Close the loops at s (3,)."""
+        branch = self._branch
+        self._closed = s, close_loops(branch.robot, branch.path(s), self._predict(s))
+        return self._closed[1]
+
+    def at_root(self, s: float) -> ClosedStack:
+        """Return the pose so near the closed ones that the step along the tangent keeps the loops closed."""
+        branch, places = self._branch, np.array([s])
+        q, x = self._predict(places), branch.path(places)
+        return ClosedStack(q, x, linearised_at(branch.robot, q, x))
+
+    def _predict(self, s: Array) -> Array:
+        """Predict configurations (k, nq) at s (k,), along the tangent of the poses closed last."""
+        branch, robot = self._branch, self._branch.robot
+        if self._closed is None:
+            return integrate(robot, branch.guess(s), np.repeat(self._spring_step, len(s), axis=0))
+        last_s, last = self._closed
+        tangent = difference(robot, last.q[0], last.q[2:]) / (last_s[2] - last_s[0])  # (1, nv), dq/ds
         return integrate(robot, last.q[1], (s - last_s[1])[:, None] * tangent)
-
-    def passive_columns(s: Array) -> Array:
-        """Return the Type 2 matrix of the deflected robot at s (3,)."""
-        nonlocal closed_before
-        closed_before = s, close_loops(robot, branch.path(s), predict_poses(s))
-        return type2_matrix(robot, closed_before[1].linearised)
-
-    root = root_of_g(passive_columns, s_guess)
-    if root.converged:  # by a last step along the tangent so small that loops stay closed
-        s = np.array([root.place])
-        q, x = predict_poses(s), branch.path(s)
-        closed = ClosedStack(q, x, linearised_at(robot, q, x))
-        twist, motion = least_held(robot, closed.linearised)
-        return _orient_along_path(branch, root.place, closed, twist, motion, singular.kind)
-    raise NoLaw(
-        f"{robot.name}: the deflected robot has no singular point near s = {singular.s:.6g}; the deflections "
-        f"are too large for the path to cross the locus there"
-    )
 
 
 def imposed_point(branch: Branch, s: float) -> CrossingPoint:
@@ -209,16 +221,18 @@ def coefficients_at(branch: Branch, crossing: CrossingPoint, deflection: Deflect
     deflection = deflection if robot.n_e else None
     pace = 1.0 if deflection is None else _equal_pace(branch, crossing, linearised, deflection.rate)
     motion = _unit_motions(branch, crossing, linearised, deflection, pace)
-    inertial = inertial_forces(robot, motion) * crossing.motion  # (5, nv), each row to be summed
-    damping = robot.joint_damping * motion.v * crossing.motion
     wrenches = branch.wrenches.evaluate(robot, linearised.frames, np.array([crossing.s]))
-    static = static_forces(robot, crossing.q[None], wrenches)[0] * crossing.motion
-    rate = float(np.abs(motion.v[1] / robot.column_scale).max())
-    terms = np.array([inertial[0], inertial[1], static, damping[1]])  # of alpha, beta, gamma, delta
-    elastic_terms = np.array([inertial[2] + damping[2], 0.5 * (inertial[3] - inertial[4]) / pace])
-    values = terms.sum(axis=1)
-    sizes = np.maximum(bounds_of_terms(branch, crossing, rate), np.abs(terms).sum(axis=1))
+    # powers of the joints (nv,), each to be summed: of five motions, and at rest
+    inertial = inertial_forces(robot, motion) * crossing.motion  # (5, nv)
+    damping = robot.joint_damping * motion.v * crossing.motion  # (5, nv)
+    static = static_forces(robot, crossing.q[None], wrenches)[0] * crossing.motion  # (nv,)
+    rigid_terms = np.array([inertial[0], inertial[1], static, damping[1]])  # alpha, beta, gamma, delta
+    multiplied = 0.5 * (inertial[3] - inertial[4]) / pace
+    elastic_terms = np.array([inertial[2] + damping[2], multiplied])  # of gamma and delta
+    values = rigid_terms.sum(axis=1)
     values[2:] += elastic_terms.sum(axis=1)
+    rate = float(np.abs(motion.v[1] / robot.column_scale).max())
+    sizes = np.maximum(bounds_of_terms(branch, crossing, rate), np.abs(rigid_terms).sum(axis=1))
     sizes[2:] += np.abs(elastic_terms).sum(axis=1)
     # what stiff springs add is little, and yet no rounding where s" has an effect
     if deflection is None or not abs(values[0]) > NO_HOLD * sizes[0]:

@@ -106,19 +106,27 @@ def motion_table(
     values += [
         robot.coordinates.to_named_axes(dynamics.velocity(times, order))[:, robot.passive] for order in (1, 2)
     ]
-    every = MotionTable(motion_columns(robot), np.concatenate(values, axis=1))
-    if columns is None:
-        return every
-    chosen = list(dict.fromkeys(k for wanted in columns for k in _matching_columns(wanted, every.names)))
-    return MotionTable(tuple(every.columns[k] for k in chosen), every.rows[:, chosen])
+    every, rows = motion_columns(robot), np.concatenate(values, axis=1)
+    chosen = select_columns(every, columns)
+    return MotionTable(tuple(every[k] for k in chosen), rows[:, chosen])
 
 
-def _matching_columns(wanted: str, names: Sequence[str]) -> list[int]:
-    """Return the index of a column, or of all that begin with the name."""
-    matching = [k for k, name in enumerate(names) if name == wanted or name.startswith(f"{wanted}_")]
-    if not matching:
-        raise InvalidInput(choose_from("column", wanted, names))
-    return matching
+def select_columns(every: Sequence[Column], wanted: Sequence[str] | None) -> list[int]:
+    """Return the indices of the columns with given names or beginnings of names; of all when None.
+
+    Raises:
+        InvalidInput: an unknown column; lists those that there are.
+    """
+    names = [column.name for column in every]
+    if wanted is None:
+        return list(range(len(names)))
+    selected: dict[int, None] = {}  # each once, in the order asked for
+    for want in wanted:
+        matching = [k for k, name in enumerate(names) if name == want or name.startswith(f"{want}_")]
+        if not matching:
+            raise InvalidInput(choose_from("column", want, names))
+        selected |= dict.fromkeys(matching)
+    return list(selected)
 
 
 def motion_columns(robot: ParallelRobot) -> tuple[Column, ...]:

@@ -139,9 +139,11 @@ class _Modification(NamedTuple):
 
     def plan_with(self, bend: float) -> ModifiedPathPlan | None:
         """Plan with this bend, to the side of smaller torques; None without a plan."""
-        plans = [plan for side in (1.0, -1.0) if (plan := self.plan_bent(side * bend)) is not None]
-        best = min(plans, key=lambda plan: max(plan.peak_torque.values()), default=None)
-        return None if best is None else self._measure(best, choices=())
+        plans = [plan for plan in (self.plan_bent(bend), self.plan_bent(-bend)) if plan is not None]
+        if not plans:
+            return None
+        best = min(plans, key=lambda plan: max(plan.peak_torque.values()))
+        return self._measure(best, choices=())
 
     def plan_with_least(self) -> ModifiedPathPlan | None:
         """Plan with the least sufficient bend, and with larger ones to compare; None without a plan."""
@@ -149,13 +151,11 @@ class _Modification(NamedTuple):
         if least is None:
             return None
         share, plan = least
-        side, size = float(np.sign(share)), abs(share)
-        choices = [BendChoice(size, plan.peak_torque)]
-        larger_sizes = np.geomspace(size, MAX_BEND_SHARE, BEND_CHOICES)[1:] if size < MAX_BEND_SHARE else ()
-        for larger in map(float, larger_sizes):
-            larger_plan = self.plan_bent(side * larger)
-            if larger_plan is not None:
-                choices.append(BendChoice(larger, larger_plan.peak_torque))
+        choices = [BendChoice(abs(share), plan.peak_torque)]
+        if abs(share) < MAX_BEND_SHARE:
+            for size in np.geomspace(abs(share), MAX_BEND_SHARE, BEND_CHOICES)[1:].tolist():
+                larger = self.plan_bent(float(np.copysign(size, share)))
+                choices += [] if larger is None else [BendChoice(size, larger.peak_torque)]
         return self._measure(plan, tuple(choices))
 
     def _find_least(self) -> tuple[float, CrossingPlan] | None:
@@ -164,7 +164,8 @@ class _Modification(NamedTuple):
         The reserve is left out where the request is not planned with it.
         """
         smallest = MAX_BEND_SHARE / 2.0**BEND_HALVINGS
-        for share in (side * smallest * 2.0**k for k in range(BEND_HALVINGS + 1) for side in (1.0, -1.0)):
+        sizes = smallest * 2.0 ** np.arange(BEND_HALVINGS + 1)
+        for share in (side * float(size) for size in sizes for side in (1.0, -1.0)):
             plan = self.plan_bent(share)
             if plan is not None:
                 break
@@ -172,14 +173,15 @@ class _Modification(NamedTuple):
             return None
         refused = 0.5 * share
         for _ in range(BEND_BISECTIONS if abs(share) > smallest else 0):
-            middle = float(np.sqrt(refused * share)) * np.sign(share)
+            middle = float(np.copysign(np.sqrt(refused * share), share))
             middle_plan = self.plan_bent(middle)
             if middle_plan is None:
                 refused = middle
             else:
                 share, plan = middle, middle_plan
-        reserved = self.plan_bent((1.0 + BEND_RESERVE) * share)
-        return (share, plan) if reserved is None else ((1.0 + BEND_RESERVE) * share, reserved)
+        with_reserve = (1.0 + BEND_RESERVE) * share
+        reserved = self.plan_bent(with_reserve)
+        return (share, plan) if reserved is None else (with_reserve, reserved)
 
     def _measure(self, plan: CrossingPlan, choices: tuple[BendChoice, ...]) -> ModifiedPathPlan:
         """Measure the distance and the turn by which a plan's path differs from the one asked for."""
@@ -205,14 +207,19 @@ def _modification_at_crossing(robot: ParallelRobot, request: Request) -> _Modifi
         return None
     _, singular = min(candidates, key=lambda pair: pair[0])
     c = singular.s
-    x = np.repeat(path(c)[None], robot.n, axis=0)
-    twists_of_coordinates = robot.platform.twist(x, np.eye(robot.n))[0]  # of a unit rate of each
-    along_twist = np.linalg.solve(twists_of_coordinates.T, singular.twist)
     size, length = coordinate_sizes(robot), path_length(robot, path)
-    peak = np.abs(_bump(np.linspace(0.0, 1.0, BEND_SAMPLES), c)).max() * np.linalg.norm(along_twist * size)
+    direction = _coordinates_of_twist(robot, path(c), singular.twist)  # d of the head of this file
+    bump = _bump(np.linspace(0.0, 1.0, BEND_SAMPLES), c)
+    largest = np.abs(bump).max() * np.linalg.norm(direction * size)  # [m], of the bend b(s) d
     s = np.linspace(0.0, 1.0, _choose_intervals(path, c) + 1)
-    unit = _bump(s, c)[:, None] * along_twist * (length / peak)
+    unit = _bump(s, c)[:, None] * direction * (length / largest)
     return _Modification(robot, request, s, unit, size, length)
+
+
+def _coordinates_of_twist(robot: ParallelRobot, x: Array, twist: Array) -> Array:
+    """Return the rates (n,) of the platform coordinates x (n,) that move the platform along a twist (n,)."""
+    twists = robot.platform.twist(np.repeat(x[None], robot.n, axis=0), np.eye(robot.n))[0]  # a row a rate
+    return np.asarray(np.linalg.solve(twists.T, twist))
 
 
 def _choose_intervals(path: Path, c: float) -> int:

@@ -77,22 +77,24 @@ class PlanarCrossing(NamedTuple):
         robot, branch = self.robots["off"], self.searched.branch
         closed = branch.close(s)
         measure, twist = _measure_with_twist(robot, closed)
-        _, crossing_twist = _measure_with_twist(robot, branch.close(np.array([self.point.s])))
-        nearest = np.argmin(np.abs(measure.g))
-        sign = sign_along(twist[nearest], branch.path(s, 1)[nearest])
-        signed_norm = twist_norm(robot, crossing_twist[0]) * sign
-        speeds = motor_speeds(robot, closed.linearised)[0]
-        g = measure.g[:, None, None]
-        motion = measure.motion / signed_norm
+        scale = self._twist_scale(twist[np.argmin(np.abs(measure.g))])
+        G = motor_speeds(robot, closed.linearised)[0]  # (M, n_a, n)
+        g, motion = measure.g[:, None, None], measure.motion / scale
         return CrossingSamples(
             q=closed.q,
             q_aside=_close_aside(robot, closed),
             g=measure.g,
-            t_s=twist / signed_norm,
-            motor_speed=speeds,
-            torque_of_force=g * np.linalg.inv(speeds.transpose(0, 2, 1)),
+            t_s=twist / scale,
+            motor_speed=G,
+            torque_of_force=g * np.linalg.inv(G.transpose(0, 2, 1)),
             forces={gravity: self._forces(one, s, g, motion) for gravity, one in self.robots.items()},
         )
+
+    def _twist_scale(self, nearest: Array) -> float:
+        """Return the norm of the twist at the crossing, negative if `nearest` (n,) points backwards."""
+        robot, branch, s = self.robots["off"], self.searched.branch, self.point.s
+        _, twist = _measure_with_twist(robot, branch.close(np.array([s])))
+        return twist_norm(robot, twist[0]) * sign_along(nearest, branch.path(s, 1))
 
     def _forces(self, robot: ParallelRobot, s: Array, g: Array, motion: Array) -> RequiredForces:
         """Compute torques times g and t_s . W_p of a robot at s (M,).
@@ -161,7 +163,13 @@ def planar_crossing(robot: ParallelRobot, path: Path, duration: float, upwards: 
     robots = {
         name: _with_gravity(robot, -size * upwards) for name, size in (("off", 0.0), ("on", UPRIGHT_GRAVITY))
     }
-    options: dict[str, Any] = {"law": "optimal", "optimize": "peak_torque", "smoothness": PATH_SMOOTHNESS}
+    options: dict[str, Any] = {
+        "law": "optimal",
+        "optimize": "peak_torque",
+        "smoothness": PATH_SMOOTHNESS,
+        "torque_limit": np.inf,  # whatever the file says: the reader of a lesson sets the limits
+        "speed_limit": np.inf,
+    }
     plans = {name: plan_crossing(one, path, duration=duration, **options) for name, one in robots.items()}
     return PlanarCrossing(searched, robots, plans)
 

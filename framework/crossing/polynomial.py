@@ -16,17 +16,17 @@ from framework.crossing.condition import (
     crossing_point,
     require_effect,
 )
-from framework.crossing.crossing_points import PathToCross
+from framework.crossing.crossing_points import PathToCross, check_one_condition_each
 from framework.crossing.options import OPTIMAL_LAW
 from framework.crossing.refusals.turning_back import check_advance
-from framework.crossing.refusals.uncrossable_points import check_one_condition_each
 from framework.crossing.request import Request
 from framework.crossing.timing import CrossingTime, choose_timing
 from framework.dynamics.inverse_dynamics import resolve
-from framework.dynamics.result import InverseDynamics
+from framework.dynamics.result import InverseDynamics, SingularityCrossing
 from framework.errors import InvalidInput, NoLaw
 from framework.motion.chebyshev import TimeFunction
 from framework.motion.law import Law, MotionLaw, advances_and_peaks, conditions_at_instants
+from framework.singularity.points_on_path import SingularPoint
 
 OF_A_SCENE = (
     "times and speeds of a scene belong to its own duration: give others for this one, or take law optimal, "
@@ -53,7 +53,7 @@ def polynomial_motion(to_cross: PathToCross, request: Request) -> PolynomialMoti
         As `plan_crossing`.
     """
     name, timing = to_cross.branch.robot.name, timing_of(to_cross, request)
-    chosen: dict[MotionLaw, tuple[Law, list[Condition8]]] = {}  # of every pass; one of these is the last
+    conditions_of: dict[MotionLaw, list[Condition8]] = {}  # of the laws of all passes, the last one included
 
     def choose_law(deflections: TimeFunction | None, previous: MotionLaw | None) -> Law:
         """Solve for the law at given deflections; check the first one."""
@@ -63,8 +63,8 @@ def polynomial_motion(to_cross: PathToCross, request: Request) -> PolynomialMoti
             crossings = _deformed_crossings(to_cross, timing, deflections, previous)
         law = _solve_law(crossings, timing, request, name)
         if previous is None:
-            _check_advance(law, request, [point.s for point in to_cross.points], name)
-        chosen[law] = law, [condition for _, condition in crossings]
+            _check_advance(law, request, to_cross.points, name)
+        conditions_of[law] = [condition for _, condition in crossings]
         return law
 
     dynamics = resolve(
@@ -74,10 +74,11 @@ def polynomial_motion(to_cross: PathToCross, request: Request) -> PolynomialMoti
         tolerance=request.tolerance,
         friction=request.friction,
     )
-    law, conditions = chosen[dynamics.law]
-    if len(chosen) > 1:  # else it is the first law, which has been checked
-        _check_advance(law, request, [crossing.s for crossing in dynamics.crossings], name)
-    return PolynomialMotion(dynamics, law, timing, conditions)
+    law = dynamics.law
+    assert isinstance(law, Law)
+    if len(conditions_of) > 1:  # else it is the first law, which has been checked
+        _check_advance(law, request, dynamics.crossings, name)
+    return PolynomialMotion(dynamics, law, timing, conditions_of[law])
 
 
 def undeformed_polynomial(to_cross: PathToCross, request: Request) -> Law:
@@ -86,17 +87,18 @@ def undeformed_polynomial(to_cross: PathToCross, request: Request) -> Law:
     Raises:
         As `plan_crossing`, but no UnboundedTorque and no NotConverged.
     """
-    crossings = _undeformed_crossings(to_cross)
     name = to_cross.branch.robot.name
-    law = _solve_law(crossings, timing_of(to_cross, request), request, name)
-    _check_advance(law, request, [point.s for point in to_cross.points], name)
+    law = _solve_law(_undeformed_crossings(to_cross), timing_of(to_cross, request), request, name)
+    _check_advance(law, request, to_cross.points, name)
     return law
 
 
-def _check_advance(law: Law, request: Request, s: Sequence[float], name: str) -> None:
+def _check_advance(
+    law: Law, request: Request, crossings: Sequence[SingularPoint | SingularityCrossing], name: str
+) -> None:
     """Refuse a law as `check_advance` does; pass one that always advances without sampling."""
     if law.advance(request.smoothness) <= 0:
-        check_advance(law, s, name)
+        check_advance(law, [crossing.s for crossing in crossings], name)
 
 
 def _undeformed_crossings(to_cross: PathToCross) -> list[tuple[CrossingPoint, Condition8]]:

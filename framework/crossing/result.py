@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from os import PathLike
 from pathlib import Path as FilePath
 from typing import IO
@@ -173,18 +173,20 @@ class CrossingPlan:
 
     def _motor_excesses(self) -> Iterator[tuple[str, str]]:
         """Yield joints of motors with a torque or a speed beyond its limit, in words."""
-        times, robot = self._times, self.robot
-        for what, values, units in (
-            ("torque", self.torque, robot.torque_units),
-            ("speed", lambda t: self.motor_angle(t, 1), robot.speed_units),
-        ):
-            s_peak = self.law(times[np.abs(values(times)).argmax(axis=0)])
-            rows = zip(robot.description.actuators, self._peak_sizes(values), units, s_peak, strict=True)
-            for motor, size, unit, s in rows:
-                limit = getattr(motor, f"{what}_limit")
-                if limit is not None and size > limit:
-                    peak, bound = format_distinct(size, limit)
-                    yield motor.joint, f"{what} {peak} {unit} of {bound} at s = {s:.4g}"
+        yield from self._excesses_of("torque", self.torque, self.robot.torque_units)
+        yield from self._excesses_of("speed", partial(self.motor_angle, order=1), self.robot.speed_units)
+
+    def _excesses_of(
+        self, quantity: str, values: Callable[[Array], Array], units: Sequence[str]
+    ) -> Iterator[tuple[str, str]]:
+        """Yield joints of motors with values, (T,) to (T, n_a), beyond their limit, in words."""
+        times, motors = self._times, self.robot.description.actuators
+        s_peak = self.law(times[np.abs(values(times)).argmax(axis=0)])
+        for motor, peak, unit, s in zip(motors, self._peak_sizes(values), units, s_peak, strict=True):
+            limit = getattr(motor, f"{quantity}_limit")
+            if limit is not None and peak > limit:
+                size, bound = format_distinct(peak, limit)
+                yield motor.joint, f"{quantity} {size} {unit} of {bound} at s = {s:.4g}"
 
     def _position_excesses(self) -> Iterator[tuple[str, str]]:
         """Yield joints with a position beyond the limits of the URDF, in words."""
@@ -253,35 +255,22 @@ def certified_plan(
     """
     crossings = []
     matches = _match_points(to_cross, dynamics.crossings)
-    for measured, k in zip(dynamics.crossings, matches, strict=True):
+    for measured, index in zip(dynamics.crossings, matches, strict=True):
         time, speed = _crossing_time(measured.time, law, timing)
-        condition = None  # where condition (8) was not asked for
-        if k is not None:
-            condition = conditions[k] if conditions else _find_condition(to_cross, request, dynamics, k, time)
+        if index is None:  # condition (8) was not asked for
+            condition = None
+        elif conditions:
+            condition = conditions[index]
+        else:
+            condition = _find_condition(to_cross, request, dynamics, index, time)
+        acceleration = float(law(time, 2))
+        shared = {key: getattr(measured, key) for key in ("s", "kind", "twist", "platform", "residual")}
         crossings.append(
-            Crossing(
-                s=measured.s,
-                time=time,
-                speed=speed,
-                acceleration=float(law(time, 2)),
-                kind=measured.kind,
-                twist=measured.twist,
-                platform=measured.platform,
-                residual=measured.residual,
-                condition=condition,
-            )
+            Crossing(time=time, speed=speed, acceleration=acceleration, condition=condition, **shared)
         )
     certificate = replace(dynamics.certificate, monotone=law.advance(request.smoothness) > 0)
     return CrossingPlan(
-        robot=dynamics.robot,
-        request=request,
-        law=law,
-        crossings=tuple(crossings),
-        dynamics=dynamics,
-        certificate=certificate,
-        seconds=seconds,
-        reason=reason,
-        optimality=optimality,
+        dynamics.robot, request, law, tuple(crossings), dynamics, certificate, seconds, reason, optimality
     )
 
 
@@ -303,12 +292,14 @@ def _match_points(to_cross: PathToCross, crossings: Sequence[SingularityCrossing
     springs may have moved the crossings. Imposed points are matched by s.
     """
     points = to_cross.crossing_points
-    if len(points) == len(crossings) and all(isinstance(target, SingularPoint) for target in points):
+    are_located = all(isinstance(point, SingularPoint) for point in points)
+    if are_located and len(points) == len(crossings):
         return list(range(len(points)))
-    return [
-        next((k for k, target in enumerate(points) if abs(target.s - crossing.s) < SAME_PLACE), None)
-        for crossing in crossings
-    ]
+    matches: list[int | None] = []
+    for crossing in crossings:
+        near = [k for k, point in enumerate(points) if abs(point.s - crossing.s) < SAME_PLACE]
+        matches.append(near[0] if near else None)
+    return matches
 
 
 def _find_condition(

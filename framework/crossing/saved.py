@@ -1,14 +1,14 @@
 """plan.json: a plan written down, and read back for its request and its law.
 
-Crossings, torques and certificate are computed anew from the law and compared with the file, value by value:
-nothing in the file is believed.
+Everything else is computed anew from these two, and compared with the file leaf by leaf, by the table of
+`_rounding_sizes`: nothing in the file is believed.
 """
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path as FilePath
 from typing import Any
@@ -20,17 +20,18 @@ from framework.catalogue import robot_file as robot_file_of
 from framework.crossing.crossing_points import path_to_cross
 from framework.crossing.options import OPTIONS
 from framework.crossing.request import Request
-from framework.crossing.result import Crossing, CrossingPlan, Optimality, certified_plan
+from framework.crossing.result import CrossingPlan, Optimality, certified_plan
 from framework.crossing.scenes import path_of
 from framework.crossing.specification import specification_of
 from framework.crossing.timing import CrossingTime
-from framework.dynamics.inverse_dynamics import GEOMETRIES, check_law, resolve_law
+from framework.dynamics.inverse_dynamics import check_law, resolve_law
 from framework.dynamics.result import Certificate
 from framework.errors import InvalidInput, NoAnswer, RobotFileError, choose_from, finite_numbers, short
 from framework.fields import (
     Field,
     Table,
     anything,
+    below,
     list_of,
     mapping_of,
     not_negative,
@@ -50,13 +51,13 @@ from framework.fields import (
 )
 from framework.input import read_text
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.model.description import FLEXIBILITIES, GOALS
+from framework.model.description import FLEXIBILITIES
 from framework.model.documents import naming
 from framework.model.robot_keys import PATHS, one_path
 from framework.motion.law import Law, PlannedLaw, check_duration
 from framework.motion.optimal_law import HIGHEST_SMOOTHNESS, OptimalLaw
 from framework.motion.path import PointPath
-from framework.output import Document, json_text, write_file
+from framework.output import Document, json_text, plain, write_file
 from framework.singularity.points_on_path import search_path
 from framework.tolerances import FILE_ROUNDING
 
@@ -65,7 +66,7 @@ VERSION = 3  # of plan.json; before, an optimal law was one Chebyshev series
 MAX_DOCUMENT_SIZE = 1_000_000_000  # bytes
 LAW_KINDS = (Law.kind, OptimalLaw.kind)
 
-# ------------------------------------------------------------------ the keys
+# ------------------------------------------------------------------ the keys that are read
 
 
 def _read_series(where: str, given: Any) -> tuple[float, ...]:
@@ -77,37 +78,31 @@ def _read_series(where: str, given: Any) -> tuple[float, ...]:
 
 
 def _read_law(where: str, given: Any) -> Document:
+    """Read the keys of a law by its kind."""
     kind = read_table(where, given, _KIND, others=None)["kind"]
-    return read_table(where, given, _LAWS[kind])
+    return read_table(where, given, _LAWS[kind], others=("degree", "domain", "turns"))
 
 
 _NUMBERS = list_of(number)
 _KIND: Table = {"kind": optional(one_of("kind of law", LAW_KINDS), Law.kind)}
-_ANY_LAW: Table = {**_KIND, "degree": required(whole), "domain": required(_NUMBERS)}
 _LAWS: Mapping[str, Table] = {
-    Law.kind: {**_ANY_LAW, "chebyshev": required(_read_series)},
+    Law.kind: {**_KIND, "chebyshev": required(_read_series)},
     OptimalLaw.kind: {
-        **_ANY_LAW,
+        **_KIND,
         "smoothness": required(whole),
         "squared_speed": required(_read_series),
         "cells": required(_NUMBERS),
-        "turns": required(whole),
         "dense_at": required(_NUMBERS),
     },
 }
 _CERTIFICATE = table_of(Certificate, {"int": whole, "float": not_negative, "bool": truth})
-_OPTIMALITY: Table = {
-    "optimize": required(one_of("goal", GOALS)),
-    "reference": required(list_of(positive)),
-    "gap": required(not_negative),
-}
+_OPTIMALITY: Table = {"reference": required(list_of(positive)), "gap": required(not_negative)}
 _TIME: Table = {"time": required(number), "speed": required(number)}
 _READ: Table = {
     "version": required(whole),
     "robot_file": required(text),
     "parameters": optional(mapping_of(number), {}),
     "flexibility": required(one_of("flexibility", FLEXIBILITIES)),
-    "geometry": required(one_of("geometry", GEOMETRIES)),
     "duration": required(positive),
     "request": required(  # options are checked as those of a call
         record({"path": required(record(PATHS, one_path)), **{name: Field(anything) for name in OPTIONS}})
@@ -116,10 +111,12 @@ _READ: Table = {
     "crossings": required(list_of(lambda where, given: read_table(where, given, _TIME, others=None))),
     "certificate": required(record(_CERTIFICATE, lambda _, values: Certificate(**values))),
     "reason": required(text_or_empty),
-    "optimality": required(or_null(record(_OPTIMALITY))),
+    "optimality": required(
+        or_null(lambda where, given: read_table(where, given, _OPTIMALITY, others=("optimize",)))
+    ),
     "seconds": required(not_negative),
 }
-_COMPUTED = ("robot", "peak_torque", "exceeded", "neglected_friction", "neglected")
+_COMPUTED = ("robot", "geometry", "peak_torque", "exceeded", "neglected_friction", "neglected")
 _BESIDE_PLAN = ("bend", "fidelity")  # keys that commands add
 
 # ------------------------------------------------------------------ writing
@@ -146,39 +143,34 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> Documen
     Raises:
         InvalidInput: the path or the law is of the user's own making, and cannot be written down.
     """
-    best, loaded_points = plan.optimality, plan.loaded_points
-    return {
-        "version": VERSION,
-        "robot": plan.robot.name,
-        "robot_file": robot_place(plan.robot, folder),
-        "parameters": dict(plan.robot.description.parameters),
-        "flexibility": plan.robot.flexibility,
-        "geometry": plan.geometry,
-        "duration": plan.duration,
-        "request": _request_document(plan.request),
-        "law": _law_document(plan.law),
-        "crossings": [
-            _crossing_document(crossing)
-            | {"loaded": None if loaded is None else {"s": loaded.s, "distance": loaded.distance}}
-            for crossing, loaded in zip(plan.crossings, loaded_points, strict=True)
-        ],
-        "peak_torque": plan.peak_torque,
-        "exceeded": plan.exceeded,
-        "neglected_friction": plan.neglected_friction,
-        "neglected": [effect._asdict() for effect in plan.neglected],
-        "certificate": asdict(plan.certificate),
-        "reason": plan.reason,
-        "optimality": best
-        and {
-            "optimize": best.specification.goal,
-            "reference": best.reference.tolist(),
-            "gap": best.gap,
-        },
-        "seconds": plan.seconds,
-    }
+    best = plan.optimality
+    document: Document = plain(
+        {
+            "version": VERSION,
+            "robot": plan.robot.name,
+            "robot_file": robot_name_or_file(plan.robot, folder),
+            "parameters": plan.robot.description.parameters,
+            "flexibility": plan.robot.flexibility,
+            "geometry": plan.geometry,
+            "duration": plan.duration,
+            "request": _request_document(plan.request),
+            **_compared_document(plan),
+            "exceeded": plan.exceeded,
+            "neglected_friction": plan.neglected_friction,
+            "neglected": [effect._asdict() for effect in plan.neglected],
+            "certificate": asdict(plan.certificate),
+            "reason": plan.reason,
+            "optimality": best
+            and {"optimize": best.specification.goal, "reference": best.reference, "gap": best.gap},
+            "seconds": plan.seconds,
+        }
+    )
+    for crossing, loaded in zip(document["crossings"], plan.loaded_points, strict=True):
+        crossing["loaded"] = loaded and {"s": loaded.s, "distance": loaded.distance}
+    return document
 
 
-def robot_place(robot: ParallelRobot, folder: FilePath | None = None) -> str:
+def robot_name_or_file(robot: ParallelRobot, folder: FilePath | None = None) -> str:
     """Return the robot's name in the catalogue, or else the path of its file, relative to a folder."""
     name, file = robot.name, robot.description.file
     entry = catalogue().get(name)
@@ -203,7 +195,7 @@ def _request_document(request: Request) -> Document:
         )
     blend = {} if path.blend is None else {"blend": path.blend}
     return {
-        "path": {path.kind: path.points.tolist(), **blend},
+        "path": {path.kind: path.points, **blend},
         **{name: getattr(request, name) for name in OPTIONS},
     }
 
@@ -220,21 +212,11 @@ def _law_document(law: object) -> Document:
     return document
 
 
-def _crossing_document(crossing: Crossing) -> Document:
-    """Return a crossing as a document, arrays as lists."""
-    condition = crossing.condition
-    return vars(crossing) | {
-        "twist": crossing.twist.tolist(),
-        "platform": crossing.platform.tolist(),
-        "condition": condition and condition._asdict(),
-    }
-
-
 # ------------------------------------------------------------------ reading
 
 
 def is_plan_folder(name: str) -> bool:
-    """Whether a folder of this name with a plan.json exists."""
+    """Return whether a folder of this name with a plan.json exists."""
     return os.path.isfile(os.path.join(name, FILE))
 
 
@@ -270,18 +252,10 @@ def plan_from_document(
     stated = _read_plan(saved, file)
     robot = _find_robot(stated, file, robot_file)
     with naming(file, InvalidInput):
-        request = _request(robot, stated["request"])
-        _check_request(stated, request)
-        law, optimality = _law(stated, request), None
-        if stated["optimality"] is not None:
-            reference = stated["optimality"]["reference"]
-            optimality = Optimality(
-                specification_of(robot, request),
-                finite_numbers("optimality.reference", reference, robot.n_a),
-                stated["optimality"]["gap"],
-            )
+        request = _make_request(robot, stated["request"], stated["duration"])
+        law = _make_law(stated["law"], stated["duration"], request)
+        optimality = _make_optimality(robot, request, stated["optimality"], law.kind)
         check_law(law)
-    timing = [CrossingTime(**times) for times in stated["crossings"]]
     try:
         to_cross = path_to_cross(search_path(robot, request.path), request)
         dynamics = resolve_law(
@@ -296,7 +270,7 @@ def plan_from_document(
             request,
             dynamics,
             law,
-            timing,
+            timing=[CrossingTime(**times) for times in stated["crossings"]],
             seconds=stated["seconds"],
             reason=stated["reason"],
             optimality=optimality,
@@ -306,7 +280,7 @@ def plan_from_document(
             f"{file}: the robot has changed since, its law fits no more; plan again ({error})"
         ) from None
     with naming(file, InvalidInput):
-        _check_same(saved, plan)
+        _check_leaves(saved, plan)
     return plan
 
 
@@ -335,9 +309,9 @@ def read_document(file: FilePath, command: str) -> Document:
         InvalidInput: there is none.
     """
     complaint = f"give a folder of `crossing {command} --out`: {file} cannot be read"
-    text = read_text(file, complaint, largest=MAX_DOCUMENT_SIZE)
+    content = read_text(file, complaint, largest=MAX_DOCUMENT_SIZE)
     try:
-        saved = json.loads(text)
+        saved = json.loads(content)
     except (ValueError, RecursionError) as error:
         raise InvalidInput(f"{file}: not JSON ({error})") from None
     if not isinstance(saved, dict):
@@ -348,116 +322,135 @@ def read_document(file: FilePath, command: str) -> Document:
 def _find_robot(stated: Document, file: FilePath, robot_file: str | FilePath | None) -> ParallelRobot:
     """Load the robot of `robot_file` if given, else of the file that the plan states."""
     if robot_file is not None:
-        place = robot_file_of(str(robot_file))
+        found = robot_file_of(str(robot_file))
     else:
         entries, name = catalogue(), stated["robot_file"]
-        place = entries[name].file if name in entries else file.parent / name
-        if not os.path.exists(place):
+        found = entries[name].file if name in entries else file.parent / name
+        if not os.path.exists(found):
             raise RobotFileError(
-                f"{file}: robot_file: there is no {place}; if it has moved, name it again (--robot-file, or "
+                f"{file}: robot_file: there is no {found}; if it has moved, name it again (--robot-file, or "
                 f"robot_file= of load_plan)"
             )
-    return ParallelRobot.from_file(place, flexibility=stated["flexibility"], parameters=stated["parameters"])
+    return ParallelRobot.from_file(found, flexibility=stated["flexibility"], parameters=stated["parameters"])
 
 
-def _request(robot: ParallelRobot, stated: Document) -> Request:
-    """Return the request of the file, checked for the robot."""
-    path = stated.pop("path")
+def _make_request(robot: ParallelRobot, stated: Document, duration: float) -> Request:
+    """Return the request of the file, checked for the robot and the duration [s] of the law."""
+    path = path_of(*stated.pop("path"))
     with naming("request", InvalidInput):
-        return Request.of(robot, path_of(*path), **stated)
+        request = Request.of(robot, path, **stated)
+    if request.duration not in (None, duration):
+        raise InvalidInput(f"duration: got {duration!r}, but the request says {request.duration!r}")
+    return request
 
 
-def _check_request(stated: Document, request: Request) -> None:
-    """Raise InvalidInput where the file contradicts its request."""
-    check_duration(stated["duration"])
-    kind, optimality = stated["law"]["kind"], stated["optimality"]
-    if (optimality is None) != (kind == Law.kind):
-        raise InvalidInput(f"optimality: got {short(optimality)} with a {kind} law")
-    values: list[tuple[str, object, object]] = [("geometry", stated["geometry"], request.geometry)]
-    if request.duration is not None:
-        values.append(("duration", stated["duration"], request.duration))
-    if optimality is not None:
-        values.append(("optimality.optimize", optimality["optimize"], request.goal))
-    for key, value, requested in values:
-        if value != requested:
-            raise InvalidInput(f"{key}: got {value!r}, but the request says {requested!r}")
-
-
-def _law(stated: Document, request: Request) -> PlannedLaw:
-    """Return the law by its kind; raise InvalidInput where its keys contradict the law."""
-    duration, saved = stated["duration"], stated["law"]
-    law: PlannedLaw
-    if saved["kind"] == Law.kind:
-        law = Law(np.array(saved["chebyshev"]), duration)
-    else:
-        smoothness = saved["smoothness"]
-        if not request.smoothness <= smoothness <= HIGHEST_SMOOTHNESS:
-            raise InvalidInput(
-                f"law.smoothness: got {smoothness}, but the request says {request.smoothness} (at most "
-                f"{HIGHEST_SMOOTHNESS})"
-            )
-        law = OptimalLaw(
-            np.array(saved["squared_speed"]), smoothness, duration, saved["dense_at"], saved["cells"]
+def _make_law(stated: Document, duration: float, request: Request) -> PlannedLaw:
+    """Return the law of the file, of a duration [s]."""
+    check_duration(duration)
+    if stated["kind"] == Law.kind:
+        return Law(np.array(stated["chebyshev"]), duration)
+    smoothness = stated["smoothness"]
+    if not request.smoothness <= smoothness <= HIGHEST_SMOOTHNESS:
+        raise InvalidInput(
+            f"law.smoothness: got {smoothness}, but the request says {request.smoothness} (at most "
+            f"{HIGHEST_SMOOTHNESS})"
         )
-    for key, value in law.to_dict().items():
-        if saved[key] != (tuple(value) if isinstance(value, list) else value):
-            raise InvalidInput(f"law.{key}: got {short(saved[key])}, must be {short(value)}")
-    return law
+    coefficients = np.array(stated["squared_speed"])
+    return OptimalLaw(coefficients, smoothness, duration, stated["dense_at"], stated["cells"])
 
 
-def _check_same(saved: Document, plan: CrossingPlan) -> None:
-    """Raise InvalidInput where a file contradicts the plan that was computed anew."""
-    peaks = dict.fromkeys(plan.peak_torque, max(plan.peak_torque.values()))
-    _compare("peak_torque", saved.get("peak_torque"), plan.peak_torque, peaks)
-    if len(saved["crossings"]) != len(plan.crossings):
-        raise _mismatch("crossings", len(saved["crossings"]), len(plan.crossings))
-    for k, (one, crossing) in enumerate(zip(saved["crossings"], plan.crossings, strict=True)):
-        computed = _crossing_document(crossing)
-        _compare(f"crossings[{k}]", one, computed, _crossing_sizes(computed["condition"], plan))
-    _compare("certificate.monotone", saved["certificate"]["monotone"], plan.certificate.monotone, None)
+def _make_optimality(
+    robot: ParallelRobot, request: Request, stated: Document | None, kind: str
+) -> Optimality | None:
+    """Return the optimality that the file states of a law of this kind; None of a polynomial."""
+    if (stated is None) != (kind == Law.kind):
+        raise InvalidInput(f"optimality: got {short(stated)} with a {kind} law")
+    if stated is None:
+        return None
+    reference = finite_numbers("optimality.reference", stated["reference"], robot.n_a)
+    return Optimality(specification_of(robot, request), reference, stated["gap"])
 
 
-def _crossing_sizes(condition: dict[str, float] | None, plan: CrossingPlan) -> Document:
-    """Return the size of each number of a crossing; differences up to FILE_ROUNDING of the size pass.
+# ------------------------------------------------------------------ comparing
 
-    Coefficients have the size of the largest term of condition (8) at s' = 1 / duration and s" = s'^2.
-    """
-    pace = 1.0 / plan.duration
-    rates = {"alpha": pace**2, "beta": pace**2, "gamma": 1.0, "delta": pace}
-    term = max(abs(value) * rates[key] for key, value in condition.items()) if condition else 0.0
+
+def _compared_document(plan: CrossingPlan) -> Document:
+    """Return the part of plan.json that is computed anew and compared as a whole."""
+    crossings = [
+        vars(crossing) | {"condition": crossing.condition and crossing.condition._asdict()}
+        for crossing in plan.crossings
+    ]
     return {
-        "kind": None,
-        "s": 1.0,
-        "time": plan.duration,
-        "speed": pace,
-        "acceleration": pace**2,
-        "twist": 1.0,
-        "platform": plan.robot.length,
-        "condition": {key: term / rate for key, rate in rates.items()},
+        "geometry": plan.geometry,
+        "duration": plan.duration,
+        "law": _law_document(plan.law),
+        "crossings": crossings,
+        "peak_torque": plan.peak_torque,
     }
 
 
-def _compare(key: str, stated: Any, computed: Any, size: Any) -> None:
-    """Raise InvalidInput unless values agree: mappings key by key, numbers within rounding of their size."""
-    if all(isinstance(value, dict) for value in (size, stated, computed)) and size.keys() <= stated.keys():
-        for name, its_size in size.items():
-            _compare(f"{key}.{name}", stated[name], computed[name], its_size)
-        return
-    is_same = stated == computed
-    if not (is_same or size is None or isinstance(size, dict) or computed is None):
-        try:
-            values, sizes = np.array(stated, dtype=float), np.maximum(size, np.abs(computed))
-            gaps = np.abs(values - computed) if values.shape == sizes.shape else np.inf
-            is_same = bool(np.all(gaps <= FILE_ROUNDING * sizes))
-        except (TypeError, ValueError, OverflowError):  # no numbers
-            pass
-    if not is_same:
-        raise _mismatch(key, stated, computed)
+def _rounding_sizes(plan: CrossingPlan) -> dict[str, float]:
+    """Return the size of each computed number of plan.json, by key: FILE_ROUNDING of that is rounding.
 
-
-def _mismatch(key: str, stated: object, computed: object) -> InvalidInput:
-    """Return the error for a value of the file that the robot contradicts."""
-    return InvalidInput(
-        f"{key}: the file says {stated}, the robot now needs {computed}: the robot has changed since; plan "
-        f"again"
+    Coefficients of condition (8) have the size of its largest term at s' = 1 / duration and s" = s'^2. A
+    residual is rounding itself.
+    """
+    pace = 1.0 / plan.duration
+    rates = {"alpha": pace**2, "beta": pace**2, "gamma": 1.0, "delta": pace}
+    sizes = dict.fromkeys(
+        (f"peak_torque.{joint}" for joint in plan.peak_torque), max(plan.peak_torque.values())
     )
+    for k, crossing in enumerate(plan.crossings):
+        condition = crossing.condition
+        terms = [abs(value) * rates[key] for key, value in condition._asdict().items()] if condition else []
+        of_crossing = {
+            "s": 1.0,
+            "time": plan.duration,
+            "speed": pace,
+            "acceleration": pace**2,
+            "twist": 1.0,
+            "platform": plan.robot.length,
+            "residual": np.inf,
+            **{f"condition.{key}": max(terms, default=0.0) / rate for key, rate in rates.items()},
+        }
+        sizes |= {f"crossings[{k}].{key}": size for key, size in of_crossing.items()}
+    return sizes
+
+
+def _check_leaves(saved: Document, plan: CrossingPlan) -> None:
+    """Raise InvalidInput where a leaf of the file contradicts the plan that was computed anew."""
+    document, best = _compared_document(plan), plan.optimality
+    document["certificate"] = {"monotone": plan.certificate.monotone}
+    document["optimality"] = best and {"optimize": best.specification.goal}
+    stated, sizes = dict(_leaves(saved)), _rounding_sizes(plan)
+    for key, computed in _leaves(plain(document)):
+        if key not in stated or not _agree(stated[key], computed, sizes.get(key)):
+            raise InvalidInput(
+                f"{key}: the file says {short(stated.get(key, 'nothing'))}, the robot now needs "
+                f"{short(computed)}: the robot has changed since; plan again"
+            )
+
+
+def _leaves(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the key and the value of each leaf of a document; of a list of mappings its length, too."""
+    if isinstance(value, Mapping):
+        for name, part in value.items():
+            yield from _leaves(part, below(key, name))
+    elif isinstance(value, list) and all(isinstance(part, Mapping) for part in value):
+        yield key, len(value)
+        for k, part in enumerate(value):
+            yield from _leaves(part, f"{key}[{k}]")
+    else:
+        yield key, value
+
+
+def _agree(stated: Any, computed: Any, size: float | None) -> bool:
+    """Return whether two values are equal, or numbers within FILE_ROUNDING of a size or of themselves."""
+    if size is None or computed is None or stated == computed:
+        return bool(stated == computed)
+    try:
+        numbers = np.array(stated, dtype=float)
+    except (TypeError, ValueError, OverflowError):  # no numbers
+        return False
+    allowed = FILE_ROUNDING * np.maximum(size, np.abs(computed))
+    return numbers.shape == allowed.shape and bool(np.all(np.abs(numbers - computed) <= allowed))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from framework.crossing.options import OPTIONS
@@ -13,6 +13,7 @@ from framework.dynamics.motor_limits import is_limited
 from framework.errors import InvalidInput, choose_from, short
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.model.description import Scene
+from framework.model.documents import naming
 from framework.motion.path import Arc, Line, Path, Polyline, Spline
 
 
@@ -21,6 +22,7 @@ def scene(robot: ParallelRobot, name: str) -> Scene:
 
     Raises:
         InvalidInput: the robot has no such scene; lists those it has.
+        RobotFileError: its path is none.
     """
     expect_robot(robot)
     scenes = robot.description.scenes
@@ -28,6 +30,8 @@ def scene(robot: ParallelRobot, name: str) -> Scene:
         raise InvalidInput(f"{robot.name}: unknown scene {short(name)}: it has no scenes")
     if name not in scenes:
         raise InvalidInput(f"{robot.name}: {choose_from('scene', name, scenes)}")
+    with naming(f"{robot.description.file}: scenes.{name}"):
+        scene_path(scenes[name])
     return scenes[name]
 
 
@@ -46,13 +50,12 @@ def path_of(kind: str, points: Sequence[Sequence[float]], blend: float | None = 
         return Spline(points)
     if kind == Polyline.kind:
         return Polyline(points, blend)
-    kinds: dict[str, tuple[Callable[..., Path], int]] = {Line.kind: (Line, 2), Arc.kind: (Arc, 3)}
-    if kind not in kinds:
-        raise InvalidInput(choose_from("path", kind, [*kinds, Spline.kind, Polyline.kind]))
-    make, count = kinds[kind]
+    if kind not in (Line.kind, Arc.kind):
+        raise InvalidInput(choose_from("path", kind, [Line.kind, Arc.kind, Spline.kind, Polyline.kind]))
+    count = 2 if kind == Line.kind else 3
     if len(points) != count:
         raise InvalidInput(f"{kind}: needs {count} points, got {len(points)}")
-    return make(*points)
+    return Line(*points) if kind == Line.kind else Arc(*points)
 
 
 def plan_scene(robot: ParallelRobot, name: str, **options: Any) -> CrossingPlan:
@@ -71,15 +74,14 @@ def scene_request(robot: ParallelRobot, name: str, **options: Any) -> Request:
     """
     chosen = scene(robot, name)
     stated = {key: getattr(chosen, key) for key in OPTIONS if hasattr(chosen, key)}
-    has_duration = options.get("duration") is not None and chosen.optimize == "time"
-    if has_duration or options.get("law") == "polynomial" or options.get("times") is not None:
-        stated.update(optimize=None)
-    asked = {**stated, **options}
-    asks_for_optimal = options.get("law") == "optimal"
-    asks_for_optimal |= any(asked.get(key) is not None for key in ("optimize", "longest", "margin"))
-    asks_for_optimal |= any(is_limited(options.get(key)) for key in ("torque_limit", "speed_limit"))
-    if asks_for_optimal:
+    given = {key for key, value in options.items() if value is not None}
+    fixes_duration = "duration" in given and chosen.optimize == "time"
+    if fixes_duration or options.get("law") == "polynomial" or "times" in given:
+        stated["optimize"] = None
+    wants_limits = any(is_limited(options.get(key)) for key in ("torque_limit", "speed_limit"))
+    has_goal = any({**stated, **options}.get(key) is not None for key in ("optimize", "longest", "margin"))
+    if options.get("law") == "optimal" or has_goal or wants_limits:
         stated.update(times=None, speeds=None)
-    if options.get("optimize") == "time" or options.get("longest") is not None:
-        stated.update(duration=None)
+    if options.get("optimize") == "time" or "longest" in given:
+        stated["duration"] = None
     return Request.of(robot, scene_path(chosen), **{**stated, **options})

@@ -79,15 +79,15 @@ def _first_timings(s: Sequence[float], request: Request) -> Array:
     The first are those of the law without crossing conditions. The others have one speed at all crossings,
     1.2 to 2.4 paths in the duration, and pass s = 1/2 at half of it.
     """
-    duration = request.fixed_duration
+    duration, count = request.fixed_duration, len(s)
     plain = Law.rest_to_rest(duration, request.smoothness)
     ends = np.array([0.0, duration])
     plain_times = np.array([find_instants(plain, ends, value)[0] for value in s])
-    cruising = np.linspace(1.2, 2.4, 7)[:, None] / duration
-    times = np.vstack([plain_times, 0.5 * duration + (np.array(s) - 0.5) / cruising])
+    constant_speeds = np.linspace(1.2, 2.4, 7)[:, None] / duration  # (7, 1)
+    times = np.vstack([plain_times, 0.5 * duration + (np.array(s) - 0.5) / constant_speeds])
     if request.times is not None:
         times[:] = plain_times = np.array(request.times)
-    speeds = np.vstack([plain(plain_times, 1), np.repeat(cruising, len(s), axis=1)])
+    speeds = np.vstack([plain(plain_times, 1), np.repeat(constant_speeds, count, axis=1)])
     if request.speeds is not None:
         speeds[:] = request.speeds
     return np.stack([times, speeds], axis=1)
@@ -116,9 +116,10 @@ def _score_laws(timings: Array, request: Request, measure: Measure) -> Array:
 def _search_timings(starts: Array, request: Request, measure: Measure) -> tuple[Array, float]:
     """Search the open times and speeds until laws advance comfortably; return the best (2, k) and its score.
 
-    A law is drawn as times over the duration and logarithms of speeds. In the first round laws are drawn
-    around all starts. In each further one they are drawn around the mean of the survivors, with the
-    covariance of the survivors about the last mean: it stretches along a descent and shrinks at its end.
+    An evolution of random laws, each as times over the duration and logarithms of speeds. In the first round
+    laws are drawn around all starts. In each further one they are drawn around the mean of the survivors,
+    with the covariance of the survivors about the last mean: it stretches along a descent and shrinks at its
+    end.
 
     Args:
         starts: times and speeds (m, 2, k), best first.
@@ -132,21 +133,20 @@ def _search_timings(starts: Array, request: Request, measure: Measure) -> tuple[
         return np.where(is_open, physical, starts[0])
 
     random = np.random.default_rng(0)
-    scaled = np.stack([starts[:, 0] / duration, np.log(starts[:, 1])], axis=1)
-    mean = scaled[0]
-    size = LAWS_PER_UNKNOWN * int(is_open.sum()) * len(mean.T)
-    centres = scaled[random.integers(len(starts), size=size)]
+    started = np.stack([starts[:, 0] / duration, np.log(starts[:, 1])], axis=1)  # (m, 2, k)
+    count = LAWS_PER_UNKNOWN * int(is_open.sum()) * starts.shape[2]
+    centres = started[random.integers(len(starts), size=count)]
     drawn = centres + is_open * FIRST_SPREAD * random.standard_normal(centres.shape)
-    laws, scores = scaled[:1], _score_laws(starts[:1], request, measure)
+    laws, scores, mean = started[:1], _score_laws(starts[:1], request, measure), started[0]
     for _ in range(MAX_ROUNDS):
         laws = np.concatenate([laws, drawn])
         scores = np.concatenate([scores, _score_laws(to_timings(drawn), request, measure)])
-        survivors = np.argsort(-scores, kind="stable")[: size // BEST_SHARE]
+        survivors = np.argsort(-scores, kind="stable")[: count // BEST_SHARE]
         laws, scores = laws[survivors], scores[survivors]
         if scores[-1] >= COMFORTABLE_ADVANCE or scores[-1] > scores[0] - NO_GAIN:
             break
-        weights = random.standard_normal((size, len(laws))) / np.sqrt(len(laws))
-        drawn = np.tensordot(weights, laws - mean, axes=1)
+        weights = random.standard_normal((count, len(laws))) / np.sqrt(len(laws))
+        steps = np.tensordot(weights, laws - mean, axes=1)  # of the survivors' covariance about the last mean
         mean = laws.mean(axis=0)
-        drawn += mean
+        drawn = mean + steps
     return to_timings(laws[:1])[0], float(scores[0])

@@ -81,33 +81,38 @@ def _axis_name(direction: Array) -> str:
 
 def _pieces(shape: Shape, joint: Array, onto: Projection) -> list[tuple[float, Array, Array]]:
     """Return depth, outline (m, 2) and colour (4,) of a shape's visible faces, its joint at a pose (7,)."""
-
-    def to_base(local: Array) -> Array:
-        return carried_points(joint, shape.to_node(local))
-
     color = np.array(shape.color, dtype=float)
     if shape.vertices is not None and shape.faces is not None:
-        triangles = to_base(shape.vertices)[shape.faces]  # (F, 3, 3)
-        normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-        normals /= np.maximum(np.linalg.norm(normals, axis=1), LEAST_DIVISOR)[:, None]
-        bright = 0.55 + 0.45 * np.abs(normals @ LIGHT_DIRECTION) / np.linalg.norm(LIGHT_DIRECTION)
-        depths = triangles.mean(axis=1) @ onto.ahead
-        shades = np.concatenate([color[:3] * bright[:, None], np.full((len(bright), 1), color[3])], axis=1)
-        return [
-            (float(depth), flat, shade)
-            for depth, flat, shade in zip(depths, onto(triangles), shades, strict=True)
-        ]
-    center = to_base(np.zeros((1, 3)))[0]
+        vertices = carried_points(joint, shape.to_node(shape.vertices))
+        return _triangles(vertices[shape.faces], color, onto)
+    center = carried_points(joint, shape.to_node(np.zeros((1, 3))))[0]
+    return [(float(center @ onto.ahead), _outline(shape, joint, onto), color)]
+
+
+def _triangles(corners: Array, color: Array, onto: Projection) -> list[tuple[float, Array, Array]]:
+    """Return depth, outline (3, 2) and shade (4,) of triangles by their corners (F, 3, 3)."""
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1), LEAST_DIVISOR)[:, None]
+    light = LIGHT_DIRECTION / np.linalg.norm(LIGHT_DIRECTION)
+    brightness = 0.55 + 0.45 * np.abs(normals @ light)  # (F,)
+    shades = color * np.where(np.arange(4) < 3, brightness[:, None], 1.0)  # the opacity stays
+    depths = corners.mean(axis=1) @ onto.ahead
+    return list(zip(depths.tolist(), onto(corners), shades, strict=True))
+
+
+def _outline(shape: Shape, joint: Array, onto: Projection) -> Array:
+    """Return the outline (m, 2) of a sphere, a cylinder or a box, its joint at a pose (7,)."""
     angle = np.linspace(0.0, 2 * np.pi, ROUND_OUTLINE_CORNERS, endpoint=False)
     circle = np.stack([np.cos(angle), np.sin(angle), np.zeros(ROUND_OUTLINE_CORNERS)], axis=1)
     if shape.kind == "sphere":
-        outline = onto(center) + shape.size[0] * circle[:, :2]
-    elif shape.kind == "cylinder":
-        ends = [shape.size[0] * circle + [0.0, 0.0, side * shape.size[1] / 2] for side in (-1, 1)]
-        outline = hull(onto(to_base(np.concatenate(ends))))
-    else:
-        outline = hull(onto(carried_points(joint, shape.corners())))
-    return [(float(center @ onto.ahead), outline, color)]
+        center = carried_points(joint, shape.to_node(np.zeros((1, 3))))
+        return onto(center) + shape.size[0] * circle[:, :2]
+    corners = shape.corners()
+    if shape.kind == "cylinder":
+        radius, length = shape.size
+        half = np.array([0.0, 0.0, 0.5 * length])
+        corners = shape.to_node(np.concatenate([radius * circle - half, radius * circle + half]))
+    return hull(onto(carried_points(joint, corners)))
 
 
 def hull(points: Array) -> Array:

@@ -13,12 +13,14 @@ from typing import Any
 import numpy as np
 
 from framework.arrays import Array
+from framework.crossing.plan import law_before_proof, plan_request
 from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan
-from framework.crossing.uncertified import plan_or_sample
+from framework.dynamics.finite_differences import finite_difference_torques
 from framework.dynamics.platform_wrench import PlatformWrench, platform_wrench
 from framework.dynamics.result import SingularityCrossing
 from framework.dynamics.wrench import wrench_curves
+from framework.errors import UnboundedTorque
 from framework.kinematics.external_wrenches import AppliedWrench
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -30,6 +32,7 @@ from framework.kinematics.placements import (
 )
 from framework.motion.law import MotionLaw
 from framework.motion.path import Path
+from framework.singularity.points_on_path import search_path
 
 FILM_FRAMES = 481
 
@@ -106,22 +109,30 @@ def film_motion(robot: ParallelRobot, request: Request, *, name: str = "") -> Fi
     Raises:
         As `plan_crossing`, but no UnboundedTorque.
     """
-    motion = plan_or_sample(robot, request, samples=FILM_FRAMES)
-    if isinstance(motion, CrossingPlan):
-        return film_plan(motion, name=name)
-    raw = motion.samples
+    path, wrenches = request.path, request.external_wrenches
+    searched = search_path(robot, path).under(wrenches)
+    try:
+        return film_plan(plan_request(robot, request, searched=searched), name=name)
+    except UnboundedTorque as pole:
+        refusal = str(pole)
+    law, crossings = law_before_proof(searched, request)
+    if robot.n_e:  # at the pole springs would tear the loops
+        rigid = ParallelRobot.from_description(robot.description, flexibility="rigid")
+        searched = search_path(rigid, path).under(wrenches)
+    branch = searched.branch
+    raw = finite_difference_torques(branch.robot, path, law, samples=FILM_FRAMES, branch=branch)
     return _film(
-        motion.robot,
+        branch.robot,
         raw.motion,
         name=name,
-        path=request.path,
-        law=motion.law,
+        path=path,
+        law=law,
         plan=None,
-        refusal=motion.reason,
+        refusal=refusal,
         time=raw.time,
         torque=raw.torque,
         deflection=raw.deflection,
-        instants=motion.crossings,
+        instants=crossings,
         drawn_rigid=robot.n_e > 0,
     )
 

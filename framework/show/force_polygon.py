@@ -53,24 +53,23 @@ def plot_eye(
     """
     if not 0 <= crossing < len(plan.crossings):
         raise InvalidInput(f"crossing: the plan has {len(plan.crossings)}, got {crossing!r}")
-    crossed = plan.crossings[crossing]
-    all_times = np.linspace(0.0, plan.duration, TIME_SAMPLES)
-    torque = plan.torque(all_times)
-    limit = shown_limit(plan.robot, torque, torque_limit)
+    crossed, robot = plan.crossings[crossing], plan.robot
+    torque = plan.torque(np.linspace(0.0, plan.duration, TIME_SAMPLES))
+    limit = shown_limit(robot, torque, torque_limit)
     times = crossed.time + SHOWN_DURATION_SHARE * plan.duration * np.linspace(-1.0, 1.0, TIME_SAMPLES)
     times = times[(times >= 0.0) & (times <= plan.duration)]
-    wrench, time = platform_wrench(plan.robot, plan.dynamics.motion(times)), times - crossed.time
-    demand, reach = wrench.force_along(crossed.twist), wrench.reach(crossed.twist, limit)
+    wrench, time = platform_wrench(robot, plan.dynamics.motion(times)), times - crossed.time
+    demand = wrench.force_along(crossed.twist)
     ax = axes_or_new(ax)
-    top = 1.6 * max(np.abs(demand).max(), LEAST_DIVISOR)
-    _draw_band(ax, time, reach, describe_motors(plan.robot, limit, np.abs(torque).max()))
+    motors = describe_motors(robot, limit, np.abs(torque).max())
+    _draw_band(ax, time, wrench.reach(crossed.twist, limit), motors)
     ax.plot(time, demand, color=COLORS[1], label="what the motion asks for")
     draw_dashed(ax, 0.0)
     draw_dot(ax, 0.0, np.interp(0.0, time, demand))
-    rotors = "\nrotors included" if np.any(plan.robot.rotor_inertia) else ""
-    ordinate = _ordinate(plan.robot, crossed.twist) + rotors
-    ax.set(xlim=time[[0, -1]], ylim=(-top, top))
-    ax.set(xlabel="time from the singular instant  [s]", ylabel=ordinate)
+    rotors = "\nrotors included" if np.any(robot.rotor_inertia) else ""
+    top = 1.6 * max(np.abs(demand).max(), LEAST_DIVISOR)
+    ax.set(xlim=time[[0, -1]], ylim=(-top, top), xlabel="time from the singular instant  [s]")
+    ax.set_ylabel(_ordinate(robot, crossed.twist) + rotors)
     legend_above(ax)
     return ax
 

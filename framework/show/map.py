@@ -110,14 +110,12 @@ def _draw_locus(workspace: WorkspaceMap, ax: Axes, halo: list[withStroke]) -> No
 
 def _draw_path(workspace: WorkspaceMap, path: Path | None, ax: Axes, halo: list[withStroke]) -> None:
     """Draw a path from the dot on, or the reference without one."""
-    axes = list(workspace.window.axes)
     if path is None:
-        start = workspace.robot.reference.x[axes]
+        start = workspace.robot.reference.x[list(workspace.window.axes)]
         ax.plot(*start, "P", color="black", markeredgecolor="white", markersize=6, label="reference")
         return
-    line = path(np.linspace(0.0, 1.0, PATH_SAMPLES))[:, axes]
-    label = "path" if lies_in(workspace, path) else "path, projected"
-    ax.plot(*line.T, color=PATH, linewidth=1.6, linestyle="--", path_effects=halo, label=label)
+    line, projected = path_on_map(workspace, path)
+    ax.plot(*line.T, color=PATH, linewidth=1.6, linestyle="--", path_effects=halo, label=f"path{projected}")
     ax.plot(*line[0], "o", color=PATH, markersize=4, markeredgecolor="white", markeredgewidth=0.8)
 
 
@@ -165,11 +163,11 @@ def _axes(workspace: WorkspaceMap, header: _Header) -> tuple[Axes, Axes]:
     return add_axes(LEFT, width), add_axes(LEFT + width + 0.5 * BAR, 0.5 * BAR)
 
 
-def lies_in(workspace: WorkspaceMap, path: Path) -> bool:
-    """Whether a path keeps the coordinates that the map holds."""
-    offset = np.abs(path(np.linspace(0.0, 1.0, PATH_SAMPLES)) - workspace.window.held)
-    offset /= workspace.robot.platform_scale
-    return bool(np.delete(offset, workspace.window.axes, axis=1).max(initial=0.0) < SAME_PLACE)
+def path_on_map(workspace: WorkspaceMap, path: Path) -> tuple[Array, str]:
+    """Return points (m, 2) of a path, and a word if coordinates change that the map holds."""
+    x, axes = path(np.linspace(0.0, 1.0, PATH_SAMPLES)), list(workspace.window.axes)
+    offset = np.delete((x - workspace.window.held) / workspace.robot.platform_scale, axes, axis=1)
+    return x[:, axes], "" if np.abs(offset).max(initial=0.0) < SAME_PLACE else ", projected"
 
 
 def is_to_scale(workspace: WorkspaceMap) -> bool:

@@ -12,12 +12,11 @@ from framework.atlas.workspace_map import WorkspaceMap
 from framework.motion.path import Path
 from framework.output import Document
 from framework.show.map import (
-    PATH_SAMPLES,
     UNEXPLAINED,
     cell_edges,
     colours,
     is_to_scale,
-    lies_in,
+    path_on_map,
     title,
 )
 from framework.show.standalone import pack, page_part, standalone_page
@@ -55,14 +54,12 @@ def _document(workspace: WorkspaceMap, path: Path | None) -> Document:
     legend: list[tuple[str, str, bool]] = [("singular locus (Type 2)", LOCUS, False)] if curves else []
     if len(workspace.locus.unexplained):
         legend.append((UNEXPLAINED, LOCUS, False))
+    mark = robot.reference.x[list(window.axes)]
     if path is not None:
-        line = path(np.linspace(0.0, 1.0, PATH_SAMPLES))[:, list(window.axes)]
+        line, projected = path_on_map(workspace, path)
         curves.append(_curve(line, PATH, 2.5, [7, 4]))
-        where = "" if lies_in(workspace, path) else ", projected"
-        legend.append((f"path, from the dot on{where}", PATH, False))
+        legend.append((f"path, from the dot on{projected}", PATH, False))
         mark = line[0]
-    else:
-        mark = robot.reference.x[list(window.axes)]
     if workspace.load is not None:
         lost = int(workspace.reached.sum()) - workspace.load_counts[LOAD_WORDS[LoadReason.CARRIED]]
         legend.append((f"load not carried: {lost} poses", NOT_CARRIED, True))

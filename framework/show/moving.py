@@ -155,8 +155,8 @@ def _stages(films: Sequence[Film]) -> _Stage:
     for film, above, ax in zip(films, robots, below, strict=True):
         marks.append(_robot(film, above, None))
         for k, torque in enumerate(film.torque.T):
-            real = np.where(film.time <= _end(film), torque, np.nan)
-            ax.plot(film.time, np.clip(real, -9 * largest, 9 * largest), **line_style(k))
+            shown = np.where(film.time <= _end(film), np.clip(torque, -9 * largest, 9 * largest), np.nan)
+            ax.plot(film.time, shown, **line_style(k))
         for instant in film.instants:
             ax.axvline(instant.time, color=LOCUS if film.proved else ALARM, linewidth=0.8, linestyle=":")
         ax.set(xlim=(0.0, film.time[-1]), ylim=(-largest, largest), xlabel="time  [s]")

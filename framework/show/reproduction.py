@@ -9,7 +9,7 @@ from typing import Any
 
 from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan
-from framework.crossing.saved import robot_place
+from framework.crossing.saved import robot_name_or_file
 from framework.crossing.scenes import scene_request
 from framework.errors import InvalidInput
 from framework.motion.path import Line, Polyline
@@ -26,7 +26,7 @@ def command_line(plan: CrossingPlan, folder: str) -> str | None:
     motion = _path_options(plan, typed)
     if motion is None:
         return None
-    robot = f"crossing plan {shlex.quote(robot_place(plan.robot))}"
+    robot = f"crossing plan {shlex.quote(robot_name_or_file(plan.robot))}"
     parameters = plan.robot.description.parameters
     if parameters:
         motion += ["--set " + " ".join(f"{name}={value!r}" for name, value in parameters.items())]

@@ -145,8 +145,8 @@ def test_a_plan_along_a_polyline_comes_back_and_says_how_it_is_made_again(tmp_pa
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"law": {"degree": 8}}, "law.domain: missing"),
-        ({"law.degree": 8}, "law.degree: got 8, must be 12"),
+        ({"law": {"degree": 8}}, "law.chebyshev: missing"),
+        ({"law.degree": 8}, "law.degree: the file says 8, the robot now needs 12"),
         ({"law.domain": [0.0, 2.0]}, "law.domain"),
         ({"law.chebyshev": [0.5, float("nan")]}, "finite"),
         ({"law.chebyshev": "abc"}, "law.chebyshev: needs a list"),
@@ -183,7 +183,7 @@ def test_what_is_not_a_plan_is_refused_by_name(written, tmp_path, change, says):
     [
         ({"peak_torque": {"left_motor": 1.0, "right_motor": 1.0}}, "peak_torque.left_motor"),
         ({"crossings": []}, "crossings: the file says 0"),
-        ({"peak_torque": {}}, "peak_torque: the file says"),
+        ({"peak_torque": {}}, "peak_torque.left_motor: the file says 'nothing'"),
         ({"crossings.0.kind": "leg_passive"}, "kind"),
         ({"crossings.0.time": 0.9}, "time"),
         ({"crossings.0.speed": 1.51}, "speed"),

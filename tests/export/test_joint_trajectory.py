@@ -119,12 +119,12 @@ def test_rows_at_a_rate_are_those_of_the_plan(tmp_path, capsys):
     ("arguments", "code", "words"),
     [
         (("five_bar", "--to", "ros2_control"), 2, "give --scene"),
-        (("five_bar", "--to", "mjcf", "--rate", "9"), 2, "--rate, --columns: of csv only"),
+        (("five_bar", "--to", "mjcf", "--rate", "9"), 2, "--rate: of csv only"),
         (("five_bar", "--scene", "B", "--to", "ros2_control"), 1, "unbounded torque"),
         (
             ("five_bar", "--to", "mjcf", "--scene", "C"),
             2,
-            "--scene, --samples, --side: a MuJoCo model has no",
+            "--scene: of ros2_control, csv, lesson only, not of mjcf",
         ),
     ],
 )

@@ -200,8 +200,7 @@ def test_a_path_is_tracked_once_for_its_film(monkeypatch):
         asked.append(robot.flexibility)
         return track(robot, path)
 
-    for module in ("framework.singularity.points_on_path", "framework.crossing.uncertified"):
-        monkeypatch.setattr(f"{module}.track_path", counted)
+    monkeypatch.setattr("framework.singularity.points_on_path.track_path", counted)
     monkeypatch.setattr("framework.dynamics.finite_differences.track_path", None)
     for scene, flexibility, times in (
         ("A", "rigid", ["rigid"]),

@@ -1,8 +1,8 @@
 """Advice beside the reason of a refusal, and the check of limits that a plan must keep.
 
 A remedy is a set of options with which the answer becomes another. A law that was refused is not advised
-again, the other one only where condition (8) and the limits leave it a duration. Limits and durations are
-those of a law that the search found (`SearchEvidence`).
+again, the optimal law only where condition (8) does not forbid every law. Limits and durations are those of a
+law that the search found (`SearchEvidence`).
 """
 
 from __future__ import annotations
@@ -12,41 +12,28 @@ from typing import Any
 import numpy as np
 
 from framework.arrays import Array
-from framework.crossing.durations import OptimalDurations, optimal_durations
-from framework.crossing.feasibility import feasibility_on_path
+from framework.crossing.feasibility import feasibility_on_path, is_crossable
 from framework.crossing.options import OPTIMAL_LAW
 from framework.crossing.refusals.refusal_proofs import SearchEvidence, UnmetCondition
 from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan
-from framework.errors import LimitsExceeded, NoAnswer, NoLaw, UnboundedTorque, round_up
+from framework.errors import LimitsExceeded, NoAnswer, NoLaw, UnboundedTorque
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.motion.optimal_law import HIGHEST_SMOOTHNESS
 from framework.singularity.points_on_path import SearchedPath
-
-DURATION_RESERVE = 1.02  # over the least duration, which is met at its limits alone
 
 
 def with_explanation(refusal: NoLaw, searched: SearchedPath, request: Request) -> NoLaw:
-    """Return the refusal with condition (8) at each singular point, durations and a remedy appended."""
-    sentences = [str(refusal)]
-    sentences += [
-        feasibility.short_sentence for feasibility in feasibility_on_path(searched) if feasibility is not None
-    ]
-    optimal = _untried_durations(searched, request)
-    if optimal is not None and optimal.shortest != 0.0:  # without limits nothing bounds it
-        sentences.append(optimal.sentence)
-    remedy = remedy_of(refusal, searched.branch.robot, request, optimal)
-    return NoLaw("; ".join(sentences), proof=refusal.proof, evidence=refusal.evidence).advising(remedy)
+    """Return the refusal with condition (8) at each singular point and a remedy appended."""
+    conditions = [feasibility for feasibility in feasibility_on_path(searched) if feasibility is not None]
+    sentences = [str(refusal), *(feasibility.short_sentence for feasibility in conditions)]
+    explained = NoLaw("; ".join(sentences), proof=refusal.proof, evidence=refusal.evidence)
+    return explained.advising(find_remedy(refusal, searched, request))
 
 
 def with_remedy(pole: UnboundedTorque, searched: SearchedPath, request: Request) -> UnboundedTorque:
     """Return the refusal of a law that does not meet condition (8), with the remedy."""
-    optimal = _untried_durations(searched, request)
-    return pole.advising(remedy_of(pole, searched.branch.robot, request, optimal))
-
-
-def _untried_durations(searched: SearchedPath, request: Request) -> OptimalDurations | None:
-    """Return the durations of the optimal law if the request excludes that law, else None."""
-    return None if request.may_be_optimal else optimal_durations(searched, request)
+    return pole.advising(find_remedy(pole, searched, request))
 
 
 def check_limits(plan: CrossingPlan) -> None:
@@ -57,25 +44,19 @@ def check_limits(plan: CrossingPlan) -> None:
         raise LimitsExceeded(f"{plan.robot.name}: the motion leaves limits: {listed}", exceeded=exceeded)
 
 
-def remedy_of(
-    refusal: NoAnswer, robot: ParallelRobot, request: Request, optimal: OptimalDurations | None
-) -> dict[str, Any] | None:
+def find_remedy(refusal: NoAnswer, searched: SearchedPath, request: Request) -> dict[str, Any] | None:
     """Return options of `plan_crossing` to give instead, None for one to leave out; None without remedy.
 
     `bend` among them stands for `plan_with_modified_path`.
-
-    Args:
-        optimal: durations of the optimal law, if it was not tried and there is any.
     """
+    robot = searched.branch.robot
     if request.at is not None:  # an imposed point: what was said of the located ones does not hold there
         return None
     if not request.may_be_optimal:
-        if optimal is None or optimal.shortest is None or request.duration is None:
-            return None
-        least = DURATION_RESERVE * optimal.shortest
-        return OPTIMAL_LAW | ({"duration": round_up(least, 3)} if least > request.duration else {})
-    if isinstance(getattr(refusal, "proof", None), UnmetCondition):
-        return None if refusal.proof.stop else {"bend": True}  # type: ignore[attr-defined]
+        may_cross = request.smoothness <= HIGHEST_SMOOTHNESS and is_crossable(searched)
+        return OPTIMAL_LAW if may_cross and request.duration is not None else None
+    if isinstance(refusal, NoLaw) and isinstance(refusal.proof, UnmetCondition):
+        return None if refusal.proof.stop else {"bend": True}
     evidence = getattr(refusal, "evidence", None)
     if robot.n_e or not isinstance(evidence, SearchEvidence):  # its numbers are of the undeformed robot
         return None

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from framework.crossing.condition import condition_at, crossing_point
+from framework.crossing.crossing_points import check_crossable, check_one_condition_each
 from framework.crossing.optimal.elastic_balance import in_balance
 from framework.crossing.optimal.limit_refusals import refuse_law
 from framework.crossing.optimal.optimal_motion import optimal_motion
@@ -16,7 +17,6 @@ from framework.crossing.plan import plan_request
 from framework.crossing.polynomial import polynomial_motion
 from framework.crossing.refusals.explanation import check_limits, with_explanation
 from framework.crossing.refusals.turning_back import check_advance
-from framework.crossing.refusals.uncrossable_points import check_crossable, check_one_condition_each
 from framework.crossing.timing import choose_timing
 from framework.dynamics.elasticity import solve_deflections
 from framework.dynamics.inverse_dynamics import resolve

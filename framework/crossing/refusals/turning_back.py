@@ -11,7 +11,6 @@ from framework.motion.law import MotionLaw, law_derivatives
 from framework.tolerances import AT_REST, OVERSHOOT
 
 LAW_SAMPLES = 2001  # equidistant instants at which a law is looked at
-ADVICE = "choose other times or speeds"
 
 
 def check_advance(law: MotionLaw, s: Sequence[float], name: str) -> None:
@@ -26,26 +25,28 @@ def check_advance(law: MotionLaw, s: Sequence[float], name: str) -> None:
     Raises:
         NoLaw: says where and when.
     """
+    fault = _find_fault(law, s)
+    if fault is not None:
+        raise NoLaw(f"{name}: the law does not always advance: it {fault}; choose other times or speeds")
+
+
+def _find_fault(law: MotionLaw, singular: Sequence[float]) -> str | None:
+    """Return the fault of a law on a path with singular points (k,), in words; None without any."""
     times = np.linspace(0.0, law.duration, LAW_SAMPLES)
-    values, rates = law_derivatives(law, times, 2)
-    refused = f"{name}: the law does not always advance: it"
-    for end, beyond in ((0.0, -values), (1.0, values - 1.0)):
+    s, ds = law_derivatives(law, times, 2)
+    for end, beyond in ((0.0, -s), (1.0, s - 1.0)):
         worst = np.argmax(beyond)
         if beyond[worst] > OVERSHOOT:
-            raise NoLaw(
-                f"{refused} leaves the path at s = {end:g}, up to s = {values[worst]:.4g} at "
-                f"t = {times[worst]:.4g} s; {ADVICE}"
-            )
-    inside = (values > 0) & (values < 1)
-    backwards = inside & (rates < -AT_REST * np.abs(rates).max())
-    if np.any(backwards):
-        k = np.argmax(backwards)
-        raise NoLaw(f"{refused} runs backwards at t = {times[k]:.4g} s, s = {values[k]:.4g}; {ADVICE}")
-    for singular in s:
-        crossed = np.flatnonzero(np.diff(values > singular))
-        if len(crossed) > 1:
-            instants = ", ".join(f"{times[k]:.4g}" for k in crossed)
-            raise NoLaw(
-                f"{refused} meets the singular point s = {singular:.6g} {len(crossed)} times (about t = "
-                f"{instants} s); {ADVICE}"
-            )
+            return f"leaves the path at s = {end:g}, up to s = {s[worst]:.4g} at t = {times[worst]:.4g} s"
+    is_inside = (s > 0) & (s < 1)
+    is_backwards = is_inside & (ds < -AT_REST * np.abs(ds).max())
+    if is_backwards.any():
+        first = np.argmax(is_backwards)
+        return f"runs backwards at t = {times[first]:.4g} s, s = {s[first]:.4g}"
+    for place in singular:
+        meetings = np.flatnonzero(np.diff(s > place))
+        if len(meetings) > 1:
+            instants = ", ".join(f"{times[k]:.4g}" for k in meetings)
+            count = len(meetings)
+            return f"meets the singular point s = {place:.6g} {count} times (about t = {instants} s)"
+    return None

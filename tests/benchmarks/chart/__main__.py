@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from framework.cli.progress import Progress
+from framework.cli.console import Progress
 from framework.errors import FrameworkError
 from framework.output import written_together
 from tests.benchmarks.chart import repeated, stages, table
