@@ -91,8 +91,6 @@ class UrdfTree(Tree):
 
     def __init__(self, root: ElementTree.Element, extra: Sequence[str] = ()) -> None:
         """Check a URDF and take out elements of other programs, `extra` ones kept aside."""
-        if root.tag != "robot":
-            raise RobotFileError(f"<{root.tag}>: the root of a URDF is <robot>")
         attribute(root, "<robot>", "name")
         self.root = root
         names = {link.get("name") for link in root.findall("link")}
