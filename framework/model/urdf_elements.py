@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from framework.arrays import Array
-from framework.errors import MissingPackage, RobotFileError, check_name, choose_from, short
+from framework.errors import MissingPackage, RobotFileError, check_name, short
 from framework.model.description import Coupling
 from framework.model.documents import naming
 from framework.model.inertia import ENTRIES, check_inertia, symmetric
@@ -357,12 +357,11 @@ def declared_couplings(root: ElementTree.Element, locked: Iterable[str] = ()) ->
         if name not in movable:
             continue  # it was fixed
         where = f"joint {name!r}: <mimic>"
-        if mimic.get("joint") not in followed or mimic.get("joint") == name:
-            others = [other for other in followed if other != name]
-            raise RobotFileError(f"{where}: {choose_from('movable joint', mimic.get('joint'), others)}")
+        leader = mimic.get("joint", "")
+        check_name(where, "movable joint", leader, [other for other in followed if other != name])
         (ratio,) = numbers(f"{where} multiplier", mimic.get("multiplier", "1"), 1)
         (offset,) = numbers(f"{where} offset", mimic.get("offset", "0"), 1)
-        couplings.append(Coupling(name, str(mimic.get("joint")), ratio, offset))
+        couplings.append(Coupling(name, leader, ratio, offset))
     return couplings
 
 

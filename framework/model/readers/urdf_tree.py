@@ -248,16 +248,15 @@ class UrdfTree(Tree):
             if name in self.joints or f"{name}_link" in self.links:
                 raise RobotFileError(f"joint {joint.name!r}: needs the name {name!r}, taken in the URDF")
         position = list(self.root).index(joint.element)
-        self.root.remove(joint.element)
         del self.joints[joint.name]
         motions = [
             ChainJoint(name, "continuous", np.eye(4), np.eye(3)["xyz".index(axis)])
             for name, axis in zip(names, axes.lower(), strict=True)
         ]
         motions[0] = motions[0]._replace(place=joint.origin)
-        chain = chain_elements(joint.parent, motions, joint.child, np.eye(4), set(self.links))
-        for place, element in enumerate(chain, position):
-            self.root.insert(place, element)
+        chain = list(chain_elements(joint.parent, motions, joint.child, np.eye(4), set(self.links)))
+        self.root[position : position + 1] = chain
+        for element in chain:
             if element.tag == "link":
                 self.links.append(element.get("name", ""))
             else:
