@@ -164,10 +164,13 @@ def read_tree(root: ElementTree.Element, impossible: list[tuple[str, str]] | Non
                 )
     extent = max((float(np.linalg.norm(joint.origin[:3, 3])) for joint in joints.values()), default=0.0)
     for link in root.findall("link"):
+        where = f"link {link.get('name')!r}"
+        for visual in link.findall("visual"):
+            origin_numbers(visual.find("origin"), f"{where}: <visual> <origin>")
         try:
-            check_link(link, extent)
+            _check_inertial(link, where, extent)
         except RobotFileError as error:
-            if impossible is None or ("<inerti" not in str(error) and "<mass>" not in str(error)):
+            if impossible is None:
                 raise
             impossible.append((link.get("name", ""), str(error)))
             remove_children(link, "inertial")
@@ -280,15 +283,8 @@ def _check_limit(joint: ElementTree.Element, where: str, *, is_needed: bool) -> 
             )
 
 
-def check_link(link: ElementTree.Element, extent: float) -> None:
-    """Look at a link's inertia and where its visuals are; `extent` [m]: the largest distance of joints.
-
-    Raises:
-        RobotFileError: a number is missing or not finite, or no body has such an inertia.
-    """
-    where = f"link {link.get('name')!r}"
-    for visual in link.findall("visual"):
-        origin_numbers(visual.find("origin"), f"{where}: <visual> <origin>")
+def _check_inertial(link: ElementTree.Element, where: str, extent: float) -> None:
+    """Refuse an inertia that no body has; `extent` [m]: the largest distance of joints."""
     inertial = link.find("inertial")
     if inertial is None:
         return

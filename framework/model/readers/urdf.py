@@ -235,7 +235,7 @@ def _closing_frames(tree: UrdfTree) -> list[Closure]:
 
 
 def _joints_of_other_programs(tree: UrdfTree) -> list[Closure]:
-    """Return the closures of joints of Gazebo and constraints of Drake, read as those of SDF at zero."""
+    """Return the closures of joints of Gazebo and constraints of Drake."""
     scope, model = Scope(version=np.inf), ElementTree.Element("model")
     for link in tree.links:
         scope.links[link] = ElementTree.Element("link")
