@@ -218,7 +218,13 @@ def _name(root: ElementTree.Element, file: Path) -> str:
 def _acting(tree: UrdfTree, joints: Mapping[str, JointDynamics]) -> dict[str, JointDynamics]:
     """Return springs, damping and friction of the coordinates that move: the dialect's, or <dynamics>."""
     declared = joint_dynamics(declared_dynamics(tree.root), {})
-    return {name: value for name, value in {**declared, **joints}.items() if name in tree.coordinates}
+    acting = {name: value for name, value in {**declared, **joints}.items() if name in tree.coordinates}
+    for name, value in acting.items():
+        if min(value.armature, value.damping, value.friction, value.stiffness) < 0.0:
+            raise RobotFileError(
+                f"joint {name!r}: armature, damping, friction and stiffness must not be negative"
+            )
+    return acting
 
 
 # ------------------------------------------------------------------ what moves
@@ -300,10 +306,12 @@ def attach_pulls(
     for pull in pulls:
         has_dynamics = replace(pull.acting, rest=0.0) != JointDynamics()
         shares, constant = shares_of_leaders(pull.shares, tree, couplings)
-        if len(shares) > 1 and (pull.is_motor or has_dynamics):
-            text = f"{pull.name}: pulls at {' and '.join(shares)}, which move independently"
-            left_out.append(LeftOut(text, tuple(shares)))
-        for joint, share in shares.items() if len(shares) == 1 else ():
+        if len(shares) > 1:
+            if pull.is_motor or has_dynamics:
+                text = f"{pull.name}: pulls at {' and '.join(shares)}, which move independently"
+                left_out.append(LeftOut(text, tuple(shares)))
+            continue
+        for joint, share in shares.items():
             gear = pull.gear * share
             if pull.is_motor and gear:
                 actuators.setdefault(joint, Actuator(joint, abs(gear), torque_limit=pull.torque_limit))

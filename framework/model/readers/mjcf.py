@@ -290,10 +290,6 @@ class _Model:
                 stiffness=stiffness,
                 rest=float(view.qpos_spring[0] - view.qpos0[0]) if stiffness else 0.0,
             )
-            if min(acting.armature, acting.damping, acting.friction, acting.stiffness) < 0.0:
-                raise RobotFileError(
-                    f"joint {joint.name!r}: armature, damping, friction and stiffness must not be negative"
-                )
             if acting != JointDynamics():
                 joints.update(dict.fromkeys(coordinates_of(joint.name, joint.kind), acting))
         return joints

@@ -446,14 +446,17 @@ def _urdf(scope: Scope, joints: Sequence[_Joint], chosen: Sequence[str], name: s
     links = [link for link in scope.links if link in part]
     waiting = [WORLD if WORLD in part else next((link for link in links if link not in children), links[0])]
     taken = {*links, WORLD}
+    in_tree = [joint for joint in joints if joint.name in chosen]
     for link in waiting:  # which grows
         root.append(_link(scope, link))
-        for joint in (joint for joint in joints if joint.name in chosen):
-            if link in joint.links and not set(joint.links) <= set(waiting):
-                step = 1 if link == joint.links[0] else -1
-                other, end = joint.links[::step][1], inverse(joint.places[::step][1])
-                root.extend(chain_elements(link, _motions(joint, step), other, end, taken))
-                waiting.append(other)
+        for joint in in_tree:
+            step = 1 if link == joint.links[0] else -1
+            near, far = joint.links[::step]
+            if link != near or far in waiting:
+                continue
+            end = inverse(joint.places[::step][1])
+            root.extend(chain_elements(link, _motions(joint, step), far, end, taken))
+            waiting.append(far)
     for joint in joints:
         if joint.kind == "screw" and joint.name not in chosen:
             stub = f"{joint.name}_stub"
