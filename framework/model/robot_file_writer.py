@@ -17,7 +17,6 @@ from framework.model.description import (
     JointDynamics,
     RobotDescription,
     Scene,
-    Spring,
     locked_axes,
     measured_kinds,
 )
@@ -59,13 +58,8 @@ def write_robot_file(
     return out / f"{name}.yaml"
 
 
-def spring_entry(spring: Spring) -> dict[str, Any]:
-    """Return a spring as an entry of `springs` in a robot file."""
-    return _entry(spring)
-
-
-def _entry(record: Any) -> dict[str, Any]:
-    """Return the fields of a record that are not empty or zero."""
+def record_entry(record: Any) -> dict[str, Any]:
+    """Return the entry of a record in a robot file: its fields that are not empty or zero."""
     return {
         key: list(value) if isinstance(value, tuple) else value
         for key, value in asdict(record).items()
@@ -79,12 +73,12 @@ def robot_document(description: RobotDescription) -> dict[str, Any]:
         "version": VERSION,
         "urdf": f"{description.name}.urdf",
         "gravity": list(description.gravity),
-        "platform": _entry(description.platform),
-        "actuators": [_entry(actuator) for actuator in description.actuators],
+        "platform": record_entry(description.platform),
+        "actuators": [record_entry(actuator) for actuator in description.actuators],
         "closures": [_closure(closure) for closure in description.closures],
     }
     optional = {
-        "springs": [_entry(spring) for spring in description.springs],
+        "springs": [record_entry(spring) for spring in description.springs],
         "couplings": [asdict(coupling) for coupling in description.couplings],
         "joints": _joints(description),
         "reference": dict(description.reference),
@@ -114,7 +108,7 @@ def _joint(joint: JointDynamics) -> dict[str, float]:
 
 def _closure(closure: Closure) -> dict[str, Any]:
     """Return the entry of a closure, by kind where its locked axes have one."""
-    entry = _entry(closure)
+    entry = record_entry(closure)
     kinds = {locked_axes(kind): kind for kind in ("fixed", "spherical", *measured_kinds())}  # without an axis
     if closure.axes in kinds:
         del entry["axes"]

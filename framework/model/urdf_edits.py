@@ -148,7 +148,7 @@ def bare_urdf(root: ElementTree.Element) -> ElementTree.Element:
 
 
 def _copy_read_parts(element: ElementTree.Element) -> ElementTree.Element:
-    """Copy an element with the first of each child that pinocchio reads, as _READ_PARTS has them."""
+    """Copy an element with the first of each child in _READ_PARTS."""
     copy = ElementTree.Element(element.tag, element.attrib)
     for key in _NUMBERS.get(element.tag, ()):
         if key in copy.attrib:

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from framework.arrays import Array
-from framework.errors import MissingPackage, RobotFileError, check_name, choose_from, short
+from framework.errors import MissingPackage, RobotFileError, check_name, short
 from framework.model.description import Coupling
 from framework.model.documents import naming
 from framework.model.inertia import ENTRIES, check_inertia, symmetric
@@ -164,10 +164,13 @@ def read_tree(root: ElementTree.Element, impossible: list[tuple[str, str]] | Non
                 )
     extent = max((float(np.linalg.norm(joint.origin[:3, 3])) for joint in joints.values()), default=0.0)
     for link in root.findall("link"):
+        where = f"link {link.get('name')!r}"
+        for visual in link.findall("visual"):
+            origin_numbers(visual.find("origin"), f"{where}: <visual> <origin>")
         try:
-            check_link(link, extent)
+            _check_inertial(link, where, extent)
         except RobotFileError as error:
-            if impossible is None or ("<inerti" not in str(error) and "<mass>" not in str(error)):
+            if impossible is None:
                 raise
             impossible.append((link.get("name", ""), str(error)))
             remove_children(link, "inertial")
@@ -280,15 +283,8 @@ def _check_limit(joint: ElementTree.Element, where: str, *, is_needed: bool) -> 
             )
 
 
-def check_link(link: ElementTree.Element, extent: float) -> None:
-    """Look at a link's inertia and where its visuals are; `extent` [m]: the largest distance of joints.
-
-    Raises:
-        RobotFileError: a number is missing or not finite, or no body has such an inertia.
-    """
-    where = f"link {link.get('name')!r}"
-    for visual in link.findall("visual"):
-        origin_numbers(visual.find("origin"), f"{where}: <visual> <origin>")
+def _check_inertial(link: ElementTree.Element, where: str, extent: float) -> None:
+    """Refuse an inertia that no body has; `extent` [m]: the largest distance of joints."""
     inertial = link.find("inertial")
     if inertial is None:
         return
@@ -357,12 +353,11 @@ def declared_couplings(root: ElementTree.Element, locked: Iterable[str] = ()) ->
         if name not in movable:
             continue  # it was fixed
         where = f"joint {name!r}: <mimic>"
-        if mimic.get("joint") not in followed or mimic.get("joint") == name:
-            others = [other for other in followed if other != name]
-            raise RobotFileError(f"{where}: {choose_from('movable joint', mimic.get('joint'), others)}")
+        leader = mimic.get("joint", "")
+        check_name(where, "movable joint", leader, [other for other in followed if other != name])
         (ratio,) = numbers(f"{where} multiplier", mimic.get("multiplier", "1"), 1)
         (offset,) = numbers(f"{where} offset", mimic.get("offset", "0"), 1)
-        couplings.append(Coupling(name, str(mimic.get("joint")), ratio, offset))
+        couplings.append(Coupling(name, leader, ratio, offset))
     return couplings
 
 

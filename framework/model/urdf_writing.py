@@ -96,7 +96,7 @@ def chain_elements(
 
 
 def free_name(wanted: str, taken: set[str]) -> str:
-    """Return a name that is not taken, the wanted one with underscores appended, and mark it as taken."""
+    """Return the wanted name with underscores until free, and mark the name as taken."""
     while wanted in taken:
         wanted += "_"
     taken.add(wanted)

@@ -114,13 +114,13 @@ def _color(
     material: ElementTree.Element | None, materials: Mapping[str | None, ElementTree.Element]
 ) -> Color:
     """Return the colour of a visual, its own or its material's."""
-    color_element = material.find("color") if material is not None else None
-    if color_element is None and material is not None and material.get("name") in materials:
-        color_element = materials[material.get("name")].find("color")
-    if color_element is None:
+    if material is None:
         return DEFAULT_COLOR
-    red, green, blue, alpha = numbers("rgba", color_element.get("rgba"), 4)
-    return red, green, blue, alpha
+    for element in (material, materials.get(material.get("name"), material)):
+        if (color := element.find("color")) is not None:
+            red, green, blue, alpha = numbers("rgba", color.get("rgba"), 4)
+            return red, green, blue, alpha
+    return DEFAULT_COLOR
 
 
 def _sizes(text: str | None, count: int) -> tuple[float, ...]:

@@ -26,21 +26,20 @@ def numbers(
     Raises:
         RobotFileError: another count, or one that is no finite number or larger than `largest`.
     """
-    parts = (text or "").split()
-    values = []
-    for part in parts:
-        try:
-            value = float(part)
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
-            raise RobotFileError(f"{where}: needs finite numbers, got {short(text)}")
-        if abs(value) > largest:
-            raise RobotFileError(f"{where}: must be at most {largest:g} in size, got {short(text)}")
-        values.append(value)
-    if len(values) != count:
-        raise RobotFileError(f"{where}: needs {count} number{'s' * (count != 1)}, got {short(text)}")
-    return tuple(values)
+    try:
+        values = tuple(map(float, (text or "").split()))
+    except ValueError:
+        values = (math.nan,)
+    problem = ""
+    if not all(map(math.isfinite, values)):
+        problem = "needs finite numbers"
+    elif max(map(abs, values), default=0.0) > largest:
+        problem = f"must be at most {largest:g} in size"
+    elif len(values) != count:
+        problem = f"needs {count} number{'s' * (count != 1)}"
+    if problem:
+        raise RobotFileError(f"{where}: {problem}, got {short(text)}")
+    return values
 
 
 def only(

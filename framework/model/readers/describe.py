@@ -9,12 +9,13 @@ Platform, axes, motors and reference that a file leaves out are stated by option
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
-from framework.errors import FrameworkError, RobotFileError, check_name, check_unique, choose_from
+from framework.errors import FrameworkError, RobotFileError, check_name, check_unique
 from framework.fields import check_distinct
 from framework.model.description import (
     AXES,
@@ -217,7 +218,13 @@ def _name(root: ElementTree.Element, file: Path) -> str:
 def _acting(tree: UrdfTree, joints: Mapping[str, JointDynamics]) -> dict[str, JointDynamics]:
     """Return springs, damping and friction of the coordinates that move: the dialect's, or <dynamics>."""
     declared = joint_dynamics(declared_dynamics(tree.root), {})
-    return {name: value for name, value in {**declared, **joints}.items() if name in tree.coordinates}
+    acting = {name: value for name, value in {**declared, **joints}.items() if name in tree.coordinates}
+    for name, value in acting.items():
+        if min(value.armature, value.damping, value.friction, value.stiffness) < 0.0:
+            raise RobotFileError(
+                f"joint {name!r}: armature, damping, friction and stiffness must not be negative"
+            )
+    return acting
 
 
 # ------------------------------------------------------------------ what moves
@@ -259,11 +266,10 @@ def lock(tree: UrdfTree, locked: Mapping[str, float | None], reference: dict[str
             turn = [reference.pop(key, 0.0) for key in ball.coordinates]
             reference.update(tree.hold_turn(ball, name[-1], value, turn))
             continue
+        if name in tree.held:
+            continue  # by --base, or with another joint
         movable = [joint.name for joint in tree.joints.values() if joint.moves]
-        if name not in movable:
-            if name in tree.held:
-                continue  # by --base, or with another joint
-            raise RobotFileError(f"--lock: {choose_from('joint that moves', name, movable)}")
+        check_name("--lock", "joint that moves", name, movable)
         joint = tree.joints[name]
         if value is not None and len(joint.coordinates) > 1 and value:
             raise RobotFileError(
@@ -300,10 +306,12 @@ def attach_pulls(
     for pull in pulls:
         has_dynamics = replace(pull.acting, rest=0.0) != JointDynamics()
         shares, constant = shares_of_leaders(pull.shares, tree, couplings)
-        if len(shares) > 1 and (pull.is_motor or has_dynamics):
-            text = f"{pull.name}: pulls at {' and '.join(shares)}, which move independently"
-            left_out.append(LeftOut(text, tuple(shares)))
-        for joint, share in shares.items() if len(shares) == 1 else ():
+        if len(shares) > 1:
+            if pull.is_motor or has_dynamics:
+                text = f"{pull.name}: pulls at {' and '.join(shares)}, which move independently"
+                left_out.append(LeftOut(text, tuple(shares)))
+            continue
+        for joint, share in shares.items():
             gear = pull.gear * share
             if pull.is_motor and gear:
                 actuators.setdefault(joint, Actuator(joint, abs(gear), torque_limit=pull.torque_limit))
@@ -318,18 +326,17 @@ def shares_of_leaders(
 ) -> tuple[dict[str, float], float]:
     """Express shares of joints by moving joints that follow no other, and a constant."""
     followed = {coupling.joint: coupling for coupling in couplings}
-    leaders: dict[str, float] = {}
+    leaders = defaultdict[str, float](float)
     constant = 0.0
     for name, value in shares.items():
         joint, share = name, value
-        visited = {joint}
-        while joint in followed and followed[joint].of not in visited:
-            constant += share * followed[joint].offset
-            share *= followed[joint].ratio
-            joint = followed[joint].of
-            visited.add(joint)
+        for _ in couplings:  # no chain of them has more links
+            if coupling := followed.get(joint):
+                constant += share * coupling.offset
+                share *= coupling.ratio
+                joint = coupling.of
         if tree.joints[joint].moves:
-            leaders[joint] = leaders.get(joint, 0.0) + share
+            leaders[joint] += share
         else:
             constant += share * tree.held.get(joint, (0.0,))[0]
     return {joint: share for joint, share in leaders.items() if share}, constant

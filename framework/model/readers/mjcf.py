@@ -107,6 +107,19 @@ class _Joint(NamedTuple):
         """Whether the joint has one degree of freedom."""
         return self.kind in ("prismatic", "continuous")
 
+    def coordinates_at(self, qpos: Array) -> list[float]:
+        """Return the coordinates [rad, m] at the joint's part of MuJoCo's qpos, from the zero pose."""
+        zero = self.view.qpos0
+        if self.has_one:
+            return list((qpos - zero).tolist())
+        places = []
+        for pose in (zero, qpos):
+            x, y, z, *quaternion = np.append(np.zeros(3), pose)[-7:]  # of a ball only the quaternion is there
+            places.append(placement(from_quaternion(*quaternion), (x, y, z)))
+        motion = inverse(places[0]) @ places[1]
+        turn = pin.log3(motion[:3, :3]).tolist()
+        return [*turn] if self.kind == "spherical" else [*motion[:3, 3].tolist(), *turn]
+
 
 class _Model:
     """A compiled model with a name for each body and joint.
@@ -166,17 +179,11 @@ class _Model:
     def reference(self) -> dict[str, float]:
         """Return joint angles of the first key, from the zero pose; empty without one."""
         model, reference = self.compiled, dict[str, float]()
-        for name, kind, view in self.joints if model.nkey else ():
-            zero, start = view.qpos0, view.qposadr.item()
-            qpos = model.key_qpos[0, start : start + zero.size]
-            values = (qpos - zero).tolist()
-            names = coordinates_of(name, kind)
-            if kind in SEVERAL:  # qpos is the pose, not the way from the zero pose
-                poses = [np.append(np.zeros(3), each)[-7:] for each in (zero, qpos)]
-                first, last = (placement(from_quaternion(*pose[3:]), pose[:3]) for pose in poses)
-                motion = inverse(first) @ last
-                values = [*motion[:3, 3].tolist(), *pin.log3(motion[:3, :3]).tolist()][-len(names) :]
-            reference.update(zip(names, values, strict=True))
+        for joint in self.joints if model.nkey else ():
+            start = joint.view.qposadr.item()
+            qpos = model.key_qpos[0, start : start + joint.view.qpos0.size]
+            names = coordinates_of(joint.name, joint.kind)
+            reference.update(zip(names, joint.coordinates_at(qpos), strict=True))
         return reference
 
     # -------------------------------------------------------------- loops
@@ -239,15 +246,21 @@ class _Model:
             where += f": couples {', '.join(shares)}: only couplings of two joints are read"
             self.leave_out(where, shares, is_decisive=True)
         elif len(shares) == 2:
-            (driven, share), (of, other) = shares.items()
-            is_equal = (offset, share, other) == (0.0, 1.0, -1.0)
-            if is_equal and (closure := _parallel_turns(tree, name, driven, of)):
-                yield closure
-            else:
-                self.couplings.append(Coupling(driven, of, -other / share, offset / share))
+            yield from self._couple(tree, name, shares, offset)
         for joint, share in shares.items() if len(shares) == 1 else ():
             if tree.joints[joint].moves:
                 tree.fix(tree.joints[joint], offset / share)
+
+    def _couple(
+        self, tree: UrdfTree, name: str, shares: Mapping[str, float], offset: float
+    ) -> Iterator[Closure]:
+        """Gather the coupling of two joints, or yield the closure of equal turns."""
+        (driven, share), (of, other) = shares.items()
+        is_equal = (offset, share, other) == (0.0, 1.0, -1.0)
+        if is_equal and (closure := _parallel_turns(tree, name, driven, of)):
+            yield closure
+        else:
+            self.couplings.append(Coupling(driven, of, -other / share, offset / share))
 
     def _shares(self, kind: str, number: int) -> dict[str, float] | None:
         """Return the joints of a joint or a fixed tendon with their shares; None of a spatial tendon."""
@@ -277,10 +290,6 @@ class _Model:
                 stiffness=stiffness,
                 rest=float(view.qpos_spring[0] - view.qpos0[0]) if stiffness else 0.0,
             )
-            if min(acting.armature, acting.damping, acting.friction, acting.stiffness) < 0.0:
-                raise RobotFileError(
-                    f"joint {joint.name!r}: armature, damping, friction and stiffness must not be negative"
-                )
             if acting != JointDynamics():
                 joints.update(dict.fromkeys(coordinates_of(joint.name, joint.kind), acting))
         return joints

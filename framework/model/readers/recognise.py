@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 import re
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -141,29 +140,26 @@ def _from_yaml(
     if dialect == "robot file":
         return _own(parse_robot(path, content, parameters), options)
     from framework.model.readers import gepetto
-    from framework.model.readers.urdf import read_urdf, urdf_of_closures
+    from framework.model.readers.urdf import read_urdf
 
-    if dialect == "loop_closures":
-        urdf = urdf_of_closures(path)
-        return read_urdf(urdf, _read_xml(urdf), options, content)
     urdf = _urdf_beside(path)
-    root = _read_xml(urdf)
     with naming(urdf.name):
+        root = parse_xml(read_text(urdf, "cannot read it", error=RobotFileError))
+        if dialect == "loop_closures":
+            return read_urdf(urdf, root, options, content)
         tree = UrdfTree(root)
     tree.impossible = [(name, f"{urdf.name}: {what}") for name, what in tree.impossible]
     return gepetto.read_pair(path, content, tree, options)._replace(dialect=dialect)
 
 
-def _read_xml(urdf: Path) -> ElementTree.Element:
-    """Read the URDF beside a YAML; its name is in complaints."""
-    with naming(urdf.name):
-        return parse_xml(read_text(urdf, "cannot read it", error=RobotFileError))
-
-
 def _urdf_beside(path: Path) -> Path:
-    """Return the URDF of Gepetto's YAML: by its name, else the only one in its folder."""
-    urdf, others = path.with_suffix(".urdf"), list(path.parent.glob("*.urdf"))
-    return others[0] if len(others) == 1 and not os.path.isfile(urdf) else urdf
+    """Return the URDF of a foreign YAML: of its name, else the only one in its folder or package."""
+    urdf = path.with_suffix(".urdf")
+    for folder in (path.parent, path.parent / "urdf", path.parent.parent / "urdf"):
+        others = list(folder.glob("*.urdf"))
+        if len(others) == 1 and not os.path.isfile(urdf):
+            return others[0]
+    return urdf
 
 
 def _own(robot: ParsedRobot, options: Options) -> ParsedRobot:

@@ -48,7 +48,13 @@ _KINDS = {kind: kind for kind in ("fixed", "revolute", "prismatic", "universal",
     "revolute2": "universal",
     "ball": "spherical",
 }
-_AXES = dict.fromkeys(("revolute", "prismatic", "screw"), ("axis",)) | {"universal": ("axis", "axis2")}
+# motions of one freedom by kind: what ends the name, the joint of the URDF, the element of its properties
+_MOTIONS = {
+    "revolute": (("", "continuous", "axis"),),
+    "prismatic": (("", "prismatic", "axis"),),
+    "universal": (("", "continuous", "axis"), ("_2", "continuous", "axis2")),
+    "screw": (("", "continuous", "axis"), ("_slide", "prismatic", "slide")),
+}
 _NOT_READ = ("gearbox",)
 _UNUSED = ("plugin", "sensor", "light", "battery", "actor", "projector", "particle_emitter", "gripper")
 BALL_CONSTRAINT = "ball_constraint"
@@ -105,16 +111,11 @@ class _Joint(NamedTuple):
 
     def motions(self) -> list[tuple[str, str, Array | None, str]]:
         """Return name, kind, axis and the axis' tag of each motion of one freedom, from the parent."""
-        if self.kind == "screw":
-            (axis,) = self.axes
-            return [
-                (self.name, "continuous", axis, "axis"),
-                (f"{self.name}_slide", "prismatic", axis, "slide"),
-            ]
-        kind = "continuous" if self.kind in ("revolute", "universal") else self.kind
-        names = (self.name, f"{self.name}_2")
-        turns = zip(names, self.axes, _AXES.get(self.kind, ()), strict=False)
-        return [(name, kind, axis, tag) for name, axis, tag in turns] or [(self.name, kind, None, "")]
+        if not self.axes:
+            return [(self.name, self.kind, None, "")]
+        axes = 2 * self.axes if self.kind == "screw" else self.axes
+        motions = zip(_MOTIONS[self.kind], axes, strict=True)
+        return [(self.name + suffix, kind, axis, tag) for (suffix, kind, tag), axis in motions]
 
     def dynamics(self) -> dict[str, JointDynamics]:
         """Return damping, friction and spring of each motion that has some."""
@@ -343,7 +344,8 @@ def _joint(scope: Scope, name: str, links: tuple[str, str]) -> _Joint:
     first, second = (
         inverse(scope.place(link)) @ place for link, place in zip(links, (in_parent, in_child), strict=True)
     )
-    axes = tuple(_axis(scope, name, tag) for tag in _AXES.get(kind, ()))
+    tags = [tag for _, _, tag in _MOTIONS.get(kind, ()) if tag != "slide"]
+    axes = tuple(_axis(scope, name, tag) for tag in tags)
     return _Joint(name, element, kind, links, (first, second), axes)
 
 
@@ -444,14 +446,17 @@ def _urdf(scope: Scope, joints: Sequence[_Joint], chosen: Sequence[str], name: s
     links = [link for link in scope.links if link in part]
     waiting = [WORLD if WORLD in part else next((link for link in links if link not in children), links[0])]
     taken = {*links, WORLD}
+    in_tree = [joint for joint in joints if joint.name in chosen]
     for link in waiting:  # which grows
         root.append(_link(scope, link))
-        for joint in (joint for joint in joints if joint.name in chosen):
-            if link in joint.links and not set(joint.links) <= set(waiting):
-                step = 1 if link == joint.links[0] else -1
-                other, end = joint.links[::step][1], inverse(joint.places[::step][1])
-                root.extend(chain_elements(link, _motions(joint, step), other, end, taken))
-                waiting.append(other)
+        for joint in in_tree:
+            step = 1 if link == joint.links[0] else -1
+            near, far = joint.links[::step]
+            if link != near or far in waiting:
+                continue
+            end = inverse(joint.places[::step][1])
+            root.extend(chain_elements(link, _motions(joint, step), far, end, taken))
+            waiting.append(far)
     for joint in joints:
         if joint.kind == "screw" and joint.name not in chosen:
             stub = f"{joint.name}_stub"

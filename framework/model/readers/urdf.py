@@ -235,7 +235,7 @@ def _closing_frames(tree: UrdfTree) -> list[Closure]:
 
 
 def _joints_of_other_programs(tree: UrdfTree) -> list[Closure]:
-    """Return the closures of joints of Gazebo and constraints of Drake, read as those of SDF at zero."""
+    """Return the closures of joints of Gazebo and constraints of Drake."""
     scope, model = Scope(version=np.inf), ElementTree.Element("model")
     for link in tree.links:
         scope.links[link] = ElementTree.Element("link")
@@ -271,12 +271,3 @@ def _yaml_closures(tree: UrdfTree, content: Mapping[str, Any]) -> list[Closure]:
         places = [(end, name, inverse(tree.zero_pose(name)) @ point) for end, name in ends]
         closures.append(tree.close(f"loop_{i + 1}", "revolute", places, [axis]))
     return closures
-
-
-def urdf_of_closures(path: Path) -> Path:
-    """Return the URDF of a loop_closures.yaml: the only one in its folder or package."""
-    for folder in (path.parent, path.parent / "urdf", path.parent.parent / "urdf"):
-        urdfs = list(folder.glob("*.urdf"))
-        if len(urdfs) == 1:
-            return urdfs[0]
-    raise RobotFileError("a list of closures: give the URDF that they are of")

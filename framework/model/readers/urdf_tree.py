@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -45,29 +45,40 @@ def _remove_other_programs(root: ElementTree.Element, valid: Sequence[str]) -> C
     """
     unused, arguments = Counter[str](), ""
     for element in list(root):
-        tag, is_macro = local_name(element.tag), "xacro" in element.tag
-        is_leftover = is_macro and tag in ("property", "arg", "macro")
-        if not is_macro and tag not in valid:
-            if "}" not in element.tag and nearest(tag, valid):
-                raise RobotFileError(choose_from("element", tag, valid))
+        tag = local_name(element.tag)
+        if _is_of_xacro(element):
+            if tag == "arg":
+                arguments += f" {element.get('name')}:={element.get('default')}"
+            if tag in ("property", "arg", "macro"):
+                root.remove(element)
+        elif tag in valid:
+            unused.update(_unused_parts(element, tag))
+        elif "}" not in element.tag and nearest(tag, valid):
+            raise RobotFileError(choose_from("element", tag, valid))
+        else:
             unused[f"<{tag}>"] += 1
-            is_leftover = True
-        elif tag == "arg":
-            arguments += f" {element.get('name')}:={element.get('default')}"
-        if is_leftover:
             root.remove(element)
-        elif tag in ("gazebo", "sensor") and element.find("joint/child") is None:
-            unused[f"<{tag}>"] += 1
-        unused.update(f"<{child.tag}>" for child in element if child.tag not in _USED.get(tag, [child.tag]))
     for element in root.iter():
-        is_macro = "xacro" in element.tag.partition("}")[0]
-        if is_macro or any("${" in value or "$(" in value for value in element.attrib.values()):
+        if _is_of_xacro(element) or any("${" in value or "$(" in value for value in element.attrib.values()):
             raise RobotFileError(
                 f"<{local_name(element.tag)}>: expand the xacro macros first: xacro FILE{arguments} > OUT"
             )
         for key in [key for key in element.attrib if key.startswith("{")]:
             del element.attrib[key]
     return unused
+
+
+def _is_of_xacro(element: ElementTree.Element) -> bool:
+    return "xacro" in element.tag.partition("}")[0]
+
+
+def _unused_parts(element: ElementTree.Element, tag: str) -> Iterator[str]:
+    """Yield the tags of unused parts of an element, or its own."""
+    if tag in ("gazebo", "sensor") and element.find("joint/child") is None:
+        yield f"<{tag}>"
+    for child in element if tag in _USED else ():
+        if child.tag not in _USED[tag]:
+            yield f"<{child.tag}>"
 
 
 def merge_sharing(groups: Iterable[Iterable[str]]) -> list[list[str]]:
@@ -91,8 +102,6 @@ class UrdfTree(Tree):
 
     def __init__(self, root: ElementTree.Element, extra: Sequence[str] = ()) -> None:
         """Check a URDF and take out elements of other programs, `extra` ones kept aside."""
-        if root.tag != "robot":
-            raise RobotFileError(f"<{root.tag}>: the root of a URDF is <robot>")
         attribute(root, "<robot>", "name")
         self.root = root
         names = {link.get("name") for link in root.findall("link")}
@@ -250,16 +259,15 @@ class UrdfTree(Tree):
             if name in self.joints or f"{name}_link" in self.links:
                 raise RobotFileError(f"joint {joint.name!r}: needs the name {name!r}, taken in the URDF")
         position = list(self.root).index(joint.element)
-        self.root.remove(joint.element)
         del self.joints[joint.name]
         motions = [
             ChainJoint(name, "continuous", np.eye(4), np.eye(3)["xyz".index(axis)])
             for name, axis in zip(names, axes.lower(), strict=True)
         ]
         motions[0] = motions[0]._replace(place=joint.origin)
-        chain = chain_elements(joint.parent, motions, joint.child, np.eye(4), set(self.links))
-        for place, element in enumerate(chain, position):
-            self.root.insert(place, element)
+        chain = list(chain_elements(joint.parent, motions, joint.child, np.eye(4), set(self.links)))
+        self.root[position : position + 1] = chain
+        for element in chain:
             if element.tag == "link":
                 self.links.append(element.get("name", ""))
             else:

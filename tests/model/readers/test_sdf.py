@@ -15,6 +15,7 @@ from framework.kinematics.mechanism import Mechanism
 from framework.model.description import JointDynamics
 from framework.model.readers import read_any
 from framework.model.readers.recognise import parse_any
+from tests.model.readers.foreign_files import short_move
 
 INERTIAL = (
     "<inertial><pose>{x} 0 0 0 0 0</pose><mass>{m}</mass><inertia><ixx>0.001</ixx><iyy>0.01</iyy>"
@@ -89,6 +90,70 @@ def five_bar_urdf() -> str:
         '<child_origin xyz="0.25 0 0"/></constraint>'
     )
     return f'<robot name="five_bar">{text}{tip}</robot>'
+
+
+def fingers_urdf() -> str:
+    """Two fingers that turn about y, the second by -2 times the first and 0.1 rad."""
+    text = '<link name="world"/>'
+    for name, x, mimic in (("a", 0.2, ""), ("b", -0.2, '<mimic joint="ja" multiplier="-2" offset="0.1"/>')):
+        text += (
+            f'<link name="{name}"><inertial><origin xyz="0.1 0 0"/><mass value="1"/><inertia ixx="0.01" '
+            f'iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+            f'<joint name="j{name}" type="continuous"><parent link="world"/><child link="{name}"/>'
+            f'<origin xyz="{x} 0 0"/><axis xyz="0 1 0"/>{mimic}</joint>'
+        )
+    return f'<robot name="fingers">{text}</robot>'
+
+
+def fingers_mjcf() -> str:
+    bodies = "".join(
+        f'<body name="{name}" pos="{x} 0 0"><joint name="j{name}" axis="0 1 0"/>'
+        f'<inertial pos="0.1 0 0" mass="1" diaginertia="0.01 0.02 0.02"/></body>'
+        for name, x in (("a", 0.2), ("b", -0.2))
+    )
+    coupled = '<equality><joint joint1="jb" joint2="ja" polycoef="0.1 -2 0 0 0"/></equality>'
+    return f'<mujoco model="fingers"><worldbody>{bodies}</worldbody>{coupled}</mujoco>'
+
+
+def fingers_sdf() -> str:
+    text = ""
+    mimic = '<mimic joint="ja"><multiplier>-2</multiplier><offset>0.1</offset></mimic>'
+    for name, x, more in (("a", 0.2, ""), ("b", -0.2, mimic)):
+        text += (
+            f'<link name="{name}"><pose>{x} 0 0 0 0 0</pose>'
+            f"<inertial><pose>0.1 0 0 0 0 0</pose><mass>1</mass>"
+            f"<inertia><ixx>0.01</ixx><iyy>0.02</iyy><izz>0.02</izz></inertia></inertial></link>"
+            f'<joint name="j{name}" type="revolute"><parent>world</parent><child>{name}</child>'
+            f"<axis><xyz>0 1 0</xyz>{more}</axis></joint>"
+        )
+    return f'<sdf version="1.11"><model name="fingers">{text}</model></sdf>'
+
+
+def test_fingers_that_mimic_have_one_plan_in_three_formats(tmp_path):
+    """That of the law of motion: what each finger needs, as the first finger feels it."""
+    plans = []
+    for name, text in (("a.urdf", fingers_urdf()), ("a.xml", fingers_mjcf()), ("a.sdf", fingers_sdf())):
+        (tmp_path / name).write_text(text)
+        description = read_any(tmp_path / name, platform_joints=["jb"], motors=["ja"])
+        plans.append(short_move(ParallelRobot.from_description(description)))
+    t = np.linspace(0.0, 1.0, 41)
+    turn, acceleration = (plans[0].motor_angle(t, order)[:, 0] for order in (0, 2))
+    second = 0.1 - 2.0 * turn
+    weights = (
+        9.81 * 0.1 * (2.0 * np.cos(second) - np.cos(turn))
+    )  # about y, the first finger's and -2 x the second's
+    expected = (0.02 + 0.1**2) * 5.0 * acceleration + weights
+    for plan in plans:
+        np.testing.assert_allclose(
+            plan.torque(t)[:, 0], expected, rtol=0, atol=1e-10 * np.abs(expected).max()
+        )
+
+
+def test_a_negative_damping_is_refused_by_the_name_of_its_joint(tmp_path):
+    damped = "<axis><dynamics><damping>-1</damping></dynamics>"
+    (tmp_path / "a.sdf").write_text(fingers_sdf().replace("<axis>", damped, 1))
+    with pytest.raises(RobotFileError, match="joint 'ja': armature, damping, friction and stiffness must not"):
+        read_any(tmp_path / "a.sdf", platform_joints=["jb"], motors=["ja"])
 
 
 def test_one_mechanism_in_three_formats_has_one_plan(tmp_path):
