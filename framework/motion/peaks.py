@@ -27,8 +27,8 @@ def peak_sizes(function: Callable[[Array], Array], edges: Array, size: int) -> A
     """
     half_widths = 0.5 * np.diff(edges)[:, None]
     t = (edges[:-1, None] + half_widths * (nodes(NODE_RATIO * size) + 1.0)).ravel()
-    t = np.clip(t, edges[0], edges[-1])
-    values = np.abs(function(t))
+    t = np.clip(t, edges[0], edges[-1])  # (T,)
+    values = np.abs(function(t))  # (T, k)
     largest = values.max(axis=0)
     padded = np.pad(values, ((1, 1), (0, 0)), constant_values=-np.inf)
     is_local_maximum = (values >= padded[:-2]) & (values >= padded[2:])
