@@ -417,10 +417,11 @@ class GaussNewton:
     def _set_noise(self, equations: ParameterEquations, residual: float) -> None:
         """Estimate the noise s over the assumed noise from the root mean square `residual`, and the freedom.
 
-        A fit of N equations with a prior determines r = sum of w^2 / (w^2 + s^2) parameters, with w the
-        singular values of the rows. Its residuals have the expected sum of squares s^2 (N - r) = N
-        residual^2, which is solved for s; the left side grows with s. With a freedom N - r below 1 the noise
-        is the assumed one.
+        A fit of N equations with a prior determines r(s) = sum of w^2 / (w^2 + s^2) parameters, with w the
+        singular values of the rows: the effective number of parameters of ridge regression (Hastie,
+        Tibshirani and Friedman, The Elements of Statistical Learning, 2009, section 3.4.1). Its residuals
+        have the expected sum of squares s^2 (N - r(s)) = N residual^2, which is solved for s; the left side
+        grows with s. With a freedom N - r below 1 the noise is the assumed one.
         """
         count = equations.right.size - self.measured.driven * len(self.q)
         powers = self._squared_singular_values(equations)

@@ -383,20 +383,24 @@ def slowness_on_panels(cells: Array, series: Array, stretch: Stretch) -> TimeFun
     edges = stretch.inverse(cells if len(cells) > 2 else nodes(5))
     edges[[0, -1]] = 0.0, 1.0
     while len(edges) <= MAX_PANELS:
-        grid = TimeGrid(edges, PANEL_NODES)
+        grid, widths = TimeGrid(edges, PANEL_NODES), np.diff(edges)
         z = evaluate_on_cells(cells, series, stretch(grid.times))
         if not z.min() > 0:
             break
-        slowness, width = grid.fit(z[:, None] ** -0.5), np.diff(edges)
-        truncation = np.abs(slowness.coefficients[:, -2:, 0]).max(axis=1) * width
-        rounding = 0.5 * z_rounding * z.reshape(-1, PANEL_NODES).min(axis=1) ** -1.5 * width
-        duration = slowness.coefficients[:, 0, 0] @ width  # about: by the mean of each panel
+        slowness = grid.fit(z[:, None] ** -0.5)
+        panel_series = slowness.coefficients[:, :, 0]  # (panels, PANEL_NODES)
+        least_z = z.reshape(-1, PANEL_NODES).min(axis=1)
+        # errors of each panel's time, and the duration by the mean of each panel
+        truncation = np.abs(panel_series[:, -2:]).max(axis=1) * widths
+        rounding = 0.5 * z_rounding * least_z**-1.5 * widths
+        duration = panel_series[:, 0] @ widths
         unresolved = np.flatnonzero(truncation > np.maximum(SLOWNESS_TAIL * duration, rounding))
         if not len(unresolved):
             if rounding.sum() > SLOWNESS_ROUNDING * duration:
                 break
             return slowness
-        edges = np.sort(np.concatenate([edges, 0.5 * (edges[unresolved] + edges[unresolved + 1])]))
+        middles = 0.5 * (edges[unresolved] + edges[unresolved + 1])
+        edges = np.sort(np.concatenate([edges, middles]))
     raise InvalidInput("law: the speed of an optimal law comes too near to zero to be resolved")
 
 

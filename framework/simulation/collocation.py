@@ -272,18 +272,19 @@ class NewtonMatrix:
         s, m, nv = jacobian.shape
         Q, R = np.linalg.qr(jacobian.transpose(0, 2, 1), mode="complete")
         try:
-            onto = Q[:, :, :m] @ np.linalg.inv(R[:, :m]).transpose(0, 2, 1)
+            onto = Q[:, :, :m] @ np.linalg.inv(R[:, :m]).transpose(0, 2, 1)  # (s, nv, m)
         except np.linalg.LinAlgError:
             return None
-        free = Q[:, :, m:]
-        rows = (free.transpose(0, 2, 1) @ by_motion).reshape(-1, 3 * nv)
-        columns = free.transpose(1, 0, 2).reshape(nv, -1)
-        shape = (s, nv - m, s, nv - m)
-        matrix = (rates @ rates)[:, None, :, None] * (rows[:, :nv] @ columns).reshape(shape)
-        matrix += (length * rates)[:, None, :, None] * (rows[:, nv : 2 * nv] @ columns).reshape(shape)
+        free = Q[:, :, m:]  # (s, nv, f)
+        f = nv - m
+        by_a, by_v, by_q = np.split((free.transpose(0, 2, 1) @ by_motion).reshape(s * f, 3 * nv), 3, axis=1)
+        columns = free.transpose(1, 0, 2).reshape(nv, s * f)
+        # block (i, j): free_i' (M_i / h^2 (A^-1 A^-1)_ij + D_i / h A^-1_ij + K_i 1_ij) free_j, times h^2
+        matrix = (rates @ rates)[:, None, :, None] * (by_a @ columns).reshape(s, f, s, f)
+        matrix += (length * rates)[:, None, :, None] * (by_v @ columns).reshape(s, f, s, f)
         nodes = np.arange(s)
-        matrix[nodes, :, nodes] += length**2 * (rows[:, 2 * nv :].reshape(s, -1, nv) @ free)
-        *factors, singular = dgetrf(matrix.reshape(len(rows), -1))
+        matrix[nodes, :, nodes] += length**2 * (by_q.reshape(s, f, nv) @ free)
+        *factors, singular = dgetrf(matrix.reshape(s * f, s * f))
         if singular:
             return None
         return NewtonMatrix(length, rates, by_motion, onto, free, (factors[0], factors[1]))
