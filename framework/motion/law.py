@@ -252,7 +252,10 @@ def advances_and_peaks(duration: float, smoothness: int, times: Array, values: A
 
 
 def _least_over_mean(series: Array) -> float:
-    """Return the least value on [-1, 1] of a Chebyshev series (size,) over its mean absolute value."""
+    """Return the least value on [-1, 1] of a Chebyshev series (size,) over its mean absolute value.
+
+    The least value is at an end, where T_k is 1 or (-1)^k, or at a zero of the derivative.
+    """
     at_plus_one = np.sum(series)
     at_minus_one = np.sum(series[::2]) - np.sum(series[1::2])
     at_extrema = evaluate(extrema(series), series)

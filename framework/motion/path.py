@@ -160,9 +160,8 @@ class Arc(PointPath):
         u, chord = (start - center) / radius, via - start
         across = chord - (chord @ u) * u
         spokes = np.array([u, across / np.linalg.norm(across)])
-        angle_via, angle_end = (
-            float(np.arctan2(*(spokes @ (point - center))[::-1]) % (2 * np.pi)) for point in (via, end)
-        )
+        cosines, sines = spokes @ (points[1:] - center).T  # of via and end
+        angle_via, angle_end = (np.arctan2(sines, cosines) % (2 * np.pi)).tolist()
         # `via` lies between the ends: its angle decides in which direction the arc turns
         angle = angle_end if angle_via < angle_end else angle_end - 2 * np.pi
         _hold(self, start=start, via=via, end=end, points=points)
@@ -409,15 +408,18 @@ def _gauss() -> tuple[Array, Array]:
 
 
 def _intervals(path: Path) -> tuple[Array, Array]:
-    """Return starts and lengths of intervals (DIFFERENCE_INTERVALS,) in [0, 1] that contain no knot."""
+    """Return starts and lengths of intervals (DIFFERENCE_INTERVALS,) in [0, 1] that contain no knot.
+
+    Starts are multiples of the golden ratio modulo 1, moved down where the interval would reach over a knot.
+    """
     knots = np.asarray(path.knots, dtype=float)
     edges = np.concatenate(([0.0], knots, [1.0]))
     if not np.all(np.diff(edges) > 0):
         raise InvalidInput(f"path: knots must ascend inside (0, 1), got {knots.tolist()}")
-    places = np.mod(GOLDEN_RATIO * np.arange(1, DIFFERENCE_INTERVALS + 1), 1.0)
-    panel = np.searchsorted(edges, places, side="right") - 1
+    starts = np.mod(GOLDEN_RATIO * np.arange(1, DIFFERENCE_INTERVALS + 1), 1.0)
+    panel = np.searchsorted(edges, starts, side="right") - 1
     lengths = np.minimum(INTERVAL_LENGTH, np.diff(edges)[panel])
-    return np.minimum(places, edges[panel + 1] - lengths), lengths
+    return np.minimum(starts, edges[panel + 1] - lengths), lengths
 
 
 def _values(path: Path, s: Array, order: int) -> Array:

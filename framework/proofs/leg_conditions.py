@@ -92,15 +92,17 @@ def _group(robot: ParallelRobot) -> Displacements | None:
 
 def _chains(robot: ParallelRobot) -> Iterator[list[_Edge]]:
     """Return all chains from the base to the platform's body that pass no body twice."""
-    model, edges = robot.model, dict[int, list[_Edge]]()
-    for joint in range(1, model.njoints):
-        parent = int(model.parents[joint])
-        edges.setdefault(parent, []).append(_Edge(joint, joint, None, True))
-        edges.setdefault(joint, []).append(_Edge(parent, joint, None, False))
+    model = robot.model
+    connections: list[tuple[int, int, int, Closure | None]] = [  # first body, second body, joint, closure
+        (int(model.parents[joint]), joint, joint, None) for joint in range(1, model.njoints)
+    ]
     for closure in robot.description.closures:
         first, second = (int(model.frames[model.getFrameId(name)].parentJoint) for name in closure.frames)
-        edges.setdefault(first, []).append(_Edge(second, 0, closure, True))
-        edges.setdefault(second, []).append(_Edge(first, 0, closure, False))
+        connections.append((first, second, 0, closure))
+    edges: list[list[_Edge]] = [[] for _ in range(model.njoints)]  # from each body
+    for first, second, joint, between in connections:
+        edges[first].append(_Edge(second, joint, between, True))
+        edges[second].append(_Edge(first, joint, between, False))
     platform = int(model.frames[robot.frames[0]].parentJoint)
 
     def continue_chain(body: int, passed: frozenset[int]) -> Iterator[list[_Edge]]:
@@ -108,7 +110,7 @@ def _chains(robot: ParallelRobot) -> Iterator[list[_Edge]]:
         if body == platform:
             yield []
             return
-        for edge in edges.get(body, []):
+        for edge in edges[body]:
             if edge.to not in passed:
                 for rest in continue_chain(edge.to, passed | {edge.to}):
                     yield [edge, *rest]

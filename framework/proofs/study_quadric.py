@@ -67,7 +67,7 @@ class QuadricFamily:
         return np.einsum("mij,ti,tj->tm", self.members, z, z)
 
     def random_point(self, rng: np.random.Generator) -> ComplexArray:
-        """Return a point (N,) on all fixed quadrics."""
+        """Return a point (N,) on all fixed quadrics, by Newton's method from random complex numbers."""
         z = rng.standard_normal(self.size) + 1j * rng.standard_normal(self.size)
         for _ in range(NEWTON_STEPS if len(self.fixed) else 0):
             slopes = 2 * self.fixed @ z
@@ -225,7 +225,10 @@ def planar(axis: int) -> Displacements:
 
 @cache
 def translations(axes: tuple[int, ...]) -> Displacements:
-    """Return the translations along two or three base axes: circles or spheres, at most 2 solutions."""
+    """Return the translations along two or three base axes: circles or spheres, at most 2 solutions.
+
+    With z = (1, p) the functions are 1, |p|^2 and the coordinates of p.
+    """
     chosen = np.array([0, 1, *(2 + k for k in axes)])
     size = len(axes) + 1
     forms = np.zeros((len(chosen), size, size))

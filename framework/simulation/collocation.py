@@ -74,15 +74,20 @@ class Collocation(ReadOnlyArrays):
 
 @lru_cache(maxsize=32)
 def radau(stages: int) -> Collocation:
-    """Compute the table of Radau IIA with that many stages."""
+    """Compute the table of Radau IIA with s stages.
+
+    The inner nodes are the zeros of the Jacobi polynomial P_(s-1)^(1,0), which times (1 - x) is
+    P_(s-1) - P_s. All else follows from Legendre polynomials in x = 2 c - 1.
+    """
     from scipy.special import roots_jacobi
 
     inner = roots_jacobi(stages - 1, 1.0, 0.0)[0] if stages > 1 else np.empty(0)
     nodes = np.append((inner + 1) / 2, 1.0)
-    series = np.linalg.inv(legendre.legvander(2 * nodes - 1, stages - 1))
-    of_integral = legendre.legint(np.eye(stages), lbnd=-1, scl=0.5, axis=0) @ series
-    once = legendre.legvander(2 * nodes - 1, stages) @ of_integral
-    with_start = np.linalg.inv(legendre.legvander(2 * np.append(0.0, nodes) - 1, stages))
+    x = 2 * nodes - 1
+    series = np.linalg.inv(legendre.legvander(x, stages - 1))  # (s, s) values to coefficients
+    of_integral = legendre.legint(np.eye(stages), lbnd=-1, scl=0.5, axis=0) @ series  # (s + 1, s)
+    once = legendre.legvander(x, stages) @ of_integral  # (s, s) values to integrals from 0
+    with_start = np.linalg.inv(legendre.legvander(np.append(-1.0, x), stages))
     rates = np.asarray(np.linalg.inv(once), dtype=float)
     return Collocation(nodes, once, rates, series, with_start, of_integral)
 
@@ -221,7 +226,11 @@ class _StepEquations:
         return _Balance(slope, torque, tangent, force)
 
     def newton_matrix(self, tangent: Tangent, multipliers: Array) -> NewtonMatrix | None:
-        """Return Newton's matrix; None where the equations are singular."""
+        """Return Newton's matrix; None where the equations are singular.
+
+        The force depends on q through the tree and springs, the curvature of the loops under their
+        multipliers (s, m), and a feedback, on v through the tree, dampers and the feedback.
+        """
         robot, rows = self.equations.robot, self.equations.rows
         by_q = tangent.by_q - loop_curvature(robot, rows, tangent.frames, multipliers)
         by_v = tangent.by_v.copy()
@@ -236,11 +245,23 @@ class _StepEquations:
         """Return the step with its power and the unresolved part."""
         robot = self.equations.robot
         q, v, slope = self.nodes(a, balance.slope)
-        power = np.sum(robot.gear_ratio * balance.torque * v[:, robot.actuated], axis=1)
-        power += np.sum(self.drive.world(robot, self.times, q) * v, axis=1)
-        motion = (self.q0, self.v0, q, v, a, multipliers, slope)
-        unresolved = self._unresolved_part(slope)
-        return CollocationStep(self.table, self.time, self.length, *motion, power, iterations, unresolved)
+        power = np.vecdot(robot.gear_ratio * balance.torque, v[:, robot.actuated])  # (s,)
+        power += np.vecdot(self.drive.world(robot, self.times, q), v)
+        return CollocationStep(
+            self.table,
+            self.time,
+            self.length,
+            self.q0,
+            self.v0,
+            q,
+            v,
+            a,
+            multipliers,
+            slope,
+            power,
+            iterations,
+            self._unresolved_part(slope),
+        )
 
     def _unresolved_part(self, slope: Array) -> float:
         """Estimate the first Legendre coefficient that the step leaves out [rad, robot lengths].

@@ -35,20 +35,23 @@ class AllowedMotions(NamedTuple):
 
 
 def allowed_motions(equations: EquationsOfMotion, tangent: Tangent) -> AllowedMotions:
-    """Compute the motions that the loops allow, each state for itself to the last bit."""
-    robot = equations.robot
-    scale, count = robot.column_scale[:, None], tangent.jacobian.shape[1]
-    loops = scale_jacobian(robot, tangent.jacobian, equations.rows.rotation)
-    left, sizes, right = np.linalg.svd(loops)
-    # redundant rows are gone; what else loses rank is a singularity of the closures and no free motion
-    allowed = right[:, count:].swapaxes(1, 2)
+    """Compute the motions that the loops allow, each state for itself to the last bit.
+
+    They are the null space Z of the loops' Jacobian J, turned to the eigenvectors of Z' M Z. Redundant rows
+    are left out of J; what else loses rank is a singularity of the closures and no free motion.
+    """
+    robot, rows = equations.robot, tangent.jacobian.shape[1]
+    scale = robot.column_scale[:, None]  # (nv, 1)
+    J = scale_jacobian(robot, tangent.jacobian, equations.rows.rotation)  # (T, m, nv)
+    left, sizes, right = np.linalg.svd(J)
+    Z = right[:, rows:].swapaxes(1, 2)  # (T, nv, d)
     mass = tangent.mass * scale * scale[:, 0]
-    values, vectors = np.linalg.eigh(matmul(allowed.swapaxes(1, 2), matmul(mass, allowed)))
+    inertias, axes = np.linalg.eigh(matmul(Z.swapaxes(1, 2), matmul(mass, Z)))  # ascending
     diagonal = np.diagonal(mass, axis1=1, axis2=2)
-    largest = np.maximum(values.max(axis=1, initial=0.0), diagonal.max(axis=1, initial=0.0))
-    light = values <= EIGENVALUE_ROUNDING * largest[:, None]
+    largest = np.maximum(inertias.max(axis=1, initial=0.0), diagonal.max(axis=1, initial=0.0))
+    light = inertias <= EIGENVALUE_ROUNDING * largest[:, None]
     closing = _pseudo_inverse(left, sizes, right) / robot.loop_lengths
-    return AllowedMotions(scale * matmul(allowed, vectors), light, scale * closing)
+    return AllowedMotions(scale * matmul(Z, axes), light, scale * closing)
 
 
 def _pseudo_inverse(left: Array, sizes: Array, right: Array) -> Array:

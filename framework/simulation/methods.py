@@ -148,21 +148,26 @@ def integrate_by_fixed_steps(task: IntegrationTask, settings: MethodSettings) ->
 
 
 def _fixed_steps(task: IntegrationTask, edges: Array) -> Iterator[FixedStep]:
-    """Yield steps between the instants `edges` (K + 1,) with the torque of their middle."""
+    """Yield steps between the instants `edges` (K + 1,) with the torque of their middle.
+
+    A feedback answers to the state at the beginning of a step, as a digital controller does. The forces of
+    the world are those of the predicted middle; the power is that of the mean velocity.
+    """
     drive, robot, damping = task.drive, task.equations.robot, task.equations.damping
     stepper, h = Stepper.of(robot, damping=damping), task.duration / (len(edges) - 1)
     middles, state = edges[:-1] + 0.5 * h, task.start
-    torques = drive.of_time(middles)
-    for k, middle in enumerate(middles):
+    torques = drive.of_time(middles)  # (K, n_a), None with feedback
+    for k in range(len(middles)):
         q, v = state
         torque = torques[k] if torques is not None else drive(edges[k : k + 1], q[None], v[None])[0]
-        world = None
+        world = np.zeros_like(v)
         if drive.world.acts:
-            world = drive.world(robot, np.array([middle]), integrate(robot, q[None], (0.5 * h * v)[None]))[0]
+            q_middle = integrate(robot, q[None], (0.5 * h * v)[None])
+            world = drive.world(robot, middles[k : k + 1], q_middle)[0]
         state = stepper.step(q, v, torque, h, world=world)
-        v = 0.5 * (v + state.v)
-        power = float((robot.gear_ratio * torque) @ v[robot.actuated] - v**2 @ damping)
-        power += 0.0 if world is None else float(world @ v)
+        mean_v = 0.5 * (v + state.v)
+        motor_power = (robot.gear_ratio * torque) @ mean_v[robot.actuated]
+        power = float(motor_power - mean_v**2 @ damping + world @ mean_v)
         yield FixedStep(float(edges[k]), float(edges[k + 1]), h, state, power)
 
 

@@ -40,7 +40,10 @@ class State(NamedTuple):
 
 
 def _solve(mass: Array, jacobian: Array, forces: Array, rates: Array) -> Array:
-    """Compute accelerations (R, nv), infinite where the equations are singular."""
+    """Compute accelerations (R, nv), infinite where the equations are singular.
+
+    The equations are mass a + jacobian' (-lambda) = forces and jacobian a = rates.
+    """
     runs, m, nv = jacobian.shape
     matrix = np.zeros((runs, nv + m, nv + m))
     matrix[:, :nv, :nv] = mass
@@ -130,7 +133,10 @@ def extrapolate(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) 
 
 
 def runge_kutta(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) -> State:
-    """Step by the classical Runge-Kutta method of order 4 on pinocchio's contact dynamics, run by run."""
+    """Step by the classical Runge-Kutta method of order 4 on pinocchio's contact dynamics, run by run.
+
+    With y = (q, v) and dy/dt = (v, a(q, v)): stages at 0, h/2, h/2 and h, with weights 1/6, 1/3, 1/3, 1/6.
+    """
     new = State(np.empty_like(q), np.empty_like(v))
     several = len(stack.contacts) > 1
     for k in range(len(q)):
