@@ -28,6 +28,7 @@ from framework.tolerances import SAME_PLACE, STOP_AT_CROSSING
 LAW_ROOT_ROUNDING = 1e-12  # residual in s of a root of the law
 MAX_NEWTON_STEPS, NEWTON_RESIDUAL = 3, 1e-15  # to a root of the law; residual in s that ends them
 SAMPLES = 17  # of a motion, for the size of its forces
+MAX_CROSSINGS_ON_PANEL = 3  # of a law without panels: for more 512 nodes are slower or too few
 EDGE_CLEARANCE = 0.1  # of a panel: an edge nearer to a crossing is moved, as edges are nodes
 
 
@@ -35,8 +36,9 @@ def panel_edges(branch: Branch, law: MotionLaw, clear_of: Iterable[float] = ()) 
     """Return the edges [s] of panels on which all functions of time are smooth, ascending.
 
     They are the ends of the motion and of the law's panels, and the instants of the branch's knots. Every
-    edge is a node, and no node may be at an instant of `clear_of` [s]: an edge of the law near such an
-    instant is moved beside it.
+    edge is a node, and no node may be at an instant of `clear_of` [s], those of crossings: an edge of the law
+    near such an instant is moved beside it. A law without panels has one for each of many crossings: the
+    number of nodes that resolves a motion then grows in proportion.
     """
     ends = np.array([0.0, law.duration])
     own_edges = getattr(law, "edges", ())
@@ -47,6 +49,10 @@ def panel_edges(branch: Branch, law: MotionLaw, clear_of: Iterable[float] = ()) 
             narrower = np.diff(ends)[max(k - 1, 0) : k + 1].min()
             if 0 < k < len(ends) - 1 and abs(ends[k] - t) < EDGE_CLEARANCE * narrower:
                 ends[k] = t + 3.0 * EDGE_CLEARANCE * narrower
+    else:
+        crossings = np.sort(np.fromiter(clear_of, dtype=float))
+        if len(crossings) > MAX_CROSSINGS_ON_PANEL:
+            ends = np.insert(ends, 1, 0.5 * (crossings[1:] + crossings[:-1]))
     knots = branch.knots
     if not len(knots):
         return ends

@@ -286,10 +286,13 @@ def _describe_unseen(
 
 
 def _sensors(model: ParallelRobot, q: Array) -> dict[str, Array]:
-    """Return the derivatives (T, nv) along all joints of all measurable quantities at q (T, nq), by name."""
-    frames = frames_at(model, q)
+    """Return the derivatives (T, nv) along all joints of all measurable quantities at q (T, nq), by name.
+
+    They are the position and the turns of the platform's frame, and the angles of single joints.
+    """
+    jacobian = frames_at(model, q).jacobian[:, 0]  # (T, 6, nv)
     axes = [*(f"platform_{axis}" for axis in "xyz"), *(f"the platform's turn about {axis}" for axis in "xyz")]
-    sensors = {axis: frames.jacobian[:, 0, k] for k, axis in enumerate(axes)}
+    sensors = {axis: jacobian[:, k] for k, axis in enumerate(axes)}
     for column, name in joint_names(model).items():
         sensors[name] = np.tile(np.eye(model.model.nv)[column], (len(q), 1))
     return sensors
@@ -377,7 +380,10 @@ class GaussNewton:
         return matrix * self.prior, residual
 
     def _change(self, equations: ParameterEquations, damping: float) -> Array:
-        """Return the damped Gauss-Newton step (p,) by least squares on data, prior and damping."""
+        """Return the damped Gauss-Newton step (p,) by least squares on data, prior and damping.
+
+        In units of the prior deviations the rows are [data; 1; sqrt(damping)] step = -[residual; values; 0].
+        """
         matrix, residual = self._system(equations)
         identity = np.eye(len(self.prior))
         rows = np.concatenate([matrix, identity, np.sqrt(damping) * identity])
@@ -391,7 +397,11 @@ class GaussNewton:
         return float(residual @ residual + np.sum((values / self.prior) ** 2))
 
     def _weigh(self, equations: ParameterEquations) -> float:
-        """Set the noise by the median residual of instants, and Huber's weights; return the cost."""
+        """Set the noise by the median residual of instants, and Huber's weights; return the cost.
+
+        An instant whose residual is above HUBER times the noise has the weight HUBER noise / residual, so
+        that its cost grows linearly (Huber, Annals of Mathematical Statistics 35, 1964).
+        """
         rank_per_instant = equations.right.shape[1] - self.measured.driven
         sizes = np.sqrt(np.sum(equations.right**2, axis=1) / max(rank_per_instant, 1))
         self._set_noise(equations, np.median(sizes))
@@ -417,10 +427,11 @@ class GaussNewton:
     def _set_noise(self, equations: ParameterEquations, residual: float) -> None:
         """Estimate the noise s over the assumed noise from the root mean square `residual`, and the freedom.
 
-        A fit of N equations with a prior determines r = sum of w^2 / (w^2 + s^2) parameters, with w the
-        singular values of the rows. Its residuals have the expected sum of squares s^2 (N - r) = N
-        residual^2, which is solved for s; the left side grows with s. With a freedom N - r below 1 the noise
-        is the assumed one.
+        A fit of N equations with a prior determines r(s) = sum of w^2 / (w^2 + s^2) parameters, with w the
+        singular values of the rows: the effective number of parameters of ridge regression (Hastie,
+        Tibshirani and Friedman, The Elements of Statistical Learning, 2009, section 3.4.1). Its residuals
+        have the expected sum of squares s^2 (N - r(s)) = N residual^2, which is solved for s; the left side
+        grows with s. With a freedom N - r below 1 the noise is the assumed one.
         """
         count = equations.right.size - self.measured.driven * len(self.q)
         powers = self._squared_singular_values(equations)

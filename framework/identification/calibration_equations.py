@@ -63,21 +63,19 @@ def measurements_of(geometry: Geometry, data: Recording, noise: dict[str, float]
             f"{data.source}: motor angles alone show nothing of the geometry; platform_"
             f"{robot.axis_names[0]} or angles of other joints are needed"
         )
-    places = np.array([robot.axis_names.index(axis) for axis in axes], dtype=np.intp)
-    scale = np.append(robot.platform_scale[places], np.full(len(others), robot.length)) / robot.length
+    coordinates = np.array([robot.axis_names.index(axis) for axis in axes], dtype=np.intp)
+    motor_noise = noise["motor_angle"] / np.abs(robot.gear_ratio)
+    platform_noise = noise["platform"] * robot.platform_scale[coordinates] / robot.length
+    others_noise = np.full(len(others), noise["platform"])
     return Measurements(
         names=(*(f"motor_angle_{joint}" for joint in robot.actuator_names), *names),
         values=np.column_stack([motors, *map(data.column, names)]),
         noise=np.concatenate(
-            [
-                noise["motor_angle"] / np.abs(robot.gear_ratio),
-                np.full(len(encoders), noise["joint"]),
-                noise["platform"] * scale,
-            ]
+            [motor_noise, np.full(len(encoders), noise["joint"]), platform_noise, others_noise]
         ),
         driven=robot.n_a,
         columns=np.array([*model.actuated, *encoders], dtype=np.intp),
-        axes=places,
+        axes=coordinates,
         others=np.array(list(map(LINEAR_AXES.index, others)), dtype=np.intp),
     )
 
@@ -96,12 +94,14 @@ class MeasuredOffsets(NamedTuple):
 
 
 def offsets(model: ParallelRobot, measured: Measurements, frames: FrameStack) -> MeasuredOffsets:
-    """Compute the offsets of joints, platform coordinates and positions from the measured values."""
+    """Compute the offsets of joints, platform coordinates and positions from the measured values.
+
+    Coordinates that are not measured are the model's own.
+    """
     joints, axes, others = measured.columns, measured.axes, measured.others
-    joint_values, x_values, position_values = np.split(
-        measured.values, [len(joints), len(joints) + len(axes)], axis=1
-    )
-    x = model.platform.coordinates(frames)
+    ends = np.cumsum([len(joints), len(axes)])
+    joint_values, x_values, position_values = np.split(measured.values, ends, axis=1)
+    x = model.platform.coordinates(frames)  # (T, n)
     x[:, axes] = x_values
     offset = [
         model.coordinates.positions(frames.q)[:, joints] - joint_values,

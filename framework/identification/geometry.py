@@ -122,7 +122,10 @@ def _split(urdf: ElementTree.Element, joint: ElementTree.Element) -> str:
 
 
 def _move_origin(joint: ElementTree.Element, move: Array) -> None:
-    """Move a joint's origin by displacements along its axes, then turns about x, y and z in turn (6,)."""
+    """Move a joint's origin by displacements along its axes, then turns about x, y and z in turn (6,).
+
+    As the virtual joint of `geometry_of` does: three slides, then three hinges.
+    """
     old = joint.find("origin")
     pose = origin_of(old, f"joint {joint.get('name')!r}") @ placement(None, move[:3])
     for axis, angle in zip(np.eye(3), move[3:], strict=True):

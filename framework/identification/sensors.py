@@ -80,10 +80,9 @@ def record_sensors(
 def _measure(random: np.random.Generator, values: Array, noise: Array | float, step: Array | float) -> Array:
     """Add noise of this standard deviation to values (T, k), then round to multiples of a nonzero step."""
     noisy = values + noise * random.standard_normal(values.shape)
-    steps = np.broadcast_to(step, values.shape)
-    has_step = steps > 0
-    rounded = np.round(noisy / np.where(has_step, steps, 1.0)) * steps
-    return np.where(has_step, rounded, noisy)
+    has_step = np.asarray(step) > 0
+    divisor = np.where(has_step, step, 1.0)
+    return np.where(has_step, np.round(noisy / divisor) * step, noisy)
 
 
 def sensors_of(words: dict[str, float]) -> Sensors:

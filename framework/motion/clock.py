@@ -65,13 +65,16 @@ class OnParameter:
         return np.concatenate([[-1.0], inner, [1.0]])
 
     def motion(self, p: Array) -> tuple[list[Array], Array, Array]:
-        """Compute s, two time derivatives, dp/dt = xi' sqrt(z) and d2p/dt2 = xi" z + xi' u at p (T,)."""
+        """Compute s and two time derivatives, dp/dt and d2p/dt2, at p (T,).
+
+        With p = xi(sigma), z = (d sigma/dt)^2 and u = z'/2: dp/dt = xi' sqrt(z), d2p/dt2 = xi" z + xi' u.
+        """
         law = self.law
         sigma = law.stretch.inverse(p)
         s = [law.evaluate_at(sigma, order) for order in range(3)]
         z, u = law.squared_speed(sigma), 0.5 * law.squared_speed(sigma, 1)
-        first, second = law.stretch(sigma, 1), law.stretch(sigma, 2)
-        return s, np.asarray(first * np.sqrt(z)), np.asarray(second * z + first * u)
+        dxi, ddxi = law.stretch(sigma, 1), law.stretch(sigma, 2)
+        return s, np.asarray(dxi * np.sqrt(z)), np.asarray(ddxi * z + dxi * u)
 
     def parameter(self, t: Array) -> Array:
         """Compute xi at instants t (T,) [s]."""

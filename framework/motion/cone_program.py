@@ -106,14 +106,7 @@ def solve_cone_program(program: ConeProgram) -> Optimum | Unsolved:
         cost += 2.0 * root.matrix.T @ root.offset
     problem = quadratic, cost, -rows.matrix, rows.offset, cones
     for regularization, refinements in REGULARIZATIONS:
-        settings = _settings()
-        settings.max_iter = MAX_ITERATIONS
-        settings.iterative_refinement_enable = refinements > 0
-        settings.iterative_refinement_max_iter = refinements
-        settings.static_regularization_constant = regularization
-        for prefix, tolerance in (("", TOLERANCE), ("reduced_", STALLED_TOLERANCE)):
-            for measure in ("gap_abs", "gap_rel", "feas"):
-                setattr(settings, f"{prefix}tol_{measure}", tolerance)
+        settings = _cone_settings(regularization, refinements)
         solution = clarabel.DefaultSolver(*problem, settings).solve()
         status = str(solution.status)
         if status in ("Solved", "AlmostSolved", "PrimalInfeasible"):
@@ -184,6 +177,19 @@ def semidefinite_least_squares(matrices: Sequence[LinearMatrix], positive: Affin
     solution = clarabel.DefaultSolver(*problem).solve()
     status = str(solution.status)
     return scale * np.array(solution.x) if status in ("Solved", "AlmostSolved") else Unsolved(status)
+
+
+def _cone_settings(regularization: float, refinements: int) -> Any:
+    """Return settings for cone programs: regularization of linear systems, and refinements of solutions."""
+    settings = _settings()
+    settings.max_iter = MAX_ITERATIONS
+    settings.iterative_refinement_enable = refinements > 0
+    settings.iterative_refinement_max_iter = refinements
+    settings.static_regularization_constant = regularization
+    for prefix, tolerance in (("", TOLERANCE), ("reduced_", STALLED_TOLERANCE)):
+        for measure in ("gap_abs", "gap_rel", "feas"):
+            setattr(settings, f"{prefix}tol_{measure}", tolerance)
+    return settings
 
 
 def _settings() -> Any:

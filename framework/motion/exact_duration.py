@@ -85,7 +85,12 @@ class SpeedSpace(NamedTuple):
         return y
 
     def _ease(self, y: Array, relative: bool) -> Array:
-        """Return how easily coefficients change: (size,) each, or (size, size) together."""
+        """Return how easily coefficients change: (size,) each, or (size, size) together.
+
+        Those of splines in proportion to their size; of one polynomial the more easily, the lower its
+        degree. Relative to z: the inverse of the matrix of |change of z|^2 / z^2, with a resistance that
+        grows with the degree.
+        """
         if self.basis.is_spline:
             return np.asarray(np.maximum(np.abs(y), MIN_EASE * np.abs(y).mean()) ** 2)
         size = len(y)
@@ -98,7 +103,10 @@ class SpeedSpace(NamedTuple):
         return np.asarray(np.linalg.inv(share + resistance))
 
     def _quadrature(self, y: Array) -> tuple[Any, Array]:
-        """Return values (P, size) of the basis and weights (P,) in sigma that integrate z^(-1/2)."""
+        """Return values (P, size) of the basis and weights (P,) in sigma that integrate z^(-1/2).
+
+        They are those of Gauss and Legendre on the panels that resolve this function.
+        """
         edges = slowness_on_panels(self.basis.cells, self.basis.series(y), self.stretch).edges
         points, weights = legendre.leggauss(PANEL_NODES)
         half = 0.5 * np.diff(edges)[:, None]

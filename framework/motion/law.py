@@ -233,24 +233,29 @@ def advances_and_peaks(duration: float, smoothness: int, times: Array, values: A
         The advance is negative infinity where conditions repeat or contradict each other.
     """
     count, scale = len(times), 2.0 / duration
-    local = np.append(np.repeat(times * scale - 1.0, 3, axis=1), np.ones((count, 1)), axis=1)
-    orders = np.append(np.tile(np.arange(3), times.shape[1]), 0)
-    integrals = _rest_integrals(smoothness, len(orders))[orders]
-    angles = np.arccos(np.clip(local, -1.0, 1.0))
-    polynomials = np.cos(angles.T[..., None] * np.arange(integrals.shape[1]))  # T_k(x) = cos(k arccos x)
-    rows = (polynomials @ integrals).swapaxes(0, 1)
+    inner = np.repeat(times * scale - 1.0, 3, axis=1)  # (m, 3 k) in [-1, 1]
+    x = np.append(inner, np.ones((count, 1)), axis=1)  # (m, c) of the conditions, c = 3 k + 1
+    orders = np.append(np.tile(np.arange(3), times.shape[1]), 0)  # (c,)
+    integrals = _rest_integrals(smoothness, len(orders))[orders]  # (c, n, c)
+    angles = np.arccos(np.clip(x, -1.0, 1.0)).T[..., None]
+    polynomials = np.cos(angles * np.arange(integrals.shape[1]))  # (c, m, n), T_k(x) = cos(k arccos x)
+    rows = (polynomials @ integrals).swapaxes(0, 1)  # (m, c, c)
     targets = np.append(values.reshape(count, len(orders) - 1), np.ones((count, 1)), axis=1) / scale**orders
-    regular = np.linalg.det(rows) != 0.0
-    series = np.linalg.solve(rows[regular], targets[regular][..., None])[..., 0]
+    is_regular = np.linalg.det(rows) != 0.0
+    series = np.linalg.solve(rows[is_regular], targets[is_regular][..., None])[..., 0]
     p, accelerations = np.split(series @ _search_samples(smoothness, len(orders)), 2, axis=1)
+    means = np.abs(series @ _interior_values(len(orders)).T).mean(axis=1)
     advances, peaks = np.full(count, -np.inf), np.full(count, np.inf)
-    advances[regular] = p.min(axis=1) / np.abs(series @ _interior_values(len(orders)).T).mean(axis=1)
-    peaks[regular] = np.abs(accelerations).max(axis=1) * scale**2
+    advances[is_regular] = p.min(axis=1) / means
+    peaks[is_regular] = np.abs(accelerations).max(axis=1) * scale**2
     return advances, peaks
 
 
 def _least_over_mean(series: Array) -> float:
-    """Return the least value on [-1, 1] of a Chebyshev series (size,) over its mean absolute value."""
+    """Return the least value on [-1, 1] of a Chebyshev series (size,) over its mean absolute value.
+
+    The least value is at an end, where T_k is 1 or (-1)^k, or at a zero of the derivative.
+    """
     at_plus_one = np.sum(series)
     at_minus_one = np.sum(series[::2]) - np.sum(series[1::2])
     at_extrema = evaluate(extrema(series), series)

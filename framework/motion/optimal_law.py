@@ -225,7 +225,10 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         return np.asarray(z[3] * dxi[1] ** 3 + 3 * z[2] * dxi[1] * dxi[2] + z[1] * dxi[3])
 
     def time(self, sigma: ArrayLike) -> Array:
-        """Compute the instant t [s] at which the parameter is sigma, with the shape of sigma."""
+        """Compute the instant t [s] at which the parameter is sigma, with the shape of sigma.
+
+        It is the instant of the panel's start plus the time since then; at sigma = 1 the duration itself.
+        """
         time_in_panel, instants = self._time
         flat = np.atleast_1d(np.asarray(sigma, dtype=float))
         panel = np.searchsorted(time_in_panel.edges, flat, side="right") - 1
@@ -352,12 +355,15 @@ def _check_cells(law: OptimalLaw) -> None:
 
 
 def evaluate_on_cells(cells: Array, series: Array, xi: ArrayLike, order: int = 0) -> Array:
-    """Evaluate a function, or its derivative in xi, given by Chebyshev series (k, size) on cells (k + 1,)."""
+    """Evaluate a function, or its derivative in xi, given by Chebyshev series (k, size) on cells (k + 1,).
+
+    Points (...) of xi belong to the cell on their right, the last one to the last cell.
+    """
     xi = np.asarray(xi, dtype=float)
-    flat = xi.ravel()
+    flat = xi.ravel()  # (T,)
     cell = np.clip(np.searchsorted(cells, flat, side="right") - 1, 0, len(cells) - 2)
     half_widths = 0.5 * np.diff(cells)
-    local = np.clip((flat - cells[cell]) / half_widths[cell] - 1.0, -1.0, 1.0)
+    local = np.clip((flat - cells[cell]) / half_widths[cell] - 1.0, -1.0, 1.0)  # in [-1, 1] on its cell
     derivative = series @ derivative_matrix(series.shape[1], order).T / half_widths[:, None] ** order
     if len(cells) == 2:
         return evaluate(local, derivative[0]).reshape(xi.shape)
@@ -383,20 +389,24 @@ def slowness_on_panels(cells: Array, series: Array, stretch: Stretch) -> TimeFun
     edges = stretch.inverse(cells if len(cells) > 2 else nodes(5))
     edges[[0, -1]] = 0.0, 1.0
     while len(edges) <= MAX_PANELS:
-        grid = TimeGrid(edges, PANEL_NODES)
+        grid, widths = TimeGrid(edges, PANEL_NODES), np.diff(edges)
         z = evaluate_on_cells(cells, series, stretch(grid.times))
         if not z.min() > 0:
             break
-        slowness, width = grid.fit(z[:, None] ** -0.5), np.diff(edges)
-        truncation = np.abs(slowness.coefficients[:, -2:, 0]).max(axis=1) * width
-        rounding = 0.5 * z_rounding * z.reshape(-1, PANEL_NODES).min(axis=1) ** -1.5 * width
-        duration = slowness.coefficients[:, 0, 0] @ width  # about: by the mean of each panel
+        slowness = grid.fit(z[:, None] ** -0.5)
+        panel_series = slowness.coefficients[:, :, 0]  # (panels, PANEL_NODES)
+        least_z = z.reshape(-1, PANEL_NODES).min(axis=1)
+        # errors of each panel's time, and the duration by the mean of each panel
+        truncation = np.abs(panel_series[:, -2:]).max(axis=1) * widths
+        rounding = 0.5 * z_rounding * least_z**-1.5 * widths
+        duration = panel_series[:, 0] @ widths
         unresolved = np.flatnonzero(truncation > np.maximum(SLOWNESS_TAIL * duration, rounding))
         if not len(unresolved):
             if rounding.sum() > SLOWNESS_ROUNDING * duration:
                 break
             return slowness
-        edges = np.sort(np.concatenate([edges, 0.5 * (edges[unresolved] + edges[unresolved + 1])]))
+        middles = 0.5 * (edges[unresolved] + edges[unresolved + 1])
+        edges = np.sort(np.concatenate([edges, middles]))
     raise InvalidInput("law: the speed of an optimal law comes too near to zero to be resolved")
 
 

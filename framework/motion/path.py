@@ -67,10 +67,6 @@ def _points(points: Any, least: int, kind: str) -> Array:
     return read_only(array)
 
 
-def _stack(s: ArrayLike, values: Array) -> Array:
-    return values.reshape(*np.shape(s), values.shape[1])
-
-
 def _hold(frozen: object, **values: Any) -> None:
     """Set derived attributes of a frozen object."""
     for name, value in values.items():
@@ -87,6 +83,16 @@ class PointPath(ReadOnlyArrays):
     @property
     def n(self) -> int:
         return int(self.points.shape[1])
+
+    def __call__(self, s: ArrayLike, order: int = 0) -> Array:
+        """Compute x(s) or its derivative by s of this order: s of any shape (...) gives (..., n)."""
+        check_order(order)
+        values = self._evaluate(np.asarray(s, dtype=float).ravel(), order)
+        return values.reshape(*np.shape(s), self.n)
+
+    def _evaluate(self, s: Array, order: int) -> Array:
+        """Compute x(s) or its derivative at s (T,), (T, n)."""
+        raise NotImplementedError
 
     def __eq__(self, other: object) -> bool:
         """Return whether another path has the same kind, points and blend."""
@@ -119,13 +125,11 @@ class Line(PointPath):
         points = _points([self.start, self.end], 2, "line")
         _hold(self, start=points[0], end=points[1], points=points)
 
-    def __call__(self, s: ArrayLike, order: int = 0) -> Array:
-        """Compute x(s) or its derivative by s of this order, (..., n)."""
-        check_order(order)
-        shares, direction = np.asarray(s, dtype=float)[..., None], self.end - self.start
+    def _evaluate(self, s: Array, order: int) -> Array:
+        direction = self.end - self.start
         if order == 0:
-            return np.asarray(self.start + shares * direction)
-        return np.asarray(np.zeros_like(shares) + (direction if order == 1 else 0.0 * direction))
+            return np.asarray(self.start + s[:, None] * direction)
+        return np.tile(direction if order == 1 else 0.0 * direction, (len(s), 1))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -156,37 +160,34 @@ class Arc(PointPath):
         u, chord = (start - center) / radius, via - start
         across = chord - (chord @ u) * u
         spokes = np.array([u, across / np.linalg.norm(across)])
-        angle_via, angle_end = (
-            float(np.arctan2(*(spokes @ (point - center))[::-1]) % (2 * np.pi)) for point in (via, end)
-        )
+        cosines, sines = spokes @ (points[1:] - center).T  # of via and end
+        angle_via, angle_end = (np.arctan2(sines, cosines) % (2 * np.pi)).tolist()
         # `via` lies between the ends: its angle decides in which direction the arc turns
         angle = angle_end if angle_via < angle_end else angle_end - 2 * np.pi
         _hold(self, start=start, via=via, end=end, points=points)
         _hold(self, center=read_only(center), radius=radius, angle=angle, _spokes=read_only(spokes))
 
-    def __call__(self, s: ArrayLike, order: int = 0) -> Array:
-        """Compute c + r (cos(a s) u + sin(a s) w), or its derivative by s, (..., n)."""
-        check_order(order)
-        phase = np.atleast_1d(np.asarray(s, dtype=float)).reshape(-1, 1) * self.angle
-        phase = phase + order * np.pi / 2  # each derivative turns by a quarter
+    def _evaluate(self, s: Array, order: int) -> Array:
+        """Compute c + r (cos(a s) u + sin(a s) w), or its derivative by s, (T, n)."""
         u, w = self._spokes
+        phase = s[:, None] * self.angle + order * np.pi / 2  # each derivative turns by a quarter
         values = self.radius * self.angle**order * (np.cos(phase) * u + np.sin(phase) * w)
-        return _stack(s, values + self.center if order == 0 else values)
+        return np.asarray(values + self.center if order == 0 else values)
 
 
 def _circle_center(points: Array) -> Array:
-    """Compute the centre (n,) of the circle through three points (3, n); refuse points on a line."""
-    start, via, end = points
-    chord, longer = via - start, end - start
-    length = float(np.linalg.norm(chord))
-    u = chord / length
-    bow = longer - (longer @ u) * u
-    height = float(np.linalg.norm(bow))
-    if height <= DEGENERATE_PATH * np.linalg.norm(longer):
+    """Compute the centre (n,) of the circle through three points (3, n); refuse points on a line.
+
+    The centre is as far from each end of a chord: chord . (centre - start) = |chord|^2 / 2 for the chords
+    from the start to both other points. Of all solutions the shortest lies in the plane of the chords.
+    """
+    start = points[0]
+    chords = points[1:] - start
+    shorter, longer = chords
+    along = (longer @ shorter) / (shorter @ shorter) * shorter
+    if np.linalg.norm(longer - along) <= DEGENERATE_PATH * np.linalg.norm(longer):
         raise InvalidInput(f"arc: its three points lie on a line: {points.tolist()}")
-    # in the axes u and v of its plane: start (0, 0), via (length, 0), end (longer . u, height)
-    v = bow / height
-    return start + 0.5 * length * u + 0.5 * ((longer @ longer - (longer @ u) * length) / height) * v
+    return np.asarray(start + np.linalg.lstsq(chords, 0.5 * np.sum(chords**2, axis=1))[0])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -230,13 +231,9 @@ class Spline(PointPath):
         knots = np.concatenate((np.zeros(degree + 1), parameters[3:-3], np.ones(degree + 1)))
         return make_interp_spline(parameters, self.points, k=degree, t=knots)
 
-    def __call__(self, s: ArrayLike, order: int = 0) -> Array:
-        """Compute x(s) or its derivative by s of this order, (..., n); zero beyond the degree."""
-        check_order(order)
-        flat = np.atleast_1d(np.asarray(s, dtype=float)).ravel()
-        if order > self._spline.k:
-            return _stack(s, np.zeros((flat.size, self.n)))
-        return _stack(s, self._spline(flat, nu=order))
+    def _evaluate(self, s: Array, order: int) -> Array:
+        """Evaluate the spline or its derivative, zero beyond the degree, (T, n)."""
+        return np.zeros((len(s), self.n)) if order > self._spline.k else self._spline(s, nu=order)
 
 
 # The blend of a corner along w in [-1, 1] leads the speed on a segment from 0 to 1 by f' with f'(-1) = 0,
@@ -295,22 +292,19 @@ class Polyline(PointPath):
         _hold(self, points=points, blend=blend, knots=read_only(knots))
         _hold(self, _arc_lengths=read_only(arc_lengths), _directions=read_only(directions))
 
-    def __call__(self, s: ArrayLike, order: int = 0) -> Array:
-        """Compute x(s) or its derivative by s of this order, (..., n).
+    def _evaluate(self, s: Array, order: int) -> Array:
+        """Compute x(s) or its derivative by s, (T, n).
 
         About the nearest corner c, x = c + b (-f(-w) d_1 + f(w) d_2), with directions d_1, d_2 before and
         after the corner, w the distance from it over b, and the blend f of `_blend_value`.
         """
-        check_order(order)
-        total = self._arc_lengths[-1]
-        along = np.atleast_1d(np.asarray(s, dtype=float)).ravel() * total
-        middles = self._arc_lengths[1:-1]
-        corner = np.abs(along[:, None] - middles).argmin(axis=1)
-        w = (along - middles[corner]) / self.blend
-        shares = (_blend_value(sign * w, order) * sign ** (order + 1) for sign in (-1.0, 1.0))
-        value = sum(share[:, None] * self._directions[corner + k] for k, share in enumerate(shares))
+        total, corners = self._arc_lengths[-1], self._arc_lengths[1:-1]
+        corner = np.abs(s[:, None] * total - corners).argmin(axis=1)  # (T,) the nearest
+        w = (s * total - corners[corner]) / self.blend
+        before, after = (sign ** (order + 1) * _blend_value(sign * w, order) for sign in (-1.0, 1.0))
+        value = before[:, None] * self._directions[corner] + after[:, None] * self._directions[corner + 1]
         value = value * self.blend * (total / self.blend) ** order
-        return _stack(s, value + self.points[corner + 1] if order == 0 else value)
+        return np.asarray(value + self.points[corner + 1] if order == 0 else value)
 
 
 def _blend_value(w: Array, order: int) -> Array:
@@ -414,15 +408,18 @@ def _gauss() -> tuple[Array, Array]:
 
 
 def _intervals(path: Path) -> tuple[Array, Array]:
-    """Return starts and lengths of intervals (DIFFERENCE_INTERVALS,) in [0, 1] that contain no knot."""
+    """Return starts and lengths of intervals (DIFFERENCE_INTERVALS,) in [0, 1] that contain no knot.
+
+    Starts are multiples of the golden ratio modulo 1, moved down where the interval would reach over a knot.
+    """
     knots = np.asarray(path.knots, dtype=float)
     edges = np.concatenate(([0.0], knots, [1.0]))
     if not np.all(np.diff(edges) > 0):
         raise InvalidInput(f"path: knots must ascend inside (0, 1), got {knots.tolist()}")
-    places = np.mod(GOLDEN_RATIO * np.arange(1, DIFFERENCE_INTERVALS + 1), 1.0)
-    panel = np.searchsorted(edges, places, side="right") - 1
+    starts = np.mod(GOLDEN_RATIO * np.arange(1, DIFFERENCE_INTERVALS + 1), 1.0)
+    panel = np.searchsorted(edges, starts, side="right") - 1
     lengths = np.minimum(INTERVAL_LENGTH, np.diff(edges)[panel])
-    return np.minimum(places, edges[panel + 1] - lengths), lengths
+    return np.minimum(starts, edges[panel + 1] - lengths), lengths
 
 
 def _values(path: Path, s: Array, order: int) -> Array:

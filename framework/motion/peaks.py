@@ -27,28 +27,27 @@ def peak_sizes(function: Callable[[Array], Array], edges: Array, size: int) -> A
     """
     half_widths = 0.5 * np.diff(edges)[:, None]
     t = (edges[:-1, None] + half_widths * (nodes(NODE_RATIO * size) + 1.0)).ravel()
-    t = np.clip(t, edges[0], edges[-1])
-    values = np.abs(function(t))
+    t = np.clip(t, edges[0], edges[-1])  # (T,)
+    values = np.abs(function(t))  # (T, k)
     largest = values.max(axis=0)
     padded = np.pad(values, ((1, 1), (0, 0)), constant_values=-np.inf)
     is_local_maximum = (values >= padded[:-2]) & (values >= padded[2:])
     samples, component = np.nonzero(is_local_maximum & (values >= CANDIDATE_RATIO * largest))
-    middle = t[samples]
+    middle = t[samples]  # (m,) of the maxima, each of one component
     step = np.maximum(np.diff(t, prepend=edges[0])[samples], np.diff(t, append=edges[-1])[samples])
 
-    def update_largest(instants: Array) -> Array:
-        """Return |value| of each maximum's component at instants (..., m) [s], and update `largest`."""
-        values = np.abs(function(instants.ravel())).reshape(*instants.shape, -1)
-        sizes = values[..., np.arange(len(component)), component]
-        np.maximum.at(largest, component, sizes.reshape(-1, len(component)).max(axis=0))
-        return sizes
+    def sizes_at(instants: Array) -> Array:
+        """Return |value| (..., m) of each maximum's component at instants (..., m) [s]."""
+        sizes = np.abs(function(instants.ravel())).reshape(*instants.shape, -1)
+        return sizes[..., np.arange(len(component)), component]
 
     for _ in range(ZOOMS):
         points = np.clip(middle + step * np.array([[-1.0], [0.0], [1.0]]), edges[0], edges[-1])
-        shift = _parabola_maximum(*update_largest(points))
-        middle = np.clip(points[1] + step * shift, edges[0], edges[-1])
+        sizes = sizes_at(points)  # (3, m)
+        np.maximum.at(largest, component, sizes.max(axis=0))
+        middle = np.clip(points[1] + step * _parabola_maximum(*sizes), edges[0], edges[-1])
         step = step * ZOOM_RATIO
-    update_largest(middle)
+    np.maximum.at(largest, component, sizes_at(middle))
     return largest
 
 

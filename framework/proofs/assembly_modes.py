@@ -161,9 +161,11 @@ def _search(robot: ParallelRobot, q: Array) -> AssemblyModes:
 
 
 def _are_all(robot: ParallelRobot, q: Array, poses: list[Array]) -> bool:
-    """Whether the loops are proved to close in no other poses than the k (nq,), motors as in q (nq,)."""
-    fixed, joints = np.ones(robot.model.nv, dtype=bool), robot.following
-    fixed[joints] = False
-    offsets = np.array([difference(robot, q, pose)[joints] for pose in poses]).reshape(-1, len(joints))
-    offsets /= robot.column_scale[joints]
-    return leg_solutions_complete(robot, joints, fixed, q, offsets[distinct_rows(offsets)], None)
+    """Whether the loops are proved to close in no other poses than the k (nq,), motors as in q (nq,).
+
+    All joints that follow the motors are paved as if they were one leg.
+    """
+    joints = robot.following
+    is_fixed = ~np.isin(np.arange(robot.model.nv), joints)
+    offsets = difference(robot, q, np.reshape(poses, (-1, len(q))))[:, joints] / robot.column_scale[joints]
+    return leg_solutions_complete(robot, joints, is_fixed, q, offsets[distinct_rows(offsets)], None)

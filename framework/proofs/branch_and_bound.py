@@ -100,11 +100,10 @@ class Boxes(NamedTuple):
         return Boxes(middle, ROUND_UP * 0.5 * (upper - lower) + rounding)
 
     def halves(self, axis: IntArray) -> Boxes:
-        """Return both halves of each, cut across one axis (S,)."""
-        each = np.arange(len(axis))
-        radii, shift = self.radii.copy(), np.zeros_like(self.radii)
-        radii[each, axis] *= 0.5 * ROUND_UP
-        shift[each, axis] = 0.5 * self.radii[each, axis]
+        """Return both halves of each, cut across one axis (S,): first all lower ones, then all upper ones."""
+        is_cut = np.arange(self.middle.shape[1]) == axis[:, None]  # (S, k)
+        radii = np.where(is_cut, 0.5 * ROUND_UP * self.radii, self.radii)
+        shift = np.where(is_cut, 0.5 * self.radii, 0.0)
         return join([Boxes(self.middle - shift, radii), Boxes(self.middle + shift, radii)])
 
 

@@ -34,12 +34,11 @@ class KnownSolutions(NamedTuple):
     period: Array  # (n,) of the coordinates, inf for those on a line
 
     def contain(self, boxes: Boxes) -> BoolArray:
-        """Whether each of B boxes lies within the region of one solution, (B,)."""
-        offset = np.abs(boxes.middle[:, None] - self.points)
-        offset = np.mod(offset, self.period)
-        offset = np.minimum(offset, self.period - offset)
-        inside = np.all(offset + boxes.radii[:, None] < self.radii[:, None], axis=2)
-        return np.any(inside, axis=1)
+        """Whether each of B boxes lies within the region of one solution, (B,), angles up to whole turns."""
+        offset = np.mod(np.abs(boxes.middle[:, None] - self.points), self.period)  # (B, k, n)
+        distance = np.minimum(offset, self.period - offset)
+        is_inside = np.all(distance + boxes.radii[:, None] < self.radii[:, None], axis=2)
+        return np.any(is_inside, axis=1)
 
 
 def unique_radius(equations: Equations, point: Array) -> float:

@@ -95,7 +95,10 @@ class DerivativeBounds:
         return integrate_columns(self.robot, self.robot.reference.q, self.robot.moving, u * self.column_scale)
 
     def evaluate(self, q: Array) -> Derivatives:
-        """Evaluate the equations and their derivatives at q (S, nq)."""
+        """Evaluate the R equations and their derivatives along k joints at q (S, nq).
+
+        Each term adds to its row, along the joints of its chain.
+        """
         S, frames = len(q), frames_at(self.robot, q)
         chains = [_differentiate_chain(chain, frames) for chain in self.table.chains]
         scale = self.row_scale[:, None] * self.column_scale  # (R, k)

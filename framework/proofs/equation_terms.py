@@ -102,7 +102,11 @@ class EquationTerms:
         return Term(coordinate, chain, "joint", 0, joint, 1.0)
 
     def _loop_terms(self, row: int, base_axis: int | None) -> list[Term]:
-        """Return the terms of a loop equation: on an axis of the base, if given, one for each frame."""
+        """Return the terms of a loop equation: on an axis of the base, if given, one for each frame.
+
+        Otherwise one term of the chain between both frames: the axis of the first frame times an axis of the
+        second (direction) or its origin (point), or half the squared distance of the origins.
+        """
         loops, number = self.robot.loops, self.robot.n + row
         first, second = int(loops.first[row]), int(loops.second[row])
         if base_axis is not None:
@@ -135,12 +139,16 @@ class EquationTerms:
 
 
 def joints_between(robot: ParallelRobot, first: int, second: int) -> list[tuple[int, float]]:
-    """Return the joints from one frame, or BASE, to another one, with -1 if the joint carries the first."""
+    """Return the joints from one frame, or BASE, to another one, with -1 if the joint carries the first.
+
+    Joints that carry both frames do not move one against the other, and are left out.
+    """
     supports, bodies = robot.model.supports, scratch_of(robot).bodies
-    to_first = [] if first == BASE else list(supports[int(bodies[first])])
-    to_second = list(supports[int(bodies[second])])
-    carrying_first = [(joint, -1.0) for joint in reversed(to_first) if joint not in to_second]
-    return carrying_first + [(joint, 1.0) for joint in to_second if joint and joint not in to_first]
+    first_chain = [] if first == BASE else list(supports[int(bodies[first])])  # from the base on
+    second_chain = list(supports[int(bodies[second])])
+    carrying_first = [(joint, -1.0) for joint in reversed(first_chain) if joint not in second_chain]
+    carrying_second = [(joint, 1.0) for joint in second_chain if joint and joint not in first_chain]
+    return carrying_first + carrying_second
 
 
 def planar_axis(robot: ParallelRobot) -> int | None:
@@ -154,7 +162,11 @@ def planar_axis(robot: ParallelRobot) -> int | None:
 
 
 def _rows_on_base(robot: ParallelRobot) -> dict[int, int]:
-    """Return axes of the base for the rows of points that are to coincide, where no joint carries both."""
+    """Return axes of the base, by row, for points that are to coincide and have no joint in common.
+
+    A closure that holds all three translations (of a planar robot both in its plane) may be written on any
+    axes; on those of the base the joints of its two chains do not mix.
+    """
     loops, across = robot.loops, planar_axis(robot)
     carried = scratch_of(robot).carried[:, robot.moving]
     base_axes: dict[int, int] = {}

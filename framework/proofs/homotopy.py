@@ -233,7 +233,10 @@ class _LinearHomotopy(NamedTuple):
         return solve_or_fit(half_jacobian, -half_values[:, :, None])[:, :, 0]
 
     def advance(self, z: ComplexArray, t: Array, h: Array) -> tuple[ComplexArray, Array]:
-        """Predict z (S, N) at t + h (Runge-Kutta) and correct; return also the last relative correction."""
+        """Predict z (S, N) at t + h and correct; return also the relative size (S,) of the last correction.
+
+        The predictor is the classical Runge-Kutta method of order 4, the corrector Newton's.
+        """
         H = h[:, None]
         k1 = self.rate(z, t)
         k2 = self.rate(z + 0.5 * H * k1, t + 0.5 * h)

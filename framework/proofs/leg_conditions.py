@@ -53,25 +53,24 @@ def leg_conditions(robot: ParallelRobot, q: Array) -> LegConditions | None:
     group = _group(robot)
     if group is None:
         return None
-    of_point = group.family.name == "translations"
-    sampler, conditions, rounding = _Sampler.of(robot, q, of_point=of_point), list[Array](), 0.0
+    K, M = group.family.equations, len(group.chosen)
+    sampler = _Sampler.of(robot, q, of_point=group.family.name == "translations")
+    conditions, rounding = [np.zeros((0, M))], 0.0
     for count, chain in enumerate(_chains(robot)):
         poses = sampler.displacements(chain) if count < MAX_LEGS else None
         if poses is None:
             return None
-        table = functions(*poses)[:, group.chosen]
-        values, right = np.linalg.svd(table)[1:]
-        rank = int(np.sum(values > RANK_ROUNDING * values[0]))
-        rounding = max(rounding, LEG_COEFFICIENT_ROUNDING * float(values[0] / values[rank - 1]))
-        conditions += list(right[rank:])
-    rows, K = np.array(conditions).reshape(-1, len(group.chosen)), group.family.equations
-    if not len(rows):
-        return None
-    if np.linalg.matrix_rank(rows, rtol=RANK_ROUNDING) < K:
+        table = functions(*poses)[:, group.chosen]  # (SAMPLE_POSES, M)
+        sizes, right = np.linalg.svd(table)[1:]
+        rank = int(np.sum(sizes > RANK_ROUNDING * sizes[0]))
+        rounding = max(rounding, LEG_COEFFICIENT_ROUNDING * float(sizes[0] / sizes[rank - 1]))
+        conditions.append(right[rank:])  # the null space of the table
+    rows = np.concatenate(conditions)
+    if not len(rows) or np.linalg.matrix_rank(rows, rtol=RANK_ROUNDING) < K:
         return None
     if len(rows) > K:  # more conditions than freedoms: as many as needed, mixed
-        mixed = np.random.default_rng(RANDOM_SEED).standard_normal((K, len(rows))) @ rows
-        rows = mixed / np.linalg.norm(mixed, axis=1, keepdims=True)
+        rows = np.random.default_rng(RANDOM_SEED).standard_normal((K, len(rows))) @ rows
+        rows /= np.linalg.norm(rows, axis=1, keepdims=True)
     return LegConditions(group, rows, rounding)
 
 
@@ -93,15 +92,17 @@ def _group(robot: ParallelRobot) -> Displacements | None:
 
 def _chains(robot: ParallelRobot) -> Iterator[list[_Edge]]:
     """Return all chains from the base to the platform's body that pass no body twice."""
-    model, edges = robot.model, dict[int, list[_Edge]]()
-    for joint in range(1, model.njoints):
-        parent = int(model.parents[joint])
-        edges.setdefault(parent, []).append(_Edge(joint, joint, None, True))
-        edges.setdefault(joint, []).append(_Edge(parent, joint, None, False))
+    model = robot.model
+    connections: list[tuple[int, int, int, Closure | None]] = [  # first body, second body, joint, closure
+        (int(model.parents[joint]), joint, joint, None) for joint in range(1, model.njoints)
+    ]
     for closure in robot.description.closures:
         first, second = (int(model.frames[model.getFrameId(name)].parentJoint) for name in closure.frames)
-        edges.setdefault(first, []).append(_Edge(second, 0, closure, True))
-        edges.setdefault(second, []).append(_Edge(first, 0, closure, False))
+        connections.append((first, second, 0, closure))
+    edges: list[list[_Edge]] = [[] for _ in range(model.njoints)]  # from each body
+    for first, second, joint, between in connections:
+        edges[first].append(_Edge(second, joint, between, True))
+        edges[second].append(_Edge(first, joint, between, False))
     platform = int(model.frames[robot.frames[0]].parentJoint)
 
     def continue_chain(body: int, passed: frozenset[int]) -> Iterator[list[_Edge]]:
@@ -109,7 +110,7 @@ def _chains(robot: ParallelRobot) -> Iterator[list[_Edge]]:
         if body == platform:
             yield []
             return
-        for edge in edges.get(body, []):
+        for edge in edges[body]:
             if edge.to not in passed:
                 for rest in continue_chain(edge.to, passed | {edge.to}):
                     yield [edge, *rest]
@@ -166,30 +167,36 @@ class _Sampler(NamedTuple):
     def _draw_closure_pose(self, closure: Closure, rng: np.random.Generator) -> pin.SE3 | None:
         """Draw a pose of the second frame's body against the first one's that the closure allows.
 
-        None if its motions are no group: with two free turns, or several distances. Of three free turns a
-        planar robot makes one alone, about its normal, from the attitudes at the reference.
+        None if its motions are no group: with two free turns, or several distances.
         """
         model = self.robot.model
         frame_a, frame_b = (model.frames[model.getFrameId(name)] for name in closure.frames)
-        turns = [axis for axis in ("rx", "ry", "rz") if axis not in closure.axes]
+        free_turns = [axis for axis in ("rx", "ry", "rz") if axis not in closure.axes]
         distances = [ROW_KINDS[axis] for axis in closure.axes if axis in ROW_KINDS]
-        if len(turns) == 2 or len(distances) > 1:
+        if len(free_turns) == 2 or len(distances) > 1:
             return None
         offset = rng.uniform(-1, 1, 3) * self.robot.length
         offset[[k for k, axis in enumerate("xyz") if axis in closure.axes]] = 0.0
-        rotation = np.eye(3)
-        if len(turns) == 3 and self.normal is not None:
+        if len(free_turns) == 3 and self.normal is not None:
             R_a, R_b = (self.data.oMf[model.getFrameId(name)].rotation for name in closure.frames)
             normal = R_a.T @ self.normal  # in the first frame
-            rotation = pin.exp3(normal * rng.uniform(-np.pi, np.pi)) @ R_a.T @ R_b
             if distances:
                 offset -= normal * (normal @ offset)
-        elif len(turns) == 3:
-            turn = rng.standard_normal(3)
-            rotation = pin.exp3(turn * rng.uniform(0, np.pi) / np.linalg.norm(turn))
-        elif turns:
-            rotation = pin.exp3(rng.uniform(-np.pi, np.pi) * np.eye(3)["xyz".index(turns[0][1])])
+            rotation = pin.exp3(normal * rng.uniform(-np.pi, np.pi)) @ R_a.T @ R_b
+        else:
+            rotation = _draw_rotation(free_turns, rng)
         for distance in distances:
             assert closure.length is not None
             offset = distance.satisfy(offset, closure.length)
         return frame_a.placement * pin.SE3(rotation, offset) * frame_b.placement.inverse()
+
+
+def _draw_rotation(free_turns: list[str], rng: np.random.Generator) -> Array:
+    """Draw a rotation (3, 3) about one free axis (rx, ry or rz), or about any if all three are free."""
+    if not free_turns:
+        return np.eye(3)
+    if len(free_turns) == 1:
+        axis = np.eye(3)["xyz".index(free_turns[0][1])]
+        return np.asarray(pin.exp3(axis * rng.uniform(-np.pi, np.pi)))
+    axis = rng.standard_normal(3)
+    return np.asarray(pin.exp3(axis * rng.uniform(0, np.pi) / np.linalg.norm(axis)))

@@ -99,7 +99,11 @@ class LegEquations:
 
     @staticmethod
     def of(robot: ParallelRobot, own: IntArray, fixed: BoolArray, q: Array, x: Array | None) -> LegEquations:
-        """Collect the equations whose joints are the leg's, or fixed."""
+        """Collect the equations whose joints are the leg's, or fixed.
+
+        The platform's coordinates x count where no free joint moves them. They determine the attitude of its
+        frame if they have all turns: three, in a plane one.
+        """
         carried, rows, platform = scratch_of(robot).carried, robot.rows, robot.platform
         free_joints = ~fixed
         free_joints[own] = False
@@ -121,7 +125,10 @@ class LegEquations:
         return LegEquations(robot, own, q, x, loops, tuple(chains), chain_of, attitude)
 
     def __call__(self, middle: Array, radii: Array) -> LinearEnclosure:
-        """Enclose the equations in boxes (B, n)."""
+        """Enclose the equations in boxes (B, n): of loops, then of the platform's position and attitude.
+
+        Slopes are along joints in radians and robot lengths.
+        """
         robot, own = self.robot, self.own
         frames = frames_at(robot, integrate_columns(robot, self.q, own, middle * robot.column_scale[own]))
         slid = np.abs(self.slides(frames.q))  # (B, nv) [m] at most in the box
@@ -141,25 +148,32 @@ class LegEquations:
         return LinearEnclosure(values, slopes * units, errors + np.reshape(rounding, (-1, 1)))
 
     def _loops(self, frames: FrameStack, bounds: list[ChainBounds]) -> LinearEnclosure:
-        """Enclose loop equations: residual and slopes at the middle, bounds of second-order terms."""
-        rows, loops = self.robot.rows, self.loops
-        equations, lengths = loop_equations(rows, frames), self.robot.row_lengths[loops]
-        kind = np.where(rows.square[loops], 2, rows.rotation[loops])  # place in `ChainBounds`
-        chain_bounds = np.reshape(bounds, (len(bounds), 4, len(frames.q)))
-        errors = chain_bounds[self.chain_of, kind].T * np.abs(rows.derivative_weight[loops])
-        slopes = equations.jacobian[:, loops][:, :, self.own] / lengths[:, None]
-        return LinearEnclosure(equations.residual[:, loops] / lengths, slopes, errors)
+        """Enclose loop equations: residual and slopes at the middle, bounds of second-order terms.
 
-    def _position(self, frames: FrameStack, bound: ChainBounds, x: Array) -> LinearEnclosure:
-        """Enclose the position of the platform's frame against x."""
-        platform, length = self.robot.platform, self.robot.length
-        values = (frames.position[:, 0, platform.along] - x[platform.sliding]) / length
-        slopes = frames.jacobian[:, 0][:, platform.along][:, :, self.own] / length
-        errors = np.repeat(bound.position[:, None], len(platform.sliding), axis=1)
+        Those of a square are ChainBounds.square, of a rotation .attitude, of a translation .position.
+        """
+        rows, loops, lengths = self.robot.rows, self.loops, self.robot.row_lengths[self.loops]
+        equations = loop_equations(rows, frames)
+        values = equations.residual[:, loops] / lengths
+        slopes = equations.jacobian[:, loops][:, :, self.own] / lengths[:, None]
+        field = np.where(rows.square[loops], 2, rows.rotation[loops])  # of `ChainBounds`
+        chain_bounds = np.reshape(bounds, (len(bounds), 4, len(frames.q)))  # (chains, fields, B)
+        errors = chain_bounds[self.chain_of, field].T * np.abs(rows.derivative_weight[loops])
         return LinearEnclosure(values, slopes, errors)
 
+    def _position(self, frames: FrameStack, bound: ChainBounds, x: Array) -> LinearEnclosure:
+        """Enclose the position of the platform's frame against x, along the axes of its translations."""
+        platform, length = self.robot.platform, self.robot.length
+        position, jacobian = frames.position[:, 0, platform.along], frames.jacobian[:, 0, platform.along]
+        values = (position - x[platform.sliding]) / length
+        errors = np.repeat(bound.position[:, None], values.shape[1], axis=1)
+        return LinearEnclosure(values, jacobian[:, :, self.own] / length, errors)
+
     def _attitude(self, frames: FrameStack, bound: ChainBounds, attitude: Array) -> LinearEnclosure:
-        """Enclose the axes of the platform's frame against the attitude (3, 3)."""
+        """Enclose the axes of the platform's frame against the attitude (3, 3): nine equations.
+
+        An axis e changes by w_j x e along a joint that turns about w_j.
+        """
         axes = frames.rotation[:, 0].swapaxes(1, 2)  # (B, 3, 3), one axis a row
         turning = frames.jacobian[:, 0, 3:][:, :, self.own].swapaxes(1, 2)  # (B, n, 3)
         slopes = cross(turning[:, None], axes[:, :, None])  # (B, axis, n, 3)
@@ -266,7 +280,12 @@ class LeverChain(NamedTuple):
         return LeverChain(robot.length, inside & ~slide, inside & slide, levers, between, length, slides)
 
     def hessian_bounds(self, radii: Array, slid: Array) -> ChainBounds:
-        """Bound second-order terms in boxes of radii (B, n), slides out by at most `slid` (B, nv) [m]."""
+        """Bound second-order terms in boxes of radii (B, n), slides out by at most `slid` (B, nv) [m].
+
+        The second derivative of the point along two hinges is at most the lesser of their levers, along a
+        hinge and a slide 1; of a direction along two hinges 1. A point moves by at most `travel`, and half
+        its squared distance has the derivatives p . d2p + u_i . u_j.
+        """
         levers = (self.levers + slid @ self.between.T) / self.robot_length  # (B, n)
         length = (self.length + slid @ self.slides) / self.robot_length  # (B,)
         turns = radii * self.turning  # (B, n)

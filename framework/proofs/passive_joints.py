@@ -155,9 +155,7 @@ def is_proved(robot: ParallelRobot, q: Array, *, locked: str = "motors") -> bool
 
 def distinct_rows(joints: Array) -> list[int]:
     """Return the indices of the rows of (T, k) that repeat no earlier row, hinges up to whole turns."""
-    distinct: list[int] = []
-    for k, turns in enumerate(np.exp(1j * joints)):
-        offsets = (np.abs(turns - np.exp(1j * joints[earlier])).max(initial=0.0) for earlier in distinct)
-        if all(offset > DISTINCT_SOLUTIONS for offset in offsets):
-            distinct.append(k)
-    return distinct
+    points = np.exp(1j * joints)  # on the unit circle
+    offsets = np.abs(points[:, None] - points).max(axis=2, initial=0.0)  # (T, T)
+    repeats = np.tril(offsets <= DISTINCT_SOLUTIONS, -1).any(axis=1)
+    return [int(k) for k in np.flatnonzero(~repeats)]

@@ -193,11 +193,11 @@ def are_all_real(group: Displacements, coefficients: Array, slack: Array, z: Arr
 
 def farthest_displacement(group: Displacements, coefficients: Array, slack: Array) -> float | None:
     """Bound |p| by the first condition: |p|^2 <= b |p| + c, no entry of R exceeding one."""
-    first, off = np.zeros(17), np.zeros(17)
-    first[group.chosen], off[group.chosen] = coefficients[0], slack[0]
+    first, size = np.zeros((2, 17))  # of 1, |p|^2, p, R'p, R
+    first[group.chosen] = coefficients[0]
+    size[group.chosen] = np.abs(coefficients[0]) + slack[0]
     if first[1] != 1.0:
         return None
-    size = np.abs(first) + off
     b = float(np.linalg.norm(size[2:5]) + np.linalg.norm(size[5:8]))
     c = float(size[0] + size[8:].sum())
     return REACH_MARGIN * (b / 2 + float(np.sqrt(b * b / 4 + c)))
@@ -207,30 +207,46 @@ class Chart:
     """The conditions where one coordinate of z is 1, in the other seven."""
 
     def __init__(self, group: Displacements, coefficients: Array, slack: Array, unit_coordinate: int) -> None:
-        """Build quadrics (rows, 8, 8), and bounds of their curvature and uncertainty by rows."""
+        """Build the quadrics Q (E, 8, 8), with |Q| of the free coordinates, and bounds on errors of Q.
+
+        These two are kept as rows, (E, 49) and (E, 64).
+        """
         self.unit_coordinate, self.free = unit_coordinate, np.delete(np.arange(8), unit_coordinate)
         self.Q = group.family.quadrics(coefficients).real
-        size, rows = np.abs(self.Q), len(self.Q)
-        self.curvature = size[:, self.free][:, :, self.free].reshape(rows, -1)
-        self.uncertainty = (group.family.quadrics_slack(slack) + gamma(16) * size).reshape(rows, -1)
+        size = np.abs(self.Q)
+        errors = group.family.quadrics_slack(slack) + gamma(16) * size
+        self.curvature = size[:, self.free][:, :, self.free].reshape(len(size), -1)
+        self.uncertainty = errors.reshape(len(size), -1)
 
     def __call__(self, middle: Array, radii: Array) -> LinearEnclosure:
-        """Enclose the conditions in boxes (B, 7)."""
-        count = len(middle)
-        z, size = np.ones((count, 8)), np.ones((count, 8))
-        z[:, self.free], size[:, self.free] = middle, np.abs(middle) + radii
-        slopes = (self.Q.reshape(-1, 8) @ z.T).T.reshape(count, -1, 8)
-        square = (radii[:, :, None] * radii[:, None]).reshape(count, -1)
-        products = (size[:, :, None] * size[:, None]).reshape(count, -1)
-        values = np.matvec(slopes, z)
-        errors = square @ self.curvature.T + products @ self.uncertainty.T
-        return LinearEnclosure(values, 2 * slopes[:, :, self.free], errors)
+        """Enclose the conditions z' Q z = 0 in boxes (B, 7) of the free coordinates.
+
+        About the middle z_m they are z_m' Q z_m + 2 z_m' Q d within |d|' |Q| |d|, and the errors of Q make at
+        most |z|' errors |z| of them.
+        """
+        z, largest = np.ones((2, len(middle), 8))
+        z[:, self.free] = middle
+        largest[:, self.free] = np.abs(middle) + radii
+        gradients = (self.Q.reshape(-1, 8) @ z.T).T.reshape(len(middle), -1, 8)  # (B, E, 8) Q z
+        second_order = _outer_rows(radii) @ self.curvature.T  # (B, E)
+        errors = second_order + _outer_rows(largest) @ self.uncertainty.T
+        return LinearEnclosure(np.matvec(gradients, z), 2 * gradients[:, :, self.free], errors)
 
     def has_no_others(self, z: Array, reach: float) -> bool:
-        """Whether the chart holds no real solutions but z (k, 8), |p| at most reach."""
-        near = np.abs(z[:, :4]).max(axis=1) <= CHART_OVERLAP * np.abs(z[:, self.unit_coordinate])
-        points = (z[near] / z[near, self.unit_coordinate][:, None])[:, self.free]
+        """Whether the chart holds no real solutions but z (k, 8), |p| at most reach.
+
+        The region is |x_i| <= 1 for the three other coordinates of x, and |y_i| <= reach: |y| = |p| |x| / 2
+        with |x| <= 2.
+        """
+        unit = z[:, [self.unit_coordinate]]  # (k, 1)
+        is_near = np.abs(z[:, :4]).max(axis=1) <= CHART_OVERLAP * np.abs(unit[:, 0])
+        points = (z[is_near] / unit[is_near])[:, self.free]  # (near, 7)
         radii = np.array([unique_radius(self, point) for point in points])
         solutions = KnownSolutions(points, radii, np.full(7, np.inf))
         region = Boxes(np.zeros((1, 7)), np.where(self.free < 4, 1.0, reach)[None])
         return has_no_others(self, region, solutions, MAX_BOXES)
+
+
+def _outer_rows(vectors: Array) -> Array:
+    """Compute the products of all pairs of entries of vectors (B, k), as rows (B, k^2)."""
+    return (vectors[:, :, None] * vectors[:, None]).reshape(len(vectors), -1)

@@ -110,11 +110,11 @@ class _Cubes(NamedTuple):
     cells: Cells
 
     def parts(self) -> _Cubes:
-        """Return the cubes of half the width in each."""
-        n = self.places.shape[1]
-        corners = np.stack(np.meshgrid(*[[0, 1]] * n, indexing="ij"), axis=-1).reshape(-1, n)
-        parent = np.repeat(np.arange(len(self.level)), len(corners))
-        places = 2 * self.places[parent] + np.tile(corners, (len(self.level), 1))
+        """Return the 2^n cubes of half the width in each."""
+        S, n = self.places.shape
+        corners = np.indices((2,) * n).reshape(n, -1).T  # (2^n, n) of 0 and 1
+        parent = np.repeat(np.arange(S), len(corners))
+        places = 2 * self.places[parent] + np.tile(corners, (S, 1))
         return _Cubes(self.level[parent] + 1, places, select(self.cells, parent))
 
 
@@ -224,7 +224,10 @@ def _inward_neighbours(grid: _Grid, cubes: _Cubes) -> IntArray:
 
 
 def _close(test: CellTest, cells: Cells, z: Array) -> Array:
-    """Compute joints (S, nq) at points z (S, n), on from the middle of a cell each."""
+    """Compute joints (S, nq) at points z (S, n), on from the middle of a cell each.
+
+    Along the slope of the cell, then by Newton's method; where it fails, along the slope alone.
+    """
     robot = test.bounds.robot
     change = np.clip(times(cells.slope, z - cells.z), -MAX_STEP, MAX_STEP)  # (S, k)
     guess = integrate_columns(robot, cells.q, robot.moving, change * test.bounds.column_scale)
@@ -251,7 +254,11 @@ class CellTest(NamedTuple):
     scale: Array  # (n,)
 
     def __call__(self, z: Array, q: Array, half: Array, *, ball: bool = False) -> Cells:
-        """Test cells of half a width (S,), or balls of that radius, joints q (S, nq) near their middles."""
+        """Test cells of half a width (S,), or balls of that radius, joints q (S, nq) near their middles z.
+
+        F is [platform - x ; loops]; its slopes along the joints are dF, and P is the block of loops and
+        passive joints.
+        """
         robot, derivatives = self.bounds.robot, self.bounds.evaluate(q)
         x = self.x + z * self.scale
         platform_values = robot.platform.residual(derivatives.frames, x) / self.scale

@@ -67,7 +67,7 @@ class QuadricFamily:
         return np.einsum("mij,ti,tj->tm", self.members, z, z)
 
     def random_point(self, rng: np.random.Generator) -> ComplexArray:
-        """Return a point (N,) on all fixed quadrics."""
+        """Return a point (N,) on all fixed quadrics, by Newton's method from random complex numbers."""
         z = rng.standard_normal(self.size) + 1j * rng.standard_normal(self.size)
         for _ in range(NEWTON_STEPS if len(self.fixed) else 0):
             slopes = 2 * self.fixed @ z
@@ -83,16 +83,18 @@ class QuadricFamily:
     def is_dependent(self, coefficients: Array) -> bool:
         """Whether the functions of (K, M) depend on one another everywhere, so that no solution is single.
 
-        They are quotients by the first member: displacements are finite where that is not zero.
+        They are quotients by the first member: displacements are finite where that is not zero. At a random
+        point z of the fixed quadrics the slopes of the quotients f_k / f_1 and of the fixed equations have
+        full rank, with probability one, if they do anywhere; two points are tried.
         """
         rng, first, K = np.random.default_rng(RANDOM_SEED), self.members[0], self.equations
-        for _ in range(2):  # random points: one would do, with probability one
+        for _ in range(2):
             z = self.random_point(rng)
             quadrics = self.quadrics(coefficients)
-            quotients = np.einsum("kij,i,j->k", quadrics[:K], z, z) / (z @ first @ z)
+            quotients = np.einsum("kij,i,j->k", quadrics[:K], z, z) / (z @ first @ z)  # (K,)
             quadrics[:K] -= quotients[:, None, None] * first
-            values = singular_values(quadrics @ z)
-            if values[-1] > RANK_ROUNDING * values[0]:
+            sizes = singular_values(quadrics @ z)
+            if sizes[-1] > RANK_ROUNDING * sizes[0]:
                 return False
         return True
 
@@ -104,31 +106,33 @@ def is_first(z: ComplexArray) -> BoolArray:
     return np.asarray(~np.tril(coincide, -1).any(axis=1))
 
 
-def _products() -> tuple[Array, Array]:
-    """Return the table of products of quaternions (4, 4, 4), and conjugation (4, 4).
-
-    (a b)_k = sum of table[k, i, j] a_i b_j.
-    """
+@cache
+def _quaternion_products() -> Array:
+    """Return the table (4, 4, 4) of products of quaternions: (a b)_k = sum of table[k, i, j] a_i b_j."""
     units = [pin.Quaternion(*unit) for unit in np.eye(4)]  # 1, i, j, k; pinocchio puts the real part last
     products = np.array([[np.roll((a * b).coeffs(), 1) for b in units] for a in units])
-    return np.moveaxis(products, 2, 0), np.diag([1.0, -1.0, -1.0, -1.0])
+    return np.moveaxis(products, 2, 0)
 
 
 @cache
 def _forms() -> Array:
-    """Return the 17 functions as symmetric matrices (17, 8, 8) of z = (x, y), in the order of `functions`."""
-    table, star = _products()
+    """Return the 17 functions as symmetric matrices (17, 8, 8) of z = (x, y), in the order of `functions`.
+
+    Times |x|^2 these are |x|^2, 4 |y|^2, 2 y x*, 2 x* y and the columns x e x* of R, e = i, j, k.
+    """
+    product, star = _quaternion_products(), np.diag([1.0, -1.0, -1.0, -1.0])  # of conjugation
+    x, y = slice(0, 4), slice(4, 8)
     forms = np.zeros((17, 8, 8))
-    forms[0, :4, :4] = np.eye(4)
-    forms[1, 4:, 4:] = 4 * np.eye(4)
+    forms[0, x, x] = np.eye(4)
+    forms[1, y, y] = 4 * np.eye(4)
     for k in range(3):
-        forms[2 + k, 4:, :4] = 2 * table[k + 1] @ star  # y x*
-        forms[5 + k, :4, 4:] = 2 * star @ table[k + 1]  # x* y
+        forms[2 + k, y, x] = 2 * product[k + 1] @ star  # (y x*)_k
+        forms[5 + k, x, y] = 2 * star @ product[k + 1]  # (x* y)_k
     for column in range(3):
-        turned = table[:, :, column + 1]  # (x e)_m = turned[m, n] x_n
+        x_times_unit = product[:, :, column + 1]  # (4, 4): (x e)_m = x_times_unit[m, n] x_n
         for row in range(3):
-            # (x e x*)_row
-            forms[8 + 3 * row + column, :4, :4] = np.einsum("ij,in,jm->nm", table[row + 1], turned, star)
+            # (x e x*)_row = (x e)_m product[row, m, j] star[j, j] x_j
+            forms[8 + 3 * row + column, x, x] = x_times_unit.T @ product[row + 1] @ star
     return (forms + forms.swapaxes(1, 2)) / 2
 
 
@@ -158,22 +162,23 @@ class Displacements:
         """Return equivalent conditions (K, M), |p|^2 in the first alone, and bounds (K, M) on their terms.
 
         Towards infinity |p|^2 outgrows all other functions, and the conditions differ in small terms alone.
-        What is eliminated is zero exactly, and of size zero: a multiple of the first makes it so, whatever
-        the rounding. An entry is as uncertain as the largest of its condition.
+        It is eliminated by the condition in which it counts most. What is eliminated is zero exactly, and of
+        size zero: a multiple of the first makes it so, whatever the rounding. An entry is as uncertain as the
+        largest of its condition.
         """
-        column = self.chosen == 1
-        sizes = np.repeat(np.abs(coefficients).max(axis=1, keepdims=True), len(column), axis=1)
-        shares = np.abs(coefficients[:, column]).max(axis=1, initial=0.0) / sizes[:, 0]
+        square = np.flatnonzero(self.chosen == 1)  # the column of |p|^2, if any
+        largest = np.abs(coefficients).max(axis=1, keepdims=True)  # (K, 1)
+        shares = np.abs(coefficients[:, square]).max(axis=1, initial=0.0) / largest[:, 0]
         k = int(np.argmax(shares))
         if not shares[k]:
-            return coefficients, sizes
-        others = np.arange(len(coefficients)) != k
-        first, times = coefficients[k] / coefficients[k, column], coefficients[others][:, column]
-        rows = np.vstack([first, coefficients[others] - times * first])
-        sizes = np.vstack(
-            [sizes[k] / shares[k] / sizes[k], sizes[others] + 2 * np.abs(times) * np.abs(first).max()]
-        )
-        rows[1:, column] = sizes[:, column] = 0.0
+            return coefficients, np.repeat(largest, len(self.chosen), axis=1)
+        first = coefficients[k] / coefficients[k, square]  # |p|^2 has the coefficient 1
+        others = np.delete(coefficients, k, axis=0)
+        multiples = others[:, square]  # (K - 1, 1)
+        rows = np.vstack([first, others - multiples * first])
+        other_sizes = np.delete(largest, k, axis=0) + 2 * np.abs(multiples) * np.abs(first).max()
+        sizes = np.repeat(np.vstack([1.0 / shares[k], other_sizes]), len(self.chosen), axis=1)
+        rows[1:, square] = sizes[:, square] = 0.0
         return rows, sizes
 
     def embed(self, z: Array) -> tuple[Array, Array]:
@@ -220,7 +225,10 @@ def planar(axis: int) -> Displacements:
 
 @cache
 def translations(axes: tuple[int, ...]) -> Displacements:
-    """Return the translations along two or three base axes: circles or spheres, at most 2 solutions."""
+    """Return the translations along two or three base axes: circles or spheres, at most 2 solutions.
+
+    With z = (1, p) the functions are 1, |p|^2 and the coordinates of p.
+    """
     chosen = np.array([0, 1, *(2 + k for k in axes)])
     size = len(axes) + 1
     forms = np.zeros((len(chosen), size, size))

@@ -105,20 +105,25 @@ def working_modes(robot: ParallelRobot, x: ArrayLike) -> WorkingModes:
 
 
 def _leg_solutions(robot: ParallelRobot, x: Array) -> list[Array]:
-    """Search the joints of each leg with the platform at x (n,), off the reference [rad, robot lengths]."""
+    """Search the joints (solutions, k) of each leg with the platform at x (n,).
+
+    They are offsets from the reference [rad, robot lengths], found by Newton's method from random starts on
+    the loops and the platform's coordinates together.
+    """
     scale, columns = robot.platform_scale, robot.moving
 
-    def platform_rows(frames: FrameStack) -> tuple[Array, Array]:
-        off = robot.platform.residual(frames, np.repeat(x[None], len(frames.position), axis=0))
-        return off / scale, robot.platform.jacobian(frames) * robot.column_scale / scale[:, None]
+    def platform_equations(frames: FrameStack) -> tuple[Array, Array]:
+        """Compute the offsets (T, n) of the platform from x, and their slopes (T, n, nv)."""
+        offsets = robot.platform.residual(frames, np.tile(x, (len(frames.position), 1))) / scale
+        return offsets, robot.platform.jacobian(frames) * robot.column_scale / scale[:, None]
 
     starts = random_starts(robot, robot.reference.q[None], RANDOM_STARTS, columns)
-    q, closed = close_all_loops(robot, starts, platform_rows, columns)
-    poses = remove_idle_spin(
-        robot, robot.reference.q, q[closed], np.repeat(x[None], int(closed.sum()), axis=0)
-    )
-    offsets = (_offset(robot, poses) / robot.column_scale)[:, columns]
-    return [offsets[:, leg.columns][distinct_rows(offsets[:, leg.columns])] for leg in legs(robot)]
+    q, closed = close_all_loops(robot, starts, platform_equations, columns)
+    q = q[closed]
+    q = remove_idle_spin(robot, robot.reference.q, q, np.tile(x, (len(q), 1)))
+    offsets = (_offset(robot, q) / robot.column_scale)[:, columns]
+    of_legs = [offsets[:, leg.columns] for leg in legs(robot)]
+    return [joints[distinct_rows(joints)] for joints in of_legs]
 
 
 def _offset(robot: ParallelRobot, q: Array) -> Array:
@@ -128,12 +133,10 @@ def _offset(robot: ParallelRobot, q: Array) -> Array:
 
 def _combinations(robot: ParallelRobot, solutions: list[Array]) -> Array:
     """Put the legs' solutions together in every way, configurations (T, nq)."""
-    q = []
-    for joints_of_legs in islice(product(*solutions), MAX_COMBINATIONS):
-        columns = np.concatenate([robot.moving[leg.columns] for leg in legs(robot)])
-        offset = np.concatenate(joints_of_legs) * robot.column_scale[columns]
-        q.append(integrate_columns(robot, robot.reference.q, columns, offset))
-    return np.array(q).reshape(-1, robot.model.nq)
+    columns = np.concatenate([robot.moving[leg.columns] for leg in legs(robot)])
+    ways = [np.concatenate(way) for way in islice(product(*solutions), MAX_COMBINATIONS)]
+    offsets = np.reshape(ways, (-1, len(columns))) * robot.column_scale[columns]
+    return integrate_columns(robot, robot.reference.q, columns, offsets)
 
 
 def _has_no_others(robot: ParallelRobot, leg: Leg, solutions: Array, q: Array, x: Array) -> bool:

@@ -51,25 +51,21 @@ def accelerations(
     """
     robot = equations.robot
     tangent = equations.tangent(q, v, np.zeros(v.shape))
-    basis, light, closing = allowed_motions(equations, tangent)
+    Z, light, closing = allowed_motions(equations, tangent)  # (T, nv, d), (T, d), (T, nv, m)
     free = equations.motor_forces(torque) + applied - tangent.force
     for k in map(int, np.flatnonzero(light.any(axis=1))):
         row = f", row {k}" if len(q) > 1 else ""
-        _check_balance(equations, tangent.state(k), basis[k], light[k], free[k], row)
+        _check_balance(equations, tangent.state(k), Z[k], light[k], free[k], row)
     drift = closure_drift(equations.rows, frame_motions(robot, tangent.frames, q, v))
     a = -matvec(closing, drift)
-    across = basis.swapaxes(1, 2)
-    massless = np.broadcast_to(light[:, None], (len(q), *2 * light.shape[1:]))
-    # alpha is 0 along motions without mass: their rows and columns are those of the unit matrix
-    inertia = np.where(
-        massless | massless.swapaxes(1, 2),
-        np.eye(light.shape[1]),
-        matmul(across, matmul(tangent.mass, basis)),
-    )
+    across = Z.swapaxes(1, 2)
     unbalanced = np.where(light, 0.0, matvec(across, free - matvec(tangent.mass, a)))
-    a += matvec(basis, np.linalg.solve(inertia, unbalanced[..., None])[..., 0])
-    motion = np.abs(basis * light[:, None] / robot.column_scale[:, None]).max(axis=2, initial=0.0)
-    return Accelerations(a, motion > RANK_ROUNDING)
+    # alpha is 0 along motions without mass: their rows and columns are those of the unit matrix
+    is_light = light[:, None] | light[:, :, None]
+    inertia = np.where(is_light, np.eye(light.shape[1]), matmul(across, matmul(tangent.mass, Z)))
+    alpha = np.linalg.solve(inertia, unbalanced[..., None])[..., 0]
+    motion = np.abs(Z * light[:, None] / robot.column_scale[:, None]).max(axis=2, initial=0.0)
+    return Accelerations(a + matvec(Z, alpha), motion > RANK_ROUNDING)
 
 
 def _check_balance(

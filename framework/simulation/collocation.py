@@ -74,15 +74,20 @@ class Collocation(ReadOnlyArrays):
 
 @lru_cache(maxsize=32)
 def radau(stages: int) -> Collocation:
-    """Compute the table of Radau IIA with that many stages."""
+    """Compute the table of Radau IIA with s stages.
+
+    The inner nodes are the zeros of the Jacobi polynomial P_(s-1)^(1,0), which times (1 - x) is
+    P_(s-1) - P_s. All else follows from Legendre polynomials in x = 2 c - 1.
+    """
     from scipy.special import roots_jacobi
 
     inner = roots_jacobi(stages - 1, 1.0, 0.0)[0] if stages > 1 else np.empty(0)
     nodes = np.append((inner + 1) / 2, 1.0)
-    series = np.linalg.inv(legendre.legvander(2 * nodes - 1, stages - 1))
-    of_integral = legendre.legint(np.eye(stages), lbnd=-1, scl=0.5, axis=0) @ series
-    once = legendre.legvander(2 * nodes - 1, stages) @ of_integral
-    with_start = np.linalg.inv(legendre.legvander(2 * np.append(0.0, nodes) - 1, stages))
+    x = 2 * nodes - 1
+    series = np.linalg.inv(legendre.legvander(x, stages - 1))  # (s, s) values to coefficients
+    of_integral = legendre.legint(np.eye(stages), lbnd=-1, scl=0.5, axis=0) @ series  # (s + 1, s)
+    once = legendre.legvander(x, stages) @ of_integral  # (s, s) values to integrals from 0
+    with_start = np.linalg.inv(legendre.legvander(np.append(-1.0, x), stages))
     rates = np.asarray(np.linalg.inv(once), dtype=float)
     return Collocation(nodes, once, rates, series, with_start, of_integral)
 
@@ -221,7 +226,11 @@ class _StepEquations:
         return _Balance(slope, torque, tangent, force)
 
     def newton_matrix(self, tangent: Tangent, multipliers: Array) -> NewtonMatrix | None:
-        """Return Newton's matrix; None where the equations are singular."""
+        """Return Newton's matrix; None where the equations are singular.
+
+        The force depends on q through the tree and springs, the curvature of the loops under their
+        multipliers (s, m), and a feedback, on v through the tree, dampers and the feedback.
+        """
         robot, rows = self.equations.robot, self.equations.rows
         by_q = tangent.by_q - loop_curvature(robot, rows, tangent.frames, multipliers)
         by_v = tangent.by_v.copy()
@@ -236,11 +245,23 @@ class _StepEquations:
         """Return the step with its power and the unresolved part."""
         robot = self.equations.robot
         q, v, slope = self.nodes(a, balance.slope)
-        power = np.sum(robot.gear_ratio * balance.torque * v[:, robot.actuated], axis=1)
-        power += np.sum(self.drive.world(robot, self.times, q) * v, axis=1)
-        motion = (self.q0, self.v0, q, v, a, multipliers, slope)
-        unresolved = self._unresolved_part(slope)
-        return CollocationStep(self.table, self.time, self.length, *motion, power, iterations, unresolved)
+        power = np.vecdot(robot.gear_ratio * balance.torque, v[:, robot.actuated])  # (s,)
+        power += np.vecdot(self.drive.world(robot, self.times, q), v)
+        return CollocationStep(
+            self.table,
+            self.time,
+            self.length,
+            self.q0,
+            self.v0,
+            q,
+            v,
+            a,
+            multipliers,
+            slope,
+            power,
+            iterations,
+            self._unresolved_part(slope),
+        )
 
     def _unresolved_part(self, slope: Array) -> float:
         """Estimate the first Legendre coefficient that the step leaves out [rad, robot lengths].
@@ -272,18 +293,19 @@ class NewtonMatrix:
         s, m, nv = jacobian.shape
         Q, R = np.linalg.qr(jacobian.transpose(0, 2, 1), mode="complete")
         try:
-            onto = Q[:, :, :m] @ np.linalg.inv(R[:, :m]).transpose(0, 2, 1)
+            onto = Q[:, :, :m] @ np.linalg.inv(R[:, :m]).transpose(0, 2, 1)  # (s, nv, m)
         except np.linalg.LinAlgError:
             return None
-        free = Q[:, :, m:]
-        rows = (free.transpose(0, 2, 1) @ by_motion).reshape(-1, 3 * nv)
-        columns = free.transpose(1, 0, 2).reshape(nv, -1)
-        shape = (s, nv - m, s, nv - m)
-        matrix = (rates @ rates)[:, None, :, None] * (rows[:, :nv] @ columns).reshape(shape)
-        matrix += (length * rates)[:, None, :, None] * (rows[:, nv : 2 * nv] @ columns).reshape(shape)
+        free = Q[:, :, m:]  # (s, nv, f)
+        f = nv - m
+        by_a, by_v, by_q = np.split((free.transpose(0, 2, 1) @ by_motion).reshape(s * f, 3 * nv), 3, axis=1)
+        columns = free.transpose(1, 0, 2).reshape(nv, s * f)
+        # block (i, j): free_i' (M_i / h^2 (A^-1 A^-1)_ij + D_i / h A^-1_ij + K_i 1_ij) free_j, times h^2
+        matrix = (rates @ rates)[:, None, :, None] * (by_a @ columns).reshape(s, f, s, f)
+        matrix += (length * rates)[:, None, :, None] * (by_v @ columns).reshape(s, f, s, f)
         nodes = np.arange(s)
-        matrix[nodes, :, nodes] += length**2 * (rows[:, 2 * nv :].reshape(s, -1, nv) @ free)
-        *factors, singular = dgetrf(matrix.reshape(len(rows), -1))
+        matrix[nodes, :, nodes] += length**2 * (by_q.reshape(s, f, nv) @ free)
+        *factors, singular = dgetrf(matrix.reshape(s * f, s * f))
         if singular:
             return None
         return NewtonMatrix(length, rates, by_motion, onto, free, (factors[0], factors[1]))

@@ -35,20 +35,23 @@ class AllowedMotions(NamedTuple):
 
 
 def allowed_motions(equations: EquationsOfMotion, tangent: Tangent) -> AllowedMotions:
-    """Compute the motions that the loops allow, each state for itself to the last bit."""
-    robot = equations.robot
-    scale, count = robot.column_scale[:, None], tangent.jacobian.shape[1]
-    loops = scale_jacobian(robot, tangent.jacobian, equations.rows.rotation)
-    left, sizes, right = np.linalg.svd(loops)
-    # redundant rows are gone; what else loses rank is a singularity of the closures and no free motion
-    allowed = right[:, count:].swapaxes(1, 2)
+    """Compute the motions that the loops allow, each state for itself to the last bit.
+
+    They are the null space Z of the loops' Jacobian J, turned to the eigenvectors of Z' M Z. Redundant rows
+    are left out of J; what else loses rank is a singularity of the closures and no free motion.
+    """
+    robot, rows = equations.robot, tangent.jacobian.shape[1]
+    scale = robot.column_scale[:, None]  # (nv, 1)
+    J = scale_jacobian(robot, tangent.jacobian, equations.rows.rotation)  # (T, m, nv)
+    left, sizes, right = np.linalg.svd(J)
+    Z = right[:, rows:].swapaxes(1, 2)  # (T, nv, d)
     mass = tangent.mass * scale * scale[:, 0]
-    values, vectors = np.linalg.eigh(matmul(allowed.swapaxes(1, 2), matmul(mass, allowed)))
+    inertias, axes = np.linalg.eigh(matmul(Z.swapaxes(1, 2), matmul(mass, Z)))  # ascending
     diagonal = np.diagonal(mass, axis1=1, axis2=2)
-    largest = np.maximum(values.max(axis=1, initial=0.0), diagonal.max(axis=1, initial=0.0))
-    light = values <= EIGENVALUE_ROUNDING * largest[:, None]
+    largest = np.maximum(inertias.max(axis=1, initial=0.0), diagonal.max(axis=1, initial=0.0))
+    light = inertias <= EIGENVALUE_ROUNDING * largest[:, None]
     closing = _pseudo_inverse(left, sizes, right) / robot.loop_lengths
-    return AllowedMotions(scale * matmul(allowed, vectors), light, scale * closing)
+    return AllowedMotions(scale * matmul(Z, axes), light, scale * closing)
 
 
 def _pseudo_inverse(left: Array, sizes: Array, right: Array) -> Array:
@@ -121,39 +124,54 @@ def consistent_state(
 def balancing_step(
     equations: EquationsOfMotion, tangent: Tangent, massive: Array, light: Array, unbalanced: Array
 ) -> Array:
-    """Compute the step along the massless motions towards the balance of their springs."""
+    """Compute the Newton step (k,) along the massless motions `light` (nv, k) towards the springs' balance.
+
+    The forces `unbalanced` (nv,) change by the springs less what the loops' forces make of their curvature.
+    Where damping alone acts there is no balance: the motion has an initial value, the one given.
+
+    Raises:
+        InvalidInput: a motion has neither mass nor stiffness nor damping.
+    """
     multipliers = np.linalg.lstsq(tangent.jacobian[0].T, unbalanced, rcond=None)[0]
-    curved = loop_curvature(equations.robot, equations.rows, tangent.frames, multipliers[None])[0]
-    springs = light.T @ np.diag(equations.stiffness) @ light
-    strength = np.linalg.eigvalsh(springs + light.T @ np.diag(equations.damping) @ light)
-    stiffest = max(
-        float((equations.stiffness * equations.robot.column_scale**2).max(initial=0.0)), LEAST_DIVISOR
-    )
-    if strength[0] <= EIGENVALUE_ROUNDING * stiffest:
-        vector = np.linalg.eigh(springs)[1][:, 0]
-        motion = np.abs(light @ vector) / equations.robot.column_scale
-        largest = [int(k) for k in np.argsort(-motion) if motion[k] > 0.1 * motion.max()]
-        joints = [equations.robot.coordinates.name_of(k) for k in largest]
-        raise InvalidInput(
-            f"{equations.robot.name}, {equations.robot.flexibility}: a motion of {', '.join(joints[:4])} has "
-            f"neither mass nor stiffness, its acceleration would be anything; give these links an "
-            f"<inertial>, the rotor an inertia, or a spring"
-        )
-    if np.linalg.eigvalsh(springs)[0] <= EIGENVALUE_ROUNDING * stiffest:
-        return np.zeros(light.shape[1])  # damping alone acts: the motion has an initial value, the one given
-    slope = springs - light.T @ curved @ light
+    curvature = loop_curvature(equations.robot, equations.rows, tangent.frames, multipliers[None])[0]
+    springs = light.T @ np.diag(equations.stiffness) @ light  # (k, k)
+    dampers = light.T @ np.diag(equations.damping) @ light
+    stiffest = (equations.stiffness * equations.robot.column_scale**2).max(initial=0.0)
+    rounding = EIGENVALUE_ROUNDING * max(float(stiffest), LEAST_DIVISOR)
+    if np.linalg.eigvalsh(springs + dampers)[0] <= rounding:
+        raise _undetermined_motion(equations, light @ np.linalg.eigh(springs)[1][:, 0])
+    if np.linalg.eigvalsh(springs)[0] <= rounding:
+        return np.zeros(light.shape[1])
+    slope = springs - light.T @ curvature @ light
     return -np.linalg.lstsq(slope, light.T @ unbalanced, rcond=None)[0]
 
 
+def _undetermined_motion(equations: EquationsOfMotion, rates: Array) -> InvalidInput:
+    """Return the error for joint rates (nv,) of a motion without mass, stiffness and damping."""
+    robot = equations.robot
+    motion = np.abs(rates) / robot.column_scale
+    largest = [int(k) for k in np.argsort(-motion) if motion[k] > 0.1 * motion.max()]
+    joints = [robot.coordinates.name_of(k) for k in largest]
+    return InvalidInput(
+        f"{robot.name}, {robot.flexibility}: a motion of {', '.join(joints[:4])} has "
+        f"neither mass nor stiffness, its acceleration would be anything; give these links an "
+        f"<inertial>, the rotor an inertia, or a spring"
+    )
+
+
 def allowed_velocity(equations: EquationsOfMotion, tangent: Tangent, v: Array) -> Array:
-    """Compute the allowed velocity next to v (nv,), with the same momentum along the loops."""
-    nv, rows = equations.robot.model.nv, len(equations.rows.names)
+    """Compute the allowed velocity next to v (nv,), with the same momentum along the loops.
+
+    An impulse of the loops changes v by dv: M dv + J' impulse = 0 and J (v + dv) = 0.
+    """
+    rows = len(equations.rows.names)
     if not rows:
         return v
     scale = equations.robot.column_scale
-    J = scale_jacobian(equations.robot, tangent.jacobian, equations.rows.rotation)[0]
+    J = scale_jacobian(equations.robot, tangent.jacobian, equations.rows.rotation)[0]  # (m, nv)
     mass = tangent.mass[0] * scale[:, None] * scale
-    size = max(float(np.diag(mass).max()), LEAST_DIVISOR)
-    matrix = np.block([[mass / size, J.T], [J, np.zeros((rows, rows))]])
-    right = np.append(np.zeros(nv), -J @ (v / scale))
-    return np.asarray(v + scale * np.linalg.lstsq(matrix, right, rcond=MOMENTUM_CUTOFF)[0][:nv], dtype=float)
+    largest = max(float(np.diag(mass).max()), LEAST_DIVISOR)
+    matrix = np.block([[mass / largest, J.T], [J, np.zeros((rows, rows))]])
+    right = np.append(np.zeros_like(v), -J @ (v / scale))
+    change = np.linalg.lstsq(matrix, right, rcond=MOMENTUM_CUTOFF)[0][: len(v)]
+    return np.asarray(v + scale * change, dtype=float)

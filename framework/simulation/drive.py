@@ -89,11 +89,12 @@ class Drive:
         if not self.feedback:
             return None
         nv = self.robot.model.nv
-        steps = FEEDBACK_DIFFERENCE * np.vstack([np.eye(nv), -np.eye(nv)])
-        qs = np.vstack([integrate(self.robot, q, steps), np.repeat(q[None], 2 * nv, axis=0)])
-        vs = np.vstack([np.repeat(v[None], 2 * nv, axis=0), v + steps])
-        answers = self(np.full(4 * nv, t), qs, vs).reshape(4, nv, -1)
-        slopes = (answers[::2] - answers[1::2]) / (2 * FEEDBACK_DIFFERENCE)
+        steps = FEEDBACK_DIFFERENCE * np.vstack([np.eye(nv), -np.eye(nv)])  # forwards, then backwards
+        q_rest, v_rest = np.tile(q, (2 * nv, 1)), np.tile(v, (2 * nv, 1))
+        qs = np.vstack([integrate(self.robot, q, steps), q_rest])
+        vs = np.vstack([v_rest, v + steps])
+        torques = self(np.full(4 * nv, t), qs, vs).reshape(2, 2, nv, -1)  # by q or v; forwards, backwards
+        slopes = (torques[:, 0] - torques[:, 1]) / (2 * FEEDBACK_DIFFERENCE)
         return np.asarray(slopes.swapaxes(1, 2))
 
     @staticmethod
@@ -119,40 +120,46 @@ class Drive:
         entries = planned if wrenches is None else ExternalWrenches.of(wrenches)
         world = WorldForces.of(robot, entries, getattr(motion, "law", None))
         if motion is not None:
-            motors = np.shape(motion.torque(0.0))[-1]
-            if motors != robot.n_a:
-                raise InvalidInput(f"torque: the plan drives {motors} motors, {robot.name} has {robot.n_a}")
-            edges = getattr(getattr(motion, "torques", None), "edges", np.empty(0))
-            inner = (*map(float, edges[1:-1]), *breaks)
-            # no robot here has dry friction: the torques are taken without what overcomes it
-            smooth = getattr(motion, "torque_without_friction", motion.torque)
-            return Drive(robot, lambda t, q, v: smooth(t), False, tuple(sorted(inner)), world)
+            return Drive._from_motion(robot, motion, breaks, world)
         if not callable(source):
             raise InvalidInput(
                 f"torque: needs a plan, a result of inverse_dynamics, torque(t) or torque(t, q, v), got "
                 f"{type(source).__name__}"
             )
-        argument_count = _arguments(source)
-        if argument_count not in (1, 3):
-            raise InvalidInput(
-                f"torque: takes (t) or (t, q, v), this one asks for {argument_count} arguments"
-            )
-
-        def single(*arguments: Any) -> Array:
-            """Call the function at one instant; return torques (n_a,) and refuse other shapes."""
-            answer = source(*arguments[:argument_count])
-            try:
-                torque = np.atleast_1d(np.asarray(answer, dtype=float))
-            except (TypeError, ValueError):
-                raise InvalidInput(f"torque: needs {robot.n_a} numbers, got {answer!r}") from None
-            if torque.shape != (robot.n_a,):
-                raise InvalidInput(f"torque: needs {robot.n_a} numbers, got shape {torque.shape}")
-            return torque
+        count = _arguments(source)
+        if count not in (1, 3):
+            raise InvalidInput(f"torque: takes (t) or (t, q, v), this one asks for {count} arguments")
 
         def stack(t: Array, q: Array, v: Array) -> Array:
-            return np.array([single(float(t[k]), q[k], v[k]) for k in range(len(t))])
+            """Call the function at one instant after the other, with (t) or (t, q, v)."""
+            answers = (source(*(float(t[k]), q[k], v[k])[:count]) for k in range(len(t)))
+            return np.array([_torques(answer, robot.n_a) for answer in answers])
 
-        return Drive(robot, stack, argument_count == 3, tuple(sorted(map(float, breaks))), world)
+        return Drive(robot, stack, count == 3, tuple(sorted(map(float, breaks))), world)
+
+    @staticmethod
+    def _from_motion(
+        robot: ParallelRobot, motion: PlannedMotion, breaks: Sequence[float], world: WorldForces
+    ) -> Drive:
+        """Return the drive of a planned motion, without its torques against dry friction, which none has."""
+        motors = np.shape(motion.torque(0.0))[-1]
+        if motors != robot.n_a:
+            raise InvalidInput(f"torque: the plan drives {motors} motors, {robot.name} has {robot.n_a}")
+        edges = getattr(getattr(motion, "torques", None), "edges", np.empty(0))
+        inner = sorted([*map(float, edges[1:-1]), *breaks])
+        smooth = getattr(motion, "torque_without_friction", motion.torque)
+        return Drive(robot, lambda t, q, v: smooth(t), False, tuple(inner), world)
+
+
+def _torques(answer: Any, count: int) -> Array:
+    """Return what a user's function answers as torques (count,) [N m]; refuse anything else."""
+    try:
+        torque = np.atleast_1d(np.asarray(answer, dtype=float))
+    except (TypeError, ValueError):
+        raise InvalidInput(f"torque: needs {count} numbers, got {answer!r}") from None
+    if torque.shape != (count,):
+        raise InvalidInput(f"torque: needs {count} numbers, got shape {torque.shape}")
+    return torque
 
 
 def _arguments(function: Callable[..., Any]) -> int:

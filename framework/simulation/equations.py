@@ -112,12 +112,16 @@ class EquationsOfMotion:
         return force
 
     def tangent(self, q: Array, v: Array, a: Array) -> Tangent:
-        """Compute all terms and derivatives at q (T, nq), v and a (T, nv)."""
-        model, nv, scratch = self.robot.model, self.robot.model.nv, self.scratch
-        data, screws = scratch.data, np.empty((len(q), nv, 6))
-        force, by_q, by_v, mass = (np.empty((len(q), nv, *rest)) for rest in ((), (nv,), (nv,), (nv,)))
-        placements = np.empty((len(q), *scratch.placements.shape))
-        for k in range(len(q)):
+        """Compute all terms and derivatives at q (T, nq), v and a (T, nv).
+
+        Pinocchio gives the tree: tau = M a + c + g with its derivatives and M, and frames. Rotors, springs
+        and dampers of joints are added.
+        """
+        model, scratch, (T, nv) = self.robot.model, self.scratch, v.shape
+        data = scratch.data
+        force, (by_q, by_v, mass) = np.empty((T, nv)), np.empty((3, T, nv, nv))
+        placements, screws = np.empty((T, *scratch.placements.shape)), np.empty((T, nv, 6))
+        for k in range(T):
             pin.computeRNEADerivatives(model, data, q[k], v[k], a[k])
             pin.updateFramePlacements(model, data)
             force[k], by_q[k], by_v[k], mass[k] = data.tau, data.dtau_dq, data.dtau_dv, data.M
@@ -137,7 +141,10 @@ class EquationsOfMotion:
         return self.tangent(q[None], rest, rest)
 
     def energy(self, q: Array, v: Array) -> Array:
-        """Compute the sum of kinetic, gravitational and elastic energy (T,) [J], heights from the base."""
+        """Compute the sum of kinetic, gravitational and elastic energy (T,) [J], heights from the base.
+
+        Rotors add n^2 I v^2 / 2, springs K (q - rest)^2 / 2.
+        """
         model, data = self.robot.model, self.scratch.data
         tree = [
             pin.computeKineticEnergy(model, data, a, b) + pin.computePotentialEnergy(model, data, a)

@@ -50,31 +50,36 @@ def occurrences(
     `last_values` are carried from one call to the next: rounding must not lose a zero between two steps.
     The function is looked at `looks` times on the way: two zeros between neighbouring looks go unseen.
     """
-    from scipy.optimize import brentq
-
     occurred: list[Occurrence] = []
     times = np.linspace(*edges, looks + 1)
     states = trajectory(times)
     for event in events:
-
-        def value(t: float, event: Event = event) -> float:
-            q, v = trajectory(np.array([t]))
-            return _number(event, t, q[0], v[0])
-
         values = [_number(event, float(t), q, v) for t, q, v in zip(times, *states, strict=True)]
-        values.insert(0, last_values.get(event, values[0]))
+        first_values = [last_values.get(event, values[0]), *values[:-1]]  # at the beginnings of intervals
         last_values[event] = values[-1]
-        for first, second, t0, t1 in zip(values, values[1:], [times[0], *times], times, strict=False):
+        begins = [times[0], *times[:-1]]
+        for first, second, begin, end in zip(first_values, values, begins, times, strict=True):
             # a zero on a look belongs to the interval that it ends
             if first == 0.0 or first * second > 0 or event.direction * (second - first) < 0:
                 continue
-            on_look = second == 0.0 or t0 == t1
-            t = float(t1 if on_look else brentq(value, t0, t1, xtol=EVENT_TIME_ROUNDING))
+            is_on_look = second == 0.0 or begin == end
+            t = float(end) if is_on_look else _zero_of(event, trajectory, begin, end)
             q, v = trajectory(np.array([t]))
             occurred.append(Occurrence(event.name, t, q[0], v[0], event.terminal))
     occurred.sort(key=lambda occurrence: occurrence.time)
     terminal = [occurrence.terminal for occurrence in occurred]
     return occurred[: terminal.index(True) + 1] if any(terminal) else occurred
+
+
+def _zero_of(event: Event, trajectory: Trajectory, begin: float, end: float) -> float:
+    """Find the instant [s] between two others of different sign at which an event's function is zero."""
+    from scipy.optimize import brentq
+
+    def value(t: float) -> float:
+        q, v = trajectory(np.array([t]))
+        return _number(event, t, q[0], v[0])
+
+    return float(brentq(value, begin, end, xtol=EVENT_TIME_ROUNDING))
 
 
 def _number(event: Event, t: float, q: Array, v: Array) -> float:

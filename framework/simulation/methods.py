@@ -148,21 +148,26 @@ def integrate_by_fixed_steps(task: IntegrationTask, settings: MethodSettings) ->
 
 
 def _fixed_steps(task: IntegrationTask, edges: Array) -> Iterator[FixedStep]:
-    """Yield steps between the instants `edges` (K + 1,) with the torque of their middle."""
+    """Yield steps between the instants `edges` (K + 1,) with the torque of their middle.
+
+    A feedback answers to the state at the beginning of a step, as a digital controller does. The forces of
+    the world are those of the predicted middle; the power is that of the mean velocity.
+    """
     drive, robot, damping = task.drive, task.equations.robot, task.equations.damping
     stepper, h = Stepper.of(robot, damping=damping), task.duration / (len(edges) - 1)
     middles, state = edges[:-1] + 0.5 * h, task.start
-    torques = drive.of_time(middles)
-    for k, middle in enumerate(middles):
+    torques = drive.of_time(middles)  # (K, n_a), None with feedback
+    for k in range(len(middles)):
         q, v = state
         torque = torques[k] if torques is not None else drive(edges[k : k + 1], q[None], v[None])[0]
-        world = None
+        world = np.zeros_like(v)
         if drive.world.acts:
-            world = drive.world(robot, np.array([middle]), integrate(robot, q[None], (0.5 * h * v)[None]))[0]
+            q_middle = integrate(robot, q[None], (0.5 * h * v)[None])
+            world = drive.world(robot, middles[k : k + 1], q_middle)[0]
         state = stepper.step(q, v, torque, h, world=world)
-        v = 0.5 * (v + state.v)
-        power = float((robot.gear_ratio * torque) @ v[robot.actuated] - v**2 @ damping)
-        power += 0.0 if world is None else float(world @ v)
+        mean_v = 0.5 * (v + state.v)
+        motor_power = (robot.gear_ratio * torque) @ mean_v[robot.actuated]
+        power = float(motor_power - mean_v**2 @ damping + world @ mean_v)
         yield FixedStep(float(edges[k]), float(edges[k + 1]), h, state, power)
 
 
@@ -262,52 +267,37 @@ class FixedStep(NamedTuple):
 def explicit_steps(
     equations: EquationsOfMotion, dynamics: ContactDynamics, drive: Drive, start: State, edges: Array
 ) -> Iterator[FixedStep]:
-    """Yield steps between the instants `edges` (K + 1,), also non-finite ones after divergence."""
+    """Yield steps between the instants `edges` (K + 1,), also non-finite ones after divergence.
+
+    With y = (q, v) and the table A, B, C of the method, stage i of a step h has the slope K_i = dy/dt at
+    y + h sum_j A_ij K_j and at the share C_i of the step; the step ends at y + h sum_i B_i K_i.
+    """
     from scipy.integrate import DOP853  # 0.2 s, not for those who only plan
 
-    forces = _forces(equations, drive, edges, DOP853.C)
-    state, nv, stages = np.concatenate(start), len(start.v), DOP853.n_stages
-    K = np.empty((stages, 2 * nv))
+    stages, nv, world = DOP853.n_stages, len(start.v), drive.world
+    times = edges[:-1, None] + np.diff(edges)[:, None] * DOP853.C  # (K, stages)
+    torques = drive.of_time(np.minimum(drive.shift_breaks(times).ravel(), edges[-1]))  # None: feedback
+    motors = None if torques is None else equations.motor_forces(torques).reshape(*times.shape, nv)
+    y, slopes = np.concatenate(start), np.empty((stages, 2 * nv))
     for k, h in enumerate(np.diff(edges)):
         power = 0.0
         for i in range(stages):
-            stage = state + h * (DOP853.A[i, :i] @ K[:i]) if i else state
-            q, v = stage[:nv], stage[nv:]
-            force = forces(k, i, q, v)
-            K[i, :nv], K[i, nv:] = v, dynamics.acceleration(q, v, force)
+            stage = y + h * (DOP853.A[i, :i] @ slopes[:i]) if i else y
+            q, v, t = stage[:nv], stage[nv:], times[k, i : i + 1]
+            if motors is None:
+                force = equations.motor_forces(drive(t, q[None], v[None]))[0]
+            else:
+                force = motors[k, i]
+            if world.acts:
+                force = force + world(equations.robot, t, q[None])[0]
+            slopes[i, :nv], slopes[i, nv:] = v, dynamics.acceleration(q, v, force)
             power += DOP853.B[i] * float(force @ v - equations.damping @ v**2)
-        state = state + h * (DOP853.B @ K)
+        y = y + h * (DOP853.B @ slopes)
         yield FixedStep(
             time=float(edges[k]),
             end_time=float(edges[k]) + float(h),
             length=float(h),
-            end=State(state[:nv], state[nv:]),
+            end=State(y[:nv], y[nv:]),
             power=power,
-            error=float(np.abs(h * (DOP853.E5[:stages] @ K[:, :nv])).max()),
+            error=float(np.abs(h * (DOP853.E5[:stages] @ slopes[:, :nv])).max()),
         )
-
-
-def _forces(
-    equations: EquationsOfMotion, drive: Drive, edges: Array, nodes: Array
-) -> Callable[[int, int, Array, Array], Array]:
-    """Return a function (step, stage, q, v) of the generalised forces (nv,) of motors and world.
-
-    Stages are at `nodes` (stages,) of the steps between `edges` (K + 1,).
-    """
-    times = edges[:-1, None] + np.diff(edges)[:, None] * nodes
-    torques = drive.of_time(np.minimum(drive.shift_breaks(times).ravel(), edges[-1]))
-    motors = None if torques is None else equations.motor_forces(torques)
-
-    def forces(k: int, i: int, q: Array, v: Array) -> Array:
-        """Compute generalised forces (nv,) of motors and world at stage i of step k.
-
-        Motor torques that depend on time alone were tabulated as `motors`.
-        """
-        time = times[k, i : i + 1]
-        if motors is None:
-            force = equations.motor_forces(drive(time, q[None], v[None]))[0]
-        else:
-            force = motors[k * len(nodes) + i]
-        return force + drive.world(equations.robot, time, q[None])[0] if drive.world.acts else force
-
-    return forces

@@ -144,16 +144,19 @@ def simulation_result(
 
 
 def _energy_error(equations: EquationsOfMotion, run: Integration, q: Array, v: Array) -> float:
-    """Compute the `energy_error` of a `Simulation` from the states q, v at the ends of all steps."""
+    """Compute the `energy_error` of a `Simulation` from the states q, v at the ends of all steps.
+
+    At rest all is rounding: of the work that lifts the robot by its length, or moves it that far meanwhile.
+    """
     robot, edges = equations.robot, run.trajectory.edges
     energy = equations.energy(q, v)
-    balance = np.abs(energy - energy[0] - run.supplied)
+    error = np.abs(energy - energy[0] - run.supplied).max()
     kinetic = energy - equations.energy(q, np.zeros_like(v))
-    # at rest all is rounding: of the work that lifts the robot by its length, or moves it that far meanwhile
-    gravity = float(np.linalg.norm(robot.model.gravity.linear))
-    lifting = robot.mass * robot.length * (gravity + robot.length / float(edges[-1] - edges[0]) ** 2)
-    scale = max(run.exchanged, float(np.ptp(energy)), float(kinetic.max()), np.finfo(float).eps * lifting)
-    return float(balance.max()) / scale if scale > 0 else 0.0
+    gravity = np.linalg.norm(robot.model.gravity.linear)
+    acceleration = gravity + robot.length / (edges[-1] - edges[0]) ** 2
+    rounding = np.finfo(float).eps * robot.mass * acceleration * robot.length
+    scale = max(run.exchanged, np.ptp(energy), kinetic.max(), rounding)
+    return float(error / scale) if scale > 0 else 0.0
 
 
 def _gap(robot: ParallelRobot, times: Array, q: Array) -> float:
@@ -183,7 +186,10 @@ def _gap(robot: ParallelRobot, times: Array, q: Array) -> float:
 def _path_errors(
     robot: ParallelRobot, planned: PlannedMotion, times: Array, q: Array
 ) -> tuple[float, float | None]:
-    """Compute the largest distance [m] and the largest turn [rad] from the planned platform."""
+    """Compute the largest distance [m] and the largest turn [rad] from the planned platform.
+
+    Of a platform that only turns the first is a turn; the second is None unless it does both.
+    """
     x = planned.platform(np.minimum(times, planned.duration))
     offset = robot.platform.residual(frames_at(robot, q), x)
     parts = [part for part in (robot.translations, ~robot.translations) if part.any()]

@@ -40,7 +40,10 @@ class State(NamedTuple):
 
 
 def _solve(mass: Array, jacobian: Array, forces: Array, rates: Array) -> Array:
-    """Compute accelerations (R, nv), infinite where the equations are singular."""
+    """Compute accelerations (R, nv), infinite where the equations are singular.
+
+    The equations are mass a + jacobian' (-lambda) = forces and jacobian a = rates.
+    """
     runs, m, nv = jacobian.shape
     matrix = np.zeros((runs, nv + m, nv + m))
     matrix[:, :nv, :nv] = mass
@@ -66,58 +69,74 @@ def _implicit(mass: Array, stack: RobotStack, by_spring: float, by_damping: floa
 
 
 def midpoint(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) -> State:
-    """Step by the linear implicit midpoint rule; `driven` (R, nv) are the motors' generalised forces."""
+    """Step by the linear implicit midpoint rule; `driven` (R, nv) are the motors' generalised forces.
+
+    All terms are taken in the predicted middle of the step. A first guess of the acceleration gives the
+    velocity there, on which bias forces and the drift of the loops depend.
+    """
     robot = stack.robots[0]
     middle = integrate(robot, q, 0.5 * h * v)
     terms = stack.terms(middle, v)
-    mass = _implicit(terms.mass, stack, 0.25 * h**2, 0.5 * h)
-    rate = matvec(terms.jacobian, v)
+    implicit_mass = _implicit(terms.mass, stack, 0.25 * h**2, 0.5 * h)
+    loop_rate = matvec(terms.jacobian, v)  # (R, m)
     drift = stack.drift(terms, v)
-    gap = terms.residual - 0.5 * h * rate + 0.125 * h**2 * drift  # loop equations at q
+    gap = terms.residual - 0.5 * h * loop_rate + 0.125 * h**2 * drift  # loop equations at q
     steady = driven - _springs(stack, middle) - stack.damping * v
-    closing = -rate / h - CLOSING_SHARE * gap / h**2
-    guess = _solve(mass, terms.jacobian, steady - terms.bias, closing - 0.5 * drift)
-    halfway = v + 0.5 * h * guess
-    terms = stack.with_velocities(terms, middle, halfway)
-    a = _solve(mass, terms.jacobian, steady - terms.bias, closing - 0.5 * stack.drift(terms, halfway))
-    new = v + h * a
-    return State(integrate(robot, q, 0.5 * h * (v + new)), new)
+    closing = -loop_rate / h - CLOSING_SHARE * gap / h**2
+    guess = _solve(implicit_mass, terms.jacobian, steady - terms.bias, closing - 0.5 * drift)
+    v_middle = v + 0.5 * h * guess
+    terms = stack.with_velocities(terms, middle, v_middle)
+    rates = closing - 0.5 * stack.drift(terms, v_middle)
+    v_end = v + h * _solve(implicit_mass, terms.jacobian, steady - terms.bias, rates)
+    return State(integrate(robot, q, 0.5 * h * (v + v_end)), v_end)
+
+
+class _EulerStep(NamedTuple):
+    """The state after a step, and the rate at which its loops close."""
+
+    state: State
+    closing_rate: Array  # (R, m)
+
+
+def _euler(
+    stack: RobotStack, start: State, driven: Array, h: float, closing_rate: Array | None = None
+) -> _EulerStep:
+    """Step by the linear implicit Euler method, h [s].
+
+    The equations are (M + h D + h^2 K) a = f and J (v + h a) = closing rate, with all terms at q + h v, so
+    that a part without mass is in balance after the step. Without a `closing_rate` loops close a share of
+    their gap in the step.
+    """
+    robot, (q, v) = stack.robots[0], start
+    predicted = integrate(robot, q, h * v)
+    terms = stack.terms(predicted, v)
+    if closing_rate is None:
+        closing_rate = -CLOSING_SHARE * terms.residual / h
+    implicit_mass = _implicit(terms.mass, stack, h**2, h)
+    forces = driven - terms.bias - _springs(stack, predicted) - stack.damping * v
+    loop_acceleration = (closing_rate - matvec(terms.jacobian, v)) / h
+    v_end = v + h * _solve(implicit_mass, terms.jacobian, forces, loop_acceleration)
+    return _EulerStep(State(integrate(robot, q, h * v_end), v_end), closing_rate)
 
 
 def extrapolate(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) -> State:
-    """Step by the linear implicit Euler method, extrapolated once."""
+    """Step by the linear implicit Euler method, extrapolated once: twice two half steps less the whole.
+
+    Extrapolation needs steps of different length toward one solution: all close the loops at one rate.
+    """
+    whole, closing_rate = _euler(stack, State(q, v), driven, h)
+    half, _ = _euler(stack, State(q, v), driven, 0.5 * h, closing_rate)
+    halves, _ = _euler(stack, half, driven, 0.5 * h, closing_rate)
     robot = stack.robots[0]
-
-    def euler(q: Array, v: Array, h: float, closing_rate: Array | None) -> tuple[State, Array]:
-        """Step by h [s]; return the state and the rate (R, m) at which loops close.
-
-        The equations are (M + h D + h^2 K) a = f and J (v + h a) = closing rate, with all terms at q + h v,
-        so that a part without mass is in balance after the step. Without a `closing_rate` loops close a share
-        of their gap in the step.
-        """
-        predicted = integrate(robot, q, h * v)
-        terms = stack.terms(predicted, v)
-        if closing_rate is None:
-            closing_rate = -CLOSING_SHARE * terms.residual / h
-        implicit_mass = _implicit(terms.mass, stack, h**2, h)
-        forces = driven - terms.bias - _springs(stack, predicted) - stack.damping * v
-        loop_rate = matvec(terms.jacobian, v)
-        loop_acceleration = (closing_rate - loop_rate) / h
-        new = v + h * _solve(implicit_mass, terms.jacobian, forces, loop_acceleration)
-        return State(integrate(robot, q, h * new), new), closing_rate
-
-    # extrapolation needs steps of different length toward one solution: all close the loops at one rate
-    full, closing_rate = euler(q, v, h, None)
-    half, _ = euler(q, v, 0.5 * h, closing_rate)
-    halves, _ = euler(half.q, half.v, 0.5 * h, closing_rate)
-    if robot.model.nq == robot.model.nv:
-        return State(2 * halves.q - full.q, 2 * halves.v - full.v)
-    back = difference(robot, full.q, halves.q)
-    return State(integrate(robot, halves.q, back), 2 * halves.v - full.v)
+    error = difference(robot, whole.q, halves.q)
+    return State(integrate(robot, halves.q, error), 2 * halves.v - whole.v)
 
 
 def runge_kutta(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) -> State:
-    """Step by the classical Runge-Kutta method of order 4 on pinocchio's contact dynamics, run by run."""
+    """Step by the classical Runge-Kutta method of order 4 on pinocchio's contact dynamics, run by run.
+
+    With y = (q, v) and dy/dt = (v, a(q, v)): stages at 0, h/2, h/2 and h, with weights 1/6, 1/3, 1/3, 1/6.
+    """
     new = State(np.empty_like(q), np.empty_like(v))
     several = len(stack.contacts) > 1
     for k in range(len(q)):

@@ -81,14 +81,15 @@ class Stepper:
         Raises:
             NotAssembled, NotConverged, InvalidInput: see `consistent_state`.
         """
-        robots = self.stack.robots
-        q = np.asarray(q, dtype=float)
-        v = np.zeros((*q.shape[:-1], robots[0].model.nv)) if v is None else np.asarray(v, dtype=float)
-        tau = np.zeros((*q.shape[:-1], robots[0].n_a)) if torque is None else np.asarray(torque, dtype=float)
-        if q.ndim == 1:
-            return State(*consistent_state(self.stack.equations(0), q, v, tau, world))
-        states = [consistent_state(self.stack.equations(k), q[k], v[k], tau[k], world) for k in range(len(q))]
-        return State(*map(np.array, zip(*states, strict=True)))
+        robot, q = self.stack.robots[0], np.asarray(q, dtype=float)
+        runs = np.atleast_2d(q)  # (R, nq)
+        v = np.zeros((len(runs), robot.model.nv)) if v is None else np.atleast_2d(np.asarray(v, dtype=float))
+        tau = np.zeros((len(runs), robot.n_a)) if torque is None else np.atleast_2d(torque)
+        states = [
+            consistent_state(self.stack.equations(k), runs[k], v[k], tau[k], world) for k in range(len(runs))
+        ]
+        starts, velocities = map(np.array, zip(*states, strict=True))
+        return State(starts.reshape(q.shape), velocities.reshape(*q.shape[:-1], robot.model.nv))
 
     def step(self, q: Array, v: Array, torque: Array, h: float, *, world: Array | None = None) -> State:
         """Return the state h [s] later under constant torques (n_a,) or (R, n_a) [N m], motor side.
@@ -97,24 +98,22 @@ class Stepper:
         diverges, or whose equations are singular, comes out as NaN or infinite. A run comes out the same to
         the last bit whatever stack it is in.
         """
-        if q.ndim == 1:
-            world = None if world is None else world[None]
-            new = self.step(q[None], v[None], torque[None], h, world=world)
-            return State(new.q[0], new.v[0])
-        driven = np.zeros((len(torque), self.stack.rotors.shape[1]))
+        runs, rates = np.atleast_2d(q), np.atleast_2d(v)  # (R, nq), (R, nv)
+        driven = np.zeros(rates.shape)  # generalised forces of motors and world
         driven[:, self.stack.robots[0].actuated] = self.stack.gear_ratio * torque
         if world is not None:
             driven += world
         with np.errstate(over="ignore", invalid="ignore"):
-            return SCHEMES[self.scheme](self.stack, q, v, driven, h)
+            new = SCHEMES[self.scheme](self.stack, runs, rates, driven, h)
+        return State(new.q.reshape(q.shape), new.v.reshape(v.shape))
 
     def platform(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Compute coordinates x and twist of the platform on its axes, (n,) or (R, n)."""
-        if q.ndim == 1:
-            x, twist = self.platform(q[None], v[None])
-            return x[0], twist[0]
-        robot, frames = self.stack.robots[0], self.stack.terms(q, v).frames
-        return robot.platform.coordinates(frames), matvec(robot.platform.jacobian(frames), v)
+        platform, rates = self.stack.robots[0].platform, np.atleast_2d(v)
+        frames = self.stack.terms(np.atleast_2d(q), rates).frames
+        x, twist = platform.coordinates(frames), matvec(platform.jacobian(frames), rates)
+        shape = (*q.shape[:-1], platform.n)
+        return x.reshape(shape), twist.reshape(shape)
 
 
 def _has_massless_motions(equations: EquationsOfMotion) -> bool:

@@ -96,12 +96,14 @@ class RobotStack:
         return models if len(models) > 1 else models * runs
 
     def terms(self, q: Array, v: Array) -> Terms:
-        """Compute all terms at q (R, nq) and v (R, nv)."""
-        runs, nv = v.shape
-        screws, dJ = np.empty((runs, nv, 6)), np.empty((runs, 6, nv))
-        mass, bias = np.empty((runs, nv, nv)), np.empty((runs, nv))
-        scratch = scratch_of(self.robots[0])
-        data, placements = scratch.data, np.empty((runs, *scratch.placements.shape))
+        """Compute all terms at q (R, nq) and v (R, nv).
+
+        Pinocchio fills the upper half of a mass matrix, to which the rotors are added.
+        """
+        (runs, nv), scratch = v.shape, scratch_of(self.robots[0])
+        data = scratch.data
+        mass, bias, dJ = np.empty((runs, nv, nv)), np.empty((runs, nv)), np.empty((runs, 6, nv))
+        placements, screws = np.empty((runs, *scratch.placements.shape)), np.empty((runs, nv, 6))
         for k, model in enumerate(self._models(runs)):
             bias[k] = pin.nonLinearEffects(model, data, q[k], v[k])
             mass[k] = pin.crba(model, data, q[k])
@@ -111,14 +113,17 @@ class RobotStack:
             scratch.update()
             placements[k], screws[k] = scratch.placements, scratch.columns
         rows, columns = _lower_half(nv)
-        mass[:, rows, columns] = mass[:, columns, rows]  # pinocchio fills the upper half
+        mass[:, rows, columns] = mass[:, columns, rows]
         mass[:, range(nv), range(nv)] += self.rotors
         frames = stacked_frames(scratch, placements, screws, q)
         loops = loop_equations(self.first.rows, frames)
         return Terms(mass, bias, frames, loops.residual, loops.jacobian, dJ)
 
     def with_velocities(self, terms: Terms, q: Array, v: Array) -> Terms:
-        """Return the terms `terms` at configurations q (R, nq) for other velocities v (R, nv)."""
+        """Return the terms at configurations q (R, nq) for other velocities v (R, nv).
+
+        Only bias forces and the rate of the tree's Jacobian depend on velocities.
+        """
         bias, dJ = np.empty_like(terms.bias), np.empty_like(terms.tree_rate)
         data = scratch_of(self.robots[0]).data
         for k, model in enumerate(self._models(len(q))):

@@ -65,17 +65,22 @@ class Cubics(ReadOnlyArrays):
     v: Array  # (K + 1, nv)
 
     def __call__(self, t: Array) -> tuple[Array, Array]:
-        """Evaluate cubic Hermite interpolants q (T, nq) and their rates v (T, nv) at times (T,) [s]."""
-        which = _step_index(self.edges, t)
-        h = np.diff(self.edges)[which][:, None]
-        share = (t - self.edges[which])[:, None] / h
-        start, end = self.q[which], self.q[which + 1]
-        offset = difference(self.robot, start, end)
-        v0, v1 = h * self.v[which], h * self.v[which + 1]
-        # d(0) = 0, d(1) = offset, d'(0) = v0, d'(1) = v1
-        c2, c3 = 3 * offset - 2 * v0 - v1, v0 + v1 - 2 * offset
-        step = share * (v0 + share * (c2 + share * c3))
-        return integrate(self.robot, start, step), (v0 + share * (2 * c2 + 3 * share * c3)) / h
+        """Evaluate cubic Hermite interpolants q (T, nq) and their rates v (T, nv) at times (T,) [s].
+
+        With u in [0, 1] on a step of length h, the offset from its start is h v_0 u + c_2 u^2 + c_3 u^3. At
+        u = 1 it is the offset d of the end, with the rate h v_1: so c_2 = 3 d - 2 h v_0 - h v_1 and
+        c_3 = h v_0 + h v_1 - 2 d.
+        """
+        k = _step_index(self.edges, t)
+        h = np.diff(self.edges)[k][:, None]
+        u = (t - self.edges[k])[:, None] / h
+        d = difference(self.robot, self.q[k], self.q[k + 1])  # (T, nv)
+        hv_0, hv_1 = h * self.v[k], h * self.v[k + 1]
+        c_2 = 3 * d - 2 * hv_0 - hv_1
+        c_3 = hv_0 + hv_1 - 2 * d
+        offset = u * (hv_0 + u * (c_2 + u * c_3))
+        rate = (hv_0 + u * (2 * c_2 + 3 * u * c_3)) / h
+        return integrate(self.robot, self.q[k], offset), rate
 
 
 def _step_index(edges: Array, t: Array) -> Array:
