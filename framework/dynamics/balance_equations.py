@@ -21,14 +21,19 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from framework.arrays import Array
-from framework.dynamics.loaded_balance import Course, LoadedBalance, balance_along, slopes_along, spring_units
+from framework.dynamics.loaded_balance import (
+    Course,
+    LoadedBalance,
+    balance_along,
+    deflection_slopes,
+    load_at_rates,
+    spring_units,
+)
 from framework.kinematics.continuation.tracking import Branch
 from framework.motion.chebyshev import coefficients, derivative_matrix, nodes
 from framework.motion.clock import Clock
 from framework.motion.path import time_derivatives
 from framework.tolerances import END_RATE_MISFIT, END_RATE_WEIGHT, WEAK_COLUMN
-
-DEFLECTION_STEP = 1e-5  # in units of the springs, for differences
 
 Family = Callable[[Array], Clock]  # laws by their scalars (k,)
 
@@ -128,7 +133,7 @@ class BalanceEquations:
         self.branch, self.family, self.steps = branch, family, steps
         self.units = spring_units(branch.robot)
         self.stiffness = float((branch.robot.stiffness * self.units**2).max())  # of each spring, in its unit
-        self.orders = 3 if branch.robot.elastic_inertia or branch.robot.is_damped else 1
+        self.orders = 3 if branch.robot.elastic_inertia else 1
 
     def at(
         self, series: Array, scalars: Array, *, stiffer: float = 1.0, near: Array | None = None
@@ -169,28 +174,23 @@ class BalanceEquations:
     def slopes(self, state: BalanceState) -> Slopes:
         """What each unknown changes at a state.
 
-        Raises:
-            NotAssembled: a step tears the loops.
+        Of the law's scalars by central differences of `steps`.
         """
-        course, panels = state.points.course, len(state.series)
-        duration = state.points.clock.law.duration
-        still = Course(*(np.zeros_like(part) for part in course))
-        directions, sizes = [], []
-        parts = (("l", DEFLECTION_STEP, 1.0), ("dl", 1.0, state.points.rate), ("ddl", duration**-2.0, 1.0))
-        for part, size, pace in parts[: self.orders]:
-            for k, unit in enumerate(self.units):
-                bent = np.zeros_like(course.l)
-                bent[:, k] = size * unit * pace
-                directions.append(still._replace(**{part: bent}))
-                sizes.append(size)
+        robot, series = self.branch.robot, state.series
+        changes = deflection_slopes(robot, state.balance, self.orders)
+        changes[:, :, robot.n_e : 2 * robot.n_e] *= state.points.rate[:, None, None]
+        by_law = np.zeros((*changes.shape[:2], len(self.steps)))
         for k, step in enumerate(self.steps):
             change = step * np.eye(len(self.steps))[k]
-            more, less = (self._points(state.series, state.scalars + d).course for d in (change, -change))
-            directions.append(Course(*(0.5 * (a - b) for a, b in zip(more, less, strict=True))))
-            sizes.append(float(step))
-        changes = slopes_along(self.branch.robot, state.balance, directions) / np.array(sizes)
-        series = coefficients(changes.reshape(panels, len(changes) // panels, -1))
-        return Slopes(series, len(sizes), state.misfit)
+            ahead, behind = (
+                load_at_rates(robot, state.balance, self._points(series, state.scalars + d).course)
+                for d in (change, -change)
+            )
+            by_law[:, :, k] = (ahead - behind) / (2.0 * step)
+        changes = np.concatenate([changes, by_law], axis=2)
+        count = changes.shape[2]
+        changes = changes.reshape(len(series), len(changes) // len(series), -1)
+        return Slopes(coefficients(changes), count, state.misfit)
 
     def linearised(self, state: BalanceState, slopes: Slopes) -> LinearBalance:
         """The equations for a step from this state, and from others near it."""

@@ -18,19 +18,20 @@ Derivatives are those of r + K l - J' lambda with lambda fixed at its best: they
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from framework.arrays import Array, IntArray
+from framework.dynamics.force_changes import force_changes, force_slopes
 from framework.dynamics.forces import Forces, tree_forces
 from framework.dynamics.tangent_stiffness import factor_transposed, moving_columns
 from framework.kinematics.external_wrenches import ExternalWrenches
-from framework.kinematics.frames import difference, integrate, integrate_columns
+from framework.kinematics.frames import difference, integrate_columns
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.linearised_loops import ClosedStack
-from framework.kinematics.motion_rates import Motion, joint_rates, motion_at
+from framework.kinematics.motion_changes import MotionSteps, motion_changes
+from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.ordered_sums import matvec, solve
 
@@ -110,42 +111,29 @@ def forces_in_balance(robot: ParallelRobot, motion: Motion, deflections: Array) 
     return Forces((r - held)[:, robot.actuated], spring_force), change
 
 
-def slopes_along(robot: ParallelRobot, balance: LoadedBalance, directions: Sequence[Course]) -> Array:
-    """Compute by how much small steps, d directions, change r + K l - J' lambda: (T, f, d).
+def deflection_slopes(robot: ParallelRobot, balance: LoadedBalance, orders: int) -> Array:
+    """Compute derivatives of r + K l - J' lambda along deflections in spring units (T, f, orders n_e).
 
-    By central differences, which are exact for what is linear or quadratic, as rates and accelerations are;
-    of accelerations alone one side is enough.
-
-    Raises:
-        NotAssembled: a step tears the loops.
+    `orders` is 1, or 3 with rates and accelerations of the deflections.
     """
-    own, changes = _unheld(robot, balance, balance.loaded), []
-    for direction in directions:
-        forth = _unheld(robot, balance, _shifted(robot, balance, direction, 1.0))
-        if any(part.any() for part in (direction.x, direction.dx, direction.l, direction.dl)):
-            changes.append(0.5 * (forth - _unheld(robot, balance, _shifted(robot, balance, direction, -1.0))))
-        else:
-            changes.append(forth - own)
-    return np.stack(changes, axis=2)
+    (columns, units), motion, n_e = _locked(robot), balance.loaded.motion, robot.n_e
+    still = np.zeros((len(motion.q), orders * n_e, robot.n))
+    joints = np.zeros((3, *still.shape[:2], n_e))
+    for order in range(orders):
+        joints[order, :, order * n_e : (order + 1) * n_e] = np.diag(units[:n_e])
+    changes = motion_changes(robot, motion, MotionSteps((still,) * 3, robot.elastic, (*joints,)))
+    multipliers = balance.multipliers * _row_weights(robot)
+    forces = force_changes(robot, motion, force_slopes(robot, motion), multipliers, changes)
+    slopes = (forces[..., columns] * units).swapaxes(1, 2)
+    slopes[:, range(n_e), range(n_e)] += balance.stiffer * robot.stiffness * units[:n_e] ** 2
+    return slopes
 
 
-def _unheld(robot: ParallelRobot, balance: LoadedBalance, loaded: Loaded) -> Array:
-    """What of the load the multipliers of the balance do not hold (T, f)."""
-    columns, units = _locked(robot)
-    held = matvec(_loops(robot, loaded.motion).swapaxes(1, 2), balance.multipliers)
-    return loaded.load[:, columns] * units - held
-
-
-def _shifted(robot: ParallelRobot, balance: LoadedBalance, direction: Course, sign: float) -> Loaded:
-    """The loads a step along a direction away from the course."""
-    course = Course(*(own + sign * step for own, step in zip(balance.course, direction, strict=True)))
-    motion = balance.loaded.motion
-    if not (direction.x.any() or direction.l.any()):
-        closed = ClosedStack(motion.q, course.x, motion.linearised)
-        return _loads(robot, course, closed, balance.wrenches, balance.stiffer)
-    bent = joint_rates(robot, motion.linearised, sign * direction.x, sign * direction.l)
-    near = integrate(robot, motion.q, bent)
-    return _loaded(robot, course, near, balance.wrenches, balance.stiffer)
+def load_at_rates(robot: ParallelRobot, balance: LoadedBalance, course: Course) -> Array:
+    """Compute the load (T, f) of a course at the same configurations, with other rates."""
+    (columns, units), motion = _locked(robot), balance.loaded.motion
+    closed = ClosedStack(motion.q, course.x, motion.linearised)
+    return _loads(robot, course, closed, balance.wrenches, balance.stiffer).load[:, columns] * units
 
 
 def _loaded(
@@ -161,7 +149,8 @@ def _loads(
     robot: ParallelRobot, course: Course, closed: ClosedStack, wrenches: ExternalWrenches, stiffer: float
 ) -> Loaded:
     """The loads along a course whose loops are closed."""
-    motion = motion_at(robot, closed, course.dx, course.ddx, course.dl, course.ddl)
+    rates = (course.dl, course.ddl) if robot.elastic_inertia else ()
+    motion = motion_at(robot, closed, course.dx, course.ddx, *rates)
     motion = motion.with_wrenches(wrenches.evaluate(robot, closed.linearised.frames, course.s))
     load = tree_forces(robot, motion)
     load[:, robot.elastic] += stiffer * robot.stiffness * course.l

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array
-from framework.dynamics.loaded_balance import Course, balance_along, slopes_along, spring_units
+from framework.dynamics.loaded_balance import Course, balance_along, deflection_slopes, spring_units
 from framework.dynamics.result import InverseDynamics
 from framework.errors import NoAnswer
 from framework.motion.law import law_derivatives
@@ -22,7 +22,6 @@ from framework.motion.path import time_derivatives
 from framework.singularity.bordered_system import root_of_g
 from framework.tolerances import SAME_PLACE
 
-DEFLECTION_STEP = 1e-5  # in units of the springs, for differences
 MAX_STEP_SHARE = 0.5  # of the time to the next crossing, that a step of Newton's method may take
 
 
@@ -40,7 +39,7 @@ def loaded_tangent(result: InverseDynamics, t: Array) -> Array:
     In units of the springs; one regular matrix from the left for all instants, so that it is smooth in t.
 
     Raises:
-        NotAssembled: a small deflection tears the loops.
+        NotAssembled: the deflections tear the loops.
     """
     robot, law = result.robot, result.law
     s = law_derivatives(law, t)
@@ -48,12 +47,8 @@ def loaded_tangent(result: InverseDynamics, t: Array) -> Array:
         s[0], *time_derivatives(result.path, s), *(result.deflection(t, order) for order in range(3))
     )
     balance = balance_along(robot, course, result.configuration(t), wrenches=result.wrenches)
-    still = Course(*(np.zeros_like(part) for part in course))
-    units = spring_units(robot)
-    steps = [still._replace(l=still.l + DEFLECTION_STEP * unit) for unit in np.diag(units)]
-    changes = slopes_along(robot, balance, steps) / DEFLECTION_STEP  # (T, f, n_e)
-    Y = balance.Y
-    stiffness = float((robot.stiffness * units**2).max())
+    Y, changes = balance.Y, deflection_slopes(robot, balance, 1)
+    stiffness = float((robot.stiffness * spring_units(robot) ** 2).max())
     return Y[len(t) // 2].T @ Y @ (Y.swapaxes(1, 2) @ changes) / stiffness
 
 

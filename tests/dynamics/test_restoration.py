@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -11,6 +12,7 @@ from framework import CrossingPlan, plan_crossing
 from framework.dynamics.balance_equations import BalanceEquations
 from framework.dynamics.inverse_dynamics import resolve_law
 from framework.dynamics.restoration import deflections_of
+from framework.motion.clock import OnParameter
 from framework.singularity.points_on_path import search_path
 from tests.benchmarks.upright_robots import drawn, is_right, judged
 
@@ -45,6 +47,30 @@ def test_a_law_alone_has_the_torques_that_were_planned_with_it(kind):
     again = resolve_law(searched, plan.law, geometry="deformed", tolerance=1e-10, friction="driven")
     t = np.linspace(0.0, plan.duration, 101)
     assert np.abs(again.torque(t) - plan.torque(t)).max() <= 1e-7 * np.abs(plan.torque(t)).max()
+
+
+def test_slopes_of_the_balance_are_those_of_central_differences():
+    plan, rng = planned("light five-bar"), np.random.default_rng(0)
+    branch = search_path(plan.robot, plan.path).branch
+    known = deflections_of(branch, plan.law)
+
+    def slowed(scalars):
+        """The law at another pace, which changes rates and accelerations alone."""
+        coefficients = plan.law.coefficients * (1.0 + scalars[0])
+        return OnParameter(replace(plan.law, coefficients=coefficients, duration=0.0), branch.knots)
+
+    equations = BalanceEquations(branch, slowed, np.array([1e-4]))
+    series = known.series / equations.units
+    step = 1e-5 * np.abs(series).max() * rng.normal(size=series.shape)
+    step /= np.arange(1.0, series.shape[1] + 1)[:, None] ** 4
+    state, pace = equations.at(series, np.zeros(1)), np.array([1e-5])
+    near = state.balance.loaded.motion.q
+    ahead = equations.at(series + step, pace, near=near).balance.F
+    behind = equations.at(series - step, -pace, near=near).balance.F
+    matrix = equations._matrix(state, equations.slopes(state))
+    foreseen = (matrix @ np.concatenate([step.ravel(), pace])).reshape(ahead.shape)
+    change = 0.5 * (ahead - behind)
+    assert np.abs(change - foreseen).max() <= 1e-6 * np.abs(change).max()
 
 
 def test_one_step_squares_a_small_error():
