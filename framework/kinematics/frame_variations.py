@@ -111,10 +111,10 @@ def step_frames(mechanism: Mechanism, frames: FrameStack, motions: Array) -> Fra
     )
 
 
-def row_variation(rows: LoopRows, variation: FrameVariation) -> Array:
-    """Compute the changes (2, T, k, m) of rates and second derivatives of loop equations."""
+def row_variation(rows: LoopRows, variation: FrameVariation, order: int) -> Array:
+    """Compute the changes (T, k, m) of a derivative of loop equations, the first or the second."""
     a, b = row_factors(rows, variation.rates)
-    return rows.weight * changes_of(product_rates(dot, a, b)[1:])
+    return rows.weight * changes_of(product_rates(dot, a, b)[order])
 
 
 def loop_curvature(mechanism: Mechanism, rows: LoopRows, frames: FrameStack, multipliers: Array) -> Array:

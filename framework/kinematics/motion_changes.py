@@ -22,14 +22,16 @@ from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.motion_rates import Motion, moving_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.platform import CoordinateRates
+from framework.kinematics.tree_model import ball_columns
+from framework.linalg.ordered_sums import cross
 
 
 class MotionSteps(NamedTuple):
-    """k small steps at T instants: displacements, changes of rates and of accelerations."""
+    """k small steps at T instants; joints that step by themselves keep their rates and accelerations."""
 
-    twist: CoordinateRates  # (T, k, n) along the platform's v, of v, of dv/dt
+    twist: CoordinateRates  # (T, k, n) displacements along the platform's v, changes of v, of dv/dt
     columns: IntArray  # (c,) of the joints that step by themselves: deflections, idle joints
-    joints: CoordinateRates  # (T, k, c) of these joints
+    joints: Array  # (T, k, c) displacements of these joints
 
 
 class MotionChanges(NamedTuple):
@@ -40,48 +42,64 @@ class MotionChanges(NamedTuple):
     a: Array
 
 
-def coordinate_steps(
-    robot: ParallelRobot, x: CoordinateRates, columns: IntArray | None = None
-) -> MotionSteps:
-    """Return unit steps of coordinates at T instants: of all positions, then of rates, then of accelerations.
+def position_steps(robot: ParallelRobot, x: CoordinateRates, columns: IntArray) -> MotionSteps:
+    """Return unit steps of coordinates at T instants, at constant rates and accelerations.
 
-    Coordinates are those of a platform at x, dx, ddx (T, n), then the joints of c `columns`, none by default,
-    of deflections or idle joints: k = 3 (n + c) steps.
+    Coordinates are those of a platform at x, dx, ddx (T, n), then c `columns` of deflections or idle joints:
+    k = n + c steps.
     """
-    columns = np.empty(0, dtype=np.intp) if columns is None else columns
     count, n = x[0].shape
     size = n + len(columns)
-    steps = np.eye(3 * size).reshape(3 * size, 3, size).swapaxes(0, 1)
-    units = np.repeat(steps[:, None], count, axis=1)
-    motion = np.repeat(x, 3 * size, axis=1)
-    twists = robot.platform.twist_changes((*motion,), (*units[..., :n].reshape(3, -1, n),))
-    return MotionSteps((*np.reshape(twists, (3, count, 3 * size, n)),), columns, (*units[..., n:],))
+    units = np.repeat(np.eye(size)[None], count, axis=0)
+    position, rate, acceleration = (np.repeat(part, size, axis=0) for part in x)
+    twists = robot.platform.twist_changes((position, rate, acceleration), units[..., :n].reshape(-1, n))
+    return MotionSteps((*np.reshape(twists, (3, count, size, n)),), columns, units[..., n:])
 
 
 def motion_changes(robot: ParallelRobot, motion: Motion, steps: MotionSteps) -> MotionChanges:
     """Compute the changes of a motion for small steps.
 
     Raises:
-        numpy.linalg.LinAlgError: the platform does not determine the joints at some instant.
+        NotAssembled: the platform does not determine the joints at some instant.
     """
     linearised, (count, k) = motion.linearised, steps.twist[0].shape[:2]
     still, closed = np.zeros((count, k, robot.model.nv)), np.zeros((count, k, len(robot.loops.names)))
     columns, joints = steps.columns, steps.joints
     displacement = np.concatenate([steps.twist[0], closed], axis=2)
-    dq = solve_rates(robot, linearised, displacement, columns, joints[0])
-
+    dq = solve_rates(robot, linearised, displacement, columns, joints)
     ahead = step_frames(robot, linearised.frames, dq)
 
     def missing_change(dv: Array, order: int) -> Array:
         """Compute the change of the equations' derivative still to be made by rates of this order."""
         variation = vary_frames(robot, ahead, motion.v, motion.a if order else None, dv)
         platform = robot.platform.velocity_changes(variation)[order]
-        loops = row_variation(robot.loops, variation)[order]
+        loops = row_variation(robot.loops, variation, 1 + order)
         return np.concatenate([steps.twist[1 + order] - platform, -loops], axis=2)
 
-    dv = solve_rates(robot, linearised, missing_change(still, 0), columns, joints[1])
-    da = solve_rates(robot, linearised, missing_change(dv, 1), columns, joints[2])
+    dv = solve_rates(robot, linearised, missing_change(still, 0), columns, 0.0 * joints)
+    da = solve_rates(robot, linearised, missing_change(dv, 1), columns, 0.0 * joints)
     return MotionChanges(dq, dv, da)
+
+
+def coordinate_changes(
+    robot: ParallelRobot, motion: Motion, x: CoordinateRates, elastic: IntArray
+) -> MotionChanges:
+    """Compute the changes of a motion (T, 3 k, nv) by unit steps of coordinates.
+
+    All positions step, then rates, then accelerations: of a platform at x, dx, ddx (T, n), of the `elastic`
+    joints and of the idle ones, k in all. A step of a rate changes v by dq of the position's step, and a by
+    2 dv - [v, dq]. The bracket of the fields of motion is zero but for balls, whose rates belong to no
+    coordinate, and has no part along the steps of idle joints, which keep their rates.
+    """
+    steps = position_steps(robot, x, np.concatenate([elastic, robot.structure.idle]))
+    dq, dv, da = motion_changes(robot, motion, steps)
+    still, bracket = np.zeros_like(dq), np.zeros_like(dq)
+    for ball in ball_columns(robot.model):
+        bracket[..., ball] = cross(motion.v[:, None, ball], dq[..., ball])
+    turns = dq[:, robot.n + len(elastic) :]
+    bracket -= bracket[..., robot.structure.idle] @ turns
+    blocks = ((dq, still, still), (dv, dq, still), (da, 2.0 * dv - bracket, dq))
+    return MotionChanges(*(np.concatenate(block, axis=1) for block in blocks))
 
 
 def solve_rates(
