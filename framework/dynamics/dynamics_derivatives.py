@@ -13,11 +13,12 @@ solution of least norm, t = G k, and dt = dG k + G dk.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 from framework.dynamics.body_parameters import body_parameters, tree_regressor
 from framework.dynamics.force_changes import force_changes, force_slopes
 from framework.dynamics.forces import (
@@ -31,7 +32,7 @@ from framework.dynamics.platform_wrench import motor_speeds
 from framework.dynamics.pointwise_dynamics import prescribed_motion, require_hold
 from framework.kinematics.motion_changes import (
     MotionSteps,
-    coordinate_steps,
+    coordinate_changes,
     motion_changes,
     require_turns_at_rest,
 )
@@ -51,8 +52,21 @@ class DynamicsDerivatives(ReadOnlyArrays):
     torque_x: Array  # (n_a, n) per m, rad
     torque_dx: Array  # (n_a, n) per m/s, rad/s
     torque_ddx: Array  # (n_a, n) per m/s2, rad/s2
-    regressor: Array  # (n_a, p) per unit of the parameters, see `body_parameters`
-    parameters: tuple[str, ...]  # (p,)
+    _robot: ParallelRobot = field(repr=False)
+    _motion: Motion = field(repr=False)  # of T instants, T = 1 for one
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the p inertial parameters of all bodies, see `body_parameters`."""
+        return body_parameters(self._robot)[0]
+
+    @cached_property
+    def regressor(self) -> Array:
+        """Derivatives (n_a, p) of the torques by the parameters, computed on first use."""
+        G, rates = motor_speeds(self._robot, self._motion.linearised)
+        wrenches = rates.swapaxes(1, 2) @ tree_regressor(self._robot, self._motion)
+        stack = _solve_motor_torques(self._robot, G, wrenches)
+        return read_only(stack if self.torque.ndim == 2 else stack[0])
 
 
 def dynamics_derivatives(
@@ -85,24 +99,23 @@ def dynamics_derivatives(
     r = tree_forces(robot, motion)
     joint_torque = balanced_forces(robot, motion.linearised, r).joint_torque
     multipliers = loop_multipliers(robot, motion.linearised, r, joint_torque)[:, robot.n :]
-    steps = coordinate_steps(robot, (prescribed.x, prescribed.dx, prescribed.ddx))
-    changes = motion_changes(robot, motion, steps)
+    changes = coordinate_changes(robot, motion, prescribed[:3], robot.elastic[:0])
     force_change = force_changes(robot, motion, force_slopes(robot, motion), multipliers, changes)
     G, rates = motor_speeds(robot, motion.linearised)
-    wrench_slopes = (force_change @ rates).swapaxes(1, 2)  # (T, n, 3 n), T' d(r - J' lambda)
-    dG_k = _redundant_torque_changes(robot, motion, steps, G, joint_torque)
-    slopes = dG_k + _solve_motor_torques(robot, G, wrench_slopes - G.swapaxes(1, 2) @ dG_k)
-    rotor_slopes = robot.rotor_inertia * robot.gear_ratio * changes.a[..., robot.actuated]
-    slopes = (slopes + rotor_slopes.swapaxes(1, 2))[prescribed.entry]
-
-    regressor = _solve_motor_torques(robot, G, rates.swapaxes(1, 2) @ tree_regressor(robot, motion))
+    wrench_slopes = (force_change @ rates).swapaxes(1, 2)  # (T, n, 3 k), T' d(r - J' lambda)
+    slopes = (robot.rotor_inertia * robot.gear_ratio * changes.a[..., robot.actuated]).swapaxes(1, 2)
+    if robot.n_a > robot.n:
+        dG_k = _redundant_torque_changes(robot, motion, changes.q, G, joint_torque)
+        slopes, wrench_slopes = slopes + dG_k, wrench_slopes - G.swapaxes(1, 2) @ dG_k
+    slopes = slopes + _solve_motor_torques(robot, G, wrench_slopes)
+    by_x, by_dx, by_ddx = np.split(slopes[prescribed.entry], 3, axis=-1)  # of n and of idle joints
     return DynamicsDerivatives(
         torque=motor_torque(robot, motion, joint_torque)[prescribed.entry],
-        torque_x=slopes[..., : robot.n],
-        torque_dx=slopes[..., robot.n : 2 * robot.n],
-        torque_ddx=slopes[..., 2 * robot.n :],
-        regressor=regressor[prescribed.entry],
-        parameters=body_parameters(robot)[0],
+        torque_x=by_x[..., : robot.n],
+        torque_dx=by_dx[..., : robot.n],
+        torque_ddx=by_ddx[..., : robot.n],
+        _robot=robot,
+        _motion=motion,
     )
 
 
@@ -118,19 +131,18 @@ def _solve_motor_torques(robot: ParallelRobot, G: Array, wrenches: Array) -> Arr
 
 
 def _redundant_torque_changes(
-    robot: ParallelRobot, motion: Motion, steps: MotionSteps, G: Array, joint_torque: Array
+    robot: ParallelRobot, motion: Motion, displacements: Array, G: Array, joint_torque: Array
 ) -> Array:
-    """Compute dG k (T, n_a, steps) for redundant motors with t = G k; zeros otherwise.
+    """Compute dG k (T, n_a, steps) of redundant motors with t = G k, for displacements (T, steps, nv).
 
     G k are the motors' speeds for the twist k: dG k is their change at constant k.
     """
-    instants, count = steps.twist[0].shape[:2]
-    if robot.n_a == robot.n:
-        return np.zeros((instants, robot.n_a, count))
     k = np.linalg.pinv(G) @ (joint_torque / robot.gear_ratio)[..., None]
     rates = motor_speeds(robot, motion.linearised)[1]
-    zero = np.zeros_like(steps.twist[0])
     motion_with_twist_k = replace(motion, v=(rates @ k)[..., 0], a=np.zeros_like(motion.a))
-    constant_twist = steps._replace(twist=(steps.twist[0], zero, zero))
-    speed_changes = motion_changes(robot, motion_with_twist_k, constant_twist).v[..., robot.actuated]
+    twists = displacements @ motion.linearised.platform.swapaxes(1, 2)
+    still, columns = np.zeros_like(twists), robot.structure.idle
+    turns = displacements[..., columns]
+    steps = MotionSteps((twists, still, still), columns, (turns, 0.0 * turns, 0.0 * turns))
+    speed_changes = motion_changes(robot, motion_with_twist_k, steps).v[..., robot.actuated]
     return (robot.gear_ratio * speed_changes).swapaxes(1, 2)

@@ -23,7 +23,7 @@ from framework.dynamics.forward_dynamics import forward_dynamics
 from framework.dynamics.pointwise_dynamics import entry_of
 from framework.errors import InvalidInput
 from framework.kinematics.inverse_kinematics import require_square
-from framework.kinematics.motion_changes import MotionChanges, coordinate_steps, motion_changes, solve_rates
+from framework.kinematics.motion_changes import MotionChanges, coordinate_changes, solve_rates
 from framework.kinematics.motion_rates import Motion, platform_twists
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.platform import CoordinateRates
@@ -80,8 +80,7 @@ def forward_derivatives(
     wrenches_that_turn = (wrench._replace(turns=wrench.frame in turning) for wrench in motion.wrenches)
     motion = motion.with_wrenches(tuple(wrenches_that_turn))
     x, dx, ddx = platform_rates_of(robot, motion)
-    steps = coordinate_steps(robot, (x, dx, ddx), _undetermined_columns(robot))
-    changes = motion_changes(robot, motion, steps)
+    changes = coordinate_changes(robot, motion, (x, dx, ddx), robot.elastic)
     force_change = _force_changes(robot, motion, np.atleast_2d(instant.joint_torque), changes)
     slopes, d = _coordinate_slopes(robot, motion, force_change), robot.n + robot.n_e
     motor = _motor_slopes(changes.a[..., robot.actuated], slopes, d)

@@ -26,10 +26,9 @@ from framework.kinematics.external_wrenches import (
     applied_wrench,
     check_frame,
     expect_wrenches,
-    move_wrench,
 )
 from framework.kinematics.frame_variations import tree_columns
-from framework.kinematics.frames import rotations
+from framework.kinematics.frames import move_wrench, rotations
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot

@@ -23,6 +23,8 @@ from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.motion_rates import Motion, moving_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.platform import CoordinateRates
+from framework.kinematics.tree_model import ball_columns
+from framework.linalg.ordered_sums import cross
 
 
 class MotionSteps(NamedTuple):
@@ -41,29 +43,27 @@ class MotionChanges(NamedTuple):
     a: Array
 
 
-def coordinate_steps(
-    robot: ParallelRobot, x: CoordinateRates, columns: IntArray | None = None
-) -> MotionSteps:
-    """Return unit steps of coordinates at T instants: of all positions, then of rates, then of accelerations.
+def position_steps(robot: ParallelRobot, x: CoordinateRates, columns: IntArray) -> MotionSteps:
+    """Return unit steps of coordinates at T instants, at constant rates and accelerations.
 
-    Coordinates are those of a platform at x, dx, ddx (T, n), then the joints of c `columns`, none by default,
-    of deflections or idle joints: k = 3 (n + c) steps.
+    Coordinates are those of a platform at x, dx, ddx (T, n), then c `columns` of deflections or idle joints:
+    k = n + c steps.
     """
-    columns = np.empty(0, dtype=np.intp) if columns is None else columns
     count, n = x[0].shape
     size = n + len(columns)
-    steps = np.eye(3 * size).reshape(3 * size, 3, size).swapaxes(0, 1)
-    units = np.repeat(steps[:, None], count, axis=1)
-    motion = np.repeat(x, 3 * size, axis=1)
-    twists = robot.platform.twist_changes((*motion,), (*units[..., :n].reshape(3, -1, n),))
-    return MotionSteps((*np.reshape(twists, (3, count, 3 * size, n)),), columns, (*units[..., n:],))
+    units = np.repeat(np.eye(size)[None], count, axis=0)
+    position, rate, acceleration = (np.repeat(part, size, axis=0) for part in x)
+    twists = robot.platform.twist_changes((position, rate, acceleration), units[..., :n].reshape(-1, n))
+    joints = units[..., n:]
+    constant = np.zeros_like(joints)
+    return MotionSteps((*np.reshape(twists, (3, count, size, n)),), columns, (joints, constant, constant))
 
 
 def motion_changes(robot: ParallelRobot, motion: Motion, steps: MotionSteps) -> MotionChanges:
     """Compute the changes of a motion for small steps.
 
     Raises:
-        numpy.linalg.LinAlgError: the platform does not determine the joints at some instant.
+        NotAssembled: the platform does not determine the joints at some instant.
     """
     linearised, columns, joints = motion.linearised, steps.columns, steps.joints
     displacement, dtwist, dtwist_rate = steps.twist  # (T, k, n) each
@@ -87,6 +87,27 @@ def motion_changes(robot: ParallelRobot, motion: Motion, steps: MotionSteps) -> 
     loop_change = changes_of(closure_drift(robot.loops, same_accelerations))
     da = solve(dtwist_rate - platform_change, -loop_change, joints[2])
     return MotionChanges(dq, dv, da)
+
+
+def coordinate_changes(
+    robot: ParallelRobot, motion: Motion, x: CoordinateRates, elastic: IntArray
+) -> MotionChanges:
+    """Compute the changes of a motion (T, 3 k, nv) by unit steps of coordinates.
+
+    All positions step, then rates, then accelerations: of a platform at x, dx, ddx (T, n), of the `elastic`
+    joints and of the idle ones, k in all. A step of a rate changes v by dq of the position's step, and a by
+    2 dv - [v, dq]. The bracket of the fields of motion is zero but for balls, whose rates belong to no
+    coordinate, and has no part along the steps of idle joints, which keep their rates.
+    """
+    steps = position_steps(robot, x, np.concatenate([elastic, robot.structure.idle]))
+    dq, dv, da = motion_changes(robot, motion, steps)
+    still, bracket = np.zeros_like(dq), np.zeros_like(dq)
+    for ball in ball_columns(robot.model):
+        bracket[..., ball] = cross(motion.v[:, None, ball], dq[..., ball])
+    turns = dq[:, robot.n + len(elastic) :]
+    bracket -= bracket[..., robot.structure.idle] @ turns
+    blocks = ((dq, still, still), (dv, dq, still), (da, 2.0 * dv - bracket, dq))
+    return MotionChanges(*(np.concatenate(block, axis=1) for block in blocks))
 
 
 def solve_rates(

@@ -107,14 +107,14 @@ class PlatformCoordinates(ReadOnlyArrays, ABC):
         """Compute v and its time derivative (T, n) for coordinates x and their rates, each (T, n)."""
         return dx, np.zeros_like(dx) if ddx is None else ddx
 
-    def twist_changes(self, motion: CoordinateRates, step: CoordinateRates) -> CoordinateRates:
-        """Compute the displacement along v (T, n) of a small step, and its changes of v and of dv/dt.
+    def twist_changes(self, motion: CoordinateRates, step: Array) -> CoordinateRates:
+        """Compute the displacement along v (T, n) of a small step of x, and its changes of v and of dv/dt.
 
-        `motion` and `step` are x, dx, ddx and small changes of x, dx, ddx, each (T, n).
+        `motion` are x, dx and ddx, each (T, n) as the step is.
         """
-        ahead = (part + STEP * change for part, change in zip(motion, step, strict=True))
-        v, dv = self.twist(*ahead)
-        return self.twist(motion[0], step[0])[0], changes_of(v), changes_of(dv)
+        x, dx, ddx = motion
+        v, dv = self.twist(x + STEP * step, dx + 0.0 * STEP, ddx + 0.0 * STEP)
+        return self.twist(x, step)[0], changes_of(v), changes_of(dv)
 
     def rate_matrix(self, x: Array) -> Array:
         """Compute E (T, n, n) of v = E(x) dx for coordinates x (T, n)."""

@@ -138,7 +138,7 @@ def _take_steps(robot: ParallelRobot, start: Array, turn: Array, before: MotorWa
     share = np.where(share > 1.0 - END_ROUNDING, 1.0, share)
     length = (share - before.share)[:, None]
     predicted = integrate(robot, before.q, length * before.rate)
-    closing = _close_at_motors(robot, start, share[:, None] * turn, predicted)
+    closing = close_at_motors(robot, start, share[:, None] * turn, predicted)
     rows, linearised = np.flatnonzero(closing.closed), closing.linearised
     if len(rows) < len(step):
         linearised = linearised.select(rows)
@@ -155,7 +155,7 @@ def _take_steps(robot: ParallelRobot, start: Array, turn: Array, before: MotorWa
     return _Steps(rows, ends, measured.correction, measured.small & apart & same_mode)
 
 
-def _close_at_motors(robot: ParallelRobot, start: Array, turn: Array, guess: Array) -> NewtonResult:
+def close_at_motors(robot: ParallelRobot, start: Array, turn: Array, guess: Array) -> NewtonResult:
     """Close the loops near guesses (T, nq), with the motors turned by `turn` (T, nv) from start (nq,)."""
     rounding = np.zeros_like(turn)  # of the motors' angles, after many steps
     rounding[:, robot.actuated] = (turn - difference(robot, start, guess))[:, robot.actuated]
