@@ -10,7 +10,7 @@ import pytest
 from framework.errors import InvalidInput
 from tests.benchmarks.chart import measure, stages, table
 from tests.benchmarks.chart.__main__ import main
-from tests.benchmarks.chart.figures import chart_figure, map_figure, styles
+from tests.benchmarks.chart.figures import chart_figure, map_figure, short_figure, styles
 from tests.benchmarks.chart.measure import Effort, Judged, Method, Row, Stage, rows_of, singles
 from tests.benchmarks.chart.reading import losses, sentence, time_to
 
@@ -240,3 +240,14 @@ def test_the_whole_chart_in_a_quick_run_and_drawn_again(tmp_path, capsys):
             assert (tmp_path / f"{name}.{suffix}").stat().st_size > 200
     main(["--redraw", "--out", str(tmp_path)])
     assert printed.endswith(capsys.readouterr().out)  # Exudyn may print before
+
+
+def test_the_figure_at_a_glance_has_at_most_five_named_curves_of_one_panel():
+    stage = stages.stage("torque")
+    drawn = short_figure(stage, invented(stage))
+    (axes,) = drawn.axes
+    assert len(axes.lines) == len(axes.texts) == len(stage.short) <= 5
+    assert len({stage.method(name).panel for name in stage.short}) == 1
+    for curve, name in zip(axes.lines, stage.short, strict=True):
+        first = 1e3 * next(row.seconds for row in invented(stage) if row.method == name)
+        assert curve.get_xdata()[0] == first

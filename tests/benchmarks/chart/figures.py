@@ -36,8 +36,8 @@ MOST_TICKS = 7  # settings that are all written at the axis
 MARKERS = "os^Dv<>Pphd*X"
 LEGEND_COLUMNS, LETTERS = 2, 140  # of the legend, and letters in a line of the sentence
 MAP_COLUMNS, MAP_AXES, MAP_LEFT, MAP_BELOW = 4, 1.5, 0.55, 0.62  # maps side by side; their size [in]
-SHORT_SIZE = (5.0, 2.9)  # [in] of the figure read at a glance
-SHORT_LIFT, SHORT_TOP = 3.0, 1e3  # names stand above the first points: factors of the error, and of the axis
+SHORT_SIZE = (6.2, 3.0)  # [in] of the figure read at a glance
+SHORT_OFFSET = 5.0  # [pt] of a name from its point
 ROUNDING = 1e-16  # an error that has lost no digit
 DIGITS = 16  # that a cell may lose
 
@@ -123,15 +123,24 @@ def short_figure(stage: Stage, rows: Sequence[Row]) -> Figure:
     """Errors over times of the few methods of `Stage.short` in one panel, their names beside the curves."""
     figure, looks = Figure(figsize=SHORT_SIZE, layout="constrained"), styles(stage)
     ax = figure.add_subplot()
-    for name, label in stage.short.items():
+    for name, (label, row) in stage.short.items():
         times, errors = _points(front(finite(rows, name)))
         if times:
-            ax.plot(times, errors, **looks[name])
-            above = (times[0], errors[0] * SHORT_LIFT)
-            ax.text(*above, label, color=looks[name]["color"], fontsize=7, ha="center", va="bottom")
+            look, side = looks[name], 1 if row == 0 else -1
+            ax.plot(times, errors, **look)
+            ax.annotate(
+                label,
+                (times[row], errors[row]),
+                xytext=(0.0, side * SHORT_OFFSET),
+                textcoords="offset points",
+                color=look["color"],
+                ha="center",
+                va="bottom" if side > 0 else "top",
+            )
     _scaled(ax, TIME)
     ax.set_ylabel(stage.error)
-    ax.set_ylim(top=SHORT_TOP * ax.get_ylim()[1])
+    ax.margins(x=0.12)
+    ax.set_ylim(ax.get_ylim()[0] * 1e-3, 10.0 * ax.get_ylim()[1])  # room for names
     return figure
 
 

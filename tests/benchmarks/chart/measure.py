@@ -96,7 +96,8 @@ class Stage:
     profile_error, profile_title: what these errors are, if not the same, and what to say of it.
     map_axes: names of the two numbers of a setting, where the figure is a map over them.
     remark: what the reader should see besides the times, from the rows.
-    short: names of at most five curves, by method of one panel, for the figure that is read at a glance.
+    short: names of at most five curves, by method of one panel, for the figure that is read at a glance, each
+        with the row that it stands beside: 0 the quickest, above it, -1 the best, below it.
     """
 
     name: str
@@ -115,7 +116,7 @@ class Stage:
     profile_error: str = ""
     profile_title: str = ""
     map_axes: tuple[str, str] | None = None
-    short: Mapping[str, str] = field(default_factory=dict)
+    short: Mapping[str, tuple[str, int]] = field(default_factory=dict)
 
     @property
     def timed(self) -> bool:

@@ -385,10 +385,10 @@ STAGE = Stage(
     profiled="distance to the singular instant  [s]",
     profile_title="Asked at that very instant",
     short={
-        "formula": "formula written\nfor this robot",
-        "chebyshev": "this framework",
-        "pointwise": "pose by pose,\nin stacks",
-        "mujoco": "MuJoCo",
-        "pinocchio": "pose by pose,\nPinocchio",
+        "formula": ("formula written\nfor this robot", -1),
+        "chebyshev": ("this framework", -1),
+        "pointwise": ("pose by pose,\nin stacks", -1),
+        "mujoco": ("MuJoCo", 0),
+        "pinocchio": ("Pinocchio", -1),
     },
 )
