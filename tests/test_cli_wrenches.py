@@ -12,8 +12,7 @@ import robots
 from framework import assemble, dynamics_at, plan_scene
 from framework.cli import main
 from framework.crossing.optimal.peak_bound import bound_plan
-from framework.show.report import report_page
-from framework.show.reproduction import command_line
+from framework.show.report import command_line, report_page
 
 
 def answer(capsys, *words):

@@ -13,7 +13,7 @@ What commands share
 Commands
     robots, check, convert   the catalogue; what a file describes; files of other dialects
     locate, pose             singular points on a path; all joints of a pose
-    workspace_map, design_study  `map`, and `map --study`
+    workspace_map            `map`, and `map --study`
     plan                     `plan`, and `plan --raw`
     fidelity, simulate       how good the model and the plan are
     robustness               `robustness`, and `robustness STUDY --replay K`

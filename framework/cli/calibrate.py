@@ -82,21 +82,21 @@ def _noise_text(calibration: Calibration) -> str:
 
 def calibration_text(calibration: Calibration) -> str:
     """Return the report on a calibration, in words."""
-    geometry = calibration.geometry
+    geometry, measured = calibration.geometry, calibration.measured
     outliers = f"; outliers: rows {', '.join(map(str, calibration.outliers))}" if calibration.outliers else ""
-    lines = [HEAD.format(calibration, len(geometry.names), _noise_text(calibration), outliers)]
-    errors = zip(calibration.measured.names, calibration.error_before, calibration.error_after, strict=True)
-    lines += [
-        f"  {name}\t{old:.2e}\t{new:.2e}" for name, old, new in list(errors)[calibration.measured.driven :]
+    errors = zip(measured.names, calibration.error_before, calibration.error_after, strict=True)
+    values = zip(geometry.names, calibration.values, calibration.deviations, strict=True)
+    lines = [
+        HEAD.format(calibration, len(geometry.names), _noise_text(calibration), outliers),
+        *("  {}\t{:.2e}\t{:.2e}".format(*row) for row in list(errors)[measured.driven :]),
+        "  parameters [m, rad]",
+        "  name\toff by\tdeviation",
+        *("  {}\t{:.2e}\t{:.1e}".format(*row) for row in values if abs(row[1]) > NO_CHANGE * row[2]),
     ]
-    lines += ["  parameters [m, rad]", "  name\toff by\tdeviation"]
-    rows = zip(geometry.names, calibration.values, calibration.deviations, strict=True)
-    changed = [row for row in rows if abs(row[1]) > NO_CHANGE * row[2]]
-    lines += [f"  {name}\t{value:.2e}\t{off:.1e}" for name, value, off in changed]
-    if calibration.unseen:
-        count = len(calibration.unseen)
-        lines.append(f"  not seen by these data: {count} directions, which stay as in the file")
-        lines += [f"    {sentence}" for sentence in calibration.unseen[:LISTED_UNSEEN]]
-        rest = count - LISTED_UNSEEN
-        lines += [f"    and {rest} more, see --json"] if rest > 0 else []
+    unseen = calibration.unseen
+    if unseen:
+        lines.append(f"  not seen by these data: {len(unseen)} directions, which stay as in the file")
+        lines += [f"    {sentence}" for sentence in unseen[:LISTED_UNSEEN]]
+    if len(unseen) > LISTED_UNSEEN:
+        lines.append(f"    and {len(unseen) - LISTED_UNSEEN} more, see --json")
     return "\n".join(lines)

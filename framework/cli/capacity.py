@@ -13,6 +13,14 @@ from framework.crossing.capacity import Capacity, capacity_request, largest_load
 from framework.crossing.plan_facts import torque_text
 from framework.output import Document
 
+HEAD = """\
+{0.plan.robot.name}, {0.plan.robot.flexibility}: {0.multiple:.6g} times the wrench is planned, over \
+{0.plan.duration:.6g} s
+  peak torque       {1}"""
+REFUSED = "  {1:16s}  {0.refused:.6g} times: {0.refusal}"
+IMPOSSIBLE = "  no law, proved    with {0.impossible:.6g} times{1}"
+UNDECIDED = "  undecided         {0.undecided:.6g} times: {0.failure}"
+UNBOUND = "  binds             nothing refused up to {0.multiple:.6g} times"
 NUMBERS = ("multiple", "refused", "proved", "impossible", "undecided")  # of a capacity, with --json
 
 
@@ -56,20 +64,14 @@ def _document(capacity: Capacity) -> Document:
 
 def capacity_text(capacity: Capacity) -> str:
     """Return the report on a capacity, in words."""
-    plan = capacity.plan
-    lines = [
-        f"{plan.robot.name}, {plan.robot.flexibility}: {capacity.multiple:.6g} times the wrench is planned, "
-        f"over {plan.duration:.6g} s",
-        f"  peak torque       {torque_text(plan.robot, plan.peak_torque)}",
-    ]
+    robot = capacity.plan.robot
+    lines = [HEAD.format(capacity, torque_text(robot, capacity.plan.peak_torque))]
     if capacity.refusal is not None:
-        word = "refused, proved" if capacity.proved else "refused"
-        lines.append(f"  {word:16s}  {capacity.refused:.6g} times: {capacity.refusal}")
+        lines.append(REFUSED.format(capacity, "refused, proved" if capacity.proved else "refused"))
     if np.isfinite(capacity.impossible):
-        beyond = "" if plan.robot.is_damped else " and more"
-        lines.append(f"  no law, proved    with {capacity.impossible:.6g} times{beyond}")
+        lines.append(IMPOSSIBLE.format(capacity, "" if robot.is_damped else " and more"))
     if capacity.failure is not None:
-        lines.append(f"  undecided         {capacity.undecided:.6g} times: {capacity.failure}")
+        lines.append(UNDECIDED.format(capacity))
     if not np.isfinite(capacity.end):
-        lines.append(f"  binds             nothing refused up to {capacity.multiple:.6g} times")
+        lines.append(UNBOUND.format(capacity))
     return "\n".join(lines)

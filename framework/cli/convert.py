@@ -26,11 +26,12 @@ def run(options: argparse.Namespace) -> Report:
     """Write NAME.yaml and NAME.urdf into --out."""
     parsed = arguments.parse_file(options, propose=propose)
     description = parsed.description
-    remarks = list(parsed.remarks)
-    if friction := _dry_friction(parsed):
+    remarks, friction = list(parsed.remarks), _dry_friction(parsed)
+    if friction:
         remarks.append(f"in the file, but no plan counts with it: dry friction of {friction} (joint side)")
     written = write_robot_file(description, options.out, comments=remarks)
-    left_out = [f"left out: {'; '.join(description.left_out)}"] if description.left_out else []
+    if description.left_out:
+        remarks.append(f"left out: {'; '.join(description.left_out)}")
     document = {
         "robot": description.name,
         "dialect": parsed.dialect,
@@ -43,7 +44,7 @@ def run(options: argparse.Namespace) -> Report:
     loops += [coupling.name for coupling in description.couplings]
     lines = [
         f"{description.name}, read as {DIALECTS[parsed.dialect]}: loops closed by {', '.join(loops)}",
-        *(f"  {remark}" for remark in (*remarks, *left_out)),
+        *(f"  {remark}" for remark in remarks),
         f"  written to        {written}",
         f"  next              crossing check {written}",
     ]

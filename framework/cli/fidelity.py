@@ -27,6 +27,13 @@ HEAD = """\
 the peak torque; {0.seconds:.2g} s
   level\tplan\ttorque\tplatform\tlaw\tdeflection\tpredicted\tby"""
 
+GROWTH = (
+    "  growth            what is off grows e times in {:.2g} s, {:.2g} times in the motion: weight and "
+    "torques carry the platform away, {}"
+)
+FRICTION = "  in no level       dry friction of {}: {} of the motors' work"
+BY_LUCK = "  by luck           {} leaves out errors that cancel: {}, which model more, {} not enough"
+
 
 def add(commands: Any) -> None:
     """Add the command to the parser."""
@@ -83,40 +90,36 @@ def _report_study(options: Namespace) -> tuple[FidelityStudy, Document, str]:
 
 def fidelity_text(study: FidelityStudy) -> str:
     """Return the report on a study, in words."""
-    plan, enough = study.highest, study.enough
+    plan = study.highest
+    places = ", ".join(f"{crossing.s:.6g}" for crossing in plan.crossings)
     lines = [
         HEAD.format(study, len(study.levels), _percent(study.tolerance)),
         *(_row(study, comparison) for comparison in study.levels),
         *(note for comparison in study.levels for note in _notes(comparison)),
+        f"  crossing          {f's = {places}' if places else 'none'}",
     ]
-    places = ", ".join(f"{crossing.s:.6g}" for crossing in plan.crossings)
-    lines.append(f"  crossing          {f's = {places}' if places else 'none'}")
     if study.fall >= REPORTED_FALL:
         judged = "so the motors have controllers" if study.has_control else "and nothing corrects them"
-        lines.append(
-            f"  growth            what is off grows e times in {plan.duration / study.fall:.2g} s, "
-            f"{study.fall:.2g} times in the motion: weight and torques carry the platform away, {judged}"
-        )
+        lines.append(GROWTH.format(plan.duration / study.fall, study.fall, judged))
     if study.neglected_work:
-        lines.append(
-            f"  in no level       dry friction of {plan.neglected_friction}: "
-            f"{_percent(study.neglected_work)} of the motors' work"
-        )
+        lines.append(FRICTION.format(plan.neglected_friction, _percent(study.neglected_work)))
     lines += [f"  in no level       {what}" for what in study.robot.description.left_out]
-    if enough is not None:
-        torque, platform = (
-            _largest_error(study, errors) for errors in (enough.torque_error, enough.platform_error)
-        )
-        name = enough.level.name
-        lines.append(f"  enough            {name}: torques off by {torque}, platform by {platform}")
-        if study.by_luck:
-            names, are = ", ".join(study.by_luck), "are" if len(study.by_luck) > 1 else "is"
-            lines.append(
-                f"  by luck           {name} leaves out errors that cancel: {names}, which model more, {are} "
-                f"not enough"
-            )
-        lines.append(f"  predicted         {study.indicated.level.name}, by the indicators alone")
-    return "\n".join(lines)
+    return "\n".join([*lines, *_enough_lines(study)])
+
+
+def _enough_lines(study: FidelityStudy) -> list[str]:
+    """Return lines on the least level that is enough; none where no level is."""
+    enough = study.enough
+    if enough is None:
+        return []
+    name = enough.level.name
+    torque = _largest_error(study, enough.torque_error)
+    platform = _largest_error(study, enough.platform_error)
+    lines = [f"  enough            {name}: torques off by {torque}, platform by {platform}"]
+    if study.by_luck:
+        are = "are" if len(study.by_luck) > 1 else "is"
+        lines.append(BY_LUCK.format(name, ", ".join(study.by_luck), are))
+    return [*lines, f"  predicted         {study.indicated.level.name}, by the indicators alone"]
 
 
 def _row(study: FidelityStudy, comparison: Comparison) -> str:

@@ -19,6 +19,8 @@ HEAD = """\
   no effect         {unseen} parameters{massless}
   base parameter\tvalue\tdeviation\tfile"""
 
+ROW = "  {}\t{:.6g}\t{:.2g}\t{:.6g}"
+
 
 def add(commands: Any) -> None:
     """Add the command to the parser."""
@@ -81,18 +83,16 @@ def run(options: Namespace) -> Report:
 def identification_text(identification: Identification) -> str:
     """Return the report on identified parameters, in words."""
     base, joints = identification.base, identification.robot.actuator_names
-    rows = zip(base.names, identification.values, identification.deviations, base.values, strict=True)
-    doubt = "" if base.certain else f", below {MIN_RANK_GAP:g}: the rank is uncertain"
     words = {
         "parameters": len(base.parameters),
-        "doubt": doubt,
+        "doubt": "" if base.certain else f", below {MIN_RANK_GAP:g}: the rank is uncertain",
         "before": _errors(joints, identification.error_before),
         "after": _errors(joints, identification.error_after),
         "unseen": len(base.without_effect),
         "massless": f"; massless, left out: {', '.join(base.left_out)}" if base.left_out else "",
     }
-    lines = [HEAD.format(identification, **words)]
-    lines += [f"  {name}\t{value:.6g}\t{off:.2g}\t{own:.6g}" for name, value, off, own in rows]
+    rows = zip(base.names, identification.values, identification.deviations, base.values, strict=True)
+    lines = [HEAD.format(identification, **words), *(ROW.format(*row) for row in rows)]
     if identification.changed:
         lines.append(f"  off the file      {'; '.join(identification.changed)}")
     if identification.undetermined:

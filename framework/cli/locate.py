@@ -27,6 +27,7 @@ from framework.singularity.spring_shift import spring_shift
 
 MISS = "near miss at s = {0.s:.9f}  {1}  |g| = {2:.3g}"
 POINT = "s = {0.s:.15f}  {0.kind} ({0.contact})  {1}  t_s = {2}  dg/ds = {0.slope:.6g}"
+UNRESOLVED = "  two crossings nearer together than {0.resolution:.2g} in s would look the same"
 # of a singular point, with --json
 POINT_KEYS = ("s", "kind", "contact", "corank", "twist", "platform", "slope", "resolution")
 
@@ -91,12 +92,9 @@ def _lines(
     condition: Feasibility | None,
 ) -> list[str]:
     """Return a singular point in lines: place, twist, shift by deflections, condition (8)."""
-    words = (robot.place(singular.platform), twist_text(robot, singular.twist))
-    lines = [POINT.format(singular, *words)]
+    lines = [POINT.format(singular, robot.place(singular.platform), twist_text(robot, singular.twist))]
     if singular.resolution is not None:
-        lines.append(
-            f"  two crossings nearer together than {singular.resolution:.2g} in s would look the same"
-        )
+        lines.append(UNRESOLVED.format(singular))
     if shift is not None and robot.n_e:
         rates = ", ".join(f"{rate:.6g} by {spring}" for spring, rate in shift.items() if rate)
         lines.append(f"  springs at rest; ds for each m or rad of deflection: {rates or 'none'}")

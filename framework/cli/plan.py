@@ -56,6 +56,7 @@ FIGURES = ("robot", "law", "torques", "singularity", "wrench", "eye", "phase_pla
 # about a plan that another one replaces: its report, figures that not every plan has, and PDFs now in one
 OF_A_PLAN = ("report.html", *(f"{name}.{kind}" for name in FIGURES for kind in ("png", "pdf")))
 
+RAW = "{0.name}: raw sampling, proves nothing: {1} samples, largest {2}"
 SINGULAR = "  singular          t = {0.time:.9g} s, s = {0.s:.12g}, t_s . W_p = {0.wrench:.6g}"
 
 
@@ -164,14 +165,14 @@ def _make_plan(
     share = None if bend == LEAST_BEND else arguments.share("--bend", bend)
     modified = plan_request_with_modified_path(robot, request, bend=share)
     size = f"{1e3 * modified.moved:.3g} mm" + f" and {modified.turned:.3g} rad" * bool(modified.turned)
-    sentence = f"by at most {size}, {100 * modified.share:.2g} % of its length, its ends kept; a spline now"
-    line = f"\n  path bent         {sentence if modified.share else 'not at all: it needs none'}"
+    bent = f"by at most {size}, {100 * modified.share:.2g} % of its length, its ends kept; a spline now"
+    facts = [Fact("path bent", bent if modified.share else "not at all: it needs none")]
     for choice in modified.choices:
         peaks = torque_text(robot, choice.peak_torque, 4)
-        line += f"\n    --bend {100 * choice.share:.3g}%".ljust(19) + f" peak torque {peaks}"
-    entry = {key: getattr(modified, key) for key in ("moved", "turned", "share")}
-    choices = [choice._asdict() for choice in modified.choices]
-    return modified.plan, {"bend": {**entry, "choices": choices}}, line
+        facts.append(Fact(f"  --bend {100 * choice.share:.3g}%", f"peak torque {peaks}"))
+    document = modified._asdict() | {"choices": [choice._asdict() for choice in modified.choices]}
+    plan = document.pop("plan")
+    return plan, {"bend": document}, "".join(f"\n{fact.line}" for fact in facts)
 
 
 def _bound_facts(plan: CrossingPlan) -> list[Fact]:
@@ -214,22 +215,20 @@ def report_raw(
     Raises:
         InvalidInput: the optimal law is asked for, which is nothing without its proof.
     """
+    refused = ""
     if request.kind == "optimal":
-        raise InvalidInput(
-            "--raw samples the polynomial law only, which needs no proof to be chosen"
-        ).advising({"raw": None})
-    if request.keep_limits:
-        raise InvalidInput(
-            "--keep-limits: is for a plan, and --raw proves none; leave one of them out"
-        ).advising({"raw": None})
+        refused = "--raw samples the polynomial law only, which needs no proof to be chosen"
+    elif request.keep_limits:
+        refused = "--keep-limits: is for a plan, and --raw proves none; leave one of them out"
+    if refused:
+        raise InvalidInput(refused).advising({"raw": None})
     searched = search_path(robot, request.path).under(request.external_wrenches)
     law, crossings = law_before_proof(searched, request)
-    samples = options.samples or DEFAULT_ROWS
     raw = finite_difference_torques(
         robot,
         request.path,
         law,
-        samples=samples,
+        samples=options.samples or DEFAULT_ROWS,
         geometry=request.geometry,
         branch=searched.branch,
     )
@@ -238,19 +237,15 @@ def report_raw(
         "robot": robot.name,
         "raw": True,
         "proved": False,
-        "samples": samples,
+        "samples": len(raw.time),
         # a sample at the singular instant itself can be infinite, for which JSON has no number
         "largest_sample": largest,
         "crossings": [{key: getattr(each, key) for key in ("s", "time", "wrench")} for each in crossings],
     }
     if folder is not None:
         _write_raw(raw, robot, [crossing.time for crossing in crossings], document, folder)
-    lines = [
-        f"{robot.name}: raw sampling, proves nothing: {samples} samples, largest "
-        + torque_text(robot, largest)
-    ]
-    lines += [SINGULAR.format(crossing) for crossing in crossings]
-    return document, "\n".join(lines)
+    head = RAW.format(robot, len(raw.time), torque_text(robot, largest))
+    return document, "\n".join([head, *map(SINGULAR.format, crossings)])
 
 
 def _write_raw(

@@ -13,6 +13,8 @@ from framework.kinematics.diagnostics.diagnosis import check_robot
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.output import Document, write_file
 
+REMARK = "  {0:18s}  {1.summary}; singularities: {2}; {1.source}"
+
 
 def add(commands: Any) -> None:
     """Add the command to the parser."""
@@ -29,19 +31,20 @@ def run(options: Namespace) -> Report:
     lines, remarks = ["name\tdof\tloops\tsprings\tscenes"], []
     for name, entry in catalogue().items():
         try:
-            robots.append(entry.load())
+            robot = entry.load()
         except MissingPackage as missing:  # the package that has its URDF is not installed
             figures: Document = {"needs": missing.package}
             cells = ["-", "-", "-", f"not installed: pip install {missing.package}"]
         else:
-            figures = _figures(robots[-1])
+            robots.append(robot)
+            figures = _figures(robot)
             *numbers, scenes = figures.values()
             cells = [*map(str, numbers), ", ".join(scenes)]
         about = {key: getattr(entry, key) for key in ("summary", "singularities", "source")}
         rows.append({"name": name, **figures, **about, "file": str(entry.file)})
         lines.append("\t".join([name, *cells]))
         kinds = ", ".join(entry.singularities) or "none on its scenes"
-        remarks.append(f"  {name:18s}  {entry.summary}; singularities: {kinds}; {entry.source}")
+        remarks.append(REMARK.format(name, entry, kinds))
     lines += remarks
     if options.picture is not None:
         from framework.show.drawing import gallery_picture  # matplotlib takes time to import

@@ -27,6 +27,8 @@ OFF_PATH = (
     "{0.robot.name}: the planned torques do not bring the robot along its path: it comes off by {1}; energy "
     "balances to {0.energy_error:.1e}, loops are closed to {0.closure_error:.1e}"
 )
+TRACKING = "  tracking error    {0.tracking_error:.2e} {1} from the planned path"
+TURNING = "                    {0.turning_error:.2e} rad from the planned orientation"
 DRIFT = """\
   drift             loops closed to {0.closure_error:.1e} m or rad
   energy            balances to {0.energy_error:.1e} of what is exchanged"""
@@ -112,9 +114,9 @@ def simulation_text(result: Simulation) -> str:
     iterations = "" if METHODS[result.method].settings.stages == 0 else f", {result.iterations} iterations"
     lines = [HEAD.format(result, iterations)]
     if result.tracking_error is not None:
-        lines.append(f"  tracking error    {result.tracking_error:.2e} {unit} from the planned path")
+        lines.append(TRACKING.format(result, unit))
     if result.turning_error is not None:
-        lines.append(f"                    {result.turning_error:.2e} rad from the planned orientation")
+        lines.append(TURNING.format(result))
     return "\n".join([*lines, DRIFT.format(result)])
 
 

@@ -1,4 +1,7 @@
-"""`crossing map`: what a robot can do over its workspace, and where it is singular."""
+"""`crossing map`: what a robot can do over its workspace, and where it is singular.
+
+With --study: small maps over the named parameters of a robot file.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,16 @@ from pathlib import Path as FilePath
 
 import numpy as np
 
+from framework.atlas.design_study import DOCUMENT as STUDY_DOCUMENT
+from framework.atlas.design_study import (
+    Designs,
+    DesignStudy,
+    StudyTask,
+    design_study,
+    designs_of,
+    study_setup,
+    write_study,
+)
 from framework.atlas.map_files import DOCUMENT, map_document, setup_document, write_map
 from framework.atlas.nearest import NearestSingularPose, nearest_singular_pose
 from framework.atlas.quantities import QUANTITIES, Quantity, choose_quantities, has_torque_limits, unit_of
@@ -15,8 +28,8 @@ from framework.atlas.ranges import check_reference, check_window, restrict_to_ra
 from framework.atlas.survey import EDGE_POSES, survey_window
 from framework.atlas.window import MAX_EDGE_POSES, Window, held_coordinates, map_axes
 from framework.atlas.workspace_map import WorkspaceMap, workspace_map
+from framework.catalogue import robot_file
 from framework.cli import arguments
-from framework.cli.design_study import STUDY_EDGE_POSES, finite_window, report_design_study
 from framework.cli.parser import (
     Report,
     add_executor,
@@ -38,7 +51,23 @@ from framework.motion.path import Path
 from framework.parallel.kept import KeptChunks
 from framework.parallel.tasks import executor_of
 
+HEAD = "{1}: {2[0]} x {2[1]} poses, {3}, {0.seconds:.2f} s"
 STATISTICS = ("least", "median", "largest")  # of a quantity over the map
+STUDY_EDGE_POSES = 41  # by default
+MAX_PRINTED_DESIGNS = 20
+NOT_FOR_STUDIES = (
+    "scene",
+    "at",
+    "nearest",
+    "within",
+    "wrench",
+    "platform",
+    "axes",
+    "motors",
+    "reference",
+    "base",
+    "set",
+)
 MORE = (
     "Poses are reached from the reference by continuation, so the map never leaves its working mode; what is "
     "not reached has no value and a reason."
@@ -212,28 +241,26 @@ def _write(workspace: WorkspaceMap, path: Path | None, folder: FilePath) -> None
 
 def _report(workspace: WorkspaceMap, margin: NearestSingularPose | None) -> Report:
     """Return a map as a document, and in text its counts, locus and statistics."""
-    robot, shape = workspace.robot, workspace.window.shape
+    robot, window = workspace.robot, workspace.window
     document = {**map_document(workspace), "seconds": workspace.seconds}
-    spans = _spans(robot, workspace.window)
-    lines = [f"{robot.name}: {shape[0]} x {shape[1]} poses, {spans}, {workspace.seconds:.2f} s"]
-    lines.append("  poses\tcount")
-    lines += [f"  {why}\t{count}" for why, count in workspace.counts.items() if count]
-    lines += [f"  under load: {why}\t{count}" for why, count in workspace.load_counts.items() if count]
-    lines += [f"  the window cuts off what is reached, at its {edge}" for edge in workspace.open_edges]
-    lines.append(f"  locus: {workspace.locus.sentence}, {workspace.locus.seconds:.2f} s")
-    lines.append("\t".join(["  quantity", *STATISTICS]))
+    lines = [
+        HEAD.format(workspace, robot.name, window.shape, _spans(robot, window)),
+        "  poses\tcount",
+        *(f"  {why}\t{count}" for why, count in workspace.counts.items() if count),
+        *(f"  under load: {why}\t{count}" for why, count in workspace.load_counts.items() if count),
+        *(f"  the window cuts off what is reached, at its {edge}" for edge in workspace.open_edges),
+        f"  locus: {workspace.locus.sentence}, {workspace.locus.seconds:.2f} s",
+        "\t".join(["  quantity", *STATISTICS]),
+    ]
     for quantity in workspace.quantities:
         entry = document["quantities"][quantity.key]
-        cells = (f"{entry[key]:.3g}" if entry[key] is not None else "-" for key in STATISTICS)
+        cells = ("-" if entry[key] is None else f"{entry[key]:.3g}" for key in STATISTICS)
         lines.append("\t".join([f"  {quantity.name} [{unit_of(robot, quantity)}]", *cells]))
     if margin is not None:
         lines += _margin_lines(robot, margin)
-        keys = ("status", "distance", "at_least", "leg_end", "unit", "within")
-        document["nearest_singular_pose"] = {
-            **{key: getattr(margin, key) for key in keys},
-            "platform": margin.x,
-            "twist": margin.twist,
-        }
+        keys = ("status", "distance", "at_least", "leg_end", "unit", "within", "twist")
+        nearest = {key: getattr(margin, key) for key in keys}
+        document["nearest_singular_pose"] = nearest | {"platform": margin.x}
     return document, "\n".join(lines)
 
 
@@ -247,7 +274,92 @@ def _margin_lines(robot: ParallelRobot, margin: NearestSingularPose) -> list[str
     """Return lines on the nearest singular pose."""
     lines = [f"  nearest singular pose: {margin.status}"]
     if margin.x is not None and margin.twist is not None:
-        coordinates = zip(robot.axis_names, margin.x, strict=True)
-        place = ", ".join(f"{name} = {value + 0.0:.6g}" for name, value in coordinates)
-        lines.append(f"    at {place}; t_s {point(margin.twist)}")
+        lines.append(f"    at {robot.place(margin.x)}; t_s {point(margin.twist)}")
     return lines
+
+
+# ------------------------------------------------------------------ map --study
+
+
+def report_design_study(options: Namespace) -> Report:
+    """Map each design of a study; report and write the results."""
+    for key in NOT_FOR_STUDIES:
+        if getattr(options, key) is not None:
+            raise InvalidInput(f"--{key}: not for a study, whose robots have values of their own")
+    file = robot_file(options.robot)
+    designs = designs_of(file, options.table)
+    robot = ParallelRobot.from_file(file, flexibility=options.flexibility)
+    first, second = map_axes(robot, None if options.over is None else tuple(options.over))
+    task = StudyTask(
+        file=str(file.resolve()),
+        names=designs.names,
+        flexibility=options.flexibility,
+        axes=(robot.axis_names[first], robot.axis_names[second]),
+        window=None if options.window is None else finite_window(options),
+        size=options.size or STUDY_EDGE_POSES,
+        keys=tuple(quantity.key for quantity in choose_quantities(robot, options.quantity)),
+    )
+    if options.out is None:
+        return _report_study(_compute_study(options, task, designs, None), robot.name)
+    store = KeptChunks.of(FilePath(options.out), study_setup(task, designs))
+    with written_stepwise(options, STUDY_DOCUMENT, lambda: len(store.read()), "chunks") as folder:
+        from framework.show.design_study import plot_study
+        from framework.show.plots import save
+
+        study = _compute_study(options, task, designs, store)
+        write_study(study, folder)
+        options.progress.start("drawing the figure")
+        save(lambda: plot_study(study), folder / "study")
+    return _report_study(study, robot.name)
+
+
+def _compute_study(
+    options: Namespace, task: StudyTask, designs: Designs, store: KeptChunks | None
+) -> DesignStudy:
+    """Map all designs by several processes; `store` keeps finished chunks."""
+    progress = options.progress.start("mapping", len(designs.values), "designs")
+    with executor_of(workers=options.workers, dask=options.dask) as executor:
+        return design_study(task, designs, executor=executor, keeper=store, progress=progress)
+
+
+def finite_window(options: Namespace) -> tuple[float, ...]:
+    """Return the numbers of --window."""
+    if not np.all(np.isfinite(options.window)):
+        raise InvalidInput(f"--window: needs four finite numbers, got {options.window}")
+    return tuple(options.window)
+
+
+def _report_study(study: DesignStudy, robot: str) -> Report:
+    """Return the results of all designs as a document, and a table of the first ones."""
+    names, designs = study.designs.names, study.designs.values
+    document = {
+        "robot": robot,
+        "designs": [
+            {
+                "parameters": dict(zip(names, design, strict=True)),
+                **{key: column[k] for key, column in study.columns.items()},
+                "why": study.why[k],
+            }
+            for k, design in enumerate(designs)
+        ],
+        "units": study.units,
+    }
+    count, size = len(designs), study.task.size
+    refused = sum(map(bool, study.why))
+    lines = [f"{robot}: {count} designs, {size} x {size} poses each, {refused} make no robot"]
+    lines += _study_table(study, with_reasons=refused > 0)
+    if count > MAX_PRINTED_DESIGNS:
+        lines.append(f"  and {count - MAX_PRINTED_DESIGNS} more; --out or --json keeps all")
+    return document, "\n".join(lines)
+
+
+def _study_table(study: DesignStudy, *, with_reasons: bool) -> list[str]:
+    """Return the lines of a table of the first designs: parameters, areas, medians, why no robot."""
+    columns = [key for key in study.columns if key in ("area", "free_area") or key.endswith("_median")]
+    heads = [*study.designs.names, *(f"{key} [{study.units[key]}]" for key in columns)]
+    numbers = np.column_stack([study.designs.values, *(study.columns[key] for key in columns)])
+    rows = [[f"{value:.4g}" if np.isfinite(value) else "-" for value in row] for row in numbers]
+    if with_reasons:
+        heads.append("why no robot")
+        rows = [[*row, why] for row, why in zip(rows, study.why, strict=True)]
+    return ["  " + "\t".join(row) for row in [heads, *rows[:MAX_PRINTED_DESIGNS]]]

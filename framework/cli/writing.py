@@ -9,7 +9,7 @@ from pathlib import Path
 
 from framework.cli.parser import Report
 from framework.output import write_file, written_together
-from framework.parallel.kept import forget
+from framework.parallel.kept import remove_stores
 
 
 def write_page(file: Path, page: str | bytes) -> Report:
@@ -42,4 +42,4 @@ def written_stepwise(
             finished = count()
             sentence = f"{finished} {unit} are kept in {options.out}, and the same command goes on from them"
             raise type(stop)(*([sentence] if finished else [])) from None
-    forget(Path(options.out))
+    remove_stores(Path(options.out))

@@ -280,22 +280,25 @@ def bounds_of_terms(branch: Branch, crossing: CrossingPoint, rate: float) -> Arr
     robot's length do at their largest `rate` [1/s, over s'].
     """
     robot = branch.robot
-    lengths = coordinate_sizes(robot)
-    tangent = float(np.abs(robot.platform.path_twist(branch.path, crossing.s) * lengths).max())
-    escape = float(np.abs(crossing.twist * lengths).max())
+    units = coordinate_sizes(robot)  # (n,) [m]
+    tangent = float(np.abs(robot.platform.path_twist(branch.path, crossing.s) * units).max())
+    escape = float(np.abs(crossing.twist * units).max())
     weight = robot.mass * float(np.linalg.norm(robot.model.gravity.linear))
     for wrench in branch.wrenches.entries:
         force, moment = np.linalg.norm(wrench(np.array([crossing.s])).reshape(2, 3), axis=1)
         weight += float(force + moment / robot.length)
-    inertia = robot.mass * np.array([tangent, robot.length * rate**2])
-    return escape * np.array([*inertia, weight, 0.0])
+    alpha, beta = robot.mass * tangent, robot.mass * robot.length * rate**2
+    return escape * np.array([alpha, beta, weight, 0.0])
 
 
 def _equal_pace(branch: Branch, crossing: CrossingPoint, linearised: LinearisedLoops, rate: Array) -> float:
     """Return the s' that moves the joints as fast as the rates (n_e,) of the deflections do; 1 at rest."""
     robot = branch.robot
+    scale = robot.column_scale
     twist = robot.platform.path_twist(branch.path, crossing.s)
-    tangent = joint_rates(robot, linearised, twist[None], np.zeros((1, robot.n_e)))
-    path_rate = float(np.abs(tangent / robot.column_scale).max())
-    elastic_rate = float(np.abs(rate / robot.column_scale[robot.elastic]).max())
-    return elastic_rate / path_rate if elastic_rate > 0.0 and path_rate > 0.0 else 1.0
+    tangent = joint_rates(robot, linearised, twist[None], np.zeros((1, robot.n_e)))  # dq/ds
+    path_rate = float(np.abs(tangent / scale).max())
+    elastic_rate = float(np.abs(rate / scale[robot.elastic]).max())
+    if path_rate == 0.0 or elastic_rate == 0.0:
+        return 1.0
+    return elastic_rate / path_rate

@@ -67,21 +67,22 @@ def _choose_points(
     are refused, imposed ones are not judged.
     """
     times, speeds, imposed = request.times, request.speeds, request.at
-    if imposed is None and times is not None and len(times) == 0:
+    if imposed is None and times == ():
         if speeds:
             raise InvalidInput(f"speeds: got {len(speeds)}, but times is empty: no crossing is asked for")
         return []
-    chosen: list[SingularPoint | CrossingPoint]
-    chosen = [*points] if imposed is None else [imposed_point(branch, s) for s in imposed]
+    count = len(points) if imposed is None else len(imposed)
     for name, values in (("times", times), ("speeds", speeds)):
-        if values is not None and len(values) != len(chosen):
+        if values is not None and len(values) != count:
+            listed, are = ", ".join(f"{value:g}" for value in values), "is" if count == 1 else "are"
             raise InvalidInput(
-                f"{name}: got {len(values)} ({', '.join(f'{value:g}' for value in values)}), but there "
-                f"{'is' if len(chosen) == 1 else 'are'} {_count_points(points, imposed)}"
+                f"{name}: got {len(values)} ({listed}), but there {are} {_count_points(points, imposed)}"
             )
-    for singular in points if imposed is None else ():
+    if imposed is not None:
+        return [imposed_point(branch, s) for s in imposed]
+    for singular in points:
         check_crossable(branch, singular)
-    return chosen
+    return [*points]
 
 
 def _count_points(points: tuple[SingularPoint, ...], imposed: Sequence[float] | None) -> str:

@@ -97,14 +97,18 @@ def motion_table(
         InvalidInput: an unknown column; lists those that there are.
     """
     robot, law = dynamics.robot, dynamics.law
-    values: list[Array] = [times[:, None], *(law(times, order)[:, None] for order in range(3))]
-    values += [dynamics.platform(times), dynamics.motor_angle(times), dynamics.torque(times)]
-    values += [dynamics.deflection(times)]
-    for sampled in (dynamics.platform, dynamics.motor_angle, dynamics.deflection):
-        values += [sampled(times, order) for order in (1, 2)]
-    values += [robot.coordinates.positions(dynamics.configuration(times))[:, robot.passive]]
-    values += [
-        robot.coordinates.to_named_axes(dynamics.velocity(times, order))[:, robot.passive] for order in (1, 2)
+    coordinates, passive = robot.coordinates, robot.passive
+    with_rates = (dynamics.platform, dynamics.motor_angle, dynamics.deflection)
+    values = [  # in the order of `motion_columns`, each (T, k)
+        times[:, None],
+        *(law(times, order)[:, None] for order in range(3)),
+        dynamics.platform(times),
+        dynamics.motor_angle(times),
+        dynamics.torque(times),
+        dynamics.deflection(times),
+        *(quantity(times, order) for quantity in with_rates for order in (1, 2)),
+        coordinates.positions(dynamics.configuration(times))[:, passive],
+        *(coordinates.to_named_axes(dynamics.velocity(times, order))[:, passive] for order in (1, 2)),
     ]
     every, rows = motion_columns(robot), np.concatenate(values, axis=1)
     chosen = select_columns(every, columns)

@@ -242,8 +242,8 @@ def _bump(s: Array, c: float) -> Array:
     c is an inflexion before the peak m where (m - c)^2 (N - 1) = m (1 - m), a quadratic equation in m. For c
     beyond the middle, the bump is that of 1 - c, mirrored.
     """
-    nearer, N = min(c, 1.0 - c), BUMP_EXPONENT
-    half = 2.0 * nearer * (N - 1) + 1.0
-    m = (half + np.sqrt(half**2 - 4.0 * N * (N - 1) * nearer**2)) / (2.0 * N)
-    m = m if c <= 0.5 else 1.0 - m
+    N, near_end = BUMP_EXPONENT, min(c, 1.0 - c)
+    half_sum = near_end * (N - 1) + 0.5  # N m^2 - 2 half_sum m + (N - 1) near_end^2 = 0
+    root = (half_sum + np.sqrt(half_sum**2 - N * (N - 1) * near_end**2)) / N
+    m = root if c <= 0.5 else 1.0 - root
     return (s / m) ** (N * m) * ((1.0 - s) / (1.0 - m)) ** (N * (1.0 - m))

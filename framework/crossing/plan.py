@@ -132,6 +132,11 @@ def _plan_best(work: _Work) -> CrossingPlan:
         )
     if not request.may_be_optimal or request.speeds is not None:
         return plan
+    return _improve_polynomial(work, plan, advance)
+
+
+def _improve_polynomial(work: _Work, plan: CrossingPlan, advance: float) -> CrossingPlan:
+    """Return the optimal plan where a polynomial nearly stops or peaks beside a near miss, else the plan."""
     if plan.crossings and advance < MIN_POLYNOMIAL_ADVANCE:
         nearly_stops = (
             f"the polynomial {NEARLY_STOPS}: its least speed is {advance:.2g} of its mean, its largest "
@@ -214,16 +219,19 @@ def miss_of_peak(plan: CrossingPlan, near_misses: Sequence[NearMiss]) -> NearMis
     """
     if not near_misses:
         return None
-    times = np.linspace(0.0, plan.duration, PEAK_SAMPLES)
-    s = plan.law(times)
-    widths = NEAR_MISS_WIDTHS * np.linspace(-1.0, 1.0, SAMPLES_BESIDE)
-    times_beside = [np.interp(miss.s + miss.width * widths, s, times) for miss in near_misses]
-    times = np.concatenate([times, *times_beside])
+    sampled_times = np.linspace(0.0, plan.duration, PEAK_SAMPLES)
+    sampled_s = plan.law(sampled_times)
+    x = NEAR_MISS_WIDTHS * np.linspace(-1.0, 1.0, SAMPLES_BESIDE)
+    times_beside = [np.interp(miss.s + miss.width * x, sampled_s, sampled_times) for miss in near_misses]
+    times = np.concatenate([sampled_times, *times_beside])
     limits = [motor.torque_limit for motor in plan.robot.description.actuators]
     reference = 1.0 if None in limits else np.array(limits, dtype=float)
-    largest = (np.abs(plan.torque(times)) / reference).max(axis=1)
+    largest = (np.abs(plan.torque(times)) / reference).max(axis=1)  # (T,)
     s_peak = float(plan.law(times[np.argmax(largest)]))
-    return next((miss for miss in near_misses if abs(s_peak - miss.s) <= NEAR_MISS_WIDTHS * miss.width), None)
+    for miss in near_misses:
+        if abs(s_peak - miss.s) <= NEAR_MISS_WIDTHS * miss.width:
+            return miss
+    return None
 
 
 def max_torque_ratio(plan: CrossingPlan, reference: Array) -> float:

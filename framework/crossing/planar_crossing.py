@@ -119,8 +119,10 @@ class PlanarCrossing(NamedTuple):
 
 def _close_aside(robot: ParallelRobot, closed: ClosedStack) -> Array:
     """Close the loops (n, 2, M, nq) with the platform one STEP_ASIDE along and against each axis."""
-    steps = STEP_ASIDE * robot.length * np.eye(robot.n)[:, None] * np.array([[1.0], [-1.0]])  # (n, 2, n)
-    return np.array([[close_loops(robot, closed.x + step, closed.q).q for step in pair] for pair in steps])
+    poses = []
+    for step in STEP_ASIDE * robot.length * np.eye(robot.n):  # (n,), along one axis
+        poses.append([close_loops(robot, closed.x + side, closed.q).q for side in (step, -step)])
+    return np.array(poses)
 
 
 def _measure_with_twist(robot: ParallelRobot, closed: ClosedStack) -> tuple[SingularityMeasure, Array]:

@@ -96,13 +96,14 @@ def complete_chunks(
     stored = {} if keeper is None else keeper.read()
     chunks = {name: stored[name] for name, task in tasks.items() if fits(stored.get(name), fields(task))}
     progress(chunks)
-    missing = [item for item in tasks.items() if item[0] not in chunks]
+    missing = [(name, task) for name, task in tasks.items() if name not in chunks]
     for (name, _), chunk in iterate_results(partial(_compute_item, compute), missing, executor):
         chunks[name] = chunk
         if keeper is not None:
             keeper.keep(name, chunk)
         progress(chunks)
-    return {key: np.concatenate([chunks[name][key] for name in tasks]) for key in chunks[next(iter(tasks))]}
+    in_order = [chunks[name] for name in tasks]
+    return {key: np.concatenate([chunk[key] for chunk in in_order]) for key in in_order[0]}
 
 
 def _compute_item(compute: Callable[[K], Arrays], item: tuple[str, K]) -> Arrays:
@@ -110,7 +111,7 @@ def _compute_item(compute: Callable[[K], Arrays], item: tuple[str, K]) -> Arrays
     return compute(item[1])
 
 
-def forget(out: Path) -> None:
+def remove_stores(out: Path) -> None:
     """Remove the stores of stopped computations from a folder."""
-    for place in out.glob(f"{PREFIX}*"):
-        shutil.rmtree(place, ignore_errors=True)
+    for store in out.glob(f"{PREFIX}*"):
+        shutil.rmtree(store, ignore_errors=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, wait
 from contextlib import contextmanager
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from framework.errors import InvalidInput
 from framework.parallel.workers import Workers
@@ -50,25 +50,32 @@ def executor_of(*, workers: int = 1, dask: str | None = None) -> Iterator[Execut
             connected to it within DASK_TIMEOUT.
     """
     if dask is not None:
-        try:
-            from distributed import Client
-        except ImportError:
-            raise InvalidInput("--dask: needs dask.distributed: pip install distributed") from None
-        try:
-            client = Client(dask, timeout=DASK_TIMEOUT)
-        except (OSError, ValueError) as error:
-            raise InvalidInput(f"--dask: no scheduler answers at {dask}: {error}") from None
-        with client:
-            try:
-                client.wait_for_workers(1, timeout=DASK_TIMEOUT)
-            except TimeoutError:
-                raise InvalidInput(
-                    f"--dask: the scheduler at {dask} has no workers, {DASK_TIMEOUT} long; start some: dask "
-                    f"worker {dask}"
-                ) from None
+        with _dask_client(dask) as client:
             yield client.get_executor()
     elif workers == 1:
         yield None
     else:
         with Workers(workers) as processes:
             yield processes
+
+
+@contextmanager
+def _dask_client(address: str) -> Iterator[Any]:
+    """Yield a client of the dask scheduler at an address, once a worker is connected to the scheduler."""
+    try:
+        from distributed import Client
+    except ImportError:
+        raise InvalidInput("--dask: needs dask.distributed: pip install distributed") from None
+    try:
+        connected = Client(address, timeout=DASK_TIMEOUT)
+    except (OSError, ValueError) as error:
+        raise InvalidInput(f"--dask: no scheduler answers at {address}: {error}") from None
+    with connected as client:
+        try:
+            client.wait_for_workers(1, timeout=DASK_TIMEOUT)
+        except TimeoutError:
+            raise InvalidInput(
+                f"--dask: the scheduler at {address} has no workers, {DASK_TIMEOUT} long; start some: dask "
+                f"worker {address}"
+            ) from None
+        yield client

@@ -5,7 +5,6 @@ The only room that knows matplotlib and MeshCat. It draws, and computes no resul
 What is shown
     film                a motion sampled in time: poses, torques, distance to the singularity
     captions            sentences about a film
-    forces              all forces that the motors can give
     shapes              the solids of a robot and of its motors
     sight               the direction from which a robot is looked at
 
@@ -24,7 +23,7 @@ Pages
     page, page/         one HTML file with its scripts and styles
     map_page            a map with the values under the pointer
     jogging, server     a robot moved by hand: the answers to the page, and their server
-    report, reproduction  the report of a plan, and the command that makes the plan again
+    report              the report of a plan, with the command that makes the plan again
     jupyter             robots and plans that show themselves in notebooks
 """
 

@@ -16,8 +16,7 @@ from framework.kinematics.placements import joint_poses, platform_frame_twists, 
 from framework.locus.drawn_locus import locus_curves
 from framework.output import Document, plain
 from framework.show.captions import catalogue_entry, unit, wrench_kind
-from framework.show.forces import drawn_sides, why_no_figure
-from framework.show.scene import drawn_locus, drawn_robot, floats
+from framework.show.scene import drawn_locus, drawn_robot, drawn_sides, floats, why_no_figure
 from framework.show.sight import robot_sight
 from framework.singularity.jogging import (
     CLASSES,

@@ -13,7 +13,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.locus.drawn_locus import locus_curves
 from framework.locus.nonsingular_mode_change import AssemblyModeChange
 from framework.locus.traced_locus import TracedLocus
-from framework.show.style import COLORS, CROSSING, LOCUS, axes_or_new, draw_dot, line_style
+from framework.show.style import COLORS, CROSSING, LOCUS, axes_or_new, draw_curves, draw_dot, line_style
 
 
 def plot_locus(robot: ParallelRobot, plan: CrossingPlan | None = None, ax: Axes | None = None) -> Axes:
@@ -33,8 +33,7 @@ def plot_locus(robot: ParallelRobot, plan: CrossingPlan | None = None, ax: Axes 
             f"it has {', '.join(robot.axis_names)} and {robot.n_a} motors"
         )
     ax = axes_or_new(ax, 3.2)
-    for k, curve in enumerate(locus.curves):
-        ax.plot(*curve.T, color=LOCUS, linewidth=1.4, label="singular locus" if k == 0 else None)
+    draw_curves(ax, locus.curves, "singular locus", color=LOCUS, linewidth=1.4)
     if plan is not None:
         line = plan.path(np.linspace(0.0, 1.0, 201))[:, list(locus.axes)]
         _draw_from_dot(ax, line, "path")
@@ -59,12 +58,10 @@ def plot_motor_locus(
         raise InvalidInput("locus: needs one that was traced in two motors, see the `free` of `trace_locus`")
     free = [robot.actuator_names.index(name) for name in locus.free]
     ax = axes_or_new(ax, 3.2)
-    for k, curve in enumerate(curve for curve in locus.curves if curve.kind == "type_2"):
-        label = "singular locus" if k == 0 else None
-        ax.plot(*curve.motors[:, free].T, color=LOCUS, linewidth=1.4, label=label)
-    for k, cusp in enumerate(locus.cusps):
-        label = "cusp" if k == 0 else None
-        ax.plot(*cusp.motors[free], "o", color=CROSSING, markersize=4, zorder=3, label=label)
+    curves = [curve.motors[:, free] for curve in locus.curves if curve.kind == "type_2"]
+    draw_curves(ax, curves, "singular locus", color=LOCUS, linewidth=1.4)
+    cusps = [cusp.motors[free] for cusp in locus.cusps]
+    draw_curves(ax, cusps, "cusp", color=CROSSING, marker="o", linestyle="", markersize=4, zorder=3)
     if change is not None:
         line = change.motors[:, free]
         _draw_from_dot(ax, line, "to another mode")

@@ -22,7 +22,18 @@ from framework.atlas.workspace_map import WorkspaceMap
 from framework.motion.path import Path
 from framework.show.captions import display_name
 from framework.show.plots import save
-from framework.show.style import AXIS, BEYOND, COLUMN_WIDTH, LOCUS, NOT_CARRIED, PATH, SOFT, UNREACHED, Style
+from framework.show.style import (
+    AXIS,
+    BEYOND,
+    COLUMN_WIDTH,
+    LOCUS,
+    NOT_CARRIED,
+    PATH,
+    SOFT,
+    UNREACHED,
+    Style,
+    draw_curves,
+)
 from framework.statics.loading import LoadReason
 from framework.tolerances import SAME_PLACE
 
@@ -99,12 +110,11 @@ def _draw_values(
 
 def _draw_locus(workspace: WorkspaceMap, ax: Axes, halo: list[withStroke]) -> None:
     """Draw the curves of the locus, and crosses at singular poses that no curve explains."""
-    for k, curve in enumerate(workspace.locus.curves):
-        label = "singular locus (Type 2)" if k == 0 else None
-        ax.plot(*curve.x.T, color=LOCUS, linewidth=1.4, path_effects=halo, label=label)
-    if len(workspace.locus.unexplained):
-        ax.plot(*workspace.locus.unexplained.T, "x", color=LOCUS, markersize=3, label=UNEXPLAINED)
-    if workspace.locus.why_not:
+    locus, style = workspace.locus, Style(color=LOCUS, linewidth=1.4, path_effects=halo)
+    draw_curves(ax, [curve.x for curve in locus.curves], "singular locus (Type 2)", **style)
+    if len(locus.unexplained):
+        ax.plot(*locus.unexplained.T, "x", color=LOCUS, markersize=3, label=UNEXPLAINED)
+    if locus.why_not:
         ax.plot([], [], " ", label=NOT_TRACED)
 
 

@@ -52,14 +52,13 @@ def plot_law(plan: CrossingPlan, axes: Sequence[Axes] | None = None) -> list[Axe
     """Plot s(t) and its first two derivatives, on three axes."""
     axes = figure(3, height=1.25)[1] if axes is None else list(axes)
     times = _times(plan)
-    labels = ("$s$", r"$\dot s$  [1/s]", r"$\ddot s$  [1/s$^2$]")
-    for order, (ax, label) in enumerate(zip(axes, labels, strict=True)):
+    labels = {"s": "$s$", "speed": r"$\dot s$  [1/s]", "acceleration": r"$\ddot s$  [1/s$^2$]"}
+    for order, (ax, (key, label)) in enumerate(zip(axes, labels.items(), strict=True)):
         ax.plot(times, plan.law(times, order), **line_style(0))
         ax.set_ylabel(label)
         _mark_crossings(plan, ax)
         for crossing in plan.crossings:
-            value = (crossing.s, crossing.speed, crossing.acceleration)[order]
-            draw_dot(ax, crossing.time, value, 3)
+            draw_dot(ax, crossing.time, getattr(crossing, key), 3)
     _time_axis(plan, axes[-1])
     kind = "law" if plan.optimality is None else f"{plan.law.kind} law"
     axes[0].set_title(f"{kind} of degree {plan.law.degree}", loc="left")
@@ -139,39 +138,36 @@ def _mark_loaded(ax: Axes, plan: CrossingPlan) -> None:
 
 def _magnify(ax: Axes, plan: CrossingPlan, measure: MeasureAlongPath) -> None:
     """Magnify in a corner the shift of the first crossing by the deflections."""
-    crossing = plan.crossings[0]
+    crossing, loaded = plan.crossings[0], plan.loaded_points[0]
     at_rest = measure.nearest_at_rest(crossing.s)
     shift = abs(crossing.s - at_rest)
     if shift < SAME_PLACE:  # nothing to see: the deflections leave the locus where it is
         return
     inset = ax.inset_axes((0.66, 0.19, 0.31, 0.34), facecolor="white", zorder=4)
-    loaded = plan.loaded_points[0]
-    places = [crossing.s, at_rest]
+    shown = [crossing.s, at_rest]
     if loaded is not None and 0.1 * shift < abs(loaded.s - crossing.s) < MAX_INSET_SHIFT * shift:
-        places.append(loaded.s)
-    window = np.linspace(min(places) - shift, max(places) + shift, 5)
-    times = crossing.time + (window - crossing.s) / crossing.speed
-    curves = (
-        (window, measure.evaluate_at_rest(window)),
-        (plan.law(times), measure.evaluate_in_motion(times)),
+        shown.append(loaded.s)
+    s = np.linspace(min(shown) - shift, max(shown) + shift, 5)
+    times = crossing.time + (s - crossing.s) / crossing.speed
+    _draw_upward(inset, s - at_rest, measure.evaluate_at_rest(s), crossing.speed, line_style(0))
+    _draw_upward(
+        inset, plan.law(times) - at_rest, measure.evaluate_in_motion(times), crossing.speed, line_style(1)
     )
-    for k, (along, values) in enumerate(curves):
-        upward = np.sign((values[-1] - values[0]) * crossing.speed)
-        inset.plot((along - at_rest) * 1e6, upward * values * 1e6, **line_style(k))
     inset.axhline(0.0, color="black", linewidth=0.5)
-    for s in places[2:]:
-        inset.plot([(s - at_rest) * 1e6], [0.0], **LOADED)
-        inset.annotate(
-            "loaded",
-            ((s - at_rest) * 1e6, 0.0),
-            textcoords="offset points",
-            xytext=(0, -8),
-            ha="center",
-            fontsize=5.5,
-        )
+    for loaded_s in shown[2:]:
+        mark = (1e6 * (loaded_s - at_rest), 0.0)
+        inset.plot(*mark, **LOADED)
+        below: Style = {"textcoords": "offset points", "xytext": (0, -8), "ha": "center", "fontsize": 5.5}
+        inset.annotate("loaded", mark, **below)
     inset.set_xlabel(r"$10^6\,(s - s_\mathrm{rest})$", fontsize=6, labelpad=1)
     inset.set_ylabel(r"$10^6\,g$", fontsize=6, labelpad=1)
     inset.tick_params(labelsize=5.5, pad=1)
+
+
+def _draw_upward(ax: Axes, shift: Array, g: Array, speed: float, style: Style) -> None:
+    """Draw g over a shift in s, in millionths, rising along the motion."""
+    upward = np.sign((g[-1] - g[0]) * speed)
+    ax.plot(1e6 * shift, 1e6 * upward * g, **style)
 
 
 def plot_wrench(plan: CrossingPlan, ax: Axes | None = None) -> Axes:

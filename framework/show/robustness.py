@@ -53,21 +53,22 @@ def _draw_bounds(axes: Sequence[Axes], loop: ControlLoop) -> None:
     """Draw the errors within which a run passes, and the limits of its motors."""
     errors, torques = axes
     low, high = errors.get_xlim()
-    high = max(high, 1.5 * loop.tolerance)
     errors.axvspan(low, loop.tolerance, color=GOOD, alpha=0.1, linewidth=0)
     errors.axvline(loop.tolerance, color=GOOD, linewidth=0.8)
-    errors.set_xlim(low, high)
-    note: Style = {"fontsize": 7, "rotation": 90, "ha": "right", "va": "center"}
-    errors.text(
-        loop.tolerance, 0.5, "within: passes", color=GOOD, transform=errors.get_xaxis_transform(), **note
-    )
+    errors.set_xlim(low, max(high, 1.5 * loop.tolerance))
+    _note(errors, loop.tolerance, "within: passes", GOOD)
     limits = np.unique(np.asarray(loop.limit or ()))
-    within = torques.get_xaxis_transform()
     drawn = limits[limits < DRAWN_LIMIT_RATIO * torques.get_xlim()[1]]
     for limit in drawn:
         draw_dashed(torques, limit, ALARM, 0.8)
     if len(drawn):
-        torques.text(drawn[0], 0.5, "torque limit", color=ALARM, transform=within, **note)
+        _note(torques, drawn[0], "torque limit", ALARM)
     elif len(limits):  # far off: no place for it in the picture
         label = f"torque limit: {limits[0]:.3g} N m, off to the right"
         torques.text(0.98, 0.04, label, color=ALARM, fontsize=7, ha="right", transform=torques.transAxes)
+
+
+def _note(ax: Axes, x: float, text: str, color: str) -> None:
+    """Write a note upright beside x, at half the height."""
+    style: Style = {"fontsize": 7, "rotation": 90, "ha": "right", "va": "center", "color": color}
+    ax.text(x, 0.5, text, transform=ax.get_xaxis_transform(), **style)

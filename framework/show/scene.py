@@ -6,7 +6,7 @@ metre. The page (framework/show/page) draws what it finds here and computes noth
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from framework.kinematics.placements import (
     joint_poses,
     platform_positions,
 )
+from framework.kinematics.platform import FramePlatform
 from framework.locus.drawn_locus import LocusCurves, locus_curves, locus_patch
 from framework.model.description import RobotDescription
 from framework.model.visuals import Shape
@@ -37,7 +38,6 @@ from framework.show.captions import (
 )
 from framework.show.film import Film
 from framework.show.force_polygon import peak_torque, shown_limit
-from framework.show.forces import drawn_sides, figure_vectors, why_no_figure
 from framework.show.shapes import motor_shapes, placement_along
 from framework.show.sight import Sight, film_sight, tilt_aside
 from framework.show.standalone import pack
@@ -47,8 +47,7 @@ COIL_LENGTH = 0.18  # length of a spring's coil, over the `length` of the docume
 MAX_DRAWN_DEFLECTION = 0.35  # of the coil's length, or in radians: the largest deflection on the screen
 LOCUS_MARGIN = 0.9  # how far from the path the locus is drawn, in lengths of the robot
 
-# The curves of the locus about a frame of a film, for platform coordinates (T, n).
-CurvesAbout = Callable[[Film, int, Array], LocusCurves | None]
+Traced = list[tuple[RobotDescription, LocusCurves]]  # the curves traced for a robot
 
 
 def floats(values: ArrayLike) -> str:
@@ -58,26 +57,8 @@ def floats(values: ArrayLike) -> str:
 
 def film_documents(films: Sequence[Film]) -> list[Document]:
     """Return the page's documents of films side by side; films of one robot share its locus."""
-    traced: list[tuple[RobotDescription, LocusCurves]] = []
-
-    def curves_about(film: Film, frame: int, over: Array) -> LocusCurves | None:
-        """Return the locus about a frame of a film: one traced before for the robot, if large enough."""
-        for description, curves in traced:
-            if description == film.robot.description and curves.serves(over):
-                return curves
-        locus = locus_curves(film.robot, film.q[frame], film.x[frame])
-        if locus is not None:
-            traced.append((film.robot.description, locus))
-        return locus
-
-    def document(film: Film) -> Document:
-        """Return a film's document, with sight, limits and scale shared by all films of the robot."""
-        same_robot = [other for other in films if other.robot.description == film.robot.description]
-        sight = film_sight(min(same_robot, key=lambda other: not other.instants))
-        limit, peak = stated_limit(film, films), peak_torque(_alike(film, films))
-        return _film_document(film, sight, curves_about, limit, peak)
-
-    return list(map(document, films))
+    traced: Traced = []
+    return [_film_document(film, films, traced) for film in films]
 
 
 def stated_limit(film: Film, films: Sequence[Film]) -> Array:
@@ -92,11 +73,15 @@ def _alike(film: Film, films: Sequence[Film]) -> list[Film]:
     return [other for other in films if other.robot.actuator_names == film.robot.actuator_names]
 
 
-def _film_document(
-    film: Film, sight: Sight, curves_about: CurvesAbout, limit: Array, peak: float
-) -> Document:
-    """Return a film's data for the page: poses, torques, wrenches, measures, locus and words."""
+def _film_document(film: Film, films: Sequence[Film], traced: Traced) -> Document:
+    """Return a film's data for the page: poses, torques, wrenches, measures, locus and words.
+
+    Sight, limits and scale are shared by all `films` of the robot, and so are the curves that are `traced`.
+    """
     robot = film.robot
+    same_robot = [other for other in films if other.robot.description == robot.description]
+    sight = film_sight(min(same_robot, key=lambda other: not other.instants))
+    limit, peak = stated_limit(film, films), peak_torque(_alike(film, films))
     poses = joint_poses(robot, film.q)
     platform = platform_positions(robot, poses)
     power = np.sum(film.t_s * film.W_p, axis=1)  # (F,), whose t_s never turns round
@@ -138,7 +123,7 @@ def _film_document(
             "world": world,
             "instants": _instants(film, platform, power),
             "springs": _springs(film, drawn["length"]),
-            "locus": _locus(film, platform, curves_about),
+            "locus": _locus(film, platform, traced),
         }
     )
     return document
@@ -264,6 +249,41 @@ def _polytope(film: Film, limit: Array) -> Document | None:
     return {"center": floats(center), "sides": floats(sides), "count": robot.n_a, "flat": robot.n == 2}
 
 
+def drawn_sides(robot: ParallelRobot, motor_speed: Array, limit: Array) -> Array | None:
+    """Compute the edges (F, n_a, 3) of the set of all forces that the motors can give together.
+
+    Within torque limits the sums of the rows of G (F, n_a, n) (`framework.dynamics.platform_wrench`) fill a
+    polygon or a parallelepiped, which is flat across t_s at a Type 2 singularity. Its edges are each motor's
+    force or torque at its limit (n_a,). None where it is no figure of the plane or of space: one motor, or
+    forces together with torques.
+    """
+    if robot.n == 1 or why_no_figure(robot) is not None:
+        return None
+    return figure_vectors(robot, limit[:, None] * motor_speed)
+
+
+def figure_vectors(robot: ParallelRobot, wrenches: Array) -> Array:
+    """Return the forces (..., 3) of wrenches (..., n) on base axes, or torques if the platform only turns."""
+    assert isinstance(robot.platform, FramePlatform)
+    vectors = np.zeros((*wrenches.shape[:-1], 3))
+    vectors[..., robot.platform.axes % 3] = wrenches
+    return vectors
+
+
+def why_no_figure(robot: ParallelRobot) -> str | None:
+    """Return the reason why the motors' forces are not drawn as one figure; None if drawn or one number."""
+    platform, kinds = robot.platform, len(set(robot.translations))
+    if robot.n == 1:
+        return None
+    if not isinstance(platform, FramePlatform) or not platform.constant:
+        return "on axes of its own: not drawn in the scene"
+    if kinds > 1:
+        return f"forces and torques have {robot.n} dimensions: not drawn in the scene"
+    if (robot.n == 2 and platform.is_point) or (robot.n == 3 and robot.n_a == 3):
+        return None
+    return f"{robot.n_a} motors for {robot.n} freedoms: not drawn in the scene"
+
+
 def _action_lines(film: Film) -> Document | None:
     """Return the motors' lines of action, of a film that becomes singular."""
     lines = action_lines(film.robot, film.motors.motor_speed) if film.instants else None
@@ -282,7 +302,7 @@ def _torque_limit(film: Film) -> float:
     return UNPROVED_TORQUE_RATIO * usual if np.isfinite(usual) and usual > 0 else 1.0
 
 
-def _locus(film: Film, platform: Array, curves_about: CurvesAbout) -> Document | None:
+def _locus(film: Film, platform: Array, traced: Traced) -> Document | None:
     """Return the drawing of the locus near the film's closest approach; None without a measure."""
     if not film.has_measure:
         return None
@@ -292,8 +312,19 @@ def _locus(film: Film, platform: Array, curves_about: CurvesAbout) -> Document |
         return {"kind": "patch", "count": len(patch), "points": floats(patch)}
     momentary = not film.robot.platform.is_point  # the locus depends on other coordinates, of one instant
     frame = nearest if momentary else 0
-    curves = curves_about(film, frame, film.x[frame : frame + 1] if momentary else film.x)
+    curves = _curves_about(film, frame, film.x[frame : frame + 1] if momentary else film.x, traced)
     return drawn_locus(film.robot, curves, platform)
+
+
+def _curves_about(film: Film, frame: int, x: Array, traced: Traced) -> LocusCurves | None:
+    """Return the locus about a frame of a film that serves platform coordinates x (T, n)."""
+    for description, curves in traced:
+        if description == film.robot.description and curves.serves(x):
+            return curves
+    locus = locus_curves(film.robot, film.q[frame], film.x[frame])
+    if locus is not None:
+        traced.append((film.robot.description, locus))
+    return locus
 
 
 def locus_lines(

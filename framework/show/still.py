@@ -17,7 +17,7 @@ from framework.show.drawing import draw_robot, draw_scale_bar, hull
 from framework.show.film import Film
 from framework.show.scene import locus_lines
 from framework.show.sight import Projection, Sight, film_sight
-from framework.show.style import ALARM, GIVEN, LOCUS, PATH, TWIST, WRENCH, Style, legend_above
+from framework.show.style import ALARM, GIVEN, LOCUS, PATH, TWIST, WRENCH, Style, draw_curves, legend_above
 
 ARROW_LENGTH = 0.32  # length of t_s, over the robot's; the page's too
 TURN_RADIUS = 0.2  # radius of the arc that shows the turn of t_s, over the robot's length
@@ -49,17 +49,16 @@ def plot_still(
     sight = film_sight(film) if sight is None else sight
     ax = draw_robot(robot, film.q[k], ax, sight=sight)
     onto = sight.onto
-    path_line = onto(film.platform)
-    for piece, line in enumerate(locus_of(film) if locus is None else locus):
-        label = None if piece else "singular locus"
-        ax.plot(*onto(line).T, color=LOCUS, linewidth=1.4, zorder=2, label=label)
-    label = "path" if np.ptp(path_line, axis=0).max() > 0 else None
-    ax.plot(*path_line.T, color=PATH, linewidth=1.4, zorder=3, label=label)
-    for instant in film.instants:
-        color = LOCUS if film.proved else ALARM
-        ax.plot(*path_line[film.frame_at(instant.time)], "o", color=color, markersize=4, zorder=6)
+    curves = [onto(line) for line in (locus_of(film) if locus is None else locus)]
+    draw_curves(ax, curves, "singular locus", color=LOCUS, linewidth=1.4, zorder=2)
+    path = onto(film.platform)  # (F, 2)
+    label = "path" if np.ptp(path, axis=0).max() > 0 else None
+    ax.plot(*path.T, color=PATH, linewidth=1.4, zorder=3, label=label)
+    instants = [film.frame_at(instant.time) for instant in film.instants]
+    dots: Style = {"color": LOCUS if film.proved else ALARM, "markersize": 4, "zorder": 6}
+    ax.plot(*path[instants].T, "o", **dots)
     if limit is not None and robot.n == 2 and robot.platform.is_point:
-        _polygons(film, ax, path_line, limit, [k] if alone else None)
+        _polygons(film, ax, path, limit, [k] if alone else None)
     if film.instants and k == film.telling_frame and len(robot.platform.sliding):
         _action_lines(film, ax, k, onto)
     if film.has_measure:
@@ -115,11 +114,11 @@ def _action_lines(film: Film, ax: Axes, k: int, onto: Projection) -> None:
     lines = action_lines(film.robot, film.motors.motor_speed[k : k + 1])
     if lines is None:
         return
-    for motor, (place, direction) in enumerate(zip(lines.point[0], lines.direction[0], strict=True)):
-        half = HALF_LINE_OF_ACTION * film.robot.length * direction
-        ends = film.platform[k] + place + np.array([[-1.0], [1.0]]) * half
-        label = None if motor else "lines of the motors' forces"
-        ax.plot(*onto(ends).T, color=GIVEN, linewidth=0.8, linestyle=(0, (1, 1.5)), zorder=3.2, label=label)
+    half = HALF_LINE_OF_ACTION * film.robot.length * lines.direction[0]  # (n_a, 3)
+    middle = film.platform[k] + lines.point[0]
+    ends = onto(np.stack([middle - half, middle + half], axis=1))  # (n_a, 2, 2)
+    style: Style = {"color": GIVEN, "linewidth": 0.8, "linestyle": (0, (1, 1.5)), "zorder": 3.2}
+    draw_curves(ax, ends, "lines of the motors' forces", **style)
 
 
 def locus_of(film: Film) -> list[Array]:

@@ -7,7 +7,7 @@ one plot have dashes besides. Text has a contrast of at least 4.5. Tests hold bo
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,8 @@ import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.backend_bases import get_registered_canvas_class
 from matplotlib.figure import Figure
+
+from framework.arrays import Array
 
 Style = dict[str, Any]  # of what matplotlib draws, by its keywords
 COLORS = ("#004f9e", "#d55e00", "#00a67a", "#7a1f4b", "#6bb8ff", "#e0a800")  # of curves, dark and light
@@ -99,6 +101,12 @@ def draw_dashed(ax: Axes, place: float, color: str = CROSSING, linewidth: float 
 def draw_dot(ax: Axes, x: float, y: float, size: float = 4) -> None:
     """Draw the dot of a crossing."""
     ax.plot([x], [y], "o", color=CROSSING, markersize=size, zorder=3)
+
+
+def draw_curves(ax: Axes, curves: Iterable[Array], label: str, **style: Any) -> None:
+    """Draw curves (m, 2) in one style, which the legend names once."""
+    for k, curve in enumerate(curves):
+        ax.plot(*curve.T, label=None if k else label, **style)
 
 
 def legend_above(ax: Axes, columns: int = 1, **options: Any) -> None:

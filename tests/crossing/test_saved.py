@@ -26,7 +26,7 @@ from framework import (
 from framework.cli import main
 from framework.crossing.saved import plan_document, save_plan
 from framework.crossing.scenes import path_of
-from framework.show.reproduction import command_line
+from framework.show.report import command_line
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 

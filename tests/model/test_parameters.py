@@ -13,7 +13,7 @@ from framework import InvalidInput, ParallelRobot, RobotFileError, load_plan, lo
 from framework.atlas.design_study import designs_of
 from framework.cli import main
 from framework.model.parameters import declared_parameters, fill_placeholders, with_parameters
-from framework.show.reproduction import command_line
+from framework.show.report import command_line
 from tests.urdf_edits import parametric_five_bar
 
 VALUES = {"a": 0.25, "b": 2.0}

@@ -8,7 +8,7 @@ import pytest
 
 import robots
 from framework.dynamics.action_lines import action_lines
-from framework.show.forces import drawn_sides, why_no_figure
+from framework.show.scene import drawn_sides, why_no_figure
 from framework.show.shapes import body_shapes, motor_shapes
 from tests.show.test_film import filmed
 

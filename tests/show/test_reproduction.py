@@ -13,7 +13,7 @@ from framework import Arc, Line, Spline, plan_crossing, plan_scene, public
 from framework.cli import arguments
 from framework.cli.commands import OneLineParser
 from framework.cli.parser import add_flexibility, add_motion, add_path, add_robot
-from framework.show.reproduction import command_line, given_options, python_call
+from framework.show.report import command_line, given_options, python_call
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 ARC = Arc([0.1, 0.345], [0.03, 0.28], [-0.05, 0.195])
