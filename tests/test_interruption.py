@@ -202,7 +202,7 @@ def test_an_interruption_that_other_code_makes_something_else_of_is_one_all_the_
 
 
 @needs_proc
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("number", [pytest.param(signal.SIGTERM, marks=pytest.mark.slow), signal.SIGKILL])
 def test_no_worker_outlives_the_command(tmp_path, number):
     with begun([*COMMANDS["robustness with workers"], "--out", os.fspath(tmp_path)]) as process:
         wait_for(lambda: workers(process.pid, 2))

@@ -57,6 +57,7 @@ def test_the_least_peak_weighs_it_and_bounds_the_others():
     assert peaks(plan)[1] / 0.03 > bound_plan(plan).value  # which does not count the limit of the other
 
 
+@pytest.mark.slow
 def test_a_refusal_tells_the_least_peak_of_the_motors_with_a_limit():
     with pytest.raises(NoLaw) as refused:
         plan_crossing(five_bar(0.02, None), LINE, duration=1.5, law="optimal")

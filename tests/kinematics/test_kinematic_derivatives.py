@@ -89,7 +89,7 @@ def test_along_the_motors_and_the_springs(robot):
         )
 
 
-@pytest.mark.parametrize("name", ["three_rpr", "delta"])
+@pytest.mark.parametrize("name", ["three_rpr", pytest.param("delta", marks=pytest.mark.slow)])
 def test_geometric_parameters_are_springs_of_their_model(name):
     """Against robots whose files are off, at the same motors."""
     geometry = geometry_of(robots.load(name))

@@ -202,6 +202,7 @@ def test_a_report_says_what_the_plan_is_and_how_to_have_it_again(crossing, folde
     assert again["robot_file"] == "five_bar"
 
 
+@pytest.mark.slow
 def test_an_optimal_law_is_filmed_and_reported_as_any_other(crossing, tmp_path):
     path = Line([0.1, 0.345], [-0.05, 0.195])
     plan = plan_crossing(robots.load("five_bar"), path, optimize="time", torque_limit=0.165)

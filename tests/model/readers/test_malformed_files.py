@@ -469,7 +469,10 @@ def complaint(file: Path, name: str) -> str:
     return ""
 
 
-@pytest.mark.parametrize("name", ["pair", "plus", "ros", "sites", "anchor"])
+@pytest.mark.parametrize(
+    "name",
+    ["pair", "ros", *(pytest.param(name, marks=pytest.mark.slow) for name in ("plus", "sites", "anchor"))],
+)
 def test_no_mutation_crashes_or_hangs(name, tmp_path):
     every = mutations(GOOD[name].read_text(encoding="utf-8"))
     assert len(every) > 200
