@@ -152,7 +152,9 @@ def test_fingers_that_mimic_have_one_plan_in_three_formats(tmp_path):
 def test_a_negative_damping_is_refused_by_the_name_of_its_joint(tmp_path):
     damped = "<axis><dynamics><damping>-1</damping></dynamics>"
     (tmp_path / "a.sdf").write_text(fingers_sdf().replace("<axis>", damped, 1))
-    with pytest.raises(RobotFileError, match="joint 'ja': armature, damping, friction and stiffness must not"):
+    with pytest.raises(
+        RobotFileError, match="joint 'ja': armature, damping, friction and stiffness must not"
+    ):
         read_any(tmp_path / "a.sdf", platform_joints=["jb"], motors=["ja"])
 
 
