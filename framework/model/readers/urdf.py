@@ -10,8 +10,8 @@ URDF+ (Chignoli, Slotine, Wensing, Kim 2024); the axis is in both frames:
       <predecessor link="pulley"/> <successor link="wheel"/> <ratio value="1"/>
     </coupling>
 
-The angle of a link is the sum of the joints that carry it and not the other. Read are the coupling that holds a
-joint, that of links turned alike (ratio 1, all axes parallel), and that of two joints, which is a `<mimic>`.
+The angle of a link is the sum of the joints that carry it and not the other. Read are the coupling that holds
+a joint, that of links turned alike (ratio 1, all axes parallel), and that of two joints, which is a `<mimic>`.
 
 The proposal for ROS (urdfdom pull request 264), each axis in its own frame; a kind may end in `_joint`:
 
