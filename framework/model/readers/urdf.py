@@ -11,7 +11,7 @@ URDF+ (Chignoli, Slotine, Wensing, Kim 2024); the axis is in both frames:
     </coupling>
 
 The angle of a link is the sum of the joints that carry it and not the other. Read are the coupling that holds
-a joint, that of links turned alike (ratio 1, all axes parallel), and that of two joints, which is a `<mimic>`.
+a joint, that of links turned alike (ratio 1, all axes parallel), and that of two joints, a `<mimic>`.
 
 The proposal for ROS (urdfdom pull request 264), each axis in its own frame; a kind may end in `_joint`:
 
