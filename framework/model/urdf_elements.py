@@ -164,11 +164,10 @@ def read_tree(root: ElementTree.Element, impossible: list[tuple[str, str]] | Non
                 )
     extent = max((float(np.linalg.norm(joint.origin[:3, 3])) for joint in joints.values()), default=0.0)
     for link in root.findall("link"):
-        where = f"link {link.get('name')!r}"
         for visual in link.findall("visual"):
-            origin_numbers(visual.find("origin"), f"{where}: <visual> <origin>")
+            origin_numbers(visual.find("origin"), f"link {link.get('name')!r}: <visual> <origin>")
         try:
-            _check_inertial(link, where, extent)
+            check_inertial(link, extent)
         except RobotFileError as error:
             if impossible is None:
                 raise
@@ -283,9 +282,13 @@ def _check_limit(joint: ElementTree.Element, where: str, *, is_needed: bool) -> 
             )
 
 
-def _check_inertial(link: ElementTree.Element, where: str, extent: float) -> None:
-    """Refuse an inertia that no body has; `extent` [m]: the largest distance of joints."""
-    inertial = link.find("inertial")
+def check_inertial(link: ElementTree.Element, extent: float) -> None:
+    """Check the inertia of a link; `extent` [m] is the largest distance of joints.
+
+    Raises:
+        RobotFileError: a number is missing or not finite, or no body has such an inertia.
+    """
+    where, inertial = f"link {link.get('name')!r}", link.find("inertial")
     if inertial is None:
         return
     origin_numbers(inertial.find("origin"), f"{where}: <inertial> <origin>")

@@ -16,7 +16,7 @@ from framework.errors import RobotFileError
 from framework.model.inertia import check_inertia
 from framework.model.readers import read_any
 from framework.model.robot_file import read_robot_file
-from framework.model.urdf_elements import check_link
+from framework.model.urdf_elements import check_inertial
 
 DIALECTS = Path(__file__).parents[1] / "data" / "dialects"
 SAID = {"platform": "left_rod", "axes": ["x", "y"], "motors": ["left_motor", "right_motor"]}
@@ -112,9 +112,9 @@ def test_what_exporters_leave_of_a_point_is_no_inertia_in_robots_of_any_size(len
             f'<link name="a"><inertial><mass value="1"/>{entries}</inertial></link>'
         )
 
-    check_link(link(1e-9 * length), length)
+    check_inertial(link(1e-9 * length), length)
     with pytest.raises(RobotFileError, match="no body has"):
-        check_link(link(1e-3 * length), length)
+        check_inertial(link(1e-3 * length), length)
 
 
 def test_a_body_on_a_frame_of_the_robot_file_is_no_exception(write_robot):

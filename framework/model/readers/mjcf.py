@@ -157,16 +157,10 @@ class _Model:
         model, root = self.compiled, ElementTree.Element("robot", name=name)
         links = [ElementTree.SubElement(root, "link", name=body) for body in self.bodies]
         for k, place in enumerate(_places(model.body_pos, model.body_quat)):
-            motions, end = [], place
-            # a joint turns about a point of the body; its link stands in that point, the body's own behind it
-            for joint in self.joints[model.body_jntadr[k] :][: model.body_jntnum[k]]:
-                point = joint.view.pos if joint.kind != "floating" else np.zeros(3)
-                motions.append(_motion(joint, end @ placement(None, point)))
-                end = placement(None, -point)
-            if k:
-                parent = self.bodies[model.body_parentid[k]]
-                root.extend(chain_elements(parent, motions, self.bodies[k], end, self.taken))
-            if k and (model.body_mass[k] or model.body_inertia[k].any()):
+            if k == 0:
+                continue  # the world
+            root.extend(self._joint_elements(k, place))
+            if model.body_mass[k] or model.body_inertia[k].any():
                 turn = from_quaternion(*model.body_iquat[k])
                 inertia = turn @ np.diag(model.body_inertia[k]) @ turn.T
                 links[k].append(inertial_element(model.body_mass[k], model.body_ipos[k], inertia))
@@ -175,6 +169,19 @@ class _Model:
                 shape = _visual(_SHAPES[model.geom_type[k]], model.geom_size[k], place)
                 links[model.geom_bodyid[k]].append(shape)
         return root
+
+    def _joint_elements(self, k: int, place: Array) -> Iterator[ElementTree.Element]:
+        """Yield the joints and links that carry body k, at `place` (4, 4) in its parent.
+
+        A joint turns about a point of the body: its link stands in that point, and the body's own behind it.
+        """
+        model, motions, end = self.compiled, list[ChainJoint](), place
+        for joint in self.joints[model.body_jntadr[k] :][: model.body_jntnum[k]]:
+            point = joint.view.pos if joint.kind != "floating" else np.zeros(3)
+            motions.append(_motion(joint, end @ placement(None, point)))
+            end = placement(None, -point)
+        parent = self.bodies[model.body_parentid[k]]
+        yield from chain_elements(parent, motions, self.bodies[k], end, self.taken)
 
     def reference(self) -> dict[str, float]:
         """Return joint angles of the first key, from the zero pose; empty without one."""

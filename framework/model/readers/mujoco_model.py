@@ -173,26 +173,29 @@ def _repair_inertias(mujoco: Any, spec: Any) -> Iterator[LeftOut]:
         is_mended = body.compiler.balanceinertia or body.compiler.inertiafromgeom == geoms_only  # by MuJoCo
         if not body.explicitinertial or is_mended:
             continue
-        matrix = np.diag(body.inertia)
         if np.isfinite(body.fullinertia[0]):
-            matrix = symmetric(*body.fullinertia)
-            body.fullinertia = [np.nan, 0, 0, 0, 0, 0]
-            moments, axes = np.linalg.eigh(matrix)
-            axes[:, 0] *= np.linalg.det(axes)
-            turn = pin.Quaternion(axes)
-            body.iquat, body.inertia = [turn.w, turn.x, turn.y, turn.z], np.maximum(moments, 0.0)
+            _make_principal(body)
         try:
             if body.mass < 0:
                 raise RobotFileError(f"body {body.name!r}: has a mass of {body.mass:g} kg")
-            check_inertia(f"body {body.name!r}: inertia", matrix)
+            check_inertia(f"body {body.name!r}: inertia", np.diag(body.inertia))
         except RobotFileError as error:
             yield LeftOut(f"{body.info}: {error}", (body.name,), is_decisive=True)
             body.mass, body.inertia = max(body.mass, 0.0), np.ones(3)
         # a thin rod's moments, rounded: MuJoCo allows the largest not a digit more than the others' sum
-        inertia = np.array(body.inertia)
-        largest = int(np.argmax(inertia))
-        inertia[largest] = min(inertia[largest], inertia.sum() - inertia[largest])
-        body.inertia = inertia
+        moments = np.maximum(body.inertia, 0.0)
+        largest = int(np.argmax(moments))
+        moments[largest] = min(moments[largest], moments.sum() - moments[largest])
+        body.inertia = moments
+
+
+def _make_principal(body: Any) -> None:
+    """State the inertia of a body [kg m^2] by principal moments and axes in place of its matrix."""
+    moments, axes = np.linalg.eigh(symmetric(*body.fullinertia))
+    axes[:, 0] *= np.linalg.det(axes)  # right-handed
+    turn = pin.Quaternion(axes)
+    body.fullinertia = [np.nan, 0, 0, 0, 0, 0]
+    body.inertia, body.iquat = moments, [turn.w, turn.x, turn.y, turn.z]
 
 
 def _delete_needless_meshes(mujoco: Any, spec: Any) -> Iterator[LeftOut]:

@@ -10,8 +10,8 @@ URDF+ (Chignoli, Slotine, Wensing, Kim 2024); the axis is in both frames:
       <predecessor link="pulley"/> <successor link="wheel"/> <ratio value="1"/>
     </coupling>
 
-The angle of a link is the sum of the joints that carry it and not the other. Two kinds of coupling are loops
-of frames: a joint that is held, and links turned alike (ratio 1, all axes parallel). Others are refused.
+The angle of a link is the sum of the joints that carry it and not the other. Read are the coupling that holds
+a joint, that of links turned alike (ratio 1, all axes parallel), and that of two joints, a `<mimic>`.
 
 The proposal for ROS (urdfdom pull request 264), each axis in its own frame; a kind may end in `_joint`:
 
@@ -137,7 +137,7 @@ def _end(tree: UrdfTree, element: ElementTree.Element, where: str, end: str) -> 
 
 
 def _read_coupling(tree: UrdfTree, element: ElementTree.Element) -> Closure | None:
-    """Read the closure of a `<coupling>`; None of one that holds a joint, which is done."""
+    """Read the closure of a `<coupling>`; None where a joint is fixed or mimics another instead."""
     name, where = _element_name(element)
     ends = _LOOPS["loop"].ends
     only(element, where, (*ends, "ratio"), ("name", "type"))
@@ -153,13 +153,16 @@ def _read_coupling(tree: UrdfTree, element: ElementTree.Element) -> Closure | No
         tree.fix(held[0])
         return None
     closure = tree.same_turning(name, first, second) if ratio == 1.0 else None
-    if closure is None:
+    if closure is not None:
+        return closure
+    if [joint.kind in MOVING for joint in (*drivers, *driven)] != [True, True] or not drivers or not driven:
+        listed = ", ".join(joint.name for joint in (*drivers, *driven))
         raise RobotFileError(
-            f"{where}: a gear of ratio {ratio:g} between {first!r} and {second!r} cannot be held by loops "
-            f"of frames (valid: ratio 1 between turns about parallel axes, or a joint that is held); "
-            f"leave the geared link out and give its motor a gear_ratio"
+            f"{where}: couples {listed}: needs one joint of one freedom on each side, or the ratio 1 and "
+            f"parallel axes"
         )
-    return closure
+    ElementTree.SubElement(driven[0].element, "mimic", joint=drivers[0].name, multiplier=repr(ratio))
+    return None
 
 
 def _read_fixed_frame(tree: UrdfTree, element: ElementTree.Element) -> None:

@@ -16,7 +16,7 @@ from framework.errors import OutputError, RobotFileError
 from framework.kinematics.diagnostics.diagnosis import check_robot
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.model.description import CLOSURE_KINDS, locked_axes
+from framework.model.description import CLOSURE_KINDS, Coupling, locked_axes
 from framework.model.readers import DIALECTS, parse_any, read_any, write_robot_file
 from framework.model.robot_file import read_robot_file
 from tests.model.readers.leg import ankle
@@ -332,6 +332,12 @@ def test_a_coupling_of_equal_turns_becomes_a_loop_equation(tmp_path):
     for q, error in (([0.4, 0.4], 0.0), ([0.4, 0.3], np.sin(0.1))):
         residual = loop_equations(robot.rows, frames_at(robot, np.array([q]))).residual[0, row]
         assert abs(residual) == pytest.approx(error, abs=1e-15)
+
+
+def test_a_coupling_of_two_joints_is_a_gear(tmp_path):
+    file = tmp_path / "r.urdf"
+    file.write_text(two_links(LOOP, coupling("one", "two", "-2")))
+    assert read_any(file, **SAID).couplings == (Coupling("two_joint", "one_joint", -2.0),)
 
 
 def test_a_coupling_that_holds_a_joint_fixes_it(tmp_path):
