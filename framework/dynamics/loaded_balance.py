@@ -48,18 +48,11 @@ class Course(NamedTuple):
     ddl: Array
 
 
-class Loaded(NamedTuple):
-    """The motion of a course, and what springs and bodies ask of motors and loops."""
-
-    motion: Motion
-    load: Array  # (T, nv) r + K l
-
-
 class LoadedBalance(NamedTuple):
     """What is out of balance along a course."""
 
     course: Course
-    loaded: Loaded
+    motion: Motion
     F: Array  # (T, n_e) along orthonormal Y, in units of the springs
     size: float  # the largest load, in the same
     Y: Array  # (T, f, n_e); f columns move while the motors are locked
@@ -85,10 +78,12 @@ def balance_along(
     Raises:
         NotAssembled: the deflections tear the loops.
     """
-    loaded = _loaded(robot, course, near, wrenches, stiffer)
-    load, multipliers, Y = _balanced(robot, loaded)
+    lacking = course.l - difference(robot, robot.neutral, near)[:, robot.elastic]
+    closed = close_loops(robot, course.x, integrate_columns(robot, near, robot.elastic, lacking))
+    motion, load = _motion_and_load(robot, course, closed, wrenches, stiffer)
+    load, multipliers, Y = _balanced(robot, motion, load)
     F = matvec(Y.swapaxes(1, 2), load)
-    return LoadedBalance(course, loaded, F, float(np.abs(load).max()), Y, multipliers, wrenches, stiffer)
+    return LoadedBalance(course, motion, F, float(np.abs(load).max()), Y, multipliers, wrenches, stiffer)
 
 
 def forces_in_balance(robot: ParallelRobot, motion: Motion, deflections: Array) -> tuple[Forces, float]:
@@ -102,7 +97,7 @@ def forces_in_balance(robot: ParallelRobot, motion: Motion, deflections: Array) 
     load = r.copy()
     load[:, robot.elastic] += robot.stiffness * deflections
     units = _locked(robot)[1]
-    scaled, multipliers, Y = _balanced(robot, Loaded(motion, load))
+    scaled, multipliers, Y = _balanced(robot, motion, load)
     lacking = matvec(Y, matvec(Y.swapaxes(1, 2), scaled))
     held = matvec(motion.linearised.closures.swapaxes(1, 2), multipliers * _row_weights(robot))
     spring_force = lacking[:, : robot.n_e] / units[: robot.n_e] - robot.stiffness * deflections
@@ -116,7 +111,7 @@ def deflection_slopes(robot: ParallelRobot, balance: LoadedBalance, orders: int)
 
     `orders` is 1, or 3 with rates and accelerations of the deflections.
     """
-    (columns, units), motion, n_e = _locked(robot), balance.loaded.motion, robot.n_e
+    (columns, units), motion, n_e = _locked(robot), balance.motion, robot.n_e
     still = np.zeros((len(motion.q), orders * n_e, robot.n))
     joints = np.zeros((3, *still.shape[:2], n_e))
     for order in range(orders):
@@ -131,37 +126,29 @@ def deflection_slopes(robot: ParallelRobot, balance: LoadedBalance, orders: int)
 
 def load_at_rates(robot: ParallelRobot, balance: LoadedBalance, course: Course) -> Array:
     """Compute the load (T, f) of a course at the same configurations, with other rates."""
-    (columns, units), motion = _locked(robot), balance.loaded.motion
+    (columns, units), motion = _locked(robot), balance.motion
     closed = ClosedStack(motion.q, course.x, motion.linearised)
-    return _loads(robot, course, closed, balance.wrenches, balance.stiffer).load[:, columns] * units
+    load = _motion_and_load(robot, course, closed, balance.wrenches, balance.stiffer)[1]
+    return load[:, columns] * units
 
 
-def _loaded(
-    robot: ParallelRobot, course: Course, near: Array, wrenches: ExternalWrenches, stiffer: float
-) -> Loaded:
-    """Close the loops along a course and compute the loads."""
-    lacking = course.l - difference(robot, robot.neutral, near)[:, robot.elastic]
-    closed = close_loops(robot, course.x, integrate_columns(robot, near, robot.elastic, lacking))
-    return _loads(robot, course, closed, wrenches, stiffer)
-
-
-def _loads(
+def _motion_and_load(
     robot: ParallelRobot, course: Course, closed: ClosedStack, wrenches: ExternalWrenches, stiffer: float
-) -> Loaded:
-    """The loads along a course whose loops are closed."""
+) -> tuple[Motion, Array]:
+    """Compute the motion along a course whose loops are closed, and the load r + K l (T, nv)."""
     rates = (course.dl, course.ddl) if robot.elastic_inertia else ()
     motion = motion_at(robot, closed, course.dx, course.ddx, *rates)
     motion = motion.with_wrenches(wrenches.evaluate(robot, closed.linearised.frames, course.s))
     load = tree_forces(robot, motion)
     load[:, robot.elastic] += stiffer * robot.stiffness * course.l
-    return Loaded(motion, load)
+    return motion, load
 
 
-def _balanced(robot: ParallelRobot, loaded: Loaded) -> tuple[Array, Array, Array]:
+def _balanced(robot: ParallelRobot, motion: Motion, load: Array) -> tuple[Array, Array, Array]:
     """The load (T, f) along what moves while the motors are locked, the loops' multipliers, and Y."""
     columns, units = _locked(robot)
-    J, load = _loops(robot, loaded.motion), loaded.load[:, columns] * units
-    range_, R, null = factor_transposed(J)
+    range_, R, null = factor_transposed(_loops(robot, motion))
+    load = load[:, columns] * units
     return load, solve(R, matvec(range_.swapaxes(1, 2), load)), null
 
 

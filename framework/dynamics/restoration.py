@@ -56,7 +56,6 @@ class Restored(NamedTuple):
 
     deflections: KnownDeflections
     scalars: Array  # (k,)
-    misfit: float  # of the balance, over the largest load
 
 
 def restored(
@@ -85,7 +84,7 @@ def restored(
         series = longer(start.series / spring_units(robot), first)
     state = _resolved(equations := BalanceEquations(branch, family, steps), _held(equations, series, scalars))
     deflections = KnownDeflections(state.points.clock, state.series * equations.units)
-    return Restored(deflections, state.scalars, state.misfit)
+    return Restored(deflections, state.scalars)
 
 
 def deflections_of(branch: Branch, law: MotionLaw) -> KnownDeflections:
@@ -198,7 +197,7 @@ def _moved(equations: BalanceEquations, state: BalanceState, step: Step) -> Bala
                 state.series + share * step.series,
                 state.scalars + share * step.scalars,
                 stiffer=state.balance.stiffer,
-                near=state.balance.loaded.motion.q,
+                near=state.balance.motion.q,
             )
             if new.misfit < (1.0 - 0.1 * share) * state.misfit:
                 return new

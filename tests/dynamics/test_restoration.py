@@ -64,7 +64,7 @@ def test_slopes_of_the_balance_are_those_of_central_differences():
     step = 1e-5 * np.abs(series).max() * rng.normal(size=series.shape)
     step /= np.arange(1.0, series.shape[1] + 1)[:, None] ** 4
     state, pace = equations.at(series, np.zeros(1)), np.array([1e-5])
-    near = state.balance.loaded.motion.q
+    near = state.balance.motion.q
     ahead = equations.at(series + step, pace, near=near).balance.F
     behind = equations.at(series - step, -pace, near=near).balance.F
     matrix = equations._matrix(state, equations.slopes(state))

@@ -9,17 +9,20 @@ from __future__ import annotations
 import numpy as np
 
 from framework.arrays import Array
-from framework.crossing.optimal.law_problem import condition_rows
+from framework.crossing.optimal.law_problem import LawProblem, condition_rows
 from framework.crossing.optimal.optimal_task import Task, crossing_places, other_law
 from framework.crossing.optimal.undeformed_law import problem_of
 from framework.dynamics.known_deflections import KnownDeflections
 from framework.dynamics.restoration import coefficients_for, restored
 from framework.errors import InvalidInput, NotConverged
+from framework.motion.chebyshev import nodes
 from framework.motion.clock import OnParameter
 from framework.motion.cone_program import Affine
 from framework.motion.exact_duration import SpeedSpace
 from framework.motion.optimal_law import OptimalLaw
+from framework.motion.speed_basis import ONE_CELL, SpeedBasis
 
+SERIES_DEGREE, SAMPLES_PER_DEGREE = 60, 12  # of z as one series, under which deflections are smooth
 SCALAR_STEP = 1e-4  # of the terms of a condition, for differences
 
 
@@ -32,8 +35,11 @@ def in_balance(
         NotConverged: there is none near.
     """
     places = crossing_places(task, None, None)
+    problem = problem_of(task, places)
+    if law.basis.is_spline:
+        law = _fit_series(problem, law)
     space = SpeedSpace(law.basis, law.stretch)
-    equalities = condition_rows(problem_of(task, places), law.basis)
+    equalities = condition_rows(problem, law.basis)
     met = equalities.matrix @ law.coefficients
 
     def family(scalars: Array) -> OnParameter:
@@ -44,11 +50,7 @@ def in_balance(
             y = space.adjust(law.coefficients, moved, law.duration, relative=True)
             changed = OptimalLaw(y, law.smoothness, law.duration, law.dense_at)
         except InvalidInput:
-            raise NotConverged(
-                f"{task.branch.robot.name}: no law near the best crosses where the deflected robot is "
-                f"singular; use {other_law(task)}stiffer springs, or geometry rigid",
-                residual=np.inf,
-            ) from None
+            raise _none_near(task) from None
         return OnParameter(changed, task.branch.knots)
 
     sizes = np.linalg.norm(equalities.matrix.toarray() * law.coefficients, axis=1)[: len(places)]
@@ -60,3 +62,29 @@ def in_balance(
         before,
     )
     return family(found.scalars).law, found.deflections
+
+
+def _fit_series(problem: LawProblem, law: OptimalLaw) -> OptimalLaw:
+    """Return the law of a series nearest in dz/z to a law of splines, with its duration and condition (8).
+
+    Raises:
+        NotConverged: the series is not positive.
+    """
+    basis = SpeedBasis(np.array(ONE_CELL), SERIES_DEGREE + 1)
+    xi = nodes(SAMPLES_PER_DEGREE * SERIES_DEGREE)
+    share = basis.matrix(xi).toarray() / (law.basis.matrix(xi) @ law.coefficients)[:, None]
+    y = np.linalg.lstsq(share, np.ones(len(xi)), rcond=None)[0]
+    space = SpeedSpace(basis, law.stretch)
+    try:
+        y = space.adjust(y, condition_rows(problem, basis), law.duration, relative=True)
+        return OptimalLaw(y, law.smoothness, law.duration, law.dense_at)
+    except InvalidInput:
+        raise _none_near(problem.task) from None
+
+
+def _none_near(task: Task) -> NotConverged:
+    return NotConverged(
+        f"{task.branch.robot.name}: no law near the best crosses where the deflected robot is singular; use "
+        f"{other_law(task)}stiffer springs, or geometry rigid",
+        residual=np.inf,
+    )

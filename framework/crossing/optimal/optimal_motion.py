@@ -39,9 +39,9 @@ from framework.tolerances import PEAK_TORQUE_MISMATCH
 MAX_PASSES = 8  # of optimising and resolving in turn
 ENERGY_SAMPLES = 2001
 RIGID_SHARES = (2e-2, 8e-2, 0.3)  # of the least cost, for laws smooth enough to be resolved, in turn
-# Of elastic robots: the degree of z as one series, and the share of the least cost that smoothness may take,
-# in turn, until deflections are resolved and at rest at both ends.
-ELASTIC_LAWS = ((40, 4e-3), (40, 2e-2), (80, 8e-2), (80, 0.3), (80, 1.0))
+# Of elastic robots: the share of the least cost that smoothness may take, in turn, until deflections are
+# resolved and at rest at both ends; the degree of z as one series, of the first two shares and of the others.
+ELASTIC_SHARES, LOW_DEGREE, HIGH_DEGREE = (4e-3, 2e-2, 8e-2, 0.3, 1.0), 40, 80
 
 
 class OptimalMotion(NamedTuple):
@@ -111,6 +111,7 @@ def _elastic(task: Task, places: Sequence[CrossingPoint]) -> OptimalMotion:
     what the motion before left free or exceeded.
     """
     sought, rung = task, 0
+    high_degree: int | None = HIGH_DEGREE
     deflections: Deflections | None = None
     known: KnownDeflections | None = None
     kept: OptimalMotion | None = None
@@ -118,7 +119,7 @@ def _elastic(task: Task, places: Sequence[CrossingPoint]) -> OptimalMotion:
     best: Best | None = None
     for _ in range(MAX_PASSES):
         try:
-            degree, share = ELASTIC_LAWS[rung]
+            share, degree = ELASTIC_SHARES[rung], LOW_DEGREE if rung < 2 else high_degree
             problem = None if best is None else best.program.problem
             if best is None or problem is None or problem.task is not sought or problem.degree != degree:
                 best = find_law(sought, places, deflections=deflections, share=share, degree=degree)
@@ -132,8 +133,10 @@ def _elastic(task: Task, places: Sequence[CrossingPoint]) -> OptimalMotion:
             if kept is not None:
                 return kept
             unresolved, rung = unresolved or failure, rung + 1
-            if rung == len(ELASTIC_LAWS):
-                raise unresolved from None
+            if rung == 2 and best is None:  # no series twice: one is fitted to splines
+                high_degree = unresolved = None
+            if rung == len(ELASTIC_SHARES):
+                raise unresolved or failure from None
             if sought.specification.smoothness < HIGHEST_SMOOTHNESS:
                 smoother = replace(sought.specification, smoothness=HIGHEST_SMOOTHNESS)
                 sought = sought._replace(specification=smoother)

@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.crossing.condition import CrossingPoint
 from framework.crossing.optimal.best_law import Best, adapt_law, find_best_law, resume_law
 from framework.crossing.optimal.law_problem import POLE_WIDTH, LawProblem, condition_rows
@@ -51,14 +50,12 @@ def find_law(
     places: Sequence[CrossingPoint],
     *,
     deflections: Deflections | None = None,
-    cells: Array | None = None,
     share: float = SMOOTHNESS_COST,
     degree: int | None = None,
 ) -> Best:
     """Find the best law through these places, with deflections along the path if they are known.
 
     Args:
-        cells: (k + 1,) of xi on which the search begins, if not on uniform ones.
         share: of the least cost, which smoothness may take.
         degree: of z as one series, in place of a spline.
 
@@ -67,7 +64,7 @@ def find_law(
     """
     sampled = sample_demand(task) if deflections is None else None
     problem = problem_of(task, places, deflections)._replace(degree=degree, sampled=sampled)
-    best = _found_or_refused(problem, find_best_law(problem, cells, share=share))
+    best = _found_or_refused(problem, find_best_law(problem, share=share))
     if not task.branch.robot.is_damped:
         return best
     for _ in range(MAX_TANGENTS):
