@@ -100,15 +100,12 @@ class ModelOnMotion:
         return TimeGrid(torques.edges, torques.coefficients.shape[1])
 
     def known_deflections(self) -> Array:
-        """Return the deflections (T, n_e) of the model at which the motion's forces were computed."""
-        dynamics, names = self.dynamics, self.robot.elastic_names
-        deflections = np.zeros((len(self.grid.times), self.robot.n_e))
+        """Return the deflections (T, n_e) of a fuller model at which the motion's forces were computed."""
+        dynamics, robot = self.dynamics, self.robot
+        deflections = np.zeros((len(self.grid.times), robot.n_e))
         if dynamics.geometry == "deformed":
-            shared = [name for name in dynamics.robot.elastic_names if name in names]
-            columns, planned = (
-                [one.index(name) for name in shared] for one in (names, dynamics.robot.elastic_names)
-            )
-            deflections[:, columns] = dynamics.deflection(self.grid.times)[:, planned]
+            columns = [robot.elastic_names.index(name) for name in dynamics.robot.elastic_names]
+            deflections[:, columns] = dynamics.deflection(self.grid.times)
         return deflections
 
     @cached_property

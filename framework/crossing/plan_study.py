@@ -12,7 +12,6 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -32,19 +31,6 @@ from framework.parallel.kept import ArrayField, complete_chunks
 Quantities = Mapping[str, Callable[[CrossingPlan], float]]
 
 
-def duration_of(plan: CrossingPlan) -> float:
-    """Return the duration of a plan [s]."""
-    return plan.duration
-
-
-def peak_torque_of(plan: CrossingPlan) -> float:
-    """Return the largest motor torque of a plan [N m or N]."""
-    return max(plan.peak_torque.values())
-
-
-QUANTITIES: Quantities = MappingProxyType({"duration": duration_of, "peak_torque": peak_torque_of})
-
-
 @dataclass(frozen=True, eq=False)
 class PlanStudy(ReadOnlyArrays):
     """The quantities of the plans of D sets of parameters; NaN where there is no plan."""
@@ -59,7 +45,7 @@ def plan_study(
     motion: Path | str,
     parameters: Mapping[str, Sequence[float]],
     *,
-    quantities: Quantities = QUANTITIES,
+    quantities: Quantities,
     flexibility: str = "rigid",
     executor: Executor | None = None,
     progress: Callable[[int], None] = lambda done: None,
@@ -81,8 +67,9 @@ def plan_study(
         InvalidInput: the file declares no parameter of a name, or an option cannot be right.
 
     Example:
-        >>> study = plan_study("my_robot.yaml", "pick", {"stiffness": [1e5, 1e6]})  # doctest: +SKIP
-        >>> study.quantities["peak_torque"]  # doctest: +SKIP
+        >>> quantities = {"duration": lambda plan: plan.duration}
+        >>> study = plan_study("arm.yaml", "pick", {"mass": [1, 2]}, quantities=quantities)  # doctest: +SKIP
+        >>> study.quantities["duration"]  # doctest: +SKIP
     """
     path = str(robot_file(file))
     declared = declared_parameters(read_text(path, f"{path}: cannot read it"))
