@@ -90,7 +90,7 @@ class Comparison(ReadOnlyArrays):
 
 
 def fall_of(motion: InverseDynamics) -> tuple[float, MotorControl | None]:
-    """Return the time constants of the fall in a motion, and the motors' feedback where these are many."""
+    """Return the time constants of the fall in a motion; above MAX_FALL also feedback of the motors."""
     fall = fall_exponent(motion)
     return fall, MotorControl.tune(motion, fall) if fall > MAX_FALL else None
 
@@ -115,7 +115,7 @@ class ReferenceMotion:
 
     @classmethod
     def of(cls, plan: CrossingPlan, highest: ParallelRobot, tolerance: float) -> ReferenceMotion:
-        """Sample the motion of a plan, and tune the controllers if the robot falls along it."""
+        """Sample the motion of a plan, and tune controllers if the robot falls."""
         duration = plan.duration
         offsets = np.concatenate([-NEAR_CROSSING, NEAR_CROSSING]) * duration
         close_instants = [crossing.time + offsets for crossing in plan.crossings]
