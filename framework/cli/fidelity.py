@@ -60,17 +60,15 @@ def add(commands: Any) -> None:
 def run(options: Namespace) -> Report:
     """Compare all levels; with --out write the numbers and the figure."""
     if options.out is None:
-        study, document, text = _report_study(options)
-    else:
-        with written_out(options, STUDY_FILE) as folder:
-            from framework.show.fidelity import plot_fidelity
-            from framework.show.plots import save
+        return _report_study(options)[1:]
+    with written_out(options, STUDY_FILE) as folder:
+        from framework.show.fidelity import plot_fidelity
+        from framework.show.plots import save
 
-            study, document, text = _report_study(options)
-            options.progress.start("drawing the figure")
-            (folder / STUDY_FILE).write_text(json_text(document))
-            save(lambda: plot_fidelity(study), folder / "fidelity")
-    options.refusal = study.refusal
+        study, document, text = _report_study(options)
+        options.progress.start("drawing the figure")
+        (folder / STUDY_FILE).write_text(json_text(document))
+        save(lambda: plot_fidelity(study), folder / "fidelity")
     return document, text
 
 
@@ -81,11 +79,12 @@ def _report_study(options: Namespace) -> tuple[FidelityStudy, Document, str]:
     progress = options.progress.start("planning and simulating", len(LEVELS), "levels")
     motion = options.scene or path
     study = fidelity_study(robot, motion, tolerance=tolerance, progress=progress, **typed)
+    options.refusal = study.refusal
     document, text, entry = study.to_dict(), fidelity_text(study), study.scene_entry
-    if entry is None or options.scene is None or typed:
-        return study, document, text
-    line = f"fidelity: {{level: {entry['level']}, tolerance: {entry['tolerance']:g}}}"
-    return study, {**document, "fidelity": entry}, f"{text}\n  to keep           {line}"
+    if entry is not None and options.scene is not None and not typed:
+        line = f"fidelity: {{level: {entry['level']}, tolerance: {entry['tolerance']:g}}}"
+        document, text = {**document, "fidelity": entry}, f"{text}\n  to keep           {line}"
+    return study, document, text
 
 
 def fidelity_text(study: FidelityStudy) -> str:

@@ -40,10 +40,24 @@ CORRECTED_SHARE = 0.9  # of the time to the next crossing or end: what a local c
 
 @dataclass(frozen=True)
 class CorrectedLaw:
-    """A law plus polynomials that vanish at their ends, each by the instant [s] at which it begins."""
+    """A law plus polynomials that vanish at both ends, by their start [s]."""
 
     law: MotionLaw
     corrections: Mapping[float, Law]
+
+    @staticmethod
+    def of(law: MotionLaw, times: Array, changes: Array, smoothness: int) -> CorrectedLaw:
+        """Change s, s' and s" of a law at times (k,) [s] by `changes` (k, 3).
+
+        At the ends of the polynomials, derivatives up to order `smoothness` vanish.
+        """
+        corrections = {}
+        for start, end in _correction_intervals(law, times):
+            inside = (start < times) & (times < end)
+            inner = conditions_at_instants(times[inside] - start, changes[inside])
+            ends = conditions_at_instants([0.0, end - start], np.zeros((2, smoothness + 1)))
+            corrections[start] = Law.from_conditions([*ends, *inner], end - start)
+        return CorrectedLaw(law, corrections)
 
     @property
     def duration(self) -> float:
@@ -100,15 +114,12 @@ class ModelOnMotion:
         return TimeGrid(torques.edges, torques.coefficients.shape[1])
 
     def known_deflections(self) -> Array:
-        """Return the deflections (T, n_e) of the model at which the motion's forces were computed."""
-        dynamics, names = self.dynamics, self.robot.elastic_names
-        deflections = np.zeros((len(self.grid.times), self.robot.n_e))
+        """Return the deflections (T, n_e) of a fuller model at which the motion's forces were computed."""
+        dynamics, robot = self.dynamics, self.robot
+        deflections = np.zeros((len(self.grid.times), robot.n_e))
         if dynamics.geometry == "deformed":
-            shared = [name for name in dynamics.robot.elastic_names if name in names]
-            columns, planned = (
-                [one.index(name) for name in shared] for one in (names, dynamics.robot.elastic_names)
-            )
-            deflections[:, columns] = dynamics.deflection(self.grid.times)[:, planned]
+            columns = [robot.elastic_names.index(name) for name in dynamics.robot.elastic_names]
+            deflections[:, columns] = dynamics.deflection(self.grid.times)
         return deflections
 
     @cached_property
@@ -125,7 +136,7 @@ class ModelOnMotion:
         at_rest = self.grid.fit(np.zeros((len(self.grid.times), self.robot.n_e)))
 
         def choose_law(deflections: TimeFunction | None, _: MotionLaw | None) -> CorrectedLaw:
-            """Correct the law for these deflections, for none where the geometry is rigid."""
+            """Correct the law for given deflections; for none in rigid geometry."""
             if deflections is None or geometry == "rigid":
                 return self._correct_law(at_rest)
             return self._correct_law(deflections)
@@ -201,15 +212,9 @@ class ModelOnMotion:
         corrected = np.reshape([self._correct_crossing(*pair, function) for pair in pairs], (-1, 3))
         if not np.all(np.diff(corrected[:, 0]) > SAME_PLACE):
             raise NotConverged("crossings of the motion meet the same singular point of the model")
-        smoothness = SMOOTHNESS[self.robot.n_e + self.dynamics.robot.n_e > 0]
-        corrections = {}
-        for start, end in _correction_intervals(law, times):
-            inside = (start < times) & (times < end)
-            changes = conditions_at_instants(times[inside] - start, (corrected - planned)[inside])
-            ends = conditions_at_instants([0.0, end - start], np.zeros((2, smoothness + 1)))
-            corrections[start] = Law.from_conditions([*ends, *changes], end - start)
+        has_springs = self.robot.n_e + self.dynamics.robot.n_e > 0
+        changed = CorrectedLaw.of(law, times, corrected - planned, SMOOTHNESS[has_springs])
         try:
-            changed = CorrectedLaw(law, corrections)
             check_advance(changed, list(corrected[:, 0]), self.robot.name)
         except NoLaw as refusal:
             raise NotConverged(f"the corrected law turns back: {refusal}") from None

@@ -1,8 +1,8 @@
 """The effects that a motion's torques leave out, each with the motor torque that it adds at this motion.
 
-Springs left rigid, geometry and inertia of the deflections, dry friction, masses of bodies: the torques of
-the model with one effect more, less those without (`model_on_motion`). Idle turns: the torque that holds
-them, which the certificate has. Parts of a foreign file that its reader left out have no number.
+Springs left rigid, geometry of the deflections, dry friction: the torques of the model with one effect more,
+less those without (`model_on_motion`). Idle turns: the torque that holds them, which the certificate has.
+Parts of a foreign file that its reader left out have no number.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from framework.dynamics.result import InverseDynamics
 from framework.errors import NoAnswer
 from framework.kinematics.idle_turns import driven_turns
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.model.description import FLEXIBILITIES, RobotDescription
+from framework.model.description import FLEXIBILITIES
 from framework.tolerances import TORQUE_TAIL
 
 PEAK_SAMPLES = 501  # equidistant instants
@@ -46,29 +46,18 @@ class NeglectedEffect(NamedTuple):
     share: float | None = None
 
 
-def neglected_effects(
-    dynamics: InverseDynamics, *, whole: RobotDescription | None = None
-) -> tuple[NeglectedEffect, ...]:
+def neglected_effects(dynamics: InverseDynamics) -> tuple[NeglectedEffect, ...]:
     """Compute the effects that the torques of a motion leave out, the largest first, unknown ones last.
 
     Effects smaller than the tail of the torques are not listed. Each number is of first order, for one effect
     alone. Near the largest torque or above it, as of springs under a load across a crossing, a number is an
     order of magnitude.
-
-    Args:
-        whole: the description with all masses, where the motion's robot was made without some of them; by
-            default that of its robot.
     """
-    description = dynamics.robot.description
-    differences = [
-        *_mass_differences(dynamics, whole),
-        *_spring_differences(dynamics, whole or description),
-        *_friction_differences(dynamics),
-    ]
+    differences = [*_spring_differences(dynamics), *_friction_differences(dynamics)]
     effects = [
         *(_measure_effect(dynamics, *difference) for difference in differences),
         *_idle_turn_effects(dynamics),
-        *map(NeglectedEffect, description.left_out),
+        *map(NeglectedEffect, dynamics.robot.description.left_out),
     ]
     resolved = max(TORQUE_TAIL, dynamics.certificate.tail)
     effects = [effect for effect in effects if effect.share is None or effect.share > resolved]
@@ -100,29 +89,27 @@ def _measure_effect(
 # ------------------------------------------------------------------ springs
 
 
-def _spring_differences(dynamics: InverseDynamics, description: RobotDescription) -> Differences:
-    """Yield springs left rigid, by part, then deformed geometry and elastic inertia where left out."""
-    robot = dynamics.robot
+def _spring_differences(dynamics: InverseDynamics) -> Differences:
+    """Yield springs left rigid, by part, and deformed geometry where left out."""
+    robot, description = dynamics.robot, dynamics.robot.description
 
     @cache
-    def fullest() -> tuple[ModelOnMotion, Array]:
-        """Return the model with all springs, and its torques at the deflections of the motion."""
-        model = ParallelRobot.from_description(description, flexibility=FLEXIBILITIES[-1])
-        fuller = ModelOnMotion.of(dynamics, model)
-        return fuller, fuller.torque(fuller.first_pass)
+    def fullest() -> ModelOnMotion:
+        """Return the model with all springs."""
+        return ModelOnMotion.of(
+            dynamics, ParallelRobot.from_description(description, flexibility=FLEXIBILITIES[-1])
+        )
 
-    def difference(coordinates: Sequence[str], left_rigid: bool) -> Array:
-        """Compute the change of torque (T, n_a) by deflections of the elastic `coordinates`.
+    def torque_with(coordinates: Sequence[str]) -> Array:
+        """Compute the fullest model's torques (T, n_a) with deflections of more elastic coordinates."""
+        fuller = fullest()
+        deflecting = np.isin(fuller.robot.elastic_names, coordinates)
+        deflections = np.where(deflecting, fuller.first_pass.caused, fuller.known_deflections())
+        return fuller.torque(fuller.compute_pass(deflections))
 
-        Against the model with all springs at the deflections of the motion where these coordinates are left
-        rigid, else against the motion itself, whose model lacks more than their deflections.
-        """
-        fuller, undeflected = fullest()
-        deflecting, torque = np.isin(fuller.robot.elastic_names, coordinates), undeflected
-        if deflecting.any():
-            deflections = np.where(deflecting, fuller.first_pass.caused, fuller.known_deflections())
-            torque = fuller.torque(fuller.compute_pass(deflections))
-        return torque - (undeflected if left_rigid else fuller.planned_torque)
+    def left_rigid(coordinates: Sequence[str]) -> Array:
+        """Compute the change of torque (T, n_a) by springs that the motion leaves rigid."""
+        return torque_with(coordinates) - fullest().torque(fullest().first_pass)
 
     for part in ("joint", "link"):
         springs = [
@@ -133,11 +120,9 @@ def _spring_differences(dynamics: InverseDynamics, description: RobotDescription
         coordinates = [name for spring in springs for name in spring.coordinates]
         if springs:
             names = _list_names([spring.name for spring in springs])
-            yield f"springs of {part}s left rigid ({names})", partial(difference, coordinates, True)
+            yield f"springs of {part}s left rigid ({names})", partial(left_rigid, coordinates)
     if robot.n_e and dynamics.geometry == "rigid":
-        yield "deformed geometry", partial(difference, robot.elastic_names, False)
-    if robot.n_e and not robot.elastic_inertia:
-        yield "inertia of the elastic motion", partial(difference, (), False)
+        yield "deformed geometry", lambda: torque_with(robot.elastic_names) - fullest().planned_torque
 
 
 def _list_names(names: Sequence[str]) -> str:
@@ -146,21 +131,7 @@ def _list_names(names: Sequence[str]) -> str:
     return ", ".join(names[:MAX_NAMES]) + (f" and {rest} more" if rest > 0 else "")
 
 
-# ------------------------------------------------------------------ bodies, friction, idle turns
-
-
-def _mass_differences(dynamics: InverseDynamics, whole: RobotDescription | None) -> Differences:
-    """Yield the masses of the whole robot that the motion's robot lacks."""
-    if whole is None or whole.urdf_text == dynamics.robot.description.urdf_text:
-        return
-
-    def difference() -> Array:
-        """Compute the change of torque (T, n_a) by the masses."""
-        robot = ParallelRobot.from_description(whole, flexibility=dynamics.robot.flexibility)
-        fuller = ModelOnMotion.of(dynamics, robot)
-        return fuller.torque(fuller.first_pass) - fuller.planned_torque
-
-    yield "mass of bodies", difference
+# ------------------------------------------------------------------ friction, idle turns
 
 
 def _friction_differences(dynamics: InverseDynamics) -> Differences:

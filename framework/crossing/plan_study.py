@@ -12,11 +12,9 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from framework.arrays import Array, ReadOnlyArrays
 from framework.catalogue import load_robot, robot_file
@@ -27,27 +25,14 @@ from framework.errors import InvalidInput, NoAnswer, RobotFileError, SingularRef
 from framework.input import read_text
 from framework.model.parameters import declared_parameters
 from framework.motion.path import Path
-from framework.parallel.kept import ArrayField, complete_chunks
+from framework.parallel.tasks import iterate_results
 
 Quantities = Mapping[str, Callable[[CrossingPlan], float]]
 
 
-def duration_of(plan: CrossingPlan) -> float:
-    """Return the duration of a plan [s]."""
-    return plan.duration
-
-
-def peak_torque_of(plan: CrossingPlan) -> float:
-    """Return the largest motor torque of a plan [N m or N]."""
-    return max(plan.peak_torque.values())
-
-
-QUANTITIES: Quantities = MappingProxyType({"duration": duration_of, "peak_torque": peak_torque_of})
-
-
 @dataclass(frozen=True, eq=False)
 class PlanStudy(ReadOnlyArrays):
-    """The quantities of the plans of D sets of parameters; NaN where there is no plan."""
+    """Quantities of the plans of D sets of parameters, NaN without a plan."""
 
     parameters: Mapping[str, Array]  # (D,) values, by name
     quantities: Mapping[str, Array]  # (D,) by name
@@ -59,7 +44,7 @@ def plan_study(
     motion: Path | str,
     parameters: Mapping[str, Sequence[float]],
     *,
-    quantities: Quantities = QUANTITIES,
+    quantities: Quantities,
     flexibility: str = "rigid",
     executor: Executor | None = None,
     progress: Callable[[int], None] = lambda done: None,
@@ -73,7 +58,7 @@ def plan_study(
         parameters: values of each parameter, by name.
         quantities: functions of a plan, each to one number, by name; executors of processes take only
             functions that can be pickled.
-        executor: where the plans are made, by default this process.
+        executor: where the plans are made, by default this process; `parallel.tasks.executor_of` makes one.
         progress: called with the number of plans that are done.
         options: of `plan_crossing`.
 
@@ -81,28 +66,26 @@ def plan_study(
         InvalidInput: the file declares no parameter of a name, or an option cannot be right.
 
     Example:
-        >>> study = plan_study("my_robot.yaml", "pick", {"stiffness": [1e5, 1e6]})  # doctest: +SKIP
-        >>> study.quantities["peak_torque"]  # doctest: +SKIP
+        >>> quantities = {"duration": lambda plan: plan.duration}
+        >>> study = plan_study("arm.yaml", "pick", {"mass": [1, 2]}, quantities=quantities)  # doctest: +SKIP
+        >>> study.quantities["duration"]  # doctest: +SKIP
     """
     path = str(robot_file(file))
     declared = declared_parameters(read_text(path, f"{path}: cannot read it"))
     for unknown in parameters.keys() - declared.keys():
         raise InvalidInput(f"{path}: {choose_from('parameter', unknown, declared)}")
-    sets = [dict(zip(parameters, values, strict=True)) for values in product(*parameters.values())]
+    sets = list(enumerate(product(*parameters.values())))
     if not sets:
         raise InvalidInput("parameters: needs at least one value of each")
-    arrays = complete_chunks(
-        partial(_plan_set, path, flexibility, motion, options, quantities),
-        {f"{k:07d}": values for k, values in enumerate(sets)},
-        lambda _: dict.fromkeys(quantities, ArrayField("f", (1,))) | {"why": ArrayField("U", (1,))},
-        executor=executor,
-        keeper=None,
-        progress=lambda names: progress(len(names)),
-    )
+    compute = partial(_plan_set, path, flexibility, motion, options, quantities, tuple(parameters))
+    rows = {}
+    for (k, _), row in iterate_results(compute, sets, executor):
+        rows[k] = row
+        progress(len(rows))
     return PlanStudy(
-        {name: np.array([values[name] for values in sets], dtype=float) for name in parameters},
-        {name: arrays[name] for name in quantities},
-        tuple(arrays["why"].tolist()),
+        {name: np.array([values[j] for _, values in sets]) for j, name in enumerate(parameters)},
+        {name: np.array([rows[k][0][name] for k, _ in sets]) for name in quantities},
+        tuple(rows[k][1] for k, _ in sets),
     )
 
 
@@ -112,15 +95,15 @@ def _plan_set(
     motion: Path | str,
     options: Mapping[str, Any],
     quantities: Quantities,
-    values: Mapping[str, float],
-) -> dict[str, NDArray[Any]]:
-    """Return the quantities (1,) of the plan with one set of parameters, or `why` there is none."""
-    row, why = dict.fromkeys(quantities, np.nan), ""
+    names: Sequence[str],
+    numbered: tuple[int, tuple[float, ...]],
+) -> tuple[Mapping[str, float], str]:
+    """Return the quantities of the plan with one set of parameters, and the reason for none."""
     try:
+        values = dict(zip(names, numbered[1], strict=True))
         robot = load_robot(file, flexibility=flexibility, parameters=values)
         planned = plan_scene if isinstance(motion, str) else plan_crossing
         plan = planned(robot, motion, **options)  # type: ignore[arg-type]
-        row = {name: float(of(plan)) for name, of in quantities.items()}
+        return {name: float(of(plan)) for name, of in quantities.items()}, ""
     except (NoAnswer, RobotFileError, SingularReference) as refusal:
-        why = str(refusal)
-    return {**{name: np.array([value]) for name, value in row.items()}, "why": np.array([why])}
+        return dict.fromkeys(quantities, np.nan), str(refusal)

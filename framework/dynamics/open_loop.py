@@ -56,7 +56,7 @@ class ErrorDynamics(NamedTuple):
     damped: Array  # -M^-1 dW/d(dx/dt)
     own: Array  # -M^-1 d(W - G' tau)/dx
 
-    def under_control(self, control: MotorControl, motor_speed: Array) -> ErrorDynamics:
+    def with_control(self, control: MotorControl, motor_speed: Array) -> ErrorDynamics:
         """Return the dynamics under feedback of motors with speeds G (T, n_a, n) for unit twists."""
         G_transposed = motor_speed.transpose(0, 2, 1)
         stiffness, damping = (G_transposed @ (gain[:, None] * motor_speed) for gain in control)

@@ -41,7 +41,7 @@ class LevelError(NamedTuple):
 
     @property
     def words(self) -> str:
-        """Both errors in words; empty where they are unknown."""
+        """Both errors in words; empty where unknown."""
         if not np.isfinite(self.torque):
             return ""
         return f"torques {percent(self.torque)}, platform {percent(self.platform)}"
@@ -84,18 +84,23 @@ def indicators_of(motions: Mapping[str, LevelMotion], control: MotorControl | No
     except NoAnswer:  # at the border of the workspace
         return Indicators.of({})
     if control is not None:
-        dynamics = dynamics.under_control(control, motor_speed)
-    needed, sizes = highest.torque_without_friction(times), coordinate_sizes(rigid.robot)
+        dynamics = dynamics.with_control(control, motor_speed)
+    needed, errors = highest.torque_without_friction(times), {}
     peaks = largest_by_unit(rigid.robot, np.abs(needed).max(axis=0))
-    length, errors = path_length(rigid.robot, rigid.path), {}
     for name, motion in motions.items():
         if motion.dynamics is not None:
             missing = needed - motion.dynamics.torque_without_friction(times)
             displacement = open_loop_error(dynamics, times, np.einsum("tan,ta->tn", motor_speed, missing))
             displacement += highest.platform(times) - motion.dynamics.platform(times)
-            distance = float(np.linalg.norm(displacement * sizes, axis=1).max())
-            errors[name] = LevelError(float((np.abs(missing) / peaks).max()), distance / length)
+            torque = float((np.abs(missing) / peaks).max())
+            errors[name] = LevelError(torque, _largest_distance(rigid, displacement))
     return Indicators.of(errors)
+
+
+def _largest_distance(rigid: InverseDynamics, displacement: Array) -> float:
+    """Return the largest of the platform's displacements (T, n) over the path's length."""
+    distances = np.linalg.norm(displacement * coordinate_sizes(rigid.robot), axis=1)
+    return float(distances.max()) / path_length(rigid.robot, rigid.path)
 
 
 def _interpolated_dynamics(rigid: InverseDynamics, times: Array) -> ErrorDynamics:

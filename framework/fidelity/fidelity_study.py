@@ -1,11 +1,11 @@
 """The least model of a robot that is enough for a motion: each level of fidelity against the highest.
 
-All levels make one motion: that of the plan of the fullest level that has one. The torques of each level
-drive the forward simulation of the highest model that the robot's file can express, from rest at the start of
-the path. The level is enough if two errors are within the tolerance: the platform's distance from the motion
-over the path's length, and the difference of its torques from those of the reference over their peak. A
-comparison with the next level would not suffice: where legs have no mass two levels agree exactly, whatever
-the springs of the levels above.
+All levels make one motion: that of the plan of the highest level, or of the rigid one where that has none.
+The torques of each level drive the forward simulation of the highest model that the robot's file can express,
+from rest at the start of the path. The level is enough if two errors are within the tolerance: the platform's
+distance from the motion over the path's length, and the difference of its torques from those of the motion's
+plan over their peak. A comparison with the next level would not suffice: where legs have no mass two levels
+agree exactly, whatever the springs of the levels above.
 
 The simulation shows what the torques of too low a level do near a singularity. There the robot cannot resist
 a force along t_s, and what remains of t_s . W_p pushes the platform off its path. A robot that falls by
@@ -28,7 +28,6 @@ from framework.crossing.neglected_effects import neglected_friction
 from framework.crossing.plan import plan_request
 from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan
-from framework.dynamics.inverse_dynamics import checked_geometry
 from framework.dynamics.open_loop import open_loop_growth
 from framework.errors import InvalidInput, NoAnswer
 from framework.fidelity.chosen_level import TOLERANCE, request_without_geometry
@@ -36,7 +35,7 @@ from framework.fidelity.fidelity_indicators import Indicators, indicators_of
 from framework.fidelity.level_motions import level_motions, model_of
 from framework.fidelity.model_comparison import MOTION_SAMPLES, Comparison, ReferenceMotion
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.model.fidelity_levels import LEVELS, Level
+from framework.model.fidelity_levels import LEVELS, LEVELS_BY_NAME, Level
 from framework.motion.law import is_number
 from framework.motion.path import Path
 from framework.output import Document, plain
@@ -50,7 +49,7 @@ class FidelityStudy(ReadOnlyArrays):
     """The levels compared for one motion."""
 
     tolerance: float
-    highest: CrossingPlan  # the plan of the motion: of the fullest level that has one
+    highest: CrossingPlan  # the plan of the motion: of the highest level, or else of the rigid one
     robot: ParallelRobot  # the highest model
     length: float  # of the path, turns multiplied by the robot's length [m]
     times: Array  # (T,) [s] of the levels' errors
@@ -136,12 +135,12 @@ class FidelityStudy(ReadOnlyArrays):
                 f"none of them has ({self.highest.neglected_friction}) takes "
                 f"{100 * self.neglected_work:.2g} % of the motors' work"
             )
-        highest = self.levels[-1]
-        failure = highest.reason or f"leave the path by {100 * highest.platform:.2g} % of its length"
+        reference = next(one for one in reversed(self.levels) if one.motion is not None)
+        failure = reference.reason or f"leave the path by {100 * reference.platform:.2g} % of its length"
         return NoAnswer(
             f"{self.robot.name}: no model is accurate to {100 * self.tolerance:g} %: in the full elastic "
-            f"simulation even the torques of the most detailed one, {highest.level.name}, {failure}; without "
-            f"feedback, errors of rounding and integration grow along this motion"
+            f"simulation even the torques of the most detailed one, {reference.level.name}, {failure}; "
+            f"without feedback, errors of rounding and integration grow along this motion"
         )
 
     def to_dict(self) -> Document:
@@ -215,14 +214,14 @@ def fidelity_study(
 
     Raises:
         InvalidInput: an option that cannot be right, or a robot that cannot be simulated.
-        NoAnswer: no level with all bodies has a plan, or its simulation stops early: there is no reference.
+        NoAnswer: neither the highest nor the rigid level has a plan, so that there is no motion.
     """
     expect_robot(robot)
     if not (is_number(tolerance) and MIN_TOLERANCE <= tolerance < 1):
         raise InvalidInput(f"tolerance: needs a share in [{MIN_TOLERANCE:g}, 1), got {tolerance!r}")
     started = time.perf_counter()
     highest = model_of(robot.description, LEVELS[-1])
-    level, plan = _plan_fullest(highest, request_without_geometry(highest, path, **options))
+    level, plan = _plan_motion(highest, request_without_geometry(highest, path, **options))
     motions = dict(level_motions(highest.description, plan.dynamics, level, plan.seconds))
     reference = ReferenceMotion.of(plan, highest, tolerance)
     levels: list[Comparison] = []
@@ -245,18 +244,17 @@ def fidelity_study(
     )
 
 
-def _plan_fullest(highest: ParallelRobot, request: Request) -> tuple[Level, CrossingPlan]:
-    """Plan with the fullest level that has a plan, of those with all bodies.
+def _plan_motion(highest: ParallelRobot, request: Request) -> tuple[Level, CrossingPlan]:
+    """Plan with the highest level; where that has no plan, with the rigid one.
 
     Raises:
-        NoAnswer: of the highest level, where none has a plan.
+        NoAnswer: of the highest level, where neither has a plan.
     """
     try:
         return LEVELS[-1], plan_request(highest, request)
     except NoAnswer as refusal:
-        for level in reversed([level for level in LEVELS[:-1] if level.bodies == "all"]):
-            model = model_of(highest.description, level)
-            with suppress(NoAnswer):
-                geometry = checked_geometry(model, level.geometry)
-                return level, plan_request(model, replace(request, geometry=geometry))
+        rigid = LEVELS_BY_NAME["rigid"]
+        with suppress(NoAnswer):
+            robot = model_of(highest.description, rigid)
+            return rigid, plan_request(robot, replace(request, geometry=rigid.geometry))
         raise refusal

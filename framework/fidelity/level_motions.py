@@ -16,7 +16,7 @@ from framework.model.fidelity_levels import LEVELS, Level, with_bodies
 
 
 class LevelMotion(NamedTuple):
-    """The motion with the torques of one level, and the time [s] that these took.
+    """The motion with the torques of one level, and their computing time [s].
 
     dynamics: None where the level's model cannot make the motion, for a `reason`.
     """

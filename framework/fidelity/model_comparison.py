@@ -90,7 +90,7 @@ class Comparison(ReadOnlyArrays):
 
 
 def fall_of(motion: InverseDynamics) -> tuple[float, MotorControl | None]:
-    """Return the time constants of the fall in a motion, and the motors' feedback where these are many."""
+    """Return the time constants of the fall in a motion; above MAX_FALL also feedback of the motors."""
     fall = fall_exponent(motion)
     return fall, MotorControl.tune(motion, fall) if fall > MAX_FALL else None
 
@@ -115,7 +115,7 @@ class ReferenceMotion:
 
     @classmethod
     def of(cls, plan: CrossingPlan, highest: ParallelRobot, tolerance: float) -> ReferenceMotion:
-        """Sample the motion of a plan, and tune the controllers if the robot falls along it."""
+        """Sample the motion of a plan, and tune controllers if the robot falls."""
         duration = plan.duration
         offsets = np.concatenate([-NEAR_CROSSING, NEAR_CROSSING]) * duration
         close_instants = [crossing.time + offsets for crossing in plan.crossings]
@@ -141,7 +141,6 @@ class ReferenceMotion:
         """Yield the comparison of each level; levels with equal torques share one simulation.
 
         Raises:
-            NoAnswer: the simulation of the reference's torques stops early.
             InvalidInput: the robot cannot be simulated.
         """
         own, below = self._simulate_reference(), None
@@ -185,11 +184,7 @@ class ReferenceMotion:
         return (np.abs(torque - reference_torque) / self.peak).max(axis=1)
 
     def _simulate(self, level: Level, motion: InverseDynamics) -> Comparison:
-        """Return the comparison of a level whose torques drive the highest model.
-
-        Raises:
-            NoAnswer: the simulation of the reference's torques stops early.
-        """
+        """Return the comparison of a level whose torques drive the highest model."""
         platform_error, reason = np.full(len(self.times), np.nan), ""
         started = time.perf_counter()
         try:
@@ -202,8 +197,6 @@ class ReferenceMotion:
                 lost = f"{100 * self.lost:.3g} % off its path, and lost"
                 reason = f"{lost}, at t = {run.duration:.4g} s, s = {s:.4g}"
         except NoAnswer as failure:
-            if motion is self.plan.dynamics:
-                raise
             reason = f"no simulation: {failure}"
         self.seconds += time.perf_counter() - started
         torque_error = self._torque_error(motion, self.plan.dynamics)

@@ -10,7 +10,6 @@ import pytest
 import robots
 from framework import ParallelRobot, plan_scene
 from framework.crossing.model_on_motion import ModelOnMotion
-from framework.crossing.neglected_effects import neglected_effects
 from framework.errors import NotConverged
 from framework.fidelity.level_motions import model_of
 from framework.model.description import JointDynamics
@@ -124,12 +123,17 @@ def test_two_crossings_do_not_meet_one_singular_point():
         fewer.compute_pass(fuller.known_deflections())
 
 
-def test_masses_are_worth_what_the_plan_with_them_needs_more():
+def test_another_model_on_the_motion_needs_what_its_own_plan_does():
+    """Masses, and springs of the deformed robot, on the motion of the payload alone."""
     whole = robots.load("five_bar_heavy").description
-    payload, rigid = (plan_scene(model_of(whole, LEVELS_BY_NAME[name]), "C") for name in ("payload", "rigid"))
-    (mass, *_) = neglected_effects(payload.dynamics, whole=whole)
-    assert mass.effect == "mass of bodies"
-    assert mass.torque == pytest.approx(np.abs(payload.torque(TIMES) - rigid.torque(TIMES)).max(), rel=0.01)
+    for name, geometry, smoothness in (("rigid", "rigid", 2), ("elastic_inertia", "deformed", 4)):
+        model = model_of(whole, LEVELS_BY_NAME[name])
+        payload, own = (
+            plan_scene(robot, "C", smoothness=smoothness)
+            for robot in (model_of(whole, LEVELS_BY_NAME["payload"]), model)
+        )
+        needed = ModelOnMotion.of(payload.dynamics, model).resolve(geometry)
+        np.testing.assert_allclose(needed.torque(TIMES), own.torque(TIMES), rtol=0, atol=1e-8)
 
 
 def test_what_a_reader_left_out_comes_last_and_has_no_number():

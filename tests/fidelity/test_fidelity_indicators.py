@@ -80,7 +80,7 @@ def test_a_controller_that_is_stiffer_than_weight_makes_the_rod_swing():
     constant = np.ones((len(times), 1, 1))
     falling = ErrorDynamics(-constant / mass, 0.0 * constant, constant * weight / mass)
     control = MotorControl(k_p=np.array([1.0]), k_d=np.zeros(1))  # 25 N/m at the rod
-    swinging = falling.under_control(control, gear * constant)
+    swinging = falling.with_control(control, gear * constant)
     off = open_loop_error(swinging, times, np.full((len(times), 1), -0.1))[:, 0]
     stiffness = 25.0 - weight
     expected = 0.1 / stiffness * (1.0 - np.cosh(1j * times * np.sqrt(stiffness / mass)).real)

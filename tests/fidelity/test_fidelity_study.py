@@ -13,9 +13,9 @@ import robots
 from framework import InvalidInput, NoAnswer, ParallelRobot, UnboundedTorque, fidelity_study, plan_scene
 from framework.cli import main
 from framework.cli.fidelity import fidelity_text
-from framework.crossing.scenes import scene_path
+from framework.crossing.scenes import scene_path, scene_request
 from framework.fidelity.chosen_level import options_of_level
-from framework.fidelity.fidelity_study import FidelityStudy
+from framework.fidelity.fidelity_study import FidelityStudy, _plan_motion
 from framework.fidelity.level_motions import model_of
 from framework.model.description import JointDynamics
 from framework.model.fidelity_levels import LEVELS, LEVELS_BY_NAME, with_bodies
@@ -272,3 +272,15 @@ def test_levels_of_an_upright_robot_make_one_motion_and_its_motors_have_controll
     assert level(study, "payload").reason.startswith("10 % off its path, and lost")
     assert "e times in" in fidelity_text(study)
     assert "so the motors have controllers" in fidelity_text(study)
+
+
+def test_where_springs_are_too_soft_the_motion_is_that_of_the_rigid_plan():
+    whole = robots.load("five_bar").description
+    springs = tuple(replace(one, stiffness=tuple(1e-5 * k for k in one.stiffness)) for one in whole.springs)
+    highest = ParallelRobot.from_description(replace(whole, springs=springs), flexibility="flexible_links")
+    level, plan = _plan_motion(highest, scene_request(highest, "A", smoothness=4))
+    rigid = plan_scene(robots.load("five_bar"), "A", smoothness=4)
+    assert level.name == "rigid"
+    np.testing.assert_allclose(plan.torque(0.5), rigid.torque(0.5), rtol=1e-9)
+    with pytest.raises(UnboundedTorque):
+        _plan_motion(highest, scene_request(highest, "B"))

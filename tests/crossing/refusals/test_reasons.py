@@ -40,7 +40,7 @@ def errors_made(module: str) -> set[str]:
 
 
 # what a plan leaves out is asked of it afterwards, and no reason to refuse it
-AFTERWARDS = {"framework.crossing.fuller_model"}
+AFTERWARDS = {"framework.crossing.model_on_motion"}
 ON_THE_WAY = modules_on_the_way(plan.__name__) - AFTERWARDS
 
 
