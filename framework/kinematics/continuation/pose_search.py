@@ -36,6 +36,7 @@ MAX_CLOSING_STEPS, CLOSED = 8, 1e-12  # Newton steps; [rad, lengths] of the loop
 REACHED = 1e-9  # [rad, lengths] of the platform
 HOLD_LOST = 1e-3  # determinant below which a leg, or the motors, have lost hold
 HOPE = 0.1  # of what is missing to a better pose, the decrease of a step below which none is expected
+MODE_LOST = 1e-6  # determinant of the other sign, above what a step to Type 1 leaves of its square
 LEAST_DAMPING = 1e-2  # of a step after which the model was poor
 POOR_GAIN, GOOD_GAIN = 0.25, 0.75  # decrease of the squared distance over that of the model
 
@@ -183,7 +184,7 @@ class PoseSearch:
         if closed is None:
             return None
         following = self._evaluate(*closed, iterate.x, target, iterate.basis, signs)
-        return following if (following.room > -HOLD_LOST).all() else None
+        return following if (following.room > -MODE_LOST).all() else None
 
     def _close(self, q: Array) -> tuple[Array, Array] | None:
         """Close the loops near q (nq,), joints beyond their ranges on these, by the least steps.
