@@ -115,7 +115,7 @@ class ControlCycle:
         self._set_state(q, rates)
 
     def approach(self, x: ArrayLike) -> NearestPose:
-        """Move the pose to platform coordinates x (n,), or as near as it can be, and rest there.
+        """Move the pose to platform coordinates x (n,), or nearest, and rest.
 
         The search starts from the pose of the last cycle. It ends at the ranges of joints, at stretched legs
         (Type 1) and at Type 2. From its end `update` and `approach` return. A search takes milliseconds.

@@ -20,11 +20,11 @@ class SearchEnded(NoAnswer):
 
 @dataclass
 class SearchTime:
-    """The limit of a search, and whether it has ended the search."""
+    """The time limit of a search [s]."""
 
     seconds: float
     end: float  # by the clock of `time.monotonic` [s]
-    has_ended: bool = False
+    has_ended: bool = False  # whether the search was ended
 
 
 _UNLIMITED = SearchTime(math.inf, math.inf)

@@ -63,7 +63,7 @@ def distance_unit(robot: ParallelRobot) -> tuple[float, str]:
 
 
 class _Iterate(NamedTuple):
-    """A pose with closed loops and the quadratic model there, in radians and robot lengths."""
+    """A pose with closed loops and the quadratic model there [rad, robot lengths]."""
 
     q: Array  # (nq,)
     x: Array  # (n,)
@@ -87,7 +87,7 @@ class PoseSearch:
     """The search for nearest poses of one robot, for one thread."""
 
     def __init__(self, robot: ParallelRobot, *, motors_hold: bool = False) -> None:
-        """Prepare the search. With `motors_hold` it stops at Type 2 as well.
+        """Prepare the search of a robot; `motors_hold`: Type 2 stops it.
 
         Raises:
             InvalidInput: the platform does not determine the joints.
@@ -135,7 +135,7 @@ class PoseSearch:
                 damping = max(4.0 * damping, LEAST_DAMPING)
 
     def _result(self, iterate: _Iterate, forces: Array, count: int) -> NearestPose:
-        """Return the pose of the last iterate with what stops it."""
+        """Return the pose of the last iterate and its stops."""
         distance = float(np.sqrt(2.0 * iterate.value))
         ends = [f"{self.robot.coordinates.name_of(column)} ends its range" for column in self.robot.moving]
         stops = [*ends, *ends, "a leg is stretched or folded (Type 1)", "the motors lose hold (Type 2)"]
@@ -187,7 +187,7 @@ class PoseSearch:
         return following if (following.room > -MODE_LOST).all() else None
 
     def _close(self, q: Array) -> tuple[Array, Array] | None:
-        """Close the loops near q (nq,), joints beyond their ranges on these, by the least steps.
+        """Close the loops near q (nq,) by least steps within ranges.
 
         Returns:
             The pose and the derivatives (m, f) of its loops; None if the loops do not close.
@@ -236,20 +236,13 @@ class PoseSearch:
         Z = Q[:, m:]
         if basis is not None and np.linalg.det(basis.T @ Z) < 0.0:
             Z[:, 0] *= -1.0
-        steps = DIFFERENCE_STEP * np.vstack([np.zeros(len(Z)), Z.T])
-        stack = integrate_columns(robot, q, robot.moving, steps * self._lengths)
-        linearised = linearised_at(robot, stack, None)
-        derivatives = linearised.jacobian[..., robot.moving]
-        x = robot.platform.unwrap(robot.platform.coordinates(linearised.frames), near)
+        steps = DIFFERENCE_STEP * np.vstack([np.zeros(len(Z)), Z.T]) * self._lengths
+        x, X, loops = self._slopes(integrate_columns(robot, q, robot.moving, steps), near)
         e = (x[0] - target) / robot.platform_scale
-        rate_matrix = robot.platform.rate_matrix(x) * robot.platform_scale
-        X = solve(rate_matrix, derivatives[:, : robot.n] * self._lengths)  # (1 + n, n, f)
         multipliers = np.linalg.solve(R[:m], Q[:, :m].T @ (e @ X[0]))
-        loops = derivatives[:, robot.n :] * (self._lengths / self._row_sizes[:, None])
         gradients = e @ X - multipliers @ loops
         curvature = (gradients[1:] - gradients[0]) @ Z / DIFFERENCE_STEP
         A = X[0] @ Z
-        values, vectors = np.linalg.eigh(A.T @ A + 0.5 * (curvature + curvature.T))
         determinants = self._determinants(X, loops, Z) * signs
         return _Iterate(
             q=q,
@@ -257,10 +250,18 @@ class PoseSearch:
             value=float(0.5 * e @ e),
             basis=Z,
             gradient=A.T @ e,
-            hessian=(vectors * np.maximum(np.abs(values), LEAST_CURVATURE)) @ vectors.T,
+            hessian=_definite(A.T @ A + 0.5 * (curvature + curvature.T)),
             room=np.append(self._range_room(q), determinants[0]),
             room_slopes=np.vstack([Z, -Z, (determinants[1:] - determinants[0]).T / DIFFERENCE_STEP]),
         )
+
+    def _slopes(self, q: Array, near: Array) -> tuple[Array, Array, Array]:
+        """Compute x (T, n), dx (T, n, f) and derivatives of loops (T, m, f) at q (T, nq)."""
+        robot, linearised = self.robot, linearised_at(self.robot, q, None)
+        derivatives = linearised.jacobian[..., robot.moving] * self._lengths
+        x = robot.platform.unwrap(robot.platform.coordinates(linearised.frames), near)
+        dx = solve(robot.platform.rate_matrix(x) * robot.platform_scale, derivatives[:, : robot.n])
+        return x, dx, derivatives[:, robot.n :] / self._row_sizes[:, None]
 
     def _determinants(self, X: Array, loops: Array, Z: Array) -> Array:
         """Compute determinants (T, 2), of dx (T, n, f) and dq_a along motions that loops (T, m, f) allow.
@@ -275,3 +276,9 @@ class PoseSearch:
         if self._motors_hold and self.robot.n_a == self.robot.n:
             values[:, 1] = np.linalg.det(bases[:, : self.robot.n])
         return values
+
+
+def _definite(matrix: Array) -> Array:
+    """Return a symmetric matrix (n, n) with the sizes of its eigenvalues, none below LEAST_CURVATURE."""
+    values, vectors = np.linalg.eigh(matrix)
+    return np.asarray((vectors * np.maximum(np.abs(values), LEAST_CURVATURE)) @ vectors.T)
