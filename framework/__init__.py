@@ -46,7 +46,8 @@ Beyond these names:
 * `framework.model.beams`: springs from a beam's section; `framework.statics.stiffness`,
   `framework.statics.loading`, `framework.statics.vibrations`: what they do;
 * `framework.atlas.workspace_map`, `framework.atlas.nearest`, `framework.atlas.design_study`: maps, margins,
-  dimensions; `framework.locus.nonsingular_mode_change`: a way from one assembly mode to another;
+  dimensions; `framework.atlas.nearest_pose`: the nearest pose to one out of reach;
+  `framework.locus.nonsingular_mode_change`: a way from one assembly mode to another;
   `framework.proofs.assembly_modes`: all modes of given motors, proved;
 * `framework.kinematics.continuation.pose_stack`: poses of many motor angles at once;
   `framework.dynamics.forward_derivatives`: derivatives of accelerations;

@@ -28,6 +28,7 @@ class FrameworkError(Exception):
     """
 
     remedy: Mapping[str, Any] | None = None
+    nearest: Mapping[str, Any] | None = None  # the nearest pose that can be, in plain numbers
 
     def advising(self, remedy: Mapping[str, Any] | None) -> Self:
         """Return the error with a remedy."""

@@ -22,6 +22,7 @@ import numpy as np
 from framework.arrays import Array, ArrayLike, ReadOnlyArrays, join, select
 from framework.atlas.sweep import STEP_PARTS, PoseReason, step_poses
 from framework.errors import InvalidInput
+from framework.kinematics.continuation.pose_search import distance_unit
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import assembled_at, linearised_at
 from framework.kinematics.loop_matrices import type1_matrix, type2_matrix
@@ -97,7 +98,7 @@ def nearest_singular_pose(
         raise InvalidInput(f"within: needs a positive number, got {within!r}")
     assembled = assembled_at(robot, q)
     centre_q, centre = assembled.q[0], assembled.x[0]
-    unit_length, unit = _distance_unit(robot)
+    unit_length, unit = distance_unit(robot)
     reach = 0.5 if within is None else within / unit_length
     directions = _directions(robot.n)
     crossed, ended = _follow_rays(robot, centre_q, centre, directions, reach)
@@ -120,13 +121,6 @@ def nearest_singular_pose(
         return margin
     twist = uncontrolled_motion(robot, linearised_at(robot, nearest.q[None], None)).twist
     return replace(margin, distance=nearest.distance * unit_length, x=nearest.x, q=nearest.q, twist=twist)
-
-
-def _distance_unit(robot: ParallelRobot) -> tuple[float, str]:
-    """Return the unit of distances of the platform, in [robot lengths, rad] and as text."""
-    if robot.translations.all():
-        return robot.length, "m"
-    return 1.0, "robot lengths and rad" if robot.translations.any() else "rad"
 
 
 class Stretches(NamedTuple):

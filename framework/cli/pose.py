@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from framework.arrays import Array
+from framework.atlas.nearest_pose import nearest_pose
 from framework.cli import arguments
 from framework.cli.parser import (
     Report,
@@ -22,7 +23,7 @@ from framework.cli.parser import (
 from framework.crossing.plan_facts import excess_facts
 from framework.dynamics.platform_limits import PlatformLimits, platform_limits
 from framework.dynamics.pointwise_dynamics import Instant, dynamics_at
-from framework.errors import InvalidInput, NoAnswer, NotAssembled
+from framework.errors import InvalidInput, NoAnswer, NotAssembled, Type1Singularity
 from framework.kinematics.continuation.forward_kinematics import forward_kinematics
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.mistaken_units import remark_on_reach, remark_on_turns
@@ -128,6 +129,9 @@ def _pose_report(robot: ParallelRobot, q: Array, options: Namespace) -> Report:
         "singularity": _singularity_document(classification),
         "limits": _limits_document(limits),
     }
+    if pose.exceeded and options.point is not None:
+        _, sentence, document["nearest"] = _nearest(robot, options.point)
+        lines.append(f"  within ranges     {sentence}")
     if instant is not None:
         torque = dict(zip(robot.actuator_names, instant.torque, strict=True))
         document["dynamics"] = {key: getattr(instant, key) for key in LOADS} | {"torque": torque}
@@ -144,11 +148,32 @@ def _close(robot: ParallelRobot, options: Namespace, *, advise_all: bool) -> Arr
     motor_joints, point = options.motor_joints, options.point
     try:
         closed = assemble(robot, point) if motor_joints is None else forward_kinematics(robot, motor_joints)
-    except NotAssembled as failure:  # from the reference; another mode may have such a pose
-        impossible = _explain_failure(robot, options)
-        failure.args = (f"{failure}{impossible if point is None else ''}",)
+    except (NotAssembled, Type1Singularity) as failure:  # another mode may have such a pose
+        impossible = addition = _explain_failure(robot, options)
+        if point is not None:
+            q, addition, failure.nearest = _nearest(robot, point)
+            if not failure.nearest["stops"]:  # by another way than straight
+                return q
+            addition = f"; {addition}"
+        failure.args = (f"{failure}{addition}",)
         raise failure.advising({"all": True} if advise_all and not impossible else None) from None
     return closed.q
+
+
+def _nearest(robot: ParallelRobot, point: list[float]) -> tuple[Array, str, Document]:
+    """Find the nearest pose to a platform point; return q (nq,), a sentence and the entry for JSON."""
+    nearest = nearest_pose(robot, point)
+    motors = robot.actuated_coordinates(nearest.q[None])[0].tolist()
+    document = {
+        "platform": dict(zip(robot.axis_names, nearest.x.tolist(), strict=True)),
+        "motor_joints": dict(zip(robot.actuator_names, motors, strict=True)),
+        **{key: getattr(nearest, key) for key in ("distance", "unit", "stops")},
+    }
+    sentence = (
+        f"the nearest pose within the joints' ranges has {robot.place(nearest.x)}, {nearest.distance:.6g} "
+        f"{nearest.unit} away: {' and '.join(nearest.stops)}"
+    )
+    return nearest.q, sentence, document
 
 
 def _limits(robot: ParallelRobot, q: Array, options: Namespace) -> PlatformLimits | None:

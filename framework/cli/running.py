@@ -108,9 +108,9 @@ def describe_error(error: BaseException, message: str, arguments: Sequence[str])
     document: Document = {"kind": type(error).__name__.lstrip("_"), "message": line}
     if instead is not None:
         document["try"] = instead
-    for key in ("time", "s", "wrench", "joint", "residual", "platform"):
+    for key in ("time", "s", "wrench", "joint", "residual", "platform", "nearest"):
         value = plain(getattr(error, key, None))
-        if isinstance(value, float | str | list):
+        if isinstance(value, float | str | list | dict):
             document[key] = value
     return line, document
 

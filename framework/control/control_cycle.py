@@ -31,6 +31,7 @@ from framework.kinematics.continuation.forward_kinematics import (
     forward_kinematics,
     start_pose,
 )
+from framework.kinematics.continuation.pose_search import NearestPose, PoseSearch
 from framework.kinematics.continuation.predictor_corrector import MAX_PREDICTOR_MOVE, is_small, is_straight
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.motion_changes import require_turns_at_rest
@@ -90,6 +91,7 @@ class ControlCycle:
         if not abs(self._determinant) > 0.0:
             raise type2_pose(robot, start.x, "is unbounded there: start elsewhere")
         self._drift: Array | None = None  # a_0, computed when needed
+        self._search: PoseSearch | None = None
         self._has_joint_springs = bool(robot.joint_stiffness.any())
         self._set_state(self.q, np.zeros(robot.n_a))
 
@@ -111,6 +113,24 @@ class ControlCycle:
             self._linearise(q)
         self._motors = target.copy() if self._steps_add else self.robot.actuated_coordinates(q[None])[0]
         self._set_state(q, rates)
+
+    def approach(self, x: ArrayLike) -> NearestPose:
+        """Move the pose to platform coordinates x (n,), or nearest, and rest.
+
+        The search starts from the pose of the last cycle. It ends at the ranges of joints, at stretched legs
+        (Type 1) and at Type 2. From its end `update` and `approach` return. A search takes milliseconds.
+
+        Raises:
+            InvalidInput: not n finite numbers.
+        """
+        target = finite_numbers(f"x ({', '.join(self.robot.axis_names)})", x, self.robot.n)
+        self._search = self._search or PoseSearch(self.robot, motors_hold=True)
+        nearest = self._search.find(self.q, self.x, target)
+        q = nearest.q.copy()
+        self._linearise(q)
+        self._motors = self.robot.actuated_coordinates(q[None])[0].copy()
+        self._set_state(q, np.zeros(self.robot.n_a))
+        return nearest
 
     def torque(self, ddq_a: ArrayLike) -> Array:
         """Compute motor torques (n_a,) [N m, N], motor side, for accelerations ddq_a (n_a,), joint side.

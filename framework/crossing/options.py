@@ -190,6 +190,12 @@ class PlanOptions:
         check=_one_of(GOALS),
         typed={"choices": GOALS},
     )
+    time_limit: float | None = _option(
+        "time after which the search ends with the best law so far [s]",
+        ", or with `SearchEnded` if none was found yet. The plan's `reason` says that it was ended",
+        check=_seconds,
+        typed={"type": float, "metavar": "SECONDS"},
+    )
     longest: float | None = _option(
         "bound on a duration that is found [s]",
         ", instead of `duration`; the quickest law is the same whatever it is",

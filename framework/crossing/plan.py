@@ -30,6 +30,7 @@ from framework.errors import NoAnswer, NoLaw, NotConverged, UnboundedTorque, Unc
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.law import Law
 from framework.motion.path import Path
+from framework.motion.time_limit import NONE_FOUND_YET, SearchEnded, limit_time
 from framework.singularity.points_on_path import SearchedPath, check_of, search_path
 from framework.singularity.rank_deficiency import NearMiss
 from framework.tolerances import MIN_POLYNOMIAL_ADVANCE, NEAR_MISS_WIDTHS
@@ -89,7 +90,10 @@ def plan_request(
     check_of(robot, request.path, searched.branch)
     work = _Work(path_to_cross(searched, request), request, started)
     try:
-        plan = _plan_best(work)
+        with limit_time(request.time_limit) as clock:
+            plan = _plan_best(work)
+    except SearchEnded as end:
+        raise SearchEnded(f"{robot.name}: {end}") from None
     except UncontrolledMotions:  # a NoLaw to which one condition (8) and its durations say nothing
         raise
     except NoLaw as refusal:
@@ -97,6 +101,9 @@ def plan_request(
     except UnboundedTorque as pole:
         raise with_remedy(pole, work.to_cross.searched, request) from None
     check_limits(plan)
+    if clock.has_ended and not plan.reason.endswith(NONE_FOUND_YET):
+        ended = f"the search was ended after {clock.seconds:g} s, there may be better laws"
+        return replace(plan, reason=f"{plan.reason}; {ended}")
     return plan
 
 
@@ -113,8 +120,9 @@ def _plan_best(work: _Work) -> CrossingPlan:
     if request.kind == "optimal":
         try:
             return _plan_optimal(work, "only the optimal law has a goal")
-        except (NoLaw, NotConverged) as refusal:
-            return _plan_polynomial_within_limits(work, refusal)
+        except (NoLaw, NotConverged, SearchEnded) as refusal:
+            with limit_time(None):
+                return _plan_polynomial_within_limits(work, refusal)
     try:
         plan, advance = _plan_polynomial(work)
     except (NoLaw, NotConverged) as refusal:
@@ -174,7 +182,7 @@ def _plan_after_refusal(work: _Work, refusal: NoLaw | NotConverged) -> CrossingP
         ) from None
 
 
-def _plan_polynomial_within_limits(work: _Work, refusal: NoLaw | NotConverged) -> CrossingPlan:
+def _plan_polynomial_within_limits(work: _Work, refusal: NoAnswer) -> CrossingPlan:
     """Plan with the polynomial where the optimal law was refused; raise that refusal beyond the limits."""
     if work.request.duration is None:
         raise refusal

@@ -47,6 +47,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.krylov import gmres
 from framework.motion.chebyshev import TimeFunction, TimeGrid
 from framework.motion.law import MotionLaw
+from framework.motion.time_limit import check_time
 from framework.tolerances import MAX_DEFLECTION, SETTLED_SHARE
 
 GOOD_CONTRACTION = 0.3  # of the change, by a pass; with less, Newton's method follows
@@ -212,6 +213,7 @@ class _Iteration:
             return current
         stalled = False
         while self.passes < self._max_passes:
+            check_time()
             inner, outer = self._split_residual(current, count)
             settled = inner <= max(outer, SETTLED_SHARE * self.tolerance)
             new = None if settled else self._line_search(current, count, inner)

@@ -23,6 +23,7 @@ from framework.kinematics.continuation.tracking import Branch
 from framework.motion.clock import Clock, InTime, OnParameter
 from framework.motion.law import MotionLaw
 from framework.motion.optimal_law import OptimalLaw
+from framework.motion.time_limit import check_time
 from framework.tolerances import MAX_UNRESOLVED_MISFIT
 
 MAX_MISFIT_RATIO = 0.5  # of the misfits after and before a step that is taken; above, more coefficients are
@@ -142,6 +143,7 @@ def _settled(equations: BalanceEquations, state: BalanceState, before: Settled |
     """
     slopes, linear = None if before is None else before.slopes, None
     for _ in range(MAX_STEPS):
+        check_time()
         if state.misfit <= SETTLED_MISFIT and slopes is not None:
             return Settled(state, True, slopes)
         fresh = slopes is None

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from framework.arrays import Array
+from framework.motion.time_limit import check_time
 
 # Of the solver's linear systems, and how often their solutions are refined, in turn: most programs end at the
 # first, in half the time of the others.
@@ -85,6 +86,7 @@ def solve_cone_program(program: ConeProgram) -> Optimum | Unsolved:
     import clarabel
     from scipy import sparse
 
+    check_time()
     names, ends = list(program.sizes), np.cumsum([0, *program.sizes.values()])
     columns = {name: slice(ends[k], ends[k + 1]) for k, name in enumerate(names)}
     cones: list[Any] = [

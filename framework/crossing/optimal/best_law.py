@@ -16,6 +16,7 @@ from framework.crossing.optimal.smooth_search import SmoothSearch, find_exceeded
 from framework.crossing.optimal.speed_program import Speed, SpeedProgram
 from framework.errors import InvalidInput
 from framework.motion.optimal_law import OptimalLaw
+from framework.motion.time_limit import SearchEnded
 from framework.tolerances import SMOOTHNESS_COST
 
 MAX_ROW_ROUNDS = 3  # of solving with rows where a limit was exceeded between the points
@@ -134,6 +135,10 @@ def _search_smooth(search: SmoothSearch, near: Speed | None = None) -> Best | No
                 return best or smooth
             search = search._replace(least=least.speed, units=least.units).limit_duration()
             near, program_solved_again = None, search.program
+    except SearchEnded:
+        if best is None:
+            raise
+        return best
     except InvalidInput as reason:  # z comes too near to zero
         return best or NoneFound(search.program, str(reason))
     return best or NoneFound(search.program, "limits are exceeded between the points")

@@ -34,6 +34,7 @@ from framework.dynamics.result import InverseDynamics
 from framework.errors import NoAnswer, NoLaw, NotConverged, UnboundedTorque
 from framework.motion.optimal_law import HIGHEST_SMOOTHNESS, OptimalLaw
 from framework.motion.peaks import peak_sizes
+from framework.motion.time_limit import SearchEnded
 from framework.tolerances import PEAK_TORQUE_MISMATCH
 
 MAX_PASSES = 8  # of optimising and resolving in turn
@@ -129,9 +130,11 @@ def _elastic(task: Task, places: Sequence[CrossingPoint]) -> OptimalMotion:
                 return kept
             dynamics, law, known = _resolved(task, best.law, known)
             check_rest(dynamics, law.smoothness)
-        except (NoLaw, NotConverged, UnboundedTorque) as failure:
+        except (NoLaw, NotConverged, UnboundedTorque, SearchEnded) as failure:
             if kept is not None:
                 return kept
+            if isinstance(failure, SearchEnded):
+                raise
             unresolved, rung = unresolved or failure, rung + 1
             if rung == 2 and best is None:  # no series twice: one is fitted to splines
                 high_degree = unresolved = None

@@ -1,0 +1,284 @@
+"""The pose nearest to a platform that may be out of reach: in the same modes, within the joints' ranges.
+
+Half the squared distance, |e|^2 / 2 with e = (x - target) / scale, is minimised over the joints by sequential
+quadratic programming. With Z a basis of the motions that keep the loops c closed, and multipliers lambda of
+the loops, a step Z z solves
+
+    min  g . z + z' H z / 2,    g = Z' dx' e,    H = Z' (dx' dx + d2x . e - d2c . lambda) Z,
+
+within the ranges of the joints, and to first order without a change of sign of det(dx Z), zero at Type 1, and
+of det(dq_a Z), zero at Type 2. Differences of gradients along Z give H. Newton's method
+closes the loops after a step, on the ranges that were met.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.arrays import Array
+from framework.kinematics.assembly import Configuration
+from framework.kinematics.frames import difference, integrate_columns
+from framework.kinematics.inverse_kinematics import require_square
+from framework.kinematics.linearised_loops import linearised_at
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.single_pose import SinglePose
+from framework.linalg.ordered_sums import solve
+
+MAX_STEPS = 30
+MAX_JOINT_STEP = 0.5  # [rad, lengths] of one joint in a step
+DIFFERENCE_STEP = 1e-6  # [rad, lengths] of the joints, for differences of gradients
+LEAST_DECREASE = 1e-8  # of the squared distance, as a share: a step that promises less ends the search
+LEAST_CURVATURE = 1e-9  # of the squared distance along a motion, so that H is definite
+MAX_CLOSING_STEPS, CLOSED = 8, 1e-12  # Newton steps; [rad, lengths] of the loops
+REACHED = 1e-9  # [rad, lengths] of the platform
+HOLD_LOST = 1e-3  # determinant below which a leg, or the motors, have lost hold
+HOPE = 0.1  # of what is missing to a better pose, the decrease of a step below which none is expected
+MODE_LOST = 1e-6  # determinant of the other sign, above what a step to Type 1 leaves of its square
+LEAST_DAMPING = 1e-2  # of a step after which the model was poor
+POOR_GAIN, GOOD_GAIN = 0.25, 0.75  # decrease of the squared distance over that of the model
+
+
+@dataclass(frozen=True, eq=False)
+class NearestPose(Configuration):
+    """The nearest pose that a search has found, see `Configuration`, and why none is nearer.
+
+    `distance` from the target in `unit`: m if all coordinates are translations, rad if all are turns, else
+    robot lengths and rad. `stops` says what stops it: the ranges of joints, legs (Type 1), Type 2; nothing
+    where the target is reached.
+    """
+
+    distance: float
+    unit: str
+    stops: tuple[str, ...]
+
+
+def distance_unit(robot: ParallelRobot) -> tuple[float, str]:
+    """Return the unit of distances of the platform, in [robot lengths, rad] and as text."""
+    if robot.translations.all():
+        return robot.length, "m"
+    return 1.0, "robot lengths and rad" if robot.translations.any() else "rad"
+
+
+class _Iterate(NamedTuple):
+    """A pose with closed loops and the quadratic model there [rad, robot lengths]."""
+
+    q: Array  # (nq,)
+    x: Array  # (n,)
+    value: float  # |e|^2 / 2
+    basis: Array  # Z (f, n)
+    gradient: Array  # g (n,)
+    hessian: Array  # H (n, n), made definite
+    room: Array  # (2 f + 2,) until each bound: ends of ranges, determinants; not negative
+    room_slopes: Array  # (2 f + 2, n)
+
+
+class _Step(NamedTuple):
+    """A step of the search."""
+
+    z: Array  # (n,)
+    decrease: float  # of the value, by the model
+    forces: Array  # (2 f + 2,) of the bounds; zero where one does not act
+
+
+class PoseSearch:
+    """The search for nearest poses of one robot, for one thread."""
+
+    def __init__(self, robot: ParallelRobot, *, motors_hold: bool = False) -> None:
+        """Prepare the search of a robot; `motors_hold`: Type 2 stops it.
+
+        Raises:
+            InvalidInput: the platform does not determine the joints.
+        """
+        require_square(robot)
+        self.robot, self._pose, self._motors_hold = robot, SinglePose(robot), motors_hold
+        self._lengths, self._independent = robot.column_scale[robot.moving], robot.structure.independent
+        self._row_sizes = robot.loop_lengths * robot.structure.row_sizes
+        ranges = np.repeat([[-np.inf], [np.inf]], robot.model.nv, axis=1)
+        for limit in robot.limits:
+            ranges[:, robot.model.joints[robot.model.getJointId(limit.joint)].idx_v] = (
+                limit.lower,
+                limit.upper,
+            )
+        self._lower, self._upper = ranges[:, robot.moving] / self._lengths
+        self._last: tuple[_Iterate, Array] | None = None  # the end of the last search, with its signs
+        self._unit_length, self._unit = distance_unit(robot)
+
+    def find(self, q: Array, x: Array, target: Array, *, better_than: float = np.inf) -> NearestPose:
+        """Find the nearest pose to a target (n,), starting from the pose q (nq,) at x (n,).
+
+        Args:
+            better_than: a distance, in the unit of `NearestPose`. A search without hope of less ends.
+        """
+        J, bound, damping, count = self._equations(q)[1], 0.5 * (better_than / self._unit_length) ** 2, 0.0, 0
+        if self._last is None or not np.array_equal(q, self._last[0].q):
+            start = self._evaluate(q, J, x, target, None, np.ones(2))
+            self._last = start, np.where(start.room[-2:] < 0.0, -1.0, 1.0)
+        start, signs = self._last  # a leg that is stretched has no sign of its own
+        iterate = self._evaluate(q, J, x, target, start.basis, signs)
+        while True:
+            step = self._bounded_step(iterate, damping)
+            least_decrease = max(LEAST_DECREASE * iterate.value, HOPE * (iterate.value - bound))
+            if iterate.value < 0.5 * REACHED**2 or step.decrease < least_decrease or count == MAX_STEPS:
+                self._last = iterate, signs
+                return self._result(iterate, step.forces, count)
+            count += 1
+            following = self._follow(iterate, step.z, target, signs)
+            gain = 0.0 if following is None else (iterate.value - following.value) / step.decrease
+            if following is not None and gain > 0.0:
+                iterate = following
+            if gain > GOOD_GAIN:
+                damping = damping / 4.0 if damping > LEAST_DAMPING else 0.0
+            elif gain < POOR_GAIN:
+                damping = max(4.0 * damping, LEAST_DAMPING)
+
+    def _result(self, iterate: _Iterate, forces: Array, count: int) -> NearestPose:
+        """Return the pose of the last iterate and its stops."""
+        distance = float(np.sqrt(2.0 * iterate.value))
+        ends = [f"{self.robot.coordinates.name_of(column)} ends its range" for column in self.robot.moving]
+        stops = [*ends, *ends, "a leg is stretched or folded (Type 1)", "the motors lose hold (Type 2)"]
+        lost = np.append(np.zeros(2 * len(ends), dtype=bool), iterate.room[-2:] < HOLD_LOST)
+        acting = np.flatnonzero((forces > 0.0) | lost) if distance > REACHED else ()
+        self._pose.place(iterate.q)
+        return NearestPose(
+            q=iterate.q,
+            x=iterate.x,
+            residual=float(np.abs(self._pose.residual).max(initial=0.0)),
+            iterations=count,
+            distance=distance * self._unit_length,
+            unit=self._unit,
+            stops=tuple(stops[k] for k in acting),
+        )
+
+    def _bounded_step(self, iterate: _Iterate, damping: float) -> _Step:
+        """Solve the quadratic program of a step within the bounds.
+
+        With H = R' R and y = R z + R'^-1 g it is the least |y| with G z >= -room: the problem of least
+        distance, by least squares with multipliers that are not negative (Lawson and Hanson 1974, chapter
+        23).
+        """
+        from scipy.optimize import nnls
+
+        g, H = iterate.gradient, iterate.hessian
+        near = np.linalg.norm(iterate.room_slopes, axis=1) * 2.0 * MAX_JOINT_STEP > iterate.room
+        inverse = np.linalg.inv(np.linalg.cholesky(H + damping * np.eye(len(g)))).T
+        free = inverse.T @ g
+        G = iterate.room_slopes[near] @ inverse
+        matrix = np.vstack([G.T, G @ free - iterate.room[near]])
+        right = np.append(np.zeros(len(g)), 1.0)
+        multipliers = nnls(matrix, right)[0] if near.any() else np.zeros(0)
+        residual = matrix @ multipliers - right
+        y = -residual[:-1] / residual[-1]
+        z = inverse @ (y - free)
+        z *= min(1.0, MAX_JOINT_STEP / max(np.abs(iterate.basis @ z).max(), LEAST_CURVATURE))
+        forces = np.zeros(len(near))
+        forces[near] = multipliers
+        return _Step(z, float(-g @ z - 0.5 * z @ H @ z), forces)
+
+    def _follow(self, iterate: _Iterate, z: Array, target: Array, signs: Array) -> _Iterate | None:
+        """Return the iterate after a step; None if the loops do not close, or a determinant changes sign."""
+        step = iterate.basis @ z * self._lengths
+        closed = self._close(integrate_columns(self.robot, iterate.q, self.robot.moving, step))
+        if closed is None:
+            return None
+        following = self._evaluate(*closed, iterate.x, target, iterate.basis, signs)
+        return following if (following.room > -MODE_LOST).all() else None
+
+    def _close(self, q: Array) -> tuple[Array, Array] | None:
+        """Close the loops near q (nq,) by least steps within ranges.
+
+        Returns:
+            The pose and the derivatives (m, f) of its loops; None if the loops do not close.
+        """
+        units = np.eye(len(self._lengths))
+        ends, beyond = np.vstack([units, -units]), np.zeros(2 * len(units), dtype=bool)
+        for _ in range(MAX_CLOSING_STEPS):
+            residual, J = self._equations(q)
+            room = self._range_room(q)
+            beyond |= room < 0.0
+            gap, K = np.append(residual, room[beyond]), np.vstack([J, ends[beyond]])
+            if np.abs(gap).max(initial=0.0) < CLOSED:
+                return q, J
+            step = -K.T @ np.linalg.solve(K @ K.T + CLOSED * np.eye(len(K)), gap)
+            if not np.abs(step).max() < MAX_JOINT_STEP:
+                return None
+            q = integrate_columns(self.robot, q, self.robot.moving, step * self._lengths)
+        return None
+
+    def _range_room(self, q: Array) -> Array:
+        """Compute the distances (2 f,) of joints from the lower and upper ends of their ranges."""
+        position = difference(self.robot, self.robot.neutral, q)[self.robot.moving] / self._lengths
+        return np.append(position - self._lower, self._upper - position)
+
+    def _equations(self, q: Array) -> tuple[Array, Array]:
+        """Compute the loop equations (m,) at q (nq,) and their derivatives (m, f)."""
+        self._pose.place(q)
+        residual = self._pose.residual.take(self._independent) / self._row_sizes
+        jacobian = self._pose.jacobian.take(self._independent, axis=0).take(self.robot.moving, axis=1)
+        return residual, jacobian * (self._lengths / self._row_sizes[:, None])
+
+    def _evaluate(
+        self, q: Array, J: Array, near: Array, target: Array, basis: Array | None, signs: Array
+    ) -> _Iterate:
+        """Compute the quadratic model at a pose q (nq,), whose loops have the derivatives J (m, f).
+
+        A stack has the pose and steps from it along Z.
+
+        Args:
+            near: platform coordinates (n,) that tell whole turns.
+            basis: Z (f, n) of an iterate before, whose orientation Z takes.
+            signs: factors (2,) of the determinants.
+        """
+        robot, m = self.robot, len(J)
+        Q, R = np.linalg.qr(J.T, mode="complete")
+        Z = Q[:, m:]
+        if basis is not None and np.linalg.det(basis.T @ Z) < 0.0:
+            Z[:, 0] *= -1.0
+        steps = DIFFERENCE_STEP * np.vstack([np.zeros(len(Z)), Z.T]) * self._lengths
+        x, X, loops = self._slopes(integrate_columns(robot, q, robot.moving, steps), near)
+        e = (x[0] - target) / robot.platform_scale
+        multipliers = np.linalg.solve(R[:m], Q[:, :m].T @ (e @ X[0]))
+        gradients = e @ X - multipliers @ loops
+        curvature = (gradients[1:] - gradients[0]) @ Z / DIFFERENCE_STEP
+        A = X[0] @ Z
+        determinants = self._determinants(X, loops, Z) * signs
+        return _Iterate(
+            q=q,
+            x=x[0],
+            value=float(0.5 * e @ e),
+            basis=Z,
+            gradient=A.T @ e,
+            hessian=_definite(A.T @ A + 0.5 * (curvature + curvature.T)),
+            room=np.append(self._range_room(q), determinants[0]),
+            room_slopes=np.vstack([Z, -Z, (determinants[1:] - determinants[0]).T / DIFFERENCE_STEP]),
+        )
+
+    def _slopes(self, q: Array, near: Array) -> tuple[Array, Array, Array]:
+        """Compute x (T, n), dx (T, n, f) and derivatives of loops (T, m, f) at q (T, nq)."""
+        robot, linearised = self.robot, linearised_at(self.robot, q, None)
+        derivatives = linearised.jacobian[..., robot.moving] * self._lengths
+        x = robot.platform.unwrap(robot.platform.coordinates(linearised.frames), near)
+        dx = solve(robot.platform.rate_matrix(x) * robot.platform_scale, derivatives[:, : robot.n])
+        return x, dx, derivatives[:, robot.n :] / self._row_sizes[:, None]
+
+    def _determinants(self, X: Array, loops: Array, Z: Array) -> Array:
+        """Compute determinants (T, 2), of dx (T, n, f) and dq_a along motions that loops (T, m, f) allow.
+
+        Bases of these motions have the orientation of Z (f, n). The first is zero at Type 1, and keeps its
+        sign where loops lose rank; the second is zero at Type 2, and 1 unless the motors have to hold.
+        """
+        bases = np.linalg.qr(loops.swapaxes(1, 2), mode="complete")[0][..., loops.shape[1] :]
+        bases[..., 0] *= np.sign(np.linalg.det(Z.T @ bases))[:, None]
+        values = np.ones((len(X), 2))
+        values[:, 0] = np.linalg.det(X @ bases)
+        if self._motors_hold and self.robot.n_a == self.robot.n:
+            values[:, 1] = np.linalg.det(bases[:, : self.robot.n])
+        return values
+
+
+def _definite(matrix: Array) -> Array:
+    """Return a symmetric matrix (n, n) with the sizes of its eigenvalues, none below LEAST_CURVATURE."""
+    values, vectors = np.linalg.eigh(matrix)
+    return np.asarray((vectors * np.maximum(np.abs(values), LEAST_CURVATURE)) @ vectors.T)

@@ -1,0 +1,139 @@
+"""The nearest pose to one out of reach, against optimisers on closed forms of the legs that know no loops.
+
+A pose is within reach where the legs' closed forms have a solution, within the ranges of the motors.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+import robots
+from framework import ControlCycle, InvalidInput, assemble
+from framework.atlas.nearest_pose import nearest_pose
+from framework.kinematics.pose import describe_pose
+from tests.oracles import five_bar_pose
+from tests.robots import test_biglide, test_gough_stewart, test_orthoglide
+
+CRANK_AND_ROD = 0.5  # [m] stretched, and folded to nothing
+LEG_RANGE = 2.3653505129889623, 4.7307010259779245  # [m]
+
+
+def five_bar_room(x):
+    return CRANK_AND_ROD - np.linalg.norm(x - five_bar_pose.BASES, axis=1)
+
+
+def biglide_room(x):
+    across = test_biglide.ROD**2 - (x[0] - test_biglide.RAILS) ** 2
+    sliders = x[1] + test_biglide.SIDES * np.sqrt(np.maximum(across, 0.0))
+    return np.concatenate([across, 0.5 - np.abs(sliders)])
+
+
+def orthoglide_room(x):
+    _, y, z = x[test_orthoglide.LEGS].T
+    across = test_orthoglide.LENGTH**2 - y**2 - z**2
+    slides = x + np.sqrt(np.maximum(across, 0.0))
+    return np.concatenate([across, slides, 0.6 - slides])
+
+
+def gough_stewart_room(x):
+    lengths = test_gough_stewart.lengths(x).real
+    return np.concatenate([lengths - LEG_RANGE[0], LEG_RANGE[1] - lengths])
+
+
+ROOMS = {
+    "five_bar": five_bar_room,
+    "biglide": biglide_room,
+    "orthoglide": orthoglide_room,
+    "gough_stewart": gough_stewart_room,
+}
+REACH = {
+    "five_bar": 1.5,
+    "biglide": 1.5,
+    "orthoglide": 1.2,
+    "gough_stewart": 0.6,
+}  # [lengths, rad] of targets
+STARTS = 12  # of the optimiser, the best of which counts
+
+
+def targets_out_of_reach(robot, count, rng):
+    """Platform coordinates (n,) in all directions from the reference that no legs reach."""
+    while count:
+        direction = rng.standard_normal(robot.n)
+        offset = direction / np.linalg.norm(direction) * rng.uniform(0.3, 1.0) * REACH[robot.name]
+        x = robot.reference.x + offset * robot.platform_scale
+        if ROOMS[robot.name](x).min() < 0:
+            count -= 1
+            yield x
+
+
+def least_distance(robot, target, rng):
+    """Least distance [robot lengths, rad] by sequential least squares on closed forms, from many starts."""
+    scale, room = robot.platform_scale, ROOMS[robot.name]
+    goal = target / scale
+    found = []
+    for _ in range(STARTS):
+        best = minimize(
+            lambda y: 0.5 * np.sum((y - goal) ** 2),
+            robot.reference.x / scale + 0.15 * rng.standard_normal(robot.n),
+            jac=lambda y: y - goal,
+            method="SLSQP",
+            constraints={"type": "ineq", "fun": lambda y: room(y * scale)},
+            options={"ftol": 1e-12},
+        )
+        if room(best.x * scale).min() > -1e-6:
+            found.append(np.linalg.norm(best.x - goal))
+    return min(found)
+
+
+@pytest.mark.parametrize("name", ROOMS)
+def test_no_pose_of_closed_forms_is_nearer(name):
+    robot, rng = robots.load(name), np.random.default_rng(3)
+    for target in targets_out_of_reach(robot, 5, rng):
+        nearest = nearest_pose(robot, target)
+        distance = np.linalg.norm((nearest.x - target) / robot.platform_scale)
+        assert distance < least_distance(robot, target, rng) + 1e-3
+        assert nearest.distance == pytest.approx(distance * (robot.length if nearest.unit == "m" else 1.0))
+        assert nearest.stops
+        assert nearest.residual < 1e-11
+        assert ROOMS[name](nearest.x).min() > -1e-7  # the root of rounding where a leg is stretched
+        assert not describe_pose(robot, nearest.q).exceeded
+
+
+def test_a_pose_within_reach_is_reached():
+    robot = robots.load("delta")
+    target = robot.reference.x + np.array([0.1, -0.05, 0.08])
+    nearest = nearest_pose(robot, target)
+    assert nearest.stops == ()
+    np.testing.assert_allclose(nearest.q, assemble(robot, target).q, rtol=0, atol=1e-8)
+
+
+def test_a_stretched_leg_and_a_range_are_named():
+    stretched = nearest_pose(robots.load("five_bar"), [0.3, 0.6])
+    assert stretched.stops == ("a leg is stretched or folded (Type 1)",)
+    assert "right_slide ends its range" in nearest_pose(robots.load("biglide"), [0.0, 0.6]).stops
+
+
+def test_a_cycle_waits_at_the_nearest_pose_and_returns():
+    robot = robots.load("five_bar")
+    cycle = ControlCycle(robot)
+    x = cycle.x.copy()
+    stretched = cycle.approach([0.3, 0.6])
+    far = np.array([0.3, 0.6]) - five_bar_pose.BASES[0]
+    edge = five_bar_pose.BASES[0] + CRANK_AND_ROD * far / np.linalg.norm(far)
+    np.testing.assert_allclose(cycle.x, edge, rtol=0, atol=1e-4)  # second order in the distance
+    assert stretched.distance == pytest.approx(np.linalg.norm(far) - CRANK_AND_ROD, abs=1e-9)
+    assert cycle.approach(x).stops == ()
+    np.testing.assert_allclose(cycle.q, robot.reference.q, rtol=0, atol=1e-8)
+    cycle.approach([0.3, 0.6])
+    for share in np.linspace(0.1, 1.0, 10):  # back by the motors alone
+        start = robot.actuated_coordinates(stretched.q[None])[0]
+        end = robot.actuated_coordinates(robot.reference.q[None])[0]
+        cycle.update(start + share * (end - start), np.zeros(2))
+    np.testing.assert_allclose(cycle.x, x, rtol=0, atol=1e-9)
+
+
+def test_coordinates_are_as_many_as_the_platform_has():
+    with pytest.raises(InvalidInput, match=r"x \(x, y\)"):
+        nearest_pose(robots.load("five_bar"), [0.1, 0.2, 0.3])
