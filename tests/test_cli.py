@@ -16,6 +16,7 @@ from numpy.polynomial import chebyshev
 import robots
 from framework import plan_scene
 from framework.cli import main
+from framework.cli.commands import parser_of
 from framework.dynamics.finite_differences import finite_difference_torques
 from framework.model.description import FLEXIBILITIES
 from tests.conftest import FIVE_BAR, REMOVED
@@ -718,3 +719,26 @@ def test_what_nobody_planned_stays(tmp_path):
     (tmp_path / "report.html").write_text("mine")
     main(["plan", "five_bar", "--scene", "A", "--out", str(tmp_path)])
     assert (tmp_path / "report.html").read_text() == "mine"
+
+
+def test_parameters_may_stand_before_the_robot():
+    options = parser_of(["check"]).parse_args(["check", "--set", "a=1", "b=2", "five_bar", "--json"])
+    assert (options.robot, options.set, options.json) == ("five_bar", ["a=1", "b=2"], True)
+
+
+def test_unknown_columns_are_refused_before_planning(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("framework.cli.plan.plan_request", None)
+    words = ["plan", "five_bar", "--scene", "C", "--columns", "tim", "--out", str(tmp_path / "plan")]
+    assert main(words) == 2
+    assert "unknown column 'tim'; did you mean 'time'?" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_lesson_takes_the_duration_that_is_typed(tmp_path, monkeypatch):
+    durations = []
+    monkeypatch.setattr(
+        "framework.show.lesson.lesson_page", lambda *_, duration, name: durations.append(duration) or name
+    )
+    words = ["export", "five_bar", "--scene", "C", "--to", "lesson", "--out", str(tmp_path / "page.html")]
+    assert main([*words, "--duration", "2"]) == main(words) == 0
+    assert durations == [2.0, 1.5]

@@ -17,7 +17,8 @@ from framework.cli.parser import (
     add_wrenches,
     command,
 )
-from framework.crossing.feasibility import Feasibility, feasibility_at, optimal_durations
+from framework.crossing.durations import optimal_durations
+from framework.crossing.feasibility import Feasibility, feasibility_at
 from framework.crossing.plan_facts import twist_text
 from framework.crossing.request import Request
 from framework.kinematics.parallel_robot import ParallelRobot

@@ -117,7 +117,7 @@ def crossing_point(
             f"{robot.name}: the deflected robot has no singular point near s = {singular.s:.6g}; the "
             f"deflections are too large for the path to cross the locus there"
         )
-    closed = poses.at_root(root.place)
+    closed = poses.predicted_pose(root.place)
     twist, motion = least_held(robot, closed.linearised)
     return _orient_along_path(branch, root.place, closed, twist, motion, singular.kind)
 
@@ -138,7 +138,7 @@ class _DeflectedPoses:
         self._closed = s, close_loops(branch.robot, branch.path(s), self._predict(s))
         return self._closed[1]
 
-    def at_root(self, s: float) -> ClosedStack:
+    def predicted_pose(self, s: float) -> ClosedStack:
         """Return the pose so near the closed ones that the step along the tangent keeps the loops closed."""
         branch, places = self._branch, np.array([s])
         q, x = self._predict(places), branch.path(places)

@@ -38,7 +38,7 @@ PROOF = (
     "numbers near 1e-15 are rounding, and not the same twice."
 )
 CONDITION = (
-    "{1.alpha:.6g} s″ + {1.beta:.6g} s′² + {1.delta:.6g} s′ + {1.gamma:.6g} = t_s · W_p = 0 at t = {0:.6g} s"
+    "{1.alpha:.6g} s″ {1.beta:+.6g} s′² {1.delta:+.6g} s′ {1.gamma:+.6g} = t_s · W_p = 0 at t = {0:.6g} s"
 )
 CERTIFIED = {  # numbers of a certificate by their format
     "{0.nodes:g}": "nodes of the series",
@@ -150,7 +150,7 @@ def _certificate(plan: CrossingPlan, planned: Certificate | None) -> str:
     ]
     certificates = [plan.certificate] if planned is None else [planned, plan.certificate]
     numbers = [(text, *(form.format(one) for one in certificates)) for form, text in CERTIFIED.items()]
-    head = ("", *["plan.json"] * (planned is not None), "computed anew")
+    head = ("certificate", *["plan.json"] * (planned is not None), "computed anew")
     tables = [*([_table(conditions)] if conditions else []), _table(numbers, head)]
     return "".join([f"<p>{_mark_indices(PROOF)}</p>", *tables])
 

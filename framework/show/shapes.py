@@ -110,23 +110,27 @@ def motor_shapes(robot: ParallelRobot, shapes: list[Shape], size: float = 0.0) -
     axes = [joint_axis(robot, int(column)) for column in robot.actuated]
     motors = []
     for column, axis in zip(robot.actuated, axes, strict=True):
+        bodies = [shape for shape in shapes if shape.node == axis.joint]
         distances = [np.linalg.norm(axis.place - other.place) for other in axes if other is not axis]
-        if robot.sliding[column] and not axis.joint:
-            motors.append(_block(carried_axis(robot, int(column)), size))
-            continue
-        carried = [shape for shape in shapes if shape.node == axis.joint]
-        if robot.sliding[column]:
-            motors.append(_drum_on_leg(axis, carried, size))
+        meets_others = min(distances, default=size) < 0.01 * size
+        if not robot.sliding[column]:
+            motors.append(_drum(axis, bodies if meets_others else [], size))
+        elif axis.joint:
+            motors.append(_drum_on_leg(axis, bodies, size))
         else:
-            motors.append(_drum(axis, carried if min(distances, default=size) < 0.01 * size else [], size))
+            motors.append(_block(carried_axis(robot, int(column)), size))
     return motors
+
+
+def _motor(axis: JointAxis, kind: str, size: tuple[float, ...], place: Array) -> Shape:
+    """Return the solid of a motor at a place (3,), along the axis of its joint."""
+    return Shape(axis.joint, kind, size, placement_along(place, axis.axis), IDLE_MOTOR_COLOR)
 
 
 def _block(axis: JointAxis, size: float) -> Shape:
     """Return the block of a motor on a rail."""
     radius = MOTOR_RADIUS * size
-    edges = (1.1 * radius, 1.1 * radius, 1.8 * radius)
-    return Shape(axis.joint, "box", edges, placement_along(axis.place, axis.axis), IDLE_MOTOR_COLOR)
+    return _motor(axis, "box", (1.1 * radius, 1.1 * radius, 1.8 * radius), axis.place)
 
 
 def _drum_on_leg(axis: JointAxis, shapes: list[Shape], size: float) -> Shape:
@@ -134,24 +138,16 @@ def _drum_on_leg(axis: JointAxis, shapes: list[Shape], size: float) -> Shape:
     tube = max((shape.size[0] for shape in shapes if shape.kind == "cylinder"), default=0.0)
     radius = max(0.6 * MOTOR_RADIUS * size, 1.5 * tube)
     length = 3.0 * radius
-    placement = placement_along(axis.place + DRUM_OFFSET * length * axis.axis, axis.axis)
-    return Shape(axis.joint, "cylinder", (radius, length), placement, IDLE_MOTOR_COLOR)
+    return _motor(axis, "cylinder", (radius, length), axis.place + DRUM_OFFSET * length * axis.axis)
 
 
 def _drum(axis: JointAxis, shapes: list[Shape], size: float) -> Shape:
-    """Return the drum of a motor that turns a joint, in the housing among `shapes` if any."""
-    place, radius = _housing(axis.place, axis.axis, shapes, size)
-    placement = placement_along(place, axis.axis)
-    return Shape(axis.joint, "cylinder", (radius, 1.3 * radius), placement, IDLE_MOTOR_COLOR)
-
-
-def _housing(place: Array, axis: Array, shapes: list[Shape], size: float) -> tuple[Array, float]:
-    """Return place and radius of a motor whose axis meets others: its farthest cylinder on the axis."""
+    """Return the drum of a motor that turns a joint: around the farthest cylinder on its axis, if any."""
     farthest, radius = 0.0, MOTOR_RADIUS * size
     for shape in shapes:
-        offset = shape.placement[:3, 3] - place
-        along = float(offset @ axis)
-        beside = np.linalg.norm(offset - along * axis)
-        if shape.kind == "cylinder" and beside < 0.05 * size and abs(along) > abs(farthest):
+        offset = shape.placement[:3, 3] - axis.place
+        along = float(offset @ axis.axis)
+        aside = np.linalg.norm(offset - along * axis.axis)
+        if shape.kind == "cylinder" and aside < 0.05 * size and abs(along) > abs(farthest):
             farthest, radius = along, 1.15 * shape.size[0]
-    return place + farthest * axis, radius
+    return _motor(axis, "cylinder", (radius, 1.3 * radius), axis.place + farthest * axis.axis)

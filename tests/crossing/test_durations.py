@@ -9,7 +9,7 @@ import pytest
 
 import robots
 from framework import Line, ParallelRobot, plan_crossing
-from framework.crossing.feasibility import optimal_durations
+from framework.crossing.durations import optimal_durations
 from framework.crossing.request import Request
 from framework.errors import NoLaw
 from framework.singularity.points_on_path import search_path

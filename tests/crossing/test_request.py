@@ -267,3 +267,12 @@ def test_a_plan_with_a_motor_without_limit_comes_back(robot, tmp_path):
     assert np.abs(plan.torque(np.linspace(0.0, 1.5, 401))[:, 0]).max() <= 0.2
     save_plan(plan, tmp_path)
     assert load_plan(tmp_path).request == plan.request
+
+
+def test_a_path_that_a_scene_cannot_have_is_refused_by_file_and_scene():
+    description = robots.load("five_bar").description
+    corners = ((0.1, 0.345), (0.0, 0.32), (0.0, 0.3))
+    wide = Scene("wide", "polyline", corners, duration=1.0, blend=1.0)  # beyond the middle of its segments
+    robot = ParallelRobot.from_description(replace(description, scenes={"wide": wide}))
+    with pytest.raises(InvalidInput, match=r"five_bar\.yaml: scenes\.wide: "):
+        scene_request(robot, "wide")
