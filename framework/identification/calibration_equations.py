@@ -54,9 +54,9 @@ def measurements_of(geometry: Geometry, data: Recording, noise: dict[str, float]
     robot, model = geometry.robot, geometry.model
     motors = data.columns("motor_angle", robot.actuator_names) / robot.gear_ratio
     encoders = {column: name for column, name in joint_names(model).items() if name in data.names}
-    other_axes = [axis for axis in LINEAR_AXES if axis not in robot.axis_names]
-    axes = [axis for axis in robot.axis_names if f"platform_{axis}" in data.names]
-    others = [axis for axis in other_axes if f"platform_{axis}" in data.names]
+    measured_axes = [name.removeprefix("platform_") for name in data.names if name.startswith("platform_")]
+    axes = [axis for axis in robot.axis_names if axis in measured_axes]
+    others = [axis for axis in LINEAR_AXES if axis in measured_axes and axis not in axes]
     names = [*encoders.values(), *(f"platform_{axis}" for axis in axes + others)]
     if not names:
         raise InvalidInput(
@@ -66,12 +66,16 @@ def measurements_of(geometry: Geometry, data: Recording, noise: dict[str, float]
     coordinates = np.array([robot.axis_names.index(axis) for axis in axes], dtype=np.intp)
     motor_noise = noise["motor_angle"] / np.abs(robot.gear_ratio)
     platform_noise = noise["platform"] * robot.platform_scale[coordinates] / robot.length
-    others_noise = np.full(len(others), noise["platform"])
     return Measurements(
         names=(*(f"motor_angle_{joint}" for joint in robot.actuator_names), *names),
         values=np.column_stack([motors, *map(data.column, names)]),
         noise=np.concatenate(
-            [motor_noise, np.full(len(encoders), noise["joint"]), platform_noise, others_noise]
+            [
+                motor_noise,
+                np.full(len(encoders), noise["joint"]),
+                platform_noise,
+                np.full(len(others), noise["platform"]),
+            ]
         ),
         driven=robot.n_a,
         columns=np.array([*model.actuated, *encoders], dtype=np.intp),

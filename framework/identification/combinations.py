@@ -92,8 +92,7 @@ def determined_combinations(regressor: Array, sizes: Array) -> Combinations:
     coefficients = np.zeros((rank, len(sizes)))
     coefficients[np.arange(rank), leading] = 1.0
     coefficients[:, dependent] = shares * weights[dependent] / weights[leading, None]
-    without_effect = np.setdiff1d(np.arange(len(sizes)), seen)
-    return Combinations(rank, values, leading, coefficients, without_effect)
+    return Combinations(rank, values, leading, coefficients, np.setdiff1d(np.arange(len(sizes)), seen))
 
 
 def _leading(matrix: Array, rank: int) -> IntArray:

@@ -280,7 +280,7 @@ def _fit_possible_bodies(
     estimate: BaseEstimate,
     prior: float,
 ) -> Array:
-    """Fit parameters (u,) of possible links and motors to the rows; what they do not show stays the file's.
+    """Fit parameters (u,) of possible links and motors to the rows.
 
     A base parameter that is not seen is kept near the file's value by a further row of small deviation.
     """

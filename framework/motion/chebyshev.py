@@ -162,7 +162,7 @@ class TimeFunction(ReadOnlyArrays):
         return values.reshape(*times.shape, self.coefficients.shape[2])
 
     def _evaluate_panel(self, p: int, t: Array, order: int) -> Array:
-        """Compute values (T, k) of a derivative at t (T,) on one panel, by its series in x in [-1, 1]."""
+        """Compute values (T, k) of a derivative at t (T,) on one panel, from its series."""
         half_width = 0.5 * (self.edges[p + 1] - self.edges[p])
         local = (t - self.edges[p]) / half_width - 1.0
         series = self.coefficients[p]

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 
@@ -17,27 +16,9 @@ from framework.motion.law import MotionLaw
 from framework.motion.optimal_law import OptimalLaw
 
 
-class Clock(Protocol):
-    """A law with its parameter p, on panels between `edges` (panels + 1,) of p."""
-
-    @property
-    def law(self) -> MotionLaw: ...
-
-    @property
-    def edges(self) -> Array: ...
-
-    def motion(self, p: Array) -> tuple[list[Array], Array, Array]:
-        """Compute s and two time derivatives, dp/dt and d2p/dt2, at p (T,), each (T,)."""
-        ...
-
-    def parameter(self, t: Array) -> Array:
-        """Compute p at instants t (T,) [s]."""
-        ...
-
-
 @dataclass(frozen=True, eq=False)
 class InTime:
-    """A law whose parameter is time."""
+    """A law whose parameter p is time, on panels between `edges` (panels + 1,) [s]."""
 
     law: MotionLaw
     edges: Array
@@ -79,3 +60,6 @@ class OnParameter:
     def parameter(self, t: Array) -> Array:
         """Compute xi at instants t (T,) [s]."""
         return self.law.stretch(self.law.parameter(t))
+
+
+Clock = InTime | OnParameter  # a law with its parameter p, on panels between `edges` (panels + 1,) of p

@@ -68,34 +68,34 @@ class SpeedSpace(NamedTuple):
         """
         ease = self._ease(y, relative)
         for _ in range(MAX_ADJUSTMENT_STEPS):
-            rows, miss = _dense(equalities.matrix), equalities(y)
+            rows, miss = np.asarray(equalities.matrix @ np.eye(len(y))), equalities(y)  # (c, size), (c,)
             if duration is not None:
                 values, weights = self._quadrature(y)
                 z = values @ y
                 rows = np.concatenate([rows, -0.5 * ((weights * z**-1.5) @ values)[None]])
                 miss = np.append(miss, weights @ z**-0.5 - duration)
-            size = np.linalg.norm(rows, axis=1)
-            size[size == 0] = 1.0  # a condition that holds anyway
-            rows = rows / size[:, None]
-            eased = ease[:, None] * rows.T if ease.ndim == 1 else ease @ rows.T
-            step = eased @ np.linalg.lstsq(rows @ eased, miss / size, rcond=None)[0]
+            norms = np.linalg.norm(rows, axis=1)
+            norms[norms == 0] = 1.0  # a condition that holds anyway
+            rows = rows / norms[:, None]
+            directions = ease @ rows.T  # (size, c) in which coefficients change
+            step = directions @ np.linalg.lstsq(rows @ directions, miss / norms, rcond=None)[0]
             y = y - step
             if np.abs(step).max() <= COEFFICIENT_ROUNDING * np.abs(y).max():
                 break
         return y
 
     def _ease(self, y: Array, relative: bool) -> Array:
-        """Return how easily coefficients change: (size,) each, or (size, size) together.
+        """Return a matrix (size, size) of how easily coefficients change: a step costs step' ease^-1 step.
 
         Those of splines in proportion to their size; of one polynomial the more easily, the lower its
         degree. Relative to z: the inverse of the matrix of |change of z|^2 / z^2, with a resistance that
         grows with the degree.
         """
         if self.basis.is_spline:
-            return np.asarray(np.maximum(np.abs(y), MIN_EASE * np.abs(y).mean()) ** 2)
+            return np.diag(np.maximum(np.abs(y), MIN_EASE * np.abs(y).mean()) ** 2)
         size = len(y)
         if not relative:  # the lower the degree, the more
-            return np.asarray((1.0 + np.arange(size)) ** -DEGREE_WEIGHT_POWER)
+            return np.diag((1.0 + np.arange(size)) ** -DEGREE_WEIGHT_POWER)
         values = chebyshev.chebvander(nodes(4 * size), size - 1)
         z = values @ y
         share = values.T * (z.mean() / z) ** 2 @ values / len(z)
@@ -112,7 +112,3 @@ class SpeedSpace(NamedTuple):
         half = 0.5 * np.diff(edges)[:, None]
         sigma = (edges[:-1, None] + half * (points + 1.0)).ravel()
         return self.basis.matrix(self.stretch(sigma)), (half * weights).ravel()
-
-
-def _dense(matrix: Any) -> Array:
-    return np.asarray(matrix.toarray() if hasattr(matrix, "toarray") else matrix)

@@ -233,8 +233,8 @@ def advances_and_peaks(duration: float, smoothness: int, times: Array, values: A
         The advance is negative infinity where conditions repeat or contradict each other.
     """
     count, scale = len(times), 2.0 / duration
-    inner = np.repeat(times * scale - 1.0, 3, axis=1)  # (m, 3 k) in [-1, 1]
-    x = np.append(inner, np.ones((count, 1)), axis=1)  # (m, c) of the conditions, c = 3 k + 1
+    x = np.repeat(times * scale - 1.0, 3, axis=1)  # in [-1, 1]
+    x = np.append(x, np.ones((count, 1)), axis=1)  # (m, c) of the conditions, c = 3 k + 1
     orders = np.append(np.tile(np.arange(3), times.shape[1]), 0)  # (c,)
     integrals = _rest_integrals(smoothness, len(orders))[orders]  # (c, n, c)
     angles = np.arccos(np.clip(x, -1.0, 1.0)).T[..., None]
@@ -244,9 +244,8 @@ def advances_and_peaks(duration: float, smoothness: int, times: Array, values: A
     is_regular = np.linalg.det(rows) != 0.0
     series = np.linalg.solve(rows[is_regular], targets[is_regular][..., None])[..., 0]
     p, accelerations = np.split(series @ _search_samples(smoothness, len(orders)), 2, axis=1)
-    means = np.abs(series @ _interior_values(len(orders)).T).mean(axis=1)
     advances, peaks = np.full(count, -np.inf), np.full(count, np.inf)
-    advances[is_regular] = p.min(axis=1) / means
+    advances[is_regular] = p.min(axis=1) / np.abs(series @ _interior_values(len(orders)).T).mean(axis=1)
     peaks[is_regular] = np.abs(accelerations).max(axis=1) * scale**2
     return advances, peaks
 

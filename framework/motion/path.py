@@ -87,8 +87,9 @@ class PointPath(ReadOnlyArrays):
     def __call__(self, s: ArrayLike, order: int = 0) -> Array:
         """Compute x(s) or its derivative by s of this order: s of any shape (...) gives (..., n)."""
         check_order(order)
-        values = self._evaluate(np.asarray(s, dtype=float).ravel(), order)
-        return values.reshape(*np.shape(s), self.n)
+        places = np.asarray(s, dtype=float)
+        values = self._evaluate(places.reshape(-1), order)
+        return values.reshape(*places.shape, values.shape[1])
 
     def _evaluate(self, s: Array, order: int) -> Array:
         """Compute x(s) or its derivative at s (T,), (T, n)."""
@@ -129,7 +130,7 @@ class Line(PointPath):
         direction = self.end - self.start
         if order == 0:
             return np.asarray(self.start + s[:, None] * direction)
-        return np.tile(direction if order == 1 else 0.0 * direction, (len(s), 1))
+        return 0.0 * s[:, None] + (direction if order == 1 else 0.0 * direction)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -10,6 +10,6 @@ search       leg_conditions, study_quadric: what legs ask, as systems of quadric
              homotopy, real_displacements: all their solutions
 completeness completeness, real_displacements, leg_paving: no other solutions than those known
 bounds       derivative_bounds over equation_terms, sharp in small boxes
-tools        passive_joints (of given motors and platform), rounding, branch_and_bound, interval_newton,
-             krawczyk
+existence    krawczyk: one solution in a box; passive_joints: near given motors and platform (Kantorovich)
+tools        rounding, branch_and_bound, interval_newton
 """

@@ -59,7 +59,7 @@ class DerivativeBounds:
 
     @property
     def robot(self) -> ParallelRobot:
-        """The robot whose equations these are."""
+        """The robot of the equations."""
         return self.table.robot
 
     @staticmethod
@@ -178,7 +178,10 @@ class Remainders(NamedTuple):
 
 
 def _differentiate_chain(chain: Chain, frames: FrameStack) -> _ChainDerivatives:
-    """Compute the derivatives of a chain: u_j = w_j x (p - o_j) and w_i x u_j for i not behind j."""
+    """Compute the derivatives of one chain at S configurations.
+
+    They are u_j = w_j x (p - o_j) and w_i x u_j for i not behind j.
+    """
     screws = frames.screws[:, chain.columns] * chain.signs[:, None]  # (S, L, 6)
     turning = screws[..., 3:]
     u = screws[..., :3] + cross(turning, frames.position[:, chain.second, None])

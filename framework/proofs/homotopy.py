@@ -80,7 +80,7 @@ def _turn_equations(
 
 
 class TrackedPaths(NamedTuple):
-    """S paths, and how far they were followed."""
+    """The ends of S followed paths."""
 
     z: ComplexArray  # (S, N) unit points
     arrived: BoolArray  # (S,)
@@ -207,7 +207,7 @@ def _leave_for_infinity(w: Array, log_size: Array) -> BoolArray:
 
 
 class _LinearHomotopy(NamedTuple):
-    """Quadrics z' (start + t change) z = 0 in a chart: a straight way of systems, t from 0 to 1."""
+    """Quadrics z' (start + t change) z = 0 in a chart, t from 0 to 1."""
 
     start: ComplexArray  # (N - 1, N, N)
     change: ComplexArray  # (N - 1, N, N)

@@ -90,26 +90,25 @@ def existence(
         changes: (S, m, k) bounds on the changes of the slopes within the box.
         parameter: (S,) the unknown that is one.
     """
-    values, slopes, errors = equations
-    m, k = slopes.shape[1:]
-    is_parameter = np.zeros(radii.shape, dtype=bool)  # (S, k)
+    m, k = equations.slopes.shape[1:]
+    order = np.tile(np.arange(k), (len(radii), 1))  # (S, k) the parameter last
     if parameter is not None:
-        is_parameter = np.arange(k) == parameter[:, None]
-    order = np.argsort(is_parameter, axis=1, kind="stable")  # (S, k) the parameter last
-    J_u, J_p = np.split(np.take_along_axis(slopes, order[:, None], axis=2), [m], axis=2)
+        order = np.argsort(order == parameter[:, None], axis=1, kind="stable")
+    J_u, J_p = np.split(np.take_along_axis(equations.slopes, order[:, None], axis=2), [m], axis=2)
     r_u, r_p = np.split(np.take_along_axis(radii, order, axis=1), [m], axis=1)
     Y = inverses(J_u)  # (S, m, m)
 
-    root = -times(Y, values)  # (S, m)
+    root = -times(Y, equations.values)  # (S, m)
     slope = -(Y @ J_p)  # (S, m, k - m)
-    uncertain = errors + gamma(m) * np.abs(values) + times(changes + gamma(m) * np.abs(slopes), radii)
+    uncertain = equations.errors + gamma(m) * np.abs(equations.values)
+    uncertain = uncertain + times(changes + gamma(m) * np.abs(equations.slopes), radii)
     error = times(np.abs(Y), uncertain) + times(identity_defect(Y, J_u), r_u)
     error = ROUND_UP * error + gamma(m) * np.abs(root)
     reach = ROUND_UP * (error + ROUND_UP * times(np.abs(slope), r_p))  # of solutions from the root
     is_inside = ROUND_UP * (np.abs(root) + reach) < r_u
 
     def restore(of_unknowns: Array, of_parameter: Array) -> Array:
-        """Join values of u (S, m) and p (S, k - m), and put the unknowns back in their order (S, k)."""
+        """Join values of u (S, m) and p (S, k - m) in the order of the unknowns (S, k)."""
         return np.take_along_axis(np.hstack([of_unknowns, of_parameter]), np.argsort(order, axis=1), axis=1)
 
     return Existence(
@@ -143,8 +142,7 @@ def enclosures(quadrics: ComplexArray, radii: Array, chart: Array, z: ComplexArr
         radii: (N - 1, N, N) of their entries; zero where they are exact as they stand.
         chart: (N,) real and exact, z in it.
     """
-    N = z.shape[1]
-    rounding = gamma(2 * N)  # of a quadratic form in complex numbers
+    rounding = gamma(2 * len(chart))  # of a quadratic form in complex numbers
     z_size = np.abs(z)  # (S, N)
     Q_size = ROUND_UP * np.abs(quadrics)
     Q_error = rounding * Q_size + radii  # (N - 1, N, N)
@@ -153,18 +151,18 @@ def enclosures(quadrics: ComplexArray, radii: Array, chart: Array, z: ComplexArr
     gradient_errors = np.einsum("kij,sj->ski", Q_error, z_size)
     J = _append_row(2 * gradients, chart)  # (S, N, N)
     J_error = _append_row(2 * ROUND_UP * gradient_errors, rounding * np.abs(chart))
-    values = np.column_stack([np.matvec(gradients, z), z @ chart - 1.0])  # (S, N)
-    value_errors = np.column_stack(
+    residual = np.abs(np.column_stack([np.matvec(gradients, z), z @ chart - 1.0]))  # (S, N)
+    residual += ROUND_UP * np.column_stack(
         [times(gradient_errors, z_size), rounding * (z_size @ np.abs(chart) + 1.0)]
     )
     Y = inverses(J)
     Y_size = np.abs(Y)
-    offset = ROUND_UP**2 * times(Y_size, np.abs(values) + ROUND_UP * value_errors)  # |Y F(z)|
+    offset = ROUND_UP**2 * times(Y_size, residual)  # |Y F(z)|
     defect = identity_defect(Y, J) + Y_size @ J_error  # |1 - Y J(z)|
 
     def test(r: Array) -> Enclosures:
         """Bound the image of polydiscs of radii r (S, N)."""
-        J_change = _append_row(2 * ROUND_UP * np.einsum("kij,sj->ski", Q_size + radii, r), np.zeros(N))
+        J_change = _append_row(2 * ROUND_UP * np.einsum("kij,sj->ski", Q_size + radii, r), 0.0 * chart)
         image = ROUND_UP * (offset + ROUND_UP**2 * times(defect + Y_size @ J_change, r))
         return Enclosures(np.all(image < r, axis=1), r, image)
 

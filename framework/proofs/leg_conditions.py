@@ -145,7 +145,10 @@ class _Sampler(NamedTuple):
         )
 
     def displacements(self, chain: list[_Edge]) -> tuple[Array, Array] | None:
-        """Sample R (T, 3, 3) and p (T, 3) [robot lengths]; None where a closure is no group of motions."""
+        """Sample displacements R (T, 3, 3), p (T, 3) [robot lengths] of the platform at the end of a chain.
+
+        None where a closure allows no group of motions, whose poses can be drawn.
+        """
         R, p = np.empty((SAMPLE_POSES, 3, 3)), np.empty((SAMPLE_POSES, 3))
         rng, frame = np.random.default_rng(RANDOM_SEED + 1), self.robot.model.frames[self.robot.frames[0]]
         for k in range(SAMPLE_POSES):
@@ -192,7 +195,7 @@ class _Sampler(NamedTuple):
 
 
 def _draw_rotation(free_turns: list[str], rng: np.random.Generator) -> Array:
-    """Draw a rotation (3, 3) about one free axis (rx, ry or rz), or about any if all three are free."""
+    """Draw a rotation (3, 3) about the free axes: none, one of rx, ry, rz, or all."""
     if not free_turns:
         return np.eye(3)
     if len(free_turns) == 1:

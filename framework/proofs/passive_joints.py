@@ -57,9 +57,10 @@ def joints_at(
 
 
 def _turn_offsets(rotations: Array, targets: Array) -> Array:
-    """Compute the offsets (T, 3) of rotations (T, 3, 3) from others: the axial vector of (G - G') / 2.
+    """Compute the offsets (T, 3) of rotations (T, 3, 3) from their targets.
 
-    G = R R_target'. A half turn has no sine either: it is told from none by the trace.
+    They are the axial vector of (G - G') / 2 with G = R R_target', a sine. A half turn has no sine either: it
+    is told from none by the trace.
     """
     G = rotations @ targets.swapaxes(1, 2)
     offsets = 0.5 * (G - G.swapaxes(1, 2))[:, [2, 0, 1], [1, 2, 0]]

@@ -345,9 +345,10 @@ def _passive_block_is_regular(
 
 
 def _spectral_radius_below_one(N: Array, weights: Array) -> BoolArray:
-    """Whether matrices N >= 0 (S, k, k) have a spectral radius below 1, by N w < w for a w > 0 (Collatz).
+    """Whether matrices N >= 0 (S, k, k) have a spectral radius below 1.
 
-    Tried are the `weights` (S, k), ones, and the row sums, which lie near the eigenvector of Perron.
+    They have if N w < w for a vector w > 0 (Collatz 1942). Tried are the `weights` (S, k), ones, and the row
+    sums, which lie near the eigenvector of Perron.
     """
     rows = N.sum(axis=2)
     shifted = rows + PERRON_SHIFT * rows.max(axis=1, keepdims=True)

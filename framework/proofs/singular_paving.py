@@ -216,7 +216,10 @@ class SingularSet(NamedTuple):
 
 
 def singular_sets(robot: ParallelRobot) -> tuple[SingularSet, ...]:
-    """Return Type 2 first, then Type 1 of each leg, see `legs`."""
+    """Return the blocks of dF/dq that lose rank: Type 2, then Type 1 of each leg.
+
+    Type 2 is that of loops and passive joints; see `legs` for the others.
+    """
     loops = np.arange(robot.n, robot.n + len(robot.loops.names))
     passive = np.arange(robot.n_a, len(robot.moving))
     of_legs = [
@@ -242,8 +245,8 @@ def measure_bounds(which: SingularSet, derivatives: Derivatives, remainders: Rem
     """Enclose the bordered scalar g of a block P, dg = -psi' dP eta (Govaerts 2000), over boxes."""
     rows, columns = which.rows[:, None], which.columns
     rounding = derivatives.bounds.rounding
-    P, P_errors = derivatives.slopes[:, rows, columns], remainders.slopes[:, rows, columns]
-    right, left = bordered_bounds(P, P_errors, rounding)
+    P = derivatives.slopes[:, rows, columns]  # (S, s, s)
+    right, left = bordered_bounds(P, remainders.slopes[:, rows, columns], rounding)
     eta, eta_error = right.z[:, :-1], right.error[:, :-1]  # (S, s)
     psi, psi_error = left.z[:, :-1], left.error[:, :-1]
     dP = derivatives.hessians[:, rows, columns]  # (S, s, s, k)
@@ -288,7 +291,7 @@ class _SingularEquations(NamedTuple):
 
 
 class _Decision(NamedTuple):
-    """What the singular equations tell of S boxes."""
+    """The parts of S boxes that the singular equations leave, and the arcs proved."""
 
     remaining: Contracted  # the parts that hold all singular poses
     axis: IntArray  # (S,) to cut across where an arc is proved that is not small enough yet, else NO_AXIS
@@ -311,8 +314,8 @@ class SingularBoxTest:
         The loops drop and narrow all; the measure g decides where it is valid.
         """
         boxes, (lower, upper), derivatives, loops = self._close(boxes)
-        largest = boxes.radii.max(axis=1, keepdims=True, initial=0.0)
-        wider = TESTED_BOX_RATIO * boxes.radii + WIDENING_CURVATURE * largest**2
+        wider = TESTED_BOX_RATIO * boxes.radii
+        wider += WIDENING_CURVATURE * boxes.radii.max(axis=1, keepdims=True, initial=0.0) ** 2
         remainders = derivatives.remainders(wider)
         g = measure_bounds(self.which, derivatives, remainders)
         equations = self._equations(derivatives, remainders, loops, g, boxes.radii)
@@ -322,9 +325,9 @@ class SingularBoxTest:
         axis, is_arc = np.full(boxes.size, NO_AXIS), np.zeros(boxes.size, dtype=bool)
         axis[g.valid], is_arc[g.valid] = decision.axis, decision.is_arc
         is_open = (lower <= upper).all(axis=1) & ~is_arc
-        narrow, wide = select(boxes.clip(lower, upper), is_open), select(boxes, is_open)
+        narrow, boxes = select(boxes.clip(lower, upper), is_open), select(boxes, is_open)
         is_small = self.bounds.robot.length * narrow.radii.sum(axis=1) < MIN_SIZE_RATIO * self.resolution
-        return Examined(decision.arcs, *narrow_or_halve(wide, narrow, axis[is_open], is_small))
+        return Examined(decision.arcs, *narrow_or_halve(boxes, narrow, axis[is_open], is_small))
 
     def _close(self, boxes: Boxes) -> tuple[Boxes, Contracted, Derivatives, LinearEnclosure]:
         """Return the boxes in which the loops may close within the window.
@@ -358,7 +361,7 @@ class SingularBoxTest:
         g: MeasureBounds,
         radii: Array,
     ) -> _SingularEquations:
-        """Return the equations in boxes of radii (S, k); `remainders` are those of the wider boxes."""
+        """Return the equations in boxes of radii (S, k), with remainders of wider boxes."""
         n, rounding = self.bounds.robot.n, self.bounds.rounding
         g_errors = ROUND_UP * (g.g_error + np.sum(g.slope_changes * radii, axis=1))
         measure = LinearEnclosure(g.g[:, None], g.slope[:, None], g_errors[:, None])
@@ -385,8 +388,9 @@ class SingularBoxTest:
             tangent = np.linalg.svd(slopes)[2][:, -1]  # (S, k)
             parameter = np.argmax(np.abs(tangent) / boxes.radii, axis=1)
             reach = wider[each, parameter] = boxes.radii[each, parameter]
-        at_middle = equations.enclosure._replace(errors=equations.exact)
-        proof = existence(at_middle, equations.changes, wider, parameter)
+        proof = existence(
+            equations.enclosure._replace(errors=equations.exact), equations.changes, wider, parameter
+        )
         lower = np.where(proof.proved[:, None], np.maximum(lower, proof.lower), lower)
         upper = np.where(proof.proved[:, None], np.minimum(upper, proof.upper), upper)
 
@@ -396,7 +400,7 @@ class SingularBoxTest:
         is_small = (2 * robot.length * x_radii <= self.resolution).all(axis=1)
         is_arc = proof.proved & (lower <= upper).all(axis=1) & is_small
         along = np.full(boxes.size, NO_AXIS) if parameter is None else parameter
-        arc_boxes = boxes.clip(proof.lower, proof.upper)
-        arcs = Arcs(equations.x, robot.platform_scale * x_radii, arc_boxes, along)
-        axis = np.where(proof.proved, along, NO_AXIS)
-        return _Decision(Contracted(lower, upper), axis, is_arc, select(arcs, is_arc))
+        arcs = Arcs(equations.x, robot.platform_scale * x_radii, boxes.clip(proof.lower, proof.upper), along)
+        return _Decision(
+            Contracted(lower, upper), np.where(proof.proved, along, NO_AXIS), is_arc, select(arcs, is_arc)
+        )

@@ -63,9 +63,9 @@ def accelerations(
     # alpha is 0 along motions without mass: their rows and columns are those of the unit matrix
     is_light = light[:, None] | light[:, :, None]
     inertia = np.where(is_light, np.eye(light.shape[1]), matmul(across, matmul(tangent.mass, Z)))
-    alpha = np.linalg.solve(inertia, unbalanced[..., None])[..., 0]
+    a += matvec(Z, np.linalg.solve(inertia, unbalanced[..., None])[..., 0])
     motion = np.abs(Z * light[:, None] / robot.column_scale[:, None]).max(axis=2, initial=0.0)
-    return Accelerations(a + matvec(Z, alpha), motion > RANK_ROUNDING)
+    return Accelerations(a, motion > RANK_ROUNDING)
 
 
 def _check_balance(

@@ -303,8 +303,7 @@ class NewtonMatrix:
         # block (i, j): free_i' (M_i / h^2 (A^-1 A^-1)_ij + D_i / h A^-1_ij + K_i 1_ij) free_j, times h^2
         matrix = (rates @ rates)[:, None, :, None] * (by_a @ columns).reshape(s, f, s, f)
         matrix += (length * rates)[:, None, :, None] * (by_v @ columns).reshape(s, f, s, f)
-        nodes = np.arange(s)
-        matrix[nodes, :, nodes] += length**2 * (by_q.reshape(s, f, nv) @ free)
+        matrix[range(s), :, range(s)] += length**2 * (by_q.reshape(s, f, nv) @ free)
         *factors, singular = dgetrf(matrix.reshape(s * f, s * f))
         if singular:
             return None

@@ -152,7 +152,7 @@ class Drive:
 
 
 def _torques(answer: Any, count: int) -> Array:
-    """Return what a user's function answers as torques (count,) [N m]; refuse anything else."""
+    """Return the answer of a user's function as torques (count,) [N m]; refuse anything else."""
     try:
         torque = np.atleast_1d(np.asarray(answer, dtype=float))
     except (TypeError, ValueError):

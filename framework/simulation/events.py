@@ -57,13 +57,13 @@ def occurrences(
         values = [_number(event, float(t), q, v) for t, q, v in zip(times, *states, strict=True)]
         first_values = [last_values.get(event, values[0]), *values[:-1]]  # at the beginnings of intervals
         last_values[event] = values[-1]
-        begins = [times[0], *times[:-1]]
-        for first, second, begin, end in zip(first_values, values, begins, times, strict=True):
+        for first, second, begin, end in zip(first_values, values, [times[0], *times], times, strict=False):
             # a zero on a look belongs to the interval that it ends
             if first == 0.0 or first * second > 0 or event.direction * (second - first) < 0:
                 continue
-            is_on_look = second == 0.0 or begin == end
-            t = float(end) if is_on_look else _zero_of(event, trajectory, begin, end)
+            t = float(end)
+            if second != 0.0 and begin != end:
+                t = _zero_of(event, trajectory, begin, t)
             q, v = trajectory(np.array([t]))
             occurred.append(Occurrence(event.name, t, q[0], v[0], event.terminal))
     occurred.sort(key=lambda occurrence: occurrence.time)

@@ -154,21 +154,20 @@ def _fixed_steps(task: IntegrationTask, edges: Array) -> Iterator[FixedStep]:
     the world are those of the predicted middle; the power is that of the mean velocity.
     """
     drive, robot, damping = task.drive, task.equations.robot, task.equations.damping
-    stepper, h = Stepper.of(robot, damping=damping), task.duration / (len(edges) - 1)
-    middles, state = edges[:-1] + 0.5 * h, task.start
+    stepper = Stepper.of(robot, damping=damping)
+    h = task.duration / (len(edges) - 1)
+    middles, (q, v) = edges[:-1] + 0.5 * h, task.start
     torques = drive.of_time(middles)  # (K, n_a), None with feedback
     for k in range(len(middles)):
-        q, v = state
         torque = torques[k] if torques is not None else drive(edges[k : k + 1], q[None], v[None])[0]
         world = np.zeros_like(v)
         if drive.world.acts:
-            q_middle = integrate(robot, q[None], (0.5 * h * v)[None])
-            world = drive.world(robot, middles[k : k + 1], q_middle)[0]
+            world = drive.world(robot, middles[k : k + 1], integrate(robot, q[None], (0.5 * h * v)[None]))[0]
         state = stepper.step(q, v, torque, h, world=world)
-        mean_v = 0.5 * (v + state.v)
-        motor_power = (robot.gear_ratio * torque) @ mean_v[robot.actuated]
-        power = float(motor_power - mean_v**2 @ damping + world @ mean_v)
-        yield FixedStep(float(edges[k]), float(edges[k + 1]), h, state, power)
+        mean = 0.5 * (v + state.v)
+        power = (robot.gear_ratio * torque) @ mean[robot.actuated] - mean**2 @ damping + world @ mean
+        yield FixedStep(state, float(power))
+        q, v = state
 
 
 def integrate_by_explicit_steps(task: IntegrationTask, settings: MethodSettings) -> Integration:
@@ -189,17 +188,18 @@ def _collect(record: _Record, steps: Iterator[FixedStep], edges: Array) -> tuple
     """
     robot, states, error = record.task.equations.robot, [record.task.start], 0.0
     with np.errstate(over="ignore", invalid="ignore"):  # a runaway is told below
-        for step in steps:
+        for k, step in enumerate(steps):
+            start, length = float(edges[k]), float(edges[k + 1] - edges[k])
             if not (np.all(np.isfinite(step.end.q)) and np.all(np.isfinite(step.end.v))):
                 raise NotConverged(
-                    f"{robot.name}: the simulation runs away at t = {step.time:.9g} s, or its equations are "
-                    f"singular there; take a shorter step than {step.length:.3g} s, or method stiff",
-                    residual=step.time,
+                    f"{robot.name}: the simulation runs away at t = {start:.9g} s, or its equations are "
+                    f"singular there; take a shorter step than {length:.3g} s, or method stiff",
+                    residual=start,
                 )
             states.append(step.end)
             error = max(error, step.error)
-            piece = _cubics(robot, np.array([step.time, step.end_time]), states[-2:])
-            if record.add_step(piece, step.length * step.power, step.length * abs(step.power)):
+            piece = _cubics(robot, edges[k : k + 2], states[-2:])
+            if record.add_step(piece, length * step.power, length * abs(step.power)):
                 break
     return _cubics(robot, edges[: len(states)], states), error
 
@@ -254,11 +254,8 @@ METHODS: dict[str, Method] = {
 
 
 class FixedStep(NamedTuple):
-    """A step: its ends, its mean power and its error."""
+    """A step: the state at its end, its mean power and its error."""
 
-    time: float
-    end_time: float
-    length: float
     end: State
     power: float  # mean power of motors and world less that of damping [W]
     error: float = 0.0  # estimate of the part of q that the step misses [rad, m]
@@ -274,30 +271,24 @@ def explicit_steps(
     """
     from scipy.integrate import DOP853  # 0.2 s, not for those who only plan
 
-    stages, nv, world = DOP853.n_stages, len(start.v), drive.world
+    nv = len(start.v)
     times = edges[:-1, None] + np.diff(edges)[:, None] * DOP853.C  # (K, stages)
     torques = drive.of_time(np.minimum(drive.shift_breaks(times).ravel(), edges[-1]))  # None: feedback
     motors = None if torques is None else equations.motor_forces(torques).reshape(*times.shape, nv)
-    y, slopes = np.concatenate(start), np.empty((stages, 2 * nv))
+    y, slopes = np.concatenate(start), np.empty((DOP853.n_stages, 2 * nv))
     for k, h in enumerate(np.diff(edges)):
         power = 0.0
-        for i in range(stages):
-            stage = y + h * (DOP853.A[i, :i] @ slopes[:i]) if i else y
-            q, v, t = stage[:nv], stage[nv:], times[k, i : i + 1]
+        for i in range(len(slopes)):
+            q, v = np.split(y + h * (DOP853.A[i, :i] @ slopes[:i]) if i else y, 2)
+            t = times[k, i : i + 1]
             if motors is None:
                 force = equations.motor_forces(drive(t, q[None], v[None]))[0]
             else:
                 force = motors[k, i]
-            if world.acts:
-                force = force + world(equations.robot, t, q[None])[0]
+            if drive.world.acts:
+                force = force + drive.world(equations.robot, t, q[None])[0]
             slopes[i, :nv], slopes[i, nv:] = v, dynamics.acceleration(q, v, force)
             power += DOP853.B[i] * float(force @ v - equations.damping @ v**2)
         y = y + h * (DOP853.B @ slopes)
-        yield FixedStep(
-            time=float(edges[k]),
-            end_time=float(edges[k]) + float(h),
-            length=float(h),
-            end=State(y[:nv], y[nv:]),
-            power=power,
-            error=float(np.abs(h * (DOP853.E5[:stages] @ slopes[:, :nv])).max()),
-        )
+        missed = h * (DOP853.E5[: len(slopes)] @ slopes[:, :nv])
+        yield FixedStep(State(y[:nv], y[nv:]), power, float(np.abs(missed).max()))

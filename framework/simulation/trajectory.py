@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -13,17 +12,6 @@ from framework.kinematics.frames import difference, integrate
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.simulation.collocation import CollocationStep
 from framework.tolerances import SAME_PLACE
-
-
-class Trajectory(Protocol):
-    """Configurations (T, nq) and velocities (T, nv) at any times (T,) [s]."""
-
-    @property
-    def edges(self) -> Array:
-        """Ends of the steps, (steps + 1,) [s]."""
-
-    def __call__(self, t: Array) -> tuple[Array, Array]:
-        """Return q and v."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +69,9 @@ class Cubics(ReadOnlyArrays):
         offset = u * (hv_0 + u * (c_2 + u * c_3))
         rate = (hv_0 + u * (2 * c_2 + 3 * u * c_3)) / h
         return integrate(self.robot, self.q[k], offset), rate
+
+
+Trajectory = Polynomials | Cubics  # q (T, nq) and v (T, nv) at any times (T,) [s] between `edges`
 
 
 def _step_index(edges: Array, t: Array) -> Array:
