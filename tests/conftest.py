@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import deepcopy
-from functools import cache, wraps
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -15,21 +15,6 @@ import robots
 
 FIVE_BAR = robots.CATALOGUE["five_bar"].file
 REMOVED = object()  # the value of a key that is to go
-
-
-def _share_robots(load: Callable[..., Any]) -> Callable[..., Any]:
-    """Let tests share the robots of the catalogue: nobody can change one, and each takes 20 ms to load."""
-    shared = cache(load)
-
-    @wraps(load)
-    def load_or_share(name: Any, *misplaced: Any, **options: Any) -> Any:
-        known = isinstance(name, str) and name in robots.CATALOGUE and "parameters" not in options
-        return shared(name, **options) if known and not misplaced else load(name, *misplaced, **options)
-
-    return load_or_share
-
-
-robots.load = _share_robots(robots.load)
 
 
 def put(content: Any, key: str, value: Any) -> None:

@@ -23,16 +23,8 @@ from tests.crossing.optimal.random_crossings import random_crossing as draw_cros
 from tests.robots.transformed import in_other_units, mirrored, permuted_joints, reversed_joints
 
 SLOW = range(40)  # some of them in each test; `tests.benchmarks.optimal_laws` has them all
-CATALOGUE = (
-    ("five_bar", "C"),
-    ("five_bar_heavy", "C"),
-    ("three_rrr", "crossing"),
-    ("three_rpr", "crossing"),
-    ("delta", "cross"),
-    ("orthoglide", "cross"),
-    ("par4", "cross"),
-    ("gough_stewart", "turn"),
-)
+# others than the random ones
+CATALOGUE = (("five_bar", "C"), ("five_bar_heavy", "C"), ("three_rpr", "crossing"), ("gough_stewart", "turn"))
 LONGEST = (1.0, 20.0, 1000.0)  # times the duration
 SAME = 0.01  # share of a value by which two laws of the same request may differ
 NO_WORSE = 1.01  # what more freedom may cost all the same: shares for smoothness, and limits between points
@@ -87,8 +79,8 @@ def test_no_law_is_beaten_in_its_own_goal_and_none_is_refused_that_another_reque
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("k", SLOW[4::4])
-def test_no_law_of_nine_robots_is_beaten_in_its_own_goal(k):
+@pytest.mark.parametrize("k", SLOW[4::8])
+def test_no_law_of_five_robots_is_beaten_in_its_own_goal(k):
     check_dominance(random_crossing(k))
 
 

@@ -19,7 +19,6 @@ from framework import (
 )
 from framework.crossing.scenes import scene_path
 from framework.errors import OutOfReach, UnboundedTorque
-from tests.oracles.forward_simulation import forward_simulate
 from tests.oracles.one_degree import ASIDE, DIGITS, instants, law_powers, law_value
 
 HALF, ROD = 0.2, 0.2 * np.sqrt(2)  # [m] half the distance of the rails, length of a rod
@@ -179,29 +178,6 @@ def test_elastic_rods_are_aligned_elsewhere():
     # the end effector divides the distance of the rails as the lengths of the rods
     assert crossing.platform[0] == pytest.approx(HALF * (left - right) / (left + right), abs=1e-12)
     assert abs(crossing.platform[0]) > 1e-8
-
-
-@pytest.mark.parametrize("scene", ["across", "bow"])
-def test_planned_torques_bring_the_robot_along_the_path(scene):
-    robot = robots.load("biglide")
-    plan = plan_scene(robot, scene)
-    model, times = robot.model, np.linspace(0.0, 1.0, 41)
-    armature = np.zeros(model.nv)
-    armature[robot.actuated] = robot.gear_ratio**2 * robot.rotor_inertia
-    q, _ = forward_simulate(
-        model,
-        closure_frames=[tuple(model.getFrameId(name) for name in ("left_tip", "right_tip"))],
-        closure_rows=[(0, 1)],
-        actuated=robot.actuated,
-        armature=armature,
-        torque=lambda t: robot.gear_ratio * plan.torque(t),
-        q0=assemble(robot, plan.path(0.0)).q,
-        v0=np.zeros(model.nv),
-        times=times,
-    )
-    slide, hinge = q[:, 0], q[:, 1]  # left leg
-    tip = np.column_stack([-HALF + ROD * np.cos(hinge), slide + ROD * np.sin(hinge)])
-    assert np.linalg.norm(tip - plan.platform(times), axis=1).max() < 1e-12
 
 
 @pytest.mark.parametrize("flexibility", ["rigid", "flexible_joints", "flexible_links"])

@@ -8,6 +8,7 @@ It looks at instants and costs little; `test_every_robot_simulated.py` integrate
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 import robots
@@ -19,7 +20,12 @@ from tests.robots.every_robot import CASES, crossing
 def test_a_plan_obeys_the_equations_of_motion_written_anew(case):
     name, flexibility = case
     robot = robots.load(name, flexibility=flexibility)
-    found = defects_of(crossing(robot))
+    plan = crossing(robot)
+    assert plan.certificate.tail < 1e-9
+    speed = plan.law(plan.duration * np.linspace(0.0, 1.0, 2001)[1:-1], 1)
+    assert plan.certificate.monotone == (speed.min() > 0.0)
+    assert all(point.residual < 1e-10 for point in plan.crossings)
+    found = defects_of(plan)
     size = max(robot.length, 1.0)
     assert found.open < 1e-12 * size  # measured: 1e-14 at most
     assert found.platform < 1e-12 * size

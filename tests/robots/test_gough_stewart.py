@@ -7,7 +7,6 @@ so a step of 1e-30 i gives their derivatives to rounding.
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from scipy.optimize import brentq
 
@@ -30,7 +29,6 @@ from framework.kinematics.frames import frames_at
 from framework.kinematics.motion_rates import joint_rates, motion_at
 from framework.motion.chebyshev import TimeGrid
 from framework.motion.path import time_derivatives
-from tests.oracles.forward_simulation import forward_simulate
 
 H = 1e-30
 DENSITY = 76e3 / 9.81  # [kg/m^3]
@@ -291,14 +289,6 @@ def test_level_platform_is_singular_a_quarter_turn_from_home():
         assert dets[0] * dets[1] > 0 > dets[1] * dets[3]
 
 
-def test_plan_crosses_with_a_proof(plan):
-    (crossing,) = plan.crossings
-    assert plan.certificate.tail < 1e-9
-    assert plan.certificate.monotone
-    assert crossing.residual < 1e-12
-    assert max(plan.peak_torque.values()) < 500
-
-
 def test_condition_8_is_the_virtual_power_of_the_free_twist(plan):
     """Lagrange's force on the platform does no work along the motion that locked legs allow."""
     (crossing,) = plan.crossings
@@ -319,34 +309,6 @@ def test_torques_satisfy_lagrange_at_all_instants(plan):
         if abs(t - crossing.time) > 0.1:
             torque = np.linalg.solve(J.T, force) / GEAR
             np.testing.assert_allclose(plan.torque(t), torque, rtol=0, atol=1e-10 * np.abs(torque).max())
-
-
-def test_planned_torques_bring_the_platform_along_the_path(robot, plan):
-    model = robot.model
-
-    def link(name):
-        return model.getFrameId(name, pin.FrameType.BODY)
-
-    armature = np.zeros(model.nv)
-    armature[robot.actuated] = GEAR**2 * ROTOR
-    times = np.linspace(0.0, plan.duration, 11)
-    q, _ = forward_simulate(
-        model,
-        closure_frames=[(link(f"leg_{i}_tip"), link(f"platform_{i}")) for i in range(2, 7)],
-        closure_rows=[(0, 1, 2)] * 5,
-        actuated=robot.actuated,
-        armature=armature,
-        torque=lambda t: GEAR * plan.torque(t),
-        q0=assemble(robot, plan.path(0.0)).q,
-        v0=np.zeros(model.nv),
-        times=times,
-        rtol=1e-11,
-        atol=1e-13,
-    )
-    at = frames_at(robot, q)
-    for k, x in enumerate(plan.platform(times)):
-        assert np.linalg.norm(at.position[k, 0] - x[:3]) < 1e-8
-        assert np.abs(at.rotation[k, 0] - rodrigues(x[3:]).real).max() < 1e-8
 
 
 def test_a_law_without_condition_8_gets_no_torques(robot, plan):

@@ -20,7 +20,6 @@ from framework import (
 from framework.crossing.scenes import scene_path
 from framework.errors import OutOfReach, Type1Singularity, UnboundedTorque
 from framework.model.description import Actuator, Platform
-from tests.oracles.forward_simulation import forward_simulate
 from tests.oracles.one_degree import OneDegree, crossing, instants
 
 CRANK, ROD, OFFSET = 0.04, 0.12, -0.02  # [m], Norton, Design of Machinery, Example 4-2
@@ -132,27 +131,6 @@ def test_torque_and_deflection_behind_an_elastic_screw_agree_with_lagrange():
     torque, deflection = np.transpose([exact.torque_behind_spring(t, 1e5) for t in times])
     np.testing.assert_allclose(plan.torque(times)[:, 0], torque, rtol=0, atol=1e-10)
     np.testing.assert_allclose(plan.deflection(times)[:, 0], deflection, rtol=0, atol=1e-13)
-
-
-def test_planned_torques_bring_the_mechanism_through_its_dead_centre():
-    robot = robots.load("slider_crank")
-    plan = plan_scene(robot, "dead_centre")
-    model, times = robot.model, np.linspace(0.0, 1.0, 41)
-    armature = np.zeros(model.nv)
-    armature[robot.actuated] = robot.gear_ratio**2 * robot.rotor_inertia
-    q, _ = forward_simulate(
-        model,
-        closure_frames=[tuple(model.getFrameId(name) for name in ("rod_tip", "slider"))],
-        closure_rows=[(0, 1)],
-        actuated=robot.actuated,
-        armature=armature,
-        torque=lambda t: robot.gear_ratio * plan.torque(t),
-        q0=assemble(robot, [1.0]).q,
-        v0=np.zeros(model.nv),
-        times=times,
-    )
-    crank = 1.0 - 1.8 * plan.law(times)
-    assert CRANK * np.abs(q[:, 0] - crank).max() < 1e-12  # [m] of the crank's pin
 
 
 @pytest.mark.parametrize("flexibility", ["rigid", "flexible_joints", "flexible_links"])

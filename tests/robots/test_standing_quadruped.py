@@ -16,7 +16,6 @@ from framework.kinematics.diagnostics.diagnosis import check_robot
 from framework.kinematics.frames import frames_at
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.model.urdf_elements import locate_urdf
-from tests.oracles.forward_simulation import forward_simulate
 
 SOLO12 = "package://example-robot-data/robots/solo_description/robots/solo12.urdf"
 LEGS = ("FL", "FR", "HL", "HR")
@@ -183,30 +182,3 @@ def test_torques_are_the_least_that_satisfy_newton(robot, plan, witness):
         torque = GEAR * (plan.torque(t) - ROTOR * GEAR * a[witness.legs])
         np.testing.assert_allclose(follow.T @ torque, wanted, atol=1e-10)
         np.testing.assert_allclose(torque, least, atol=1e-10)
-
-
-def test_planned_torques_bring_the_trunk_along_the_path(robot, plan):
-    model = robot.model
-
-    def link(name):
-        return model.getFrameId(name, pin.FrameType.BODY)
-
-    armature = np.zeros(model.nv)
-    armature[robot.actuated] = GEAR**2 * ROTOR
-    times = np.linspace(0.0, plan.duration, 9)
-    q, _ = forward_simulate(
-        model,
-        closure_frames=[(link(f"{leg}_stand"), link(f"{leg}_FOOT")) for leg in LEGS],
-        closure_rows=[(0, 1, 2)] * 4,
-        actuated=robot.actuated,
-        armature=armature,
-        torque=lambda t: GEAR * plan.torque(t),
-        q0=plan.dynamics.configuration(np.zeros(1))[0],
-        v0=np.zeros(model.nv),
-        times=times,
-        rtol=1e-11,
-        atol=1e-13,
-    )
-    x = robot.platform.coordinates(frames_at(robot, q))
-    print(f"back on the path within {np.abs(x - plan.platform(times)).max():.1e} m, rad")
-    np.testing.assert_allclose(x, plan.platform(times), rtol=0, atol=1e-8)

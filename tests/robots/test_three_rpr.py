@@ -22,7 +22,6 @@ from framework import (
 )
 from framework.crossing.scenes import scene_path
 from framework.errors import UnboundedTorque
-from tests.oracles.forward_simulation import forward_simulate
 
 with mp.workdps(50):
     UNIT = mp.mpf("0.05")
@@ -210,28 +209,6 @@ def test_torques_do_the_virtual_work_of_all_masses(plan):
     assert_virtual_work(plan)
     assert plan.certificate.tail < 1e-9
     assert plan.certificate.monotone
-
-
-def test_planned_torques_bring_the_robot_along_the_path(robot, plan):
-    model = robot.model
-    times = np.linspace(0.0, plan.duration, 151)
-    armature = np.zeros(model.nv)
-    armature[robot.actuated] = robot.gear_ratio**2 * robot.rotor_inertia
-    q, _ = forward_simulate(
-        model,
-        closure_frames=[(model.getFrameId(f"corner_{i}"), model.getFrameId(f"tip_{i}")) for i in (2, 3)],
-        closure_rows=[(0, 1), (0, 1)],
-        actuated=robot.actuated,
-        armature=armature,
-        torque=lambda t: robot.gear_ratio * plan.torque(t),
-        q0=assemble(robot, plan.path(0.0)).q,
-        v0=np.zeros(model.nv),
-        times=times,
-    )
-    column = {name: k for k, name in enumerate(list(model.names)[1:])}
-    pivot, length, wrist = (q[:, column[name]] for name in ("pivot_1", "motor_1", "wrist_1"))
-    pose = np.column_stack([length * np.cos(pivot), length * np.sin(pivot), pivot + wrist])
-    assert np.abs(pose - plan.path(plan.law(times))).max() < 1e-8  # [m, rad]
 
 
 @pytest.mark.parametrize("flexibility", ["rigid", "flexible_joints", "flexible_links"])

@@ -15,7 +15,6 @@ import robots
 from framework import assemble, locate_singularities, plan_scene, velocity_matrices
 from framework.crossing.scenes import scene_path
 from framework.errors import UnboundedTorque
-from tests.oracles.forward_simulation import forward_simulate
 
 MOTORS = [(0, 0), (mp.mpf("1.2"), 0), (mp.mpf("0.6"), mp.mpf("1.0392304845413265"))]  # A_i
 CORNERS = [("-0.0928", "-0.0535"), ("0.0928", "-0.0535"), ("0", "0.107")]  # C_i in the platform
@@ -170,33 +169,6 @@ def test_torques_do_the_virtual_work_of_all_masses(plan):
     assert abs(work @ crossing.twist) < 1e-10
     assert plan.certificate.tail < 1e-9
     assert plan.certificate.monotone
-
-
-def test_planned_torques_bring_the_robot_along_the_path(robot, plan):
-    model = robot.model
-    times = np.linspace(0.0, plan.duration, 151)
-    armature = np.zeros(model.nv)
-    armature[robot.actuated] = robot.gear_ratio**2 * robot.rotor_inertia
-    q, _ = forward_simulate(
-        model,
-        closure_frames=[(model.getFrameId(f"corner_{i}"), model.getFrameId(f"tip_{i}")) for i in (2, 3)],
-        closure_rows=[(0, 1), (0, 1)],
-        actuated=robot.actuated,
-        armature=armature,
-        torque=lambda t: robot.gear_ratio * plan.torque(t),
-        q0=assemble(robot, plan.path(0.0)).q,
-        v0=np.zeros(model.nv),
-        times=times,
-    )
-    column = {name: k for k, name in enumerate(list(model.names)[1:])}
-    crank = q[:, column["motor_1"]]
-    rod = crank + q[:, column["elbow_1"]]
-    turn = rod + q[:, column["wrist_1"]]
-    kx, ky = (float(v) for v in CORNERS[0])
-    x = 0.6 * (np.cos(crank) + np.cos(rod)) - (np.cos(turn) * kx - np.sin(turn) * ky)
-    y = 0.6 * (np.sin(crank) + np.sin(rod)) - (np.sin(turn) * kx + np.cos(turn) * ky)
-    error = np.column_stack([x, y, turn]) - plan.path(plan.law(times))
-    assert np.abs(error).max() < 1e-8  # [m, rad]
 
 
 @pytest.mark.parametrize("flexibility", ["rigid", "flexible_joints", "flexible_links"])

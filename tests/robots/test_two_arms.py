@@ -16,7 +16,6 @@ from framework.kinematics.diagnostics.diagnosis import check_robot
 from framework.kinematics.frames import frames_at
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.model.urdf_elements import locate_urdf
-from tests.oracles.forward_simulation import forward_simulate
 
 BAXTER = "package://example-robot-data/robots/baxter_description/urdf/baxter.urdf"
 JOINTS = ("s0", "s1", "e1", "w0", "w1", "w2")
@@ -192,35 +191,3 @@ def test_torques_are_the_least_that_satisfy_newton(robot, plan, witness):
         torque = GEAR * (plan.torque(t) - ROTOR * GEAR * a[columns])
         np.testing.assert_allclose(follow.T @ torque, wanted, atol=1e-10)
         np.testing.assert_allclose(torque, np.linalg.pinv(follow.T) @ wanted, atol=1e-10)
-
-
-def test_planned_torques_bring_the_box_along_the_path(robot, plan):
-    """The weld as six translations: three of the centre, two of a point beside it, one of a third."""
-    model, centres = robot.model.copy(), []
-    points = ([0.0, 0, 0], [0.2, 0, 0], [0, 0.2, 0])
-    for name in ("box", "right_hold"):
-        body = model.frames[model.getFrameId(name, pin.FrameType.BODY)]
-        for k, point in enumerate(points):
-            place = body.placement * pin.SE3(np.eye(3), np.array(point))
-            frame = pin.Frame(f"{name}_{k}", body.parentJoint, place, pin.FrameType.OP_FRAME)
-            centres.append(model.addFrame(frame))
-    armature = np.zeros(model.nv)
-    armature[robot.actuated] = GEAR**2 * ROTOR
-    times = np.linspace(0.0, plan.duration, 9)
-    q, _ = forward_simulate(
-        model,
-        closure_frames=list(zip(centres[:3], centres[3:], strict=True)),
-        closure_rows=[(0, 1, 2), (1, 2), (2,)],
-        actuated=robot.actuated,
-        armature=armature,
-        torque=lambda t: GEAR * plan.torque(t),
-        q0=plan.dynamics.configuration(np.zeros(1))[0],
-        v0=np.zeros(model.nv),
-        times=times,
-        rtol=1e-11,
-        atol=1e-13,
-        damping=robot.joint_damping,
-    )
-    x = robot.platform.coordinates(frames_at(robot, q))
-    print(f"back on the path within {np.abs(x - plan.platform(times)).max():.1e} m, rad")
-    np.testing.assert_allclose(x, plan.platform(times), rtol=0, atol=1e-8)
