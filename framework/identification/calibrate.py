@@ -298,7 +298,7 @@ def _sensors(model: ParallelRobot, q: Array) -> dict[str, Array]:
     """Return the derivatives (T, nv) along all joints of all measurable quantities at q (T, nq), by name."""
     frames = frames_at(model, q)
     axes = [*(f"platform_{axis}" for axis in "xyz"), *(f"the platform's turn about {axis}" for axis in "xyz")]
-    sensors = {axis: frames.jacobian[:, 0, k] for k, axis in enumerate(axes)}
+    sensors = {axis: frames.frame_jacobian(0)[:, k] for k, axis in enumerate(axes)}
     for column, name in joint_names(model).items():
         sensors[name] = np.tile(np.eye(model.model.nv)[column], (len(q), 1))
     return sensors

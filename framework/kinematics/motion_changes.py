@@ -51,12 +51,18 @@ def coordinate_steps(
     """
     columns = np.empty(0, dtype=np.intp) if columns is None else columns
     count, n = x[0].shape
-    size = n + len(columns)
-    steps = np.eye(3 * size).reshape(3 * size, 3, size).swapaxes(0, 1)
-    units = np.repeat(steps[:, None], count, axis=1)
-    motion = np.repeat(x, 3 * size, axis=1)
-    twists = robot.platform.twist_changes((*motion,), (*units[..., :n].reshape(3, -1, n),))
-    return MotionSteps((*np.reshape(twists, (3, count, 3 * size, n)),), columns, (*units[..., n:],))
+    size = n + len(columns)  # coordinates
+    k = 3 * size  # steps: (3, k, size) are the identity, a step of one coordinate's value, rate, acceleration
+    steps = np.eye(k).reshape(k, 3, size).swapaxes(0, 1)
+    at_instants = np.repeat(steps[:, None], count, axis=1)  # (3, T, k, size)
+    motion = np.repeat(x, k, axis=1)  # (3, T k, n)
+    platform_steps = at_instants[..., :n].reshape(3, -1, n)
+    twists = robot.platform.twist_changes((*motion,), (*platform_steps,))
+    return MotionSteps(
+        twist=(*np.reshape(twists, (3, count, k, n)),),
+        columns=columns,
+        joints=(*at_instants[..., n:],),
+    )
 
 
 def motion_changes(robot: ParallelRobot, motion: Motion, steps: MotionSteps) -> MotionChanges:

@@ -154,7 +154,7 @@ class LegEquations:
         platform, length = self.robot.platform, self.robot.length
         assert self.x is not None
         values = (frames.position[:, 0, platform.along] - self.x[platform.sliding]) / length
-        slopes = frames.jacobian[:, 0][:, platform.along][:, :, self.own] / length
+        slopes = frames.frame_jacobian(0)[:, platform.along][:, :, self.own] / length
         errors = np.repeat(bound.position[:, None], len(platform.sliding), axis=1)
         return LinearEnclosure(values, slopes, errors)
 
@@ -162,7 +162,7 @@ class LegEquations:
         """Enclose the axes of the platform's frame against the attitude (3, 3)."""
         count, n = len(frames.q), len(self.own)
         axes = frames.rotation[:, 0].swapaxes(1, 2)  # (B, 3, 3), one axis a row
-        turns = frames.jacobian[:, 0, 3:][:, :, self.own].swapaxes(1, 2)  # (B, n, 3)
+        turns = frames.frame_jacobian(0)[:, 3:][:, :, self.own].swapaxes(1, 2)  # (B, n, 3)
         turned = cross(turns[:, None], axes[:, :, None])  # (B, axis, n, 3)
         slopes = turned.swapaxes(2, 3).reshape(count, 9, n)
         errors = np.repeat(bound.attitude[:, None], 9, axis=1)

@@ -41,7 +41,7 @@ def joints_at(robot: ParallelRobot, q: Array, place: Array, turn: Array | None) 
 
         Attitudes differ by the axial vector of (G - G^T) / 2, with G = R R_target^T.
         """
-        off, slopes = frames.position[:, 0] - places, frames.jacobian[:, 0] * robot.column_scale
+        off, slopes = frames.position[:, 0] - places, frames.frame_jacobian(0) * robot.column_scale
         if turns is None:
             return off / robot.length, slopes[:, :3] / robot.length
         gap = frames.rotation[:, 0] @ turns.swapaxes(1, 2)

@@ -22,7 +22,6 @@ from framework.kinematics.continuation.predictor_corrector import (
     MAX_STEP_RATIO,
     MIN_STEP_RATIO,
     cut_to_predictor,
-    joint_speeds,
     measure,
 )
 from framework.kinematics.continuation.turning_point import (
@@ -31,7 +30,7 @@ from framework.kinematics.continuation.turning_point import (
     TurningPoints,
     turning_points,
 )
-from framework.kinematics.frames import difference, integrate
+from framework.kinematics.frames import difference, integrate, largest_motion
 from framework.kinematics.inverse_kinematics import NewtonResult, close_each
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.kinematics.loop_matrices import clearance, equation_sizes, independent_loops_matrix
@@ -104,7 +103,7 @@ def follow_ways(
     if rate is None:  # P is singular to the last bit
         return ways
     ways.rate[:] = rate
-    step = np.where(joint_speeds(robot, rate) < MAX_SINGLE_STEP, 1.0, FIRST_STEP_RATIO)
+    step = np.where(largest_motion(robot, rate) < MAX_SINGLE_STEP, 1.0, FIRST_STEP_RATIO)
     approaching, ended = np.zeros((2, count), dtype=bool)  # another assembly mode
     live = np.flatnonzero(ways.clearance >= RANK_LOST)
     while len(live):
