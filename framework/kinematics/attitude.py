@@ -173,10 +173,11 @@ class TwoAngles(DirectionChart):
         return np.stack([first, second], axis=1)
 
     def direction_couples(self, u: Array, du: Array) -> tuple[Array, Array]:
-        """Compute the couples a - (a.u) q/q^2 and hand u x a/|q|, q = u - (a.u) a, with rates, (T, 2, 3).
+        """Compute the couples a - (a.u) q/q^2 and hand u x a/|q| with their rates, (T, 2, 3) each.
 
-        With share = q/q^2 and growth the rate of log |q|, the share changes by q'/q^2 - 2 growth share, and
-        the lever hand u x a/|q| by hand u' x a/|q| - growth lever.
+        q = u - (a.u) a is the part of u across a. With share = q/q^2 and growth the rate of log |q|, the
+        share changes by q'/q^2 - 2 growth share, and the lever hand u x a/|q| by hand u' x a/|q| - growth
+        lever.
         """
         a = np.eye(3)[self.axes[0]]
         along, along_rate = u[:, self.axes[:1]], du[:, self.axes[:1]]  # (T, 1) a.u and its rate
@@ -209,9 +210,10 @@ class RotationVector(Attitude):
         return rotation_vector(rotation @ target.transpose(0, 2, 1))[:, self.axes]
 
     def rates(self, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array]:
-        """Compute w = dr + a(|r|) r x dr + b(|r|) r x (r x dr) and dw/dt, (T, 3), from rotation vectors r.
+        """Compute w and dw/dt, each (T, 3), from rotation vectors r and their rates.
 
-        a and b are functions of |r|^2, whose rate is 2 r.dr; r x dr has the rate r x ddr.
+        w = dr + a r x dr + b r x (r x dr); a and b are functions of |r|^2, whose rate is 2 r.dr; r x dr has
+        the rate r x ddr.
         """
         r, dr, ddr = self._vector(x), self._vector(dx), self._vector(ddx)
         first, first_rate = cross(r, dr), cross(r, ddr)

@@ -251,7 +251,10 @@ class Equations(ReadOnlyArrays):
         return (self.signs != 0.0) | (self.couplings != 0.0)
 
     def jacobian(self, wrenches: Array, screws: Array) -> Array:
-        """Compute dF/dq (T, n + m, nv): the power of each wrench (T, n + m, 6) on each screw (T, nv, 6)."""
+        """Compute dF/dq (T, n + m, nv), the powers of wrenches on screws.
+
+        Wrenches (T, n + m, 6) and screws (T, nv, 6) are about the base's origin.
+        """
         return (wrenches @ screws.swapaxes(1, 2)) * self.signs + self.couplings
 
 
@@ -264,7 +267,7 @@ class SquarePart(ReadOnlyArrays):
 
     @staticmethod
     def of(pattern: BoolArray, rows: IntArray, columns: IntArray) -> SquarePart | None:
-        """Return the entries of a pattern in some rows and columns; None unless they make a square."""
+        """Return the entries of a pattern in some rows and columns; None unless square."""
         if not len(rows) == len(columns) > 0:
             return None
         i, j = np.nonzero(pattern[rows][:, columns])

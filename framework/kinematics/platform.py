@@ -86,7 +86,7 @@ class PlatformCoordinates(ReadOnlyArrays, ABC):
         """Compute the derivative (T, n, nv) of v along pinocchio's velocity vector."""
 
     def frame_velocity(self, motions: FrameMotions) -> Array:
-        """Compute v (..., n) for motions of the frame; zero of joints, whose rates do not depend on it."""
+        """Compute v (..., n) for motions of the frame; zero of joints, which have their own rates."""
         return np.zeros((*motions.twist.shape[:-2], self.n))
 
     def drift(self, motions: FrameMotions) -> Array:
@@ -119,7 +119,7 @@ class PlatformCoordinates(ReadOnlyArrays, ABC):
         return self.twist(motion[0], step[0])[0], changes_of(v), changes_of(dv)
 
     def rate_matrix(self, x: Array) -> Array:
-        """Compute E (T, n, n) of v = E(x) dx for coordinates x (T, n): a column is v of a unit rate."""
+        """Compute E (T, n, n) of v = E(x) dx, column by column, at x (T, n)."""
         unit_rates = np.tile(np.eye(self.n), (len(x), 1))
         columns = self.twist(np.repeat(x, self.n, axis=0), unit_rates)[0]
         return columns.reshape(len(x), self.n, self.n).swapaxes(1, 2)

@@ -75,10 +75,10 @@ def dimensionless_matrices(robot: ParallelRobot, linearised: LinearisedLoops) ->
 
 
 def _combine(robot: ParallelRobot, N: Array, M: Array) -> VelocityMatrices:
-    """Return A, B, C of a basis N (T, m, n + m) and a Jacobian M (T, n + m, nv) of platform and loops.
+    """Return A, B, C of a basis N (T, m, n + m) and a Jacobian M.
 
-    N [v; 0] = N M dq: A are the columns of N that meet v, B and C the products with the columns of motors and
-    springs.
+    M (T, n + m, nv) is that of platform and loops. N [v; 0] = N M dq: A are the columns of N that meet v, B
+    and C the products with the columns of motors and springs.
     """
     return VelocityMatrices(N[:, :, : robot.n], N @ M[:, :, robot.actuated], N @ M[:, :, robot.elastic])
 

@@ -56,7 +56,7 @@ def gmres(product: Callable[[Array], Array], right: Array, *, left: float, most:
 
 
 def _stagnates(history: list[float]) -> bool:
-    """Whether the last products have hardly reduced what remains."""
+    """Whether the last products have hardly reduced the residual."""
     if len(history) <= STAGNATION_PRODUCTS:
         return False
     return history[-1] > STAGNATION_RATIO * history[-1 - STAGNATION_PRODUCTS]

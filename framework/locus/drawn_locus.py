@@ -94,8 +94,7 @@ def locus_patch(robot: ParallelRobot, q: Array, x: Array) -> Array | None:
     normal = slope / size
     span = np.linspace(-PATCH_SIZE, PATCH_SIZE, PATCH_POINTS) * robot.length
     grid = np.stack(np.meshgrid(span, span, indexing="ij"), axis=-1).reshape(-1, 2)
-    across = np.linalg.svd(normal[None])[2][1:]  # (2, 3) unit vectors of the plane
-    flat = grid @ across
+    flat = grid @ np.linalg.svd(normal[None])[2][1:]  # (m m, 3) on the tangent plane
     points = _pull_onto(measure, flat, normal, size, MAX_PATCH_HEIGHT * robot.length)
     if np.isnan(points).any():
         return None

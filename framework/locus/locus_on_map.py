@@ -35,8 +35,7 @@ MAX_TOUCHES = 16  # least |g| that it starts from: curves along which g keeps it
 STEPS_PER_REACH = 16.0  # of a curve along half an edge of the window, at least
 REGION_MARGIN = 1.05  # half the edge of the region followed, to the window's farthest side
 EXPLAINED_CELLS = 1.0  # between a change of sign and the curve that explains it
-AROUND = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)])  # cells about one, itself among them
-OWN = 4  # its place there
+AROUND = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)])  # cells about one, which is the one at 4
 MAX_ANGLE_STEP = 3.0  # [rad] between neighbours: the angle has been counted on from pi to -pi
 
 
@@ -252,12 +251,12 @@ def _compare_branches(
     """
     is_on, is_off = np.zeros((2, len(x)), dtype=bool)
     about = _neighbours(poses, x)
-    inside = np.flatnonzero(about.reached[:, OWN])
+    inside = np.flatnonzero(about.reached[:, 4])
     if not len(inside):
         return is_on, is_off
     about, q = select(about, inside), curve.q[inside]
-    own_q = about.q[:, OWN]
-    own_x = poses.x[about.cells[:, OWN, 0], about.cells[:, OWN, 1]]
+    own_q = about.q[:, 4]
+    own_x = poses.x[about.cells[:, 4, 0], about.cells[:, 4, 1]]
     ends, arrives = poses.lead(own_q, own_x, curve.x[inside])
     with np.errstate(invalid="ignore"):  # poses that are not reached
         gap = np.abs(equations.offsets(q, ends)).max(axis=1)

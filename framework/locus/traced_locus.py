@@ -324,8 +324,8 @@ def _second_tangent(equations: LocusEquations, crossing: Points) -> Array | None
     evaluated = equations.evaluate(crossing.q, crossing.border)
     left, _, right = np.linalg.svd(evaluated.slopes[0])
     tangent = crossing.tangent[0]
-    a, b = right[-2:] @ tangent
-    normal = a * right[-1] - b * right[-2]  # orthogonal to the tangent in the null space
+    shares = right[-2:] @ tangent
+    normal = shares[0] * right[-1] - shares[1] * right[-2]  # orthogonal to the tangent in the null space
     normal /= np.linalg.norm(normal)
     border = select(crossing.border, np.zeros(2, dtype=np.intp))
 
@@ -340,8 +340,8 @@ def _second_tangent(equations: LocusEquations, crossing: Points) -> Array | None
     roots = np.roots([across, 2 * mixed, along])
     if not len(roots) or np.abs(roots.imag).max() > DISTINCT_SOLUTIONS:
         return None
-    other = tangent + roots.real[np.argmax(np.abs(roots))] * normal
-    return other / np.linalg.norm(other)
+    normal *= roots.real[np.argmax(np.abs(roots))]
+    return (tangent + normal) / np.linalg.norm(tangent + normal)
 
 
 class Region(NamedTuple):

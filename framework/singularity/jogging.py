@@ -86,8 +86,8 @@ def pose_at(robot: ParallelRobot, q: Array, stopped: str = "") -> JoggedPose:
     x, linearised = closed.x[0], closed.linearised
     motors = robot.actuated_coordinates(q[None])[0]
     legs, smallest = _smallest(robot, linearised)
-    at_reference = _smallest(robot, linearised_at_reference(robot))
-    usual_legs, usual = np.maximum(at_reference, USUAL_SIZE_FLOOR)  # to judge others by
+    # at the reference, to judge others by
+    usual_legs, usual = np.maximum(_smallest(robot, linearised_at_reference(robot)), USUAL_SIZE_FLOOR)
     level, kind = _level(legs / usual_legs), ""
     verdict = "regular: the motors hold the platform in every direction"
     if level != "regular":

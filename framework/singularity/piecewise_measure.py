@@ -141,7 +141,7 @@ def panels(samples: Samples, measured: Measured) -> list[Panel]:
 
 
 class Candidate(NamedTuple):
-    """A place on a panel that may be a contact, before it is polished: a minimum of |g| or a root."""
+    """A place on a panel that may be a contact: a minimum of |g| or a root, not polished."""
 
     panel: Panel
     s: float

@@ -72,8 +72,8 @@ def contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
     single: list[Contact] = []
     stretches: list[Stretch] = []  # around extrema whose roots are known
     residual = max(ROOT_RESIDUAL * largest_on(resolved), MEASURE_ROUNDING)
-    minima_first = sorted(candidates(resolved), key=lambda candidate: not candidate.is_minimum)
-    for candidate in minima_first:
+    # minima first
+    for candidate in sorted(candidates(resolved), key=lambda candidate: not candidate.is_minimum):
         size = _border_width(measured, candidate.panel.matrix(candidate.s))
         common = _common_contact(measured, candidate.s, size) if size > 1 else None
         if common is not None:
@@ -87,11 +87,11 @@ def contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
                 stretches += [stretch] if beside else []
         else:
             root = root_of_g(measured.evaluate, candidate.s, size=size, longest=STENCIL_HALF_WIDTH)
-            moved = abs(root.place - candidate.s)
             # the roots beside an extremum are known, and a root on the edge of two panels is found twice
             is_new = _is_apart(root.place, single, SAME_PLACE)
             is_new = is_new and not any(stretch.contains(root.place) for stretch in stretches)
-            is_root = moved < MAX_ROOT_SHIFT * candidate.panel.width and abs(root.depth) < residual
+            is_root = abs(root.place - candidate.s) < MAX_ROOT_SHIFT * candidate.panel.width
+            is_root = is_root and abs(root.depth) < residual
             if is_new and is_root and _is_crossing(measured, root, size):
                 single.append(Contact(root.place, "transversal"))
     together += [contact for contact in single if _is_apart(contact.s, together, MULTIPLE_ROOT_RADIUS)]
@@ -157,7 +157,7 @@ def _border_width(measured: Measured, matrix: Array) -> int:
 
 
 class Stretch(NamedTuple):
-    """A stretch of s about an extremum of g in which there is no other."""
+    """A stretch of s about an extremum of g, without another extremum."""
 
     low: float
     high: float

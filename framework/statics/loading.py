@@ -238,8 +238,7 @@ def _correct(robot: ParallelRobot, start: _Points, ahead: _Prediction, load: Loa
     A step that lands under the whole load keeps its share; another one keeps the joints' motion along the
     tangent, and takes one more iteration, to rounding, as a tangent at a soft place needs.
     """
-    q = _move(robot, start.q, ahead.move)
-    end = _Points(q, ahead.share, np.zeros_like(ahead.move))
+    end = _Points(_move(robot, start.q, ahead.move), ahead.share, np.zeros_like(ahead.move))
     along = np.linalg.norm(ahead.move, axis=1)
     correction = np.zeros(len(along))  # largest entries of all Newton steps so far, [rad, lengths]
     was_small, met, stable = np.zeros((3, len(along)), dtype=bool)

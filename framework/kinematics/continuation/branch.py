@@ -187,9 +187,8 @@ def with_continuation(branch: Branch, s: float) -> Branch | None:
 def _span(branch: Branch, s: float, start: float, end: float) -> tuple[Continuation | None, float]:
     """Compute a continuation over s between start and end, and a bound on its distance from the branch."""
     robot, lengths = branch.robot, branch.robot.column_scale
-    local = nodes(CONTINUATION_NODES)  # in [-1, 1]
-    parameters = start + 0.5 * (end - start) * (local + 1.0)
-    basis = chebyshev.chebvander(local, CONTINUATION_DEGREE)
+    parameters = start + 0.5 * (end - start) * (nodes(CONTINUATION_NODES) + 1.0)
+    basis = chebyshev.chebvander(nodes(CONTINUATION_NODES), CONTINUATION_DEGREE)
     x, guess = branch.path(parameters), branch.guess(parameters)
     continuation, error = None, np.inf
     for share in SOUND_NODE_RATIOS:

@@ -186,7 +186,7 @@ def _complete_at_pose(known: Known, motions: _Motions, *, by_joints: bool) -> Kn
 
 
 def _choose_motors(motions: _Motions, known: Known) -> Known:
-    """Return the content of the file at a closed pose, its motors chosen if it names none or too many."""
+    """Return the content of the file at a closed pose, with motors chosen if need be."""
     mechanism = motions.mechanism
     description = replace(mechanism.description, reference=mechanism.reference_values(motions.q))
     actuators, remarks = description.actuators, [*motions.remarks]
@@ -294,7 +294,7 @@ def _assemble(mechanism: Mechanism) -> tuple[Mechanism, list[str]]:
 
 
 def _working_motions(mechanism: Mechanism, q: Array, basis: Array) -> Array:
-    """Return those motions (nv, w) of a basis (nv, f) that move a centre of mass or turn a motor.
+    """Return the motions (nv, w) of a basis (nv, f) that move masses or turn a motor.
 
     Joints of couplings count as motors, such as a thread, unless nothing has mass.
     """
