@@ -70,7 +70,7 @@ def contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
     """Find all places where the matrix loses rank, ascending; `resolved` are its `panels`."""
     together: list[Contact] = []  # where several singular values vanish at once
     single: list[Contact] = []
-    stretches: list[Stretch] = []  # around extrema whose roots are known
+    stretches: list[RootStretch] = []  # around extrema whose roots are known
     residual = max(ROOT_RESIDUAL * largest_on(resolved), MEASURE_ROUNDING)
     # minima first
     for candidate in sorted(candidates(resolved), key=lambda candidate: not candidate.is_minimum):
@@ -156,7 +156,7 @@ def _border_width(measured: Measured, matrix: Array) -> int:
     return max(1, count_below(matrix, VANISHING_TOGETHER**measured.power))
 
 
-class Stretch(NamedTuple):
+class RootStretch(NamedTuple):
     """A stretch of s about an extremum of g, without another extremum."""
 
     low: float
@@ -172,21 +172,21 @@ class Stretch(NamedTuple):
         return self.low <= s <= self.high
 
 
-def _contacts_beside(measured: Measured, turning: Extremum, size: int) -> tuple[list[Contact], Stretch]:
+def _contacts_beside(measured: Measured, turning: Extremum, size: int) -> tuple[list[Contact], RootStretch]:
     """Find the contacts at or beside an extremum, and the stretch of s without another one."""
     s = turning.s
     if turning.is_touch:
         if not _vanishes(measured, s, size):
-            return [], Stretch(s, s)
+            return [], RootStretch(s, s)
         lower, upper = turning.bracket(turning.rounding)
         kind = "transversal" if turning.changes_sign else "tangential"
         contact = Contact(s, kind, upper - lower if kind == "tangential" else None)
         reach = 2 * max(upper - s, s - lower, 0.5 * DISTINCT_EXTREMA)
-        return [contact], Stretch(s - reach, s + reach)
+        return [contact], RootStretch(s - reach, s + reach)
     roots = [root for root in _polish_roots(measured, turning, size) if _vanishes(measured, root, size)]
     # half their distance more: a root beyond it has an extremum of its own between
     reach = 1.5 * max((abs(root - s) for root in roots), default=0.0)
-    return [Contact(root, "transversal") for root in roots], Stretch(s - reach, s + reach)
+    return [Contact(root, "transversal") for root in roots], RootStretch(s - reach, s + reach)
 
 
 def _polish_roots(measured: Measured, turning: Extremum, size: int) -> list[float]:
