@@ -26,7 +26,7 @@ from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.motion_rates import Motion, freeze_deflections
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import scratch_of
-from framework.linalg.ordered_sums import solve
+from framework.linalg.ordered_sums import matvec, solve
 
 
 class Forces(NamedTuple):
@@ -149,8 +149,8 @@ def balanced_forces(robot: ParallelRobot, linearised: LinearisedLoops, r: Array)
     with np.errstate(invalid="ignore"):  # an infinite torque makes NaN
         multipliers = balancing[0] - np.einsum("atk,ta->tk", balancing[1:], torque)
     multipliers[:, : robot.n] = 0.0  # no wrench on the platform
-    loops = linearised.equations.elastic.transposed_times(linearised.entries, multipliers)
-    return Forces(torque, r[:, robot.elastic] - loops)
+    to_springs = linearised.jacobian[:, :, robot.elastic].swapaxes(1, 2)  # (T, n_e, n + m)
+    return Forces(torque, r[:, robot.elastic] - matvec(to_springs, multipliers))
 
 
 def loop_multipliers(

@@ -290,7 +290,7 @@ def _sensors(model: ParallelRobot, q: Array) -> dict[str, Array]:
 
     They are the position and the turns of the platform's frame, and the angles of single joints.
     """
-    jacobian = frames_at(model, q).jacobian[:, 0]  # (T, 6, nv)
+    jacobian = frames_at(model, q).frame_jacobian(0)  # (T, 6, nv)
     axes = [*(f"platform_{axis}" for axis in "xyz"), *(f"the platform's turn about {axis}" for axis in "xyz")]
     sensors = {axis: jacobian[:, k] for k, axis in enumerate(axes)}
     for column, name in joint_names(model).items():

@@ -115,7 +115,7 @@ def offsets(model: ParallelRobot, measured: Measurements, frames: FrameStack) ->
     slope = [
         np.tile(np.eye(model.model.nv)[joints], (len(x), 1, 1)),
         model.platform.jacobian(frames)[:, axes],
-        frames.jacobian[:, 0, others],
+        frames.frame_jacobian(0)[:, others],
     ]
     return MeasuredOffsets(np.concatenate(offset, axis=1), np.concatenate(slope, axis=1))
 

@@ -4,7 +4,7 @@ What a robot is
     tree_model          pinocchio's tree, the names of its coordinates, their limits
     mechanism           a tree and its loops, not yet closed
     parallel_robot      a mechanism that closes, with platform and motors: what is proved when it is made; the
-                        table of its equations and the sparsity of dF/dq
+                        table of its equations and where dF/dq has entries
     platform, attitude  the platform's coordinates x and its velocity v; charts of SO(3)
     assembly            the loops closed at the reference
     loop_structure      which loop equations repeat others, which joints move nothing

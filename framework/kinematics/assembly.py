@@ -169,7 +169,7 @@ def _check_distance(mechanism: Mechanism, closing: Closing, stated: IntArray) ->
 
 
 def _not_assembled(mechanism: Mechanism, reason: str, closing: Closing) -> NotAssembled:
-    """Return the error with the last iterate; it remarks on angles that look like degrees."""
+    """Return the error with the last iterate, and a remark on angles that look like degrees."""
     turns = remark_on_turns(mechanism, mechanism.description.reference)
     return NotAssembled(f"{mechanism.name}: {reason}{turns}", q=closing.q, residual=closing.residual)
 
@@ -181,15 +181,12 @@ def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array
     again. A structure has no such configuration.
     """
     joints = mechanism.joints
-    values, right = np.linalg.svd(all_loops_matrix(mechanism, reference)[:, joints])[1:]
-    rank = int(np.sum(values > BRANCHES_MEET * values.max(initial=0.0)))
-    allowed = right[rank:]  # (f, joints) orthonormal motions that the loops allow
+    allowed = _allowed_motions(mechanism, reference)  # (f, joints)
     random = np.random.default_rng(0)
     configurations: list[Array] = []
     directions: list[Array] = []
     for _ in range(NEARBY_DRAWS if len(allowed) > 1 else len(allowed)):
-        drawn = random.standard_normal(len(joints))
-        motion = (allowed @ drawn) @ allowed  # the same for every basis of the allowed motions
+        motion = (allowed @ random.standard_normal(len(joints))) @ allowed  # the same for every basis
         step = NEARBY_DISTANCE * motion / np.abs(motion).max() * mechanism.column_scale[joints]
         closing = _close(mechanism, integrate_columns(mechanism, reference, joints, step), joints)
         offset = difference(mechanism, reference, closing.q) / mechanism.column_scale
@@ -203,6 +200,13 @@ def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array
         if len(configurations) == MAX_NEARBY:
             break
     return tuple(configurations)
+
+
+def _allowed_motions(mechanism: Mechanism, q: Array) -> Array:
+    """Compute orthonormal motions (f, joints) that the loops allow at q (nq,) [rad, robot lengths]."""
+    values, right = np.linalg.svd(all_loops_matrix(mechanism, q)[:, mechanism.joints])[1:]
+    rank = int(np.sum(values > BRANCHES_MEET * values.max(initial=0.0)))
+    return right[rank:]
 
 
 def all_loops_matrix(mechanism: Mechanism, q: Array) -> Array:

@@ -32,7 +32,13 @@ import numpy as np
 from framework.arrays import Array, IntArray, ReadOnlyArrays
 from framework.errors import InvalidInput
 from framework.linalg.ordered_sums import cross, dot
-from framework.linalg.rotations import left_jacobian_coefficients, rotation_matrix, rotation_vector
+from framework.linalg.rotations import (
+    left_jacobian_coefficients,
+    rotation_matrix,
+    rotation_vector,
+    whole_turns,
+    wrap_angles,
+)
 from framework.tolerances import FILE_ROUNDING
 
 
@@ -53,7 +59,7 @@ class Attitude(ReadOnlyArrays):
 
     def residual(self, rotation: Array, x: Array) -> Array:
         """Compute the offset of R from the attitude of x, (T, k), turns the short way: its rate is v."""
-        return np.mod(self.coordinates(rotation) - x + np.pi, 2 * np.pi) - np.pi
+        return wrap_angles(self.coordinates(rotation) - x)
 
     def couples(self, rotation: Array) -> Array:
         """Compute the couples (T, k, 3), or (k, 3) if constant, in base axes: v = couples w."""
@@ -73,7 +79,7 @@ class Attitude(ReadOnlyArrays):
 
     def unwrap(self, x: Array, near: Array) -> Array:
         """Compute coordinates (T, k) of the same attitudes next to `near` (k,) or (T, k)."""
-        return x + 2 * np.pi * np.round((near - x) / (2 * np.pi))
+        return x + whole_turns(near - x)
 
 
 def attitude_about(axes: IntArray) -> Attitude:
@@ -128,8 +134,9 @@ class SwingTwistAngle(DirectionChart, TwistAngle):
         """Compute the couple (e + u) / (1 + e . u) and its rate, each (T, 1, 3)."""
         i = self.frame_axis
         size = 1.0 + u[:, i, None]
-        couple = (np.eye(3)[i] + u) / size
-        return couple[:, None], ((du - couple * du[:, i, None]) / size)[:, None]
+        couple = (np.eye(3)[i] + u) / size  # (T, 3)
+        rate = (du - couple * du[:, i, None]) / size
+        return couple[:, None], rate[:, None]
 
 
 def twist_angle_for(angle: TwistAngle, rotations: Array) -> TwistAngle:
@@ -171,22 +178,31 @@ class TwoAngles(DirectionChart):
 
     def coordinates(self, rotation: Array) -> Array:
         """Compute the angles x_1, x_2 (T, 2) [rad] from u = R c: u = R_a(x_1) R_b(x_2) c."""
-        a, b, c = (rotation[:, k, self.frame_axis] for k in (*self.axes, self.frame_axis))  # R c on a, b, c
-        first = np.arctan2(-self.hand * b, c)
-        return np.stack([first, np.arctan2(self.hand * a, np.hypot(b, c))], axis=1)
+        u = rotation[:, :, self.frame_axis]
+        along_a, along_b, along_c = u[:, [*self.axes, self.frame_axis]].T
+        first = np.arctan2(-self.hand * along_b, along_c)
+        second = np.arctan2(self.hand * along_a, np.hypot(along_b, along_c))
+        return np.stack([first, second], axis=1)
 
     def direction_couples(self, u: Array, du: Array) -> tuple[Array, Array]:
-        """Compute couples a - (a.u) q/q^2 and hand u x a/|q|, with rates, each (T, 2, 3)."""
+        """Compute the couples a - (a.u) q/q^2 and hand u x a/|q| with their rates, (T, 2, 3) each.
+
+        q = u - (a.u) a is the part of u across a. With share = q/q^2 and growth the rate of log |q|, the
+        share changes by q'/q^2 - 2 growth share, and the lever hand u x a/|q| by hand u' x a/|q| - growth
+        lever.
+        """
         a = np.eye(3)[self.axes[0]]
-        along, along_rate = (vector[:, self.axes[:1]] for vector in (u, du))
-        q, dq = u - along * a, du - along_rate * a
+        along, along_rate = u[:, self.axes[:1]], du[:, self.axes[:1]]  # (T, 1) a.u and its rate
+        q, dq = u - along * a, du - along_rate * a  # (T, 3)
         square = dot(q, q)[:, None]
-        share, lever = q / square, self.hand / np.sqrt(square) * cross(u, a)
-        growth = dot(share, dq)[:, None]  # of the logarithm of |q|
+        share = q / square
+        growth = dot(share, dq)[:, None]
         share_rate = dq / square - 2.0 * growth * share
+        lever = self.hand / np.sqrt(square) * cross(u, a)
         lever_rate = self.hand / np.sqrt(square) * cross(du, a) - growth * lever
         couples = np.stack([a - along * share, lever], axis=1)
-        return couples, np.stack([-along_rate * share - along * share_rate, lever_rate], axis=1)
+        rates = np.stack([-along_rate * share - along * share_rate, lever_rate], axis=1)
+        return couples, rates
 
     def turning(self, rotation: Array, v: Array) -> Array:
         return v[:, :1] * np.eye(3)[self.axes[0]] + v[:, 1:] * self.couples(rotation)[:, 1]
@@ -206,23 +222,28 @@ class RotationVector(Attitude):
         return rotation_vector(rotation @ target.transpose(0, 2, 1))[:, self.axes]
 
     def rates(self, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array]:
-        """Compute w = dr + a(|r|) r x dr + b(|r|) r x (r x dr) and dw/dt, (T, 3)."""
-        r, dr, ddr = (self._vector(part) for part in (x, dx, ddx))
-        once, once_rate = cross(r, dr), cross(r, ddr)
-        twice, twice_rate = cross(r, once), cross(dr, once) + cross(r, once_rate)
-        a, b = left_jacobian_coefficients(dot(r, r))[..., None]  # with derivatives along |r|^2
-        growth = 2.0 * dot(r, dr)[:, None]
-        omega = dr + a[0] * once + b[0] * twice
-        alpha = ddr + (a[1] * growth * once + a[0] * once_rate)
-        alpha = alpha + (b[1] * growth * twice + b[0] * twice_rate)
-        return omega[:, self.axes], alpha[:, self.axes]
+        """Compute w and dw/dt, each (T, 3), from rotation vectors r and their rates.
+
+        w = dr + a r x dr + b r x (r x dr); a and b are functions of |r|^2, whose rate is 2 r.dr; r x dr has
+        the rate r x ddr.
+        """
+        r, dr, ddr = self._vector(x), self._vector(dx), self._vector(ddx)
+        first, first_rate = cross(r, dr), cross(r, ddr)
+        second = cross(r, first)
+        second_rate = cross(dr, first) + cross(r, first_rate)
+        (a, a_slope), (b, b_slope) = left_jacobian_coefficients(dot(r, r))[..., None]  # along |r|^2
+        square_rate = 2.0 * dot(r, dr)[:, None]
+        w = dr + a * first + b * second
+        dw = ddr + (a_slope * square_rate * first + a * first_rate)
+        dw = dw + (b_slope * square_rate * second + b * second_rate)
+        return w[:, self.axes], dw[:, self.axes]
 
     def unwrap(self, x: Array, near: Array) -> Array:
         """Add whole turns along each rotation vector (T, 3) [rad] until nearest to `near`."""
         angle = np.sqrt(dot(x, x))[:, None]
-        about = x / np.where(angle > 0, angle, 1.0)
-        missing = dot(about, near)[:, None] - angle
-        return x + 2 * np.pi * np.round(missing / (2 * np.pi)) * about
+        axis = x / np.where(angle > 0, angle, 1.0)
+        missing = dot(axis, near)[:, None] - angle
+        return x + whole_turns(missing) * axis
 
     def _vector(self, x: Array) -> Array:
         """Return vectors (T, 3) on the base's axes of components (T, 3) in the stated order."""

@@ -83,7 +83,7 @@ def loop_wrenches(rows: LoopRows, frames: FrameStack) -> LoopWrenches:
 
 
 def closure_rates(rows: LoopRows, motions: FrameMotions) -> Array:
-    """Compute the time derivative (..., m) of the loop equations: (a . b)' = a' . b + a . b'."""
+    """Compute the time derivative (..., m) of the loop equations, a' . b + a . b'."""
     a, b = row_factors(rows, motions.rates)
     return rows.weight * (dot(a[1], b[0]) + dot(a[0], b[1]))
 

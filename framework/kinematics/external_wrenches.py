@@ -24,7 +24,7 @@ from framework.kinematics.frame_variations import bracket, tree_columns
 from framework.kinematics.frames import FrameStack, move_wrench, rotations
 from framework.kinematics.mechanism import Mechanism, frame_of
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.pinocchio_memory import carriers, scratch_of
+from framework.kinematics.pinocchio_memory import scratch_of
 from framework.kinematics.platform import FramePlatform
 from framework.linalg.ordered_sums import cross, matvec
 from framework.model.frame_wrench import FrameWrench
@@ -152,30 +152,39 @@ def applied_wrench(
         turns: whether the wrench turns with its frame.
     """
     index = frame_of(mechanism.model, frame)
-    position, _ = _frame_pose(mechanism, frames, index)
-    wrench = move_wrench(np.broadcast_to(np.asarray(wrench, dtype=float), (len(position), 6)), position)
+    origin, _ = _frame_pose(mechanism, frames, index)
+    at_origin = np.broadcast_to(np.asarray(wrench, dtype=float), (len(origin), 6))
+    at_base = move_wrench(at_origin, origin)
     joint = int(mechanism.model.frames[index].parentJoint)
-    carried = carriers(mechanism.model, np.array([joint]))[0]
-    generalised = matvec(frames.screws, wrench) * carried
-    return AppliedWrench(frame, joint, read_only(wrench), read_only(generalised), read_only(position), turns)
+    carried = tree_columns(mechanism).carried[joint]  # (nv,)
+    return AppliedWrench(
+        frame=frame,
+        joint=joint,
+        wrench=read_only(at_base),
+        generalised=read_only(matvec(frames.screws, at_base) * carried),
+        origin=read_only(origin),
+        turns=turns,
+    )
 
 
 def wrench_slope(mechanism: Mechanism, screws: Array, applied: AppliedWrench) -> Array:
     """Compute the derivative (T, nv, nv) of the joint forces S_j . w of a wrench of the world.
 
-    With w = (f, m + p x f) about the base's origin, a column i before j turns S_j by [S_i, S_j]. Every i that
-    moves the frame changes w: on base axes through p alone, by d_i, S_j . (0, d_i x f); on axes of the frame
-    as a whole, -[S_i, S_j] . w.
+    Row j, column i. With w = (f, m + p x f) about the base's origin, a column i before j turns S_j by
+    [S_i, S_j]. Every i that moves the frame changes w: on base axes through p alone, by d_i, S_j . (0, d_i x
+    f); on axes of the frame as a whole, -[S_i, S_j] . w.
     """
-    columns, w = tree_columns(mechanism), applied.wrench
-    carried = columns.carried[applied.joint]
-    turned = np.einsum("tijs,ts->tji", bracket(screws[:, :, None], screws[:, None]), w)
+    columns = tree_columns(mechanism)
+    brackets = bracket(screws[:, :, None], screws[:, None])  # (T, i, j, 6) [S_i, S_j]
+    by_screw = np.matvec(brackets, applied.wrench[:, None]).swapaxes(1, 2)  # (T, j, i)
     if applied.turns:
-        moved = -turned
+        by_wrench = -by_screw
     else:
-        slide = screws[..., :3] + cross(screws[..., 3:], applied.origin[:, None])  # (T, nv, 3) of the frame
-        moved = screws[..., 3:] @ cross(slide, w[:, None, :3]).swapaxes(1, 2)
-    return (turned * columns.before.T + moved) * carried * carried[:, None]
+        linear, angular = screws[..., :3], screws[..., 3:]
+        d = linear + cross(angular, applied.origin[:, None])  # (T, nv, 3) how each joint moves the frame
+        by_wrench = angular @ cross(d, applied.wrench[:, None, :3]).swapaxes(1, 2)
+    carried = columns.carried[applied.joint]
+    return (by_screw * columns.before.T + by_wrench) * carried * carried[:, None]
 
 
 def _frame_pose(mechanism: Mechanism, frames: FrameStack, index: int) -> tuple[Array, Array]:

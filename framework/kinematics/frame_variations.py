@@ -77,9 +77,10 @@ def changes_of(values: Array) -> Array:
 
 
 def vary_motions(mechanism: Mechanism, ahead: FrameStack, v: Array, a: Array, dv: Array) -> FrameMotions:
-    """Compute the motions (T, k, ...) of frames a complex step `ahead`, for k changes dv (T, k, nv) of rates.
+    """Compute the motions (T, k, ...) of frames that are a complex step `ahead`.
 
-    v (T, nv) are the joint rates and a (T, nv) the joint accelerations before the step.
+    The joint rates change by dv (T, k, nv) along the same step. v (T, nv) are the joint rates and a (T, nv)
+    the joint accelerations before the step.
     """
     columns = tree_columns(mechanism)
     joint_twists = ahead.screws * (v[:, None, :, None] + STEP * dv[..., None])  # S_i v_i, (T, k, nv, 6)

@@ -36,9 +36,8 @@ class FrameStack(NamedTuple):
         """Rotation matrices of the frames, (T, F, 3, 3), columns are the axes."""
         return self.placements[:, :, :3].swapaxes(2, 3)
 
-    def select(self, k: int | slice | IntArray) -> FrameStack:
-        """Return the frames at one configuration, T = 1, or at some."""
-        which = slice(k, k + 1) if isinstance(k, int) else k
+    def select(self, which: slice | IntArray) -> FrameStack:
+        """Return the frames at some of the configurations."""
         return FrameStack(self.placements[which], self.screws[which], self.carried, self.q[which])
 
     @property
@@ -49,13 +48,12 @@ class FrameStack(NamedTuple):
         slopes[:, :, 3] += twists[..., :3]
         return slopes
 
-    @property
-    def jacobian(self) -> Array:
-        """Jacobians of all frames at their origins, (T, F, 6, nv)."""
-        linear, angular = self.screws[:, None, :, :3], self.screws[:, None, :, 3:]
-        at_origin = linear + cross(angular, self.position[:, :, None])
-        both = np.concatenate([at_origin, np.broadcast_to(angular, at_origin.shape)], axis=3)
-        return (both * self.carried[:, :, None]).swapaxes(2, 3)
+    def frame_jacobian(self, frame: int) -> Array:
+        """Compute the Jacobian (T, 6, nv) of one of the frames at its origin, base axes."""
+        linear, angular = self.screws[..., :3], self.screws[..., 3:]  # (T, nv, 3)
+        at_origin = linear + cross(angular, self.position[:, frame, None])
+        twists = np.concatenate([at_origin, angular], axis=2) * self.carried[frame][:, None]
+        return twists.swapaxes(1, 2)
 
 
 class FrameMotions(NamedTuple):
@@ -156,6 +154,11 @@ def integrate_columns(mechanism: Mechanism, q: Array, columns: IntArray, change:
     step = np.zeros((*change.shape[:-1], mechanism.model.nv))
     step[..., columns] = change
     return integrate(mechanism, q, step)
+
+
+def largest_motion(mechanism: Mechanism, motion: Array) -> Array:
+    """Return the largest entry (T,) of tangent vectors (T, nv), in radians and lengths of the robot."""
+    return np.abs(motion / mechanism.column_scale).max(axis=1, initial=0.0)
 
 
 def difference(mechanism: Mechanism, start: Array, q: Array) -> Array:

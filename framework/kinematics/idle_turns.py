@@ -34,10 +34,10 @@ class IdleTurns:
     weights: Array  # G (k, nv) of each turn; zero where it rests
 
     def add_turns(self, rates: Array, right: Array | float = 0.0) -> Array:
-        """Add the turns to rates (..., T, nv) for which rows rates = right (T, k)."""
-        missing = right - np.einsum("tkv,...tv->...tk", self.rows, rates)
+        """Add as much of the turns to rates (..., T, nv) as makes rows rates = right (T, k)."""
+        missing = right - np.matvec(self.rows, rates)  # (..., T, k)
         turns = np.linalg.solve(self.rows @ self.motions, missing[..., None])[..., 0]
-        return rates + np.einsum("tvk,...tk->...tv", self.motions, turns)
+        return rates + np.matvec(self.motions, turns)
 
     def rows_rate(self, robot: ParallelRobot, linearised: LinearisedLoops, jacobian_rate: Array) -> Array:
         """Compute the time derivative (T, k, nv) of the rows for that of dF/dq (T, n + m, nv)."""
@@ -66,11 +66,15 @@ def driven_turns(robot: ParallelRobot) -> IntArray:
 def _weights(robot: ParallelRobot) -> Array:
     """Return the damping of balls that drives each idle turn (k, nv), else their armature, else zero."""
     weights = np.zeros((len(robot.structure.idle), robot.model.nv))
-    drives = [_alike_on_balls(robot, values) for values in (robot.joint_damping, robot.model.armature)]
-    if len(weights) and any(values.any() for values in drives):
-        motions = turn_motions(robot, linearised_at_reference(robot))[0]
+    damping = _alike_on_balls(robot, robot.joint_damping)
+    armature = _alike_on_balls(robot, robot.model.armature)
+    if len(weights) and (damping.any() or armature.any()):
+        motions = turn_motions(robot, linearised_at_reference(robot))[0]  # (nv, k)
         for k, motion in enumerate(motions.T):
-            weights[k] = next((values for values in drives if np.abs(values * motion).max() > 0.0), 0.0)
+            if np.any(damping * motion):
+                weights[k] = damping
+            elif np.any(armature * motion):
+                weights[k] = armature
     return read_only(weights)
 
 
@@ -95,5 +99,6 @@ def turn_motions(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
 def _closing_motions(robot: ParallelRobot, linearised: LinearisedLoops, gaps: Array) -> Array:
     """Compute motions (T, nv, k) of the moving joints that undo changes `gaps` (T, n + m, k) of F."""
     motions = np.zeros((len(gaps), robot.model.nv, gaps.shape[2]))
-    motions[:, robot.moving] = -linearised.factors.solve(gaps.transpose(2, 0, 1)).transpose(1, 2, 0)
+    closing = -linearised.factors.solve(gaps.transpose(2, 0, 1))  # (k, T, moving)
+    motions[:, robot.moving] = closing.transpose(1, 2, 0)
     return motions

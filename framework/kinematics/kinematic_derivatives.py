@@ -86,14 +86,13 @@ def kinematic_derivatives(robot: ParallelRobot, q: ArrayLike | Configuration) ->
 
 def _slopes(robot: ParallelRobot, closed: ClosedStack, columns: IntArray) -> PoseSlopes:
     """Compute the slopes along k joints of the velocity vector, which the passive joints follow."""
-    k = len(columns)
-    steps = np.eye(robot.model.nv)[columns]
+    steps = np.eye(robot.model.nv)[columns]  # (k, nv) unit rates of the joints
     if len(robot.following):
-        opened = closed.linearised.closures[0][:, columns].T
-        steps[:, robot.following] = -closed.linearised.passive_factors.solve(opened[:, None])[:, 0]
-    linearised = closed.linearised.select(np.zeros(k, dtype=np.intp))
-    changes = jacobian_change(robot, linearised, steps)
-    matrices = matrices_and_changes(robot, linearised, changes)[1]
-    twist = closed.linearised.platform[0] @ steps.T
-    x = np.linalg.solve(robot.platform.rate_matrix(closed.x)[0], twist)
+        gaps = closed.linearised.closures[0][:, columns].T  # (k, m) that open when the passive joints rest
+        steps[:, robot.following] = -closed.linearised.passive_factors.solve(gaps[:, None])[:, 0]
+    copies = closed.linearised.select(np.zeros(len(columns), dtype=np.intp))
+    changes = jacobian_change(robot, copies, steps)
+    matrices = matrices_and_changes(robot, copies, changes)[1]
+    twist = closed.linearised.platform[0] @ steps.T  # (n, k)
+    x = np.linalg.solve(robot.platform.rate_matrix(closed.x)[0], twist)  # v = E dx
     return PoseSlopes(steps.T, x, *matrices)

@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike, IntArray, freeze
+from framework.arrays import Array, ArrayLike, IntArray, freeze, select
 from framework.errors import InvalidInput
 from framework.kinematics.assembly import Configuration, configuration
 from framework.kinematics.closures import LoopWrenches, loop_wrenches
@@ -20,9 +20,8 @@ from framework.kinematics.frames import (
     frames_at,
     move_wrench,
 )
-from framework.kinematics.parallel_robot import Equations, ParallelRobot, expect_robot
-from framework.linalg.banded_lu import Band, Factors
-from framework.linalg.sparsity import Part
+from framework.kinematics.parallel_robot import Equations, ParallelRobot, SquarePart, expect_robot
+from framework.linalg.banded_lu import Factors
 from framework.tolerances import FILE_ROUNDING
 
 
@@ -34,27 +33,23 @@ class LinearisedLoops:
     frames: FrameStack
     loops: LoopWrenches  # all loop equations of the robot, those dropped as redundant too
     residual: Array  # (T, n + m)
-    entries: Array  # (T, E) of dF/dq, as `equations.pattern` has them
+    jacobian: Array  # (T, n + m, nv) dF/dq
 
     def select(self, k: int | slice | IntArray) -> LinearisedLoops:
         """Return the equations at one instant, T = 1, or at some."""
         which = slice(k, k + 1) if isinstance(k, int) else k
-        loops = LoopWrenches(*(part[which] for part in self.loops))
         return LinearisedLoops(
-            self.equations, self.frames.select(which), loops, self.residual[which], self.entries[which]
+            equations=self.equations,
+            frames=self.frames.select(which),
+            loops=select(self.loops, which),
+            residual=self.residual[which],
+            jacobian=self.jacobian[which],
         )
 
     @property
     def gap(self) -> Array:
         """Largest of all loop equations (T,) [m or rad], redundant ones too."""
         return np.abs(self.loops.residual).max(axis=1, initial=0.0)
-
-    @cached_property
-    def jacobian(self) -> Array:
-        """dF/dq (T, n + m, nv)."""
-        jacobian = self.equations.pattern.dense(self.entries)
-        freeze(jacobian)
-        return jacobian
 
     @property
     def platform(self) -> Array:
@@ -73,7 +68,7 @@ class LinearisedLoops:
         Raises:
             numpy.linalg.LinAlgError: there are not as many equations as columns.
         """
-        return self._factor(self.equations.moving_band, self.equations.moving, "the platform and the loops")
+        return self._factor(self.equations.moving_part, "the platform and the loops")
 
     @cached_property
     def passive_factors(self) -> Factors:
@@ -82,15 +77,13 @@ class LinearisedLoops:
         Raises:
             numpy.linalg.LinAlgError: there are not as many loop equations as columns.
         """
-        return self._factor(
-            self.equations.passive_band, self.equations.passive, "the loops along passive joints"
-        )
+        return self._factor(self.equations.passive_part, "the loops along passive joints")
 
-    def _factor(self, band: Band | None, part: Part, what: str) -> Factors:
-        """Factor a part (T, k, k) of dF/dq as a band matrix; a part without a band is not square."""
-        if band is None:
+    def _factor(self, part: SquarePart | None, what: str) -> Factors:
+        """Factor a part (T, k, k) of dF/dq; refuse one that is not square."""
+        if part is None:
             raise np.linalg.LinAlgError(f"{what} do not make a square system")
-        return band.factor(self.entries.take(part.entry, axis=1))
+        return part.factor(self.jacobian)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,18 +97,21 @@ class ClosedStack:
 
 def linearised_at(robot: ParallelRobot, q: Array, x: Array | None) -> LinearisedLoops:
     """Compute F and its derivatives at q (T, nq) and x (T, n); None: the platform's own x."""
-    equations, frames, n = robot.equations, frames_at(robot, q), robot.n
-    loops, residual = loop_wrenches(robot.rows, frames), np.zeros((len(q), len(equations.bodies)))
+    equations, n = robot.equations, robot.n
+    frames = frames_at(robot, q)
+    loops = loop_wrenches(robot.rows, frames)
+    residual = np.zeros((len(q), len(equations.bodies)))
     if x is not None:
         residual[:, :n] = robot.platform.residual(frames, x)
     residual[:, n:] = loops.residual.take(robot.structure.independent, axis=1)
-    entries = equations.pattern.entries(equation_wrenches(robot, frames, loops), frames.screws)
-    return LinearisedLoops(equations, frames, loops, residual, entries)
+    jacobian = equations.jacobian(equation_wrenches(robot, frames, loops), frames.screws)
+    freeze(jacobian)
+    return LinearisedLoops(equations, frames, loops, residual, jacobian)
 
 
 def equation_wrenches(robot: ParallelRobot, frames: FrameStack, loops: LoopWrenches) -> Array:
     """Compute the wrenches (T, n + m, 6) of platform and independent loops about the base's origin."""
-    bodies, n = robot.equations.bodies, robot.n
+    bodies, n = robot.equations.bodies, robot.n  # the frame that each equation's wrench acts on
     wrench = np.empty((len(frames.q), len(bodies), 6), dtype=loops.wrench.dtype)
     wrench[:, :n] = robot.platform.wrenches(frames)
     wrench[:, n:] = loops.wrench.take(robot.structure.independent, axis=1)

@@ -34,7 +34,7 @@ def independent_loops_matrix(robot: ParallelRobot, linearised: LinearisedLoops) 
 
 def passive_matrix(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
     """Compute P (T, m, n_p), the passive columns of the independent loop equations, without dimension."""
-    return linearised.equations.passive.dense(linearised.entries) * robot.passive_scale
+    return linearised.closures[:, :, robot.following] * robot.passive_scale
 
 
 def clearance(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:

@@ -62,9 +62,9 @@ def singular_reference(
     The loops, or the loops and the platform along the passive joints, have a lower rank at the reference, the
     first of the `poses` (nq,), than at another pose. `matrices` are those of `motion_matrix` at the poses.
     """
-    at_reference, rows = matrices[0], len(mechanism.rows.names)
-    for nearby in matrices[1:]:
-        lost = _lost_rows(at_reference[-rows:, mechanism.joints], nearby[-rows:, mechanism.joints])
+    at_reference, count = matrices[0], len(mechanism.rows.names)
+    for nearby in matrices[1:]:  # the loops' rows are the last `count`
+        lost = _lost_rows(at_reference[-count:, mechanism.joints], nearby[-count:, mechanism.joints])
         stuck = _lost_rows(at_reference[:, passive].T, nearby[:, passive].T)
         if len(lost) or len(stuck):
             return SingularReference(
@@ -88,10 +88,13 @@ def rows_of_springs_alone(
 
     No loop may rely on them.
     """
-    for matrix in matrices if len(mechanism.elastic) else ():
-        with_springs = independent_rows(matrix[-len(mechanism.rows.names) :])
+    if not len(mechanism.elastic):
+        return ()
+    names = mechanism.rows.names
+    for matrix in matrices:
+        with_springs = independent_rows(matrix[-len(names) :])  # along all columns, those of springs too
         if len(with_springs) > len(independent):
-            return tuple(mechanism.rows.names[row] for row in np.setdiff1d(with_springs, independent))
+            return tuple(names[row] for row in np.setdiff1d(with_springs, independent))
     return ()
 
 
@@ -102,11 +105,10 @@ def idle_columns(matrix: Array, passive: IntArray) -> IntArray:
     chooses one joint of each. They carry no load as long as the body that they turn is balanced about them;
     `dynamics.residuals` measures the load.
     """
-    if not len(passive):
+    lost = lost_directions(matrix, RANK_ROUNDING) if len(passive) else matrix  # (c, n_p) motions
+    if not len(passive) or not len(lost):
         return np.empty(0, dtype=np.intp)
-    lost = lost_directions(matrix, RANK_ROUNDING)
-    order = row_pivots(lost.T) if len(lost) else np.empty(0, dtype=np.intp)
-    return np.sort(passive[order[: len(lost)]])
+    return np.sort(passive[row_pivots(lost.T)[: len(lost)]])
 
 
 def motion_matrix(mechanism: Mechanism, platform: PlatformCoordinates, q: Array) -> Array:
@@ -117,12 +119,18 @@ def motion_matrix(mechanism: Mechanism, platform: PlatformCoordinates, q: Array)
 
 
 def _lost_rows(at_reference: Array, nearby: Array) -> IntArray:
-    """Find the rows by which the rank of `nearby` exceeds that of `at_reference`, by pivoting."""
+    """Find the rows by which the rank of `nearby` exceeds that of `at_reference`, (rows, columns) both.
+
+    Rows that are independent at the reference span a space nearby. The rows sought are those that are
+    farthest from this space, one after the other.
+    """
     rank, remaining = numerical_rank(nearby), numerical_rank(at_reference, BRANCHES_MEET)
     if remaining >= rank:
         return np.empty(0, dtype=np.intp)
-    span = np.linalg.qr(nearby[row_pivots(at_reference)[:remaining]].T)[0]
-    return np.sort(row_pivots(nearby - nearby @ span @ span.T)[: rank - remaining])
+    independent = row_pivots(at_reference)[:remaining]
+    span = np.linalg.qr(nearby[independent].T)[0]  # (columns, remaining) orthonormal
+    outside = nearby - nearby @ span @ span.T
+    return np.sort(row_pivots(outside)[: rank - remaining])
 
 
 def numerical_rank(matrix: Array, level: float = RANK_ROUNDING) -> int:
@@ -154,4 +162,5 @@ def _row_sizes(loops: Array) -> Array:
     An equation may be written in any unit, or as any multiple of itself, without being singular.
     """
     sizes = np.abs(loops).max(axis=1, initial=0.0)
-    return np.where((sizes < ODD_SIZE) | (sizes > 1 / ODD_SIZE), np.maximum(sizes, LEAST_DIVISOR), 1.0)
+    is_odd = (sizes < ODD_SIZE) | (sizes > 1 / ODD_SIZE)
+    return np.where(is_odd, np.maximum(sizes, LEAST_DIVISOR), 1.0)

@@ -159,12 +159,11 @@ class Mechanism(ReadOnlyArrays):
 
     def friction_sizes(self, columns: IntArray) -> str:
         """Return the dry friction of coordinates as text; empty if none has friction."""
-        return ", ".join(
-            f"{self.coordinates.name_of(int(column))} {self.joint_friction[column]:.3g} "
-            f"{'N' if self.sliding[column] else 'N m'}"
-            for column in columns
-            if self.joint_friction[column] > 0.0
-        )
+        sizes = []
+        for column in columns[self.joint_friction[columns] > 0.0].tolist():
+            unit = "N" if self.sliding[column] else "N m"
+            sizes.append(f"{self.coordinates.name_of(column)} {self.joint_friction[column]:.3g} {unit}")
+        return ", ".join(sizes)
 
     @cached_property
     def is_damped(self) -> bool:
@@ -283,13 +282,14 @@ def _balls_by_axes(urdf: ElementTree.Element, description: RobotDescription) -> 
 
 def _place_coupling(model: pin.Model, coupling: Coupling) -> CoupledJoints:
     """Return a coupling with the places of its joints."""
-    first, second = (model.joints[model.getJointId(name)] for name in (coupling.joint, coupling.of))
+    first = model.joints[model.getJointId(coupling.joint)]
+    second = model.joints[model.getJointId(coupling.of)]
     return CoupledJoints(
-        coupling.name,
-        (first.idx_v, second.idx_v),
-        (first.idx_q, second.idx_q),
-        coupling.ratio,
-        coupling.offset,
+        name=coupling.name,
+        columns=(first.idx_v, second.idx_v),
+        places=(first.idx_q, second.idx_q),
+        ratio=coupling.ratio,
+        offset=coupling.offset,
         turns=not first.shortname().startswith("JointModelP"),
     )
 
@@ -317,10 +317,13 @@ def reference_length(model: pin.Model, q: Array, frames: Iterable[int]) -> float
     """
     data = model.createData()
     pin.framesForwardKinematics(model, data, q)
-    moving = [k for k, frame in enumerate(model.frames) if frame.parentJoint > 0]
-    places = [*list(data.oMi)[1:], *(data.oMf[k] for k in {*moving, *frames})]
-    points = np.array([place.translation for place in places])
-    spread = np.sqrt(((points[:, None] - points[None]) ** 2).sum(axis=2).max())
-    bodies = [body for body in list(model.inertias)[1:] if body.mass > 0.0]  # not the fixed ones
-    gyration = [body.lever @ body.lever + 0.5 * np.trace(body.inertia) / body.mass for body in bodies]
-    return float(max(spread, np.sqrt(max(gyration, default=0.0)))) or 1.0
+    moving = {k for k, frame in enumerate(model.frames) if frame.parentJoint > 0}
+    placements = [*list(data.oMi)[1:], *(data.oMf[k] for k in moving.union(frames))]
+    points = np.array([placement.translation for placement in placements])  # (k, 3)
+    distances = np.linalg.norm(points[:, None] - points[None], axis=2)
+    radii = [0.0]  # of gyration
+    for body in list(model.inertias)[1:]:  # not those fixed to the base
+        if body.mass > 0.0:
+            square = body.lever @ body.lever + 0.5 * np.trace(body.inertia) / body.mass
+            radii.append(float(np.sqrt(square)))
+    return float(max(distances.max(), *radii)) or 1.0

@@ -16,13 +16,11 @@ def remark_on_turns(mechanism: Mechanism, joints: Mapping[str, float]) -> str:
 
     `joints`: their angles [rad] by name.
     """
-    columns = columns_of(mechanism.model, joints)
-    turns = ", ".join(
-        f"{joint} at {angle:g} rad is {abs(angle) / (2.0 * np.pi):.3g} turns"
-        for column, (joint, angle) in zip(columns, joints.items(), strict=True)
-        if not mechanism.sliding[column] and abs(angle) > 2.0 * np.pi
-    )
-    return f"; angles are in rad: {turns}" if turns else ""
+    turns = []
+    for column, (joint, angle) in zip(columns_of(mechanism.model, joints), joints.items(), strict=True):
+        if not mechanism.sliding[column] and abs(angle) > 2.0 * np.pi:
+            turns.append(f"{joint} at {angle:g} rad is {abs(angle) / (2.0 * np.pi):.3g} turns")
+    return f"; angles are in rad: {', '.join(turns)}" if turns else ""
 
 
 def longest_reach(robot: Mechanism) -> float:

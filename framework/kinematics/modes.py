@@ -18,6 +18,7 @@ from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.loop_matrices import scaled_loops, scaled_platform, type1_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.linalg.ordered_sums import singular_values
 from framework.tolerances import DETERMINANT_LOST, RANK_LOST
 
 
@@ -35,27 +36,20 @@ def passive_determinants(linearised: LinearisedLoops) -> tuple[Array, Array]:
 
     With redundant motors these are not square, and without passive joints there are none: it is 1 then.
     """
-    if linearised.equations.passive_band is None:
+    if linearised.equations.passive_part is None:
         count = len(linearised.residual)
         return np.ones(count), np.zeros(count)
     return linearised.passive_factors.slogdet
 
 
 def keeps_sign(before: tuple[Array, Array], after: tuple[Array, Array]) -> BoolArray:
-    """Whether determinants (T,), their signs and logarithms, have the same sign before and after.
+    """Whether determinants (T,), given by signs and logarithms, have the same sign before and after.
 
-    A determinant at rounding has no sign.
+    A determinant that has become smaller by more than rounding, `DETERMINANT_LOST`, has no sign.
     """
-    (sign, size), (later_sign, later_size) = before, after
+    sign, size = before
+    later_sign, later_size = after
     return (later_sign == sign) & (later_size - size > np.log(DETERMINANT_LOST))
-
-
-def keeps_assembly_mode(before: LinearisedLoops, after: LinearisedLoops) -> BoolArray:
-    """Whether no Type 2 singularity lies between near configurations or at the second, (T,).
-
-    Of robots without redundant motors.
-    """
-    return keeps_sign(passive_determinants(before), passive_determinants(after))
 
 
 def keeps_working_mode(robot: ParallelRobot, before: LinearisedLoops, after: LinearisedLoops) -> BoolArray:
@@ -69,20 +63,35 @@ def keeps_working_mode(robot: ParallelRobot, before: LinearisedLoops, after: Lin
     mode.
     """
     columns = robot.moving
-    loops = scaled_loops(robot, after)[:, :, columns]
-    ranked = np.linalg.svd(loops, compute_uv=False).min(axis=1, initial=np.inf) >= RANK_LOST
-    signs, sizes = map(np.concatenate, zip(before.factors.slogdet, after.factors.slogdet, strict=True))
-    keep = ranked & keeps_sign((signs[:-1], sizes[:-1]), (signs[1:], sizes[1:]))
-    for k in map(int, np.flatnonzero(ranked & ~keep)):
-        bases, maps = [], []
-        for linearised in (after.select(k - 1) if k else before, after.select(k)):
-            basis = np.linalg.svd(scaled_loops(robot, linearised)[0][:, columns])[2][loops.shape[1] :].T
-            bases.append(basis)
-            platform = scaled_platform(robot, linearised)[0][:, columns]
-            maps.append(float(np.linalg.det(platform @ basis)))
-        carried_on = maps[1] * np.sign(maps[0] * np.linalg.det(bases[0].T @ bases[1]))
-        keep[k] = carried_on > DETERMINANT_LOST * abs(maps[0])
+    least = singular_values(scaled_loops(robot, after)[:, :, columns]).min(axis=1, initial=np.inf)
+    has_rank = least >= RANK_LOST
+    signs = np.concatenate([before.factors.slogdet[0], after.factors.slogdet[0]])
+    sizes = np.concatenate([before.factors.slogdet[1], after.factors.slogdet[1]])
+    keep = has_rank & keeps_sign((signs[:-1], sizes[:-1]), (signs[1:], sizes[1:]))
+    for k in np.flatnonzero(has_rank & ~keep).tolist():
+        previous = after.select(k - 1) if k else before
+        keep[k] = _keeps_platform_map(robot, previous, after.select(k))
     return keep
+
+
+def _keeps_platform_map(robot: ParallelRobot, before: LinearisedLoops, after: LinearisedLoops) -> bool:
+    """Whether det (platform N) keeps its sign between two near configurations (T = 1 each).
+
+    N (moving, n) is an orthonormal basis of the motions that the loops allow. The basis at the second
+    configuration may be turned over against the first: the sign of det (N' N) tells.
+    """
+    basis, determinant = _platform_map(robot, before)
+    later_basis, later_determinant = _platform_map(robot, after)
+    continued = later_determinant * np.sign(determinant * np.linalg.det(basis.T @ later_basis))
+    return bool(continued > DETERMINANT_LOST * abs(determinant))
+
+
+def _platform_map(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array, float]:
+    """Return a basis N (moving, n) of the motions that the loops allow (T = 1), and det (platform N)."""
+    loops = scaled_loops(robot, linearised)[0][:, robot.moving]  # (m, moving)
+    basis = np.linalg.svd(loops)[2][len(loops) :].T
+    platform = scaled_platform(robot, linearised)[0][:, robot.moving]
+    return basis, float(np.linalg.det(platform @ basis))
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,33 +114,36 @@ def legs(robot: ParallelRobot) -> tuple[Leg, ...]:
     from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching
 
     require_square(robot)
-    part = robot.equations.moving
-    # indices of 32 bits: before 1.15 scipy's matching takes no others
-    entries = part.row.astype(np.int32), part.column.astype(np.int32)
-    pattern = csr_array((np.ones(len(part.row)), entries), shape=part.shape)
-    row_of = maximum_bipartite_matching(pattern, perm_type="row")  # (columns,)
-    matched = pattern[row_of]  # its diagonal is full: each column's own equation stands in its row
-    label = connected_components(matched, directed=True, connection="strong")[1]
-    first, second = matched.nonzero()  # the equation of the first column has the second one
+    pattern = csr_array(robot.equations.pattern[:, robot.moving].astype(float))  # (n + m, moving)
+    row_of = maximum_bipartite_matching(pattern, perm_type="row")  # (columns,) each column's own equation
+    matched = pattern[row_of]  # its diagonal is full
+    label = connected_components(matched, directed=True, connection="strong")[1]  # (columns,) the leg of each
+    needs = _needed_legs(label, *matched.nonzero())
+    all_legs = []
+    for k in range(len(needs)):
+        columns = np.flatnonzero(label == k)
+        motors = tuple(robot.actuator_names[c] for c in columns if c < robot.n_a)
+        needed_columns = np.flatnonzero(needs[k, label] & (label != k))
+        all_legs.append(Leg(motors, np.asarray(row_of[columns], dtype=np.intp), columns, needed_columns))
+    return tuple(sorted(all_legs, key=lambda leg: int(leg.columns[0]) if leg.motors else pattern.shape[0]))
+
+
+def _needed_legs(label: IntArray, first: IntArray, second: IntArray) -> BoolArray:
+    """Return whether a leg needs another one, directly or through others, or is the same, (legs, legs).
+
+    `label` are the legs of columns; the equation of each column `first` contains the column `second`.
+    """
     needs = np.eye(int(label.max(initial=-1)) + 1, dtype=bool)
     for _ in needs:
         np.logical_or.at(needs, label[first], needs[label[second]])
-
-    def leg(k: int) -> Leg:
-        """Return leg k: its motors, equations, columns, and the legs to solve before."""
-        columns = np.flatnonzero(label == k)
-        motors = tuple(robot.actuator_names[c] for c in columns if c < robot.n_a)
-        needed = np.flatnonzero(needs[k, label] & (label != k))
-        return Leg(motors, np.asarray(row_of[columns], dtype=np.intp), columns, needed)
-
-    all_legs = map(leg, range(len(needs)))
-    return tuple(sorted(all_legs, key=lambda leg: int(leg.columns[0]) if leg.motors else part.shape[0]))
+    return needs
 
 
 def leg_determinants(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
     """Compute the determinant of each leg (T, legs), without dimension: zero on its Type 1 singularities."""
     M = type1_matrix(robot, linearised)
-    return np.stack([np.linalg.det(M[:, leg.rows][:, :, leg.columns]) for leg in legs(robot)], axis=1)
+    blocks = [M[:, leg.rows][:, :, leg.columns] for leg in legs(robot)]  # (T, k, k) each
+    return np.stack([np.linalg.det(block) for block in blocks], axis=1)
 
 
 def leg_signs(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:

@@ -65,13 +65,13 @@ def motion_changes(robot: ParallelRobot, motion: Motion, steps: MotionSteps) -> 
     Raises:
         NotAssembled: the platform does not determine the joints at some instant.
     """
-    linearised, columns, joints = motion.linearised, steps.columns, steps.joints
+    linearised, joints = motion.linearised, steps.joints
     displacement, dtwist, dtwist_rate = steps.twist  # (T, k, n) each
 
     def solve(platform: Array, loops: Array, prescribed: Array) -> Array:
-        """Solve for joint rates (T, k, nv) by those of platform (T, k, n) and loop equations (T, k, m)."""
+        """Solve for joint rates (T, k, nv) by rates of platform (T, k, n) and loops (T, k, m)."""
         right = np.concatenate([platform, loops], axis=2)
-        return solve_rates(robot, linearised, right, columns, prescribed)
+        return solve_rates(robot, linearised, right, steps.columns, prescribed)
 
     closed = np.zeros((*displacement.shape[:2], len(robot.loops.names)))
     dq = solve(displacement, closed, joints[0])
@@ -79,13 +79,12 @@ def motion_changes(robot: ParallelRobot, motion: Motion, steps: MotionSteps) -> 
 
     same_rates = vary_motions(robot, ahead, motion.v, motion.a, np.zeros_like(dq))
     platform_change = changes_of(robot.platform.frame_velocity(same_rates))
-    loop_change = changes_of(closure_rates(robot.loops, same_rates))
-    dv = solve(dtwist - platform_change, -loop_change, joints[1])
+    dv = solve(dtwist - platform_change, -changes_of(closure_rates(robot.loops, same_rates)), joints[1])
 
     same_accelerations = vary_motions(robot, ahead, motion.v, motion.a, dv)
     platform_change = changes_of(robot.platform.drift(same_accelerations))
-    loop_change = changes_of(closure_drift(robot.loops, same_accelerations))
-    da = solve(dtwist_rate - platform_change, -loop_change, joints[2])
+    drift_change = changes_of(closure_drift(robot.loops, same_accelerations))
+    da = solve(dtwist_rate - platform_change, -drift_change, joints[2])
     return MotionChanges(dq, dv, da)
 
 

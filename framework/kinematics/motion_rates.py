@@ -31,6 +31,7 @@ from framework.kinematics.linearised_loops import (
     linearised_at,
 )
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.linalg.ordered_sums import matvec
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +61,7 @@ def _solve_rates(robot: ParallelRobot, linearised: LinearisedLoops, right: Array
     rates = np.zeros((*right.shape[:-1], robot.model.nv))
     if robot.n_e:
         rates[..., robot.elastic] = elastic
-        right = right - linearised.equations.elastic.times(linearised.entries, elastic)
+        right = right - matvec(linearised.jacobian[:, :, robot.elastic], elastic)
     rates[..., robot.moving] = moving_rates(robot, linearised, right)
     return rates
 
@@ -111,8 +112,7 @@ def platform_twists(robot: ParallelRobot, motion: Motion) -> tuple[Array, Array]
     """Compute the platform's twist v and its time derivative, each (T, n), of a motion."""
     frames, jacobian = motion.linearised.frames, motion.linearised.platform
     drift = robot.platform.drift(frame_motions(robot, frames, motion.q, motion.v))
-    twist, rate = (np.einsum("tnv,tv->tn", jacobian, rates) for rates in (motion.v, motion.a))
-    return twist, rate + drift
+    return matvec(jacobian, motion.v), matvec(jacobian, motion.a) + drift
 
 
 def _motion_of_twist(
@@ -135,7 +135,7 @@ def _motion_of_twist(
     if turns is None:
         return motion
     rows_rate = turns.rows_rate(robot, linearised, jacobian_change(robot, linearised, v))
-    return replace(motion, a=turns.add_turns(motion.a, -np.einsum("tkv,tv->tk", rows_rate, v)))
+    return replace(motion, a=turns.add_turns(motion.a, -matvec(rows_rate, v)))
 
 
 def jacobian_change(robot: ParallelRobot, linearised: LinearisedLoops, motions: Array) -> Array:
@@ -143,6 +143,6 @@ def jacobian_change(robot: ParallelRobot, linearised: LinearisedLoops, motions: 
 
     For joint rates it is the time derivative.
     """
-    ahead, pattern = step_frames(robot, linearised.frames, motions), robot.equations.pattern
+    ahead = step_frames(robot, linearised.frames, motions)
     wrenches = equation_wrenches(robot, ahead, loop_wrenches(robot.rows, ahead))
-    return pattern.dense(changes_of(pattern.entries(wrenches, ahead.screws)))
+    return changes_of(robot.equations.jacobian(wrenches, ahead.screws))

@@ -13,7 +13,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from framework.arrays import Array, IntArray, ReadOnlyArrays, read_only
+from framework.arrays import Array, BoolArray, IntArray, ReadOnlyArrays, read_only
 from framework.errors import expect, point
 from framework.kinematics.assembly import (
     Configuration,
@@ -25,8 +25,7 @@ from framework.kinematics.mechanism import Mechanism, columns_of
 from framework.kinematics.pinocchio_memory import scratch_of
 from framework.kinematics.platform import PlatformCoordinates
 from framework.kinematics.rounded_loops import assembled_mechanism
-from framework.linalg.banded_lu import Band
-from framework.linalg.sparsity import Part, Sparsity
+from framework.linalg.banded_lu import Band, Factors
 from framework.model.loop_rows import LoopRows
 
 
@@ -210,18 +209,18 @@ def expect_robot(robot: object) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Equations(ReadOnlyArrays):
-    """F = [platform - x ; closures]: n + m equations, and where their Jacobian has entries."""
+    """F = [platform - x ; closures]: n + m equations, and where their Jacobian dF/dq has entries."""
 
     loops: LoopRows  # the m independent ones
     bodies: IntArray  # (n + m,) the frame that the wrench of each equation acts on
     n: int  # of the platform's equations, which come first
-    pattern: Sparsity  # (n + m, nv)
+    signs: (
+        Array  # (n + m, nv) 1 where the joint carries the second body of the equation, -1 the first, else 0
+    )
+    couplings: Array  # (n + m, nv) derivatives of equations between joints themselves, else 0
     columns: IntArray  # those that follow when x and q_e are given: actuated, then passive
-    moving: Part  # all rows, these columns: square if planning is possible
-    elastic: Part  # all rows, the columns of the springs
-    passive: Part  # loops only, the passive columns: square without redundant motors
-    moving_band: Band | None  # None if not square
-    passive_band: Band | None
+    moving_part: SquarePart | None  # all rows, these columns; None if planning is not possible
+    passive_part: SquarePart | None  # loops only, the passive columns; None with redundant motors
 
     @staticmethod
     def of(
@@ -229,27 +228,53 @@ class Equations(ReadOnlyArrays):
     ) -> Equations:
         """Return the table of loop equations and `columns`, of which the first n_a have motors."""
         carried, n = scratch_of(mechanism).carried, platform.n
-        own = platform.felt_by(carried[0])
-        signs = np.concatenate([own, carried[loops.second] - carried[loops.first]])
-        direct = np.zeros_like(signs)
-        direct[n:] = loops.coupling_jacobian(signs.shape[1])
-        pattern = Sparsity.of(signs, direct)
-        rows = np.arange(pattern.shape[0])
-        moving = pattern.part(rows, columns)
-        passive = pattern.part(rows[n:], columns[n_a:])
-        bands = [
-            Band.of(part.row, part.column, part.shape[0]) if part.shape[0] == part.shape[1] > 0 else None
-            for part in (moving, passive)
-        ]
+        of_platform = platform.felt_by(carried[0])
+        signs = np.concatenate([of_platform, carried[loops.second] - carried[loops.first]])
+        couplings = np.zeros_like(signs)
+        couplings[n:] = loops.coupling_jacobian(signs.shape[1])
+        pattern = (signs != 0.0) | (couplings != 0.0)
+        rows = np.arange(len(signs))
         return Equations(
             loops=loops,
             bodies=np.concatenate([np.zeros(n, dtype=np.intp), loops.second]),
             n=n,
-            pattern=pattern,
+            signs=signs,
+            couplings=couplings,
             columns=columns,
-            moving=moving,
-            elastic=pattern.part(rows, mechanism.elastic),
-            passive=passive,
-            moving_band=bands[0],
-            passive_band=bands[1],
+            moving_part=SquarePart.of(pattern, rows, columns),
+            passive_part=SquarePart.of(pattern, rows[n:], columns[n_a:]),
         )
+
+    @property
+    def pattern(self) -> BoolArray:
+        """Whether dF/dq (n + m, nv) has an entry that is not zero by construction."""
+        return (self.signs != 0.0) | (self.couplings != 0.0)
+
+    def jacobian(self, wrenches: Array, screws: Array) -> Array:
+        """Compute dF/dq (T, n + m, nv), the powers of wrenches on screws.
+
+        Wrenches (T, n + m, 6) and screws (T, nv, 6) are about the base's origin.
+        """
+        return (wrenches @ screws.swapaxes(1, 2)) * self.signs + self.couplings
+
+
+@dataclass(frozen=True, eq=False)
+class SquarePart(ReadOnlyArrays):
+    """The entries of a square part of matrices, in the memory of the whole and in a band matrix."""
+
+    entries: IntArray  # (E,) places in the memory of a whole matrix
+    band: Band
+
+    @staticmethod
+    def of(pattern: BoolArray, rows: IntArray, columns: IntArray) -> SquarePart | None:
+        """Return the entries of a pattern in some rows and columns; None unless square."""
+        if not len(rows) == len(columns) > 0:
+            return None
+        i, j = np.nonzero(pattern[rows][:, columns])
+        entries = rows[i] * pattern.shape[1] + columns[j]
+        return SquarePart(entries, Band.of(i, j, len(rows)))
+
+    def factor(self, matrices: Array) -> Factors:
+        """Compute the LU factors of the part of matrices (T, r, c)."""
+        count, rows, columns = matrices.shape
+        return self.band.factor(matrices.reshape(count, rows * columns).take(self.entries, axis=1))

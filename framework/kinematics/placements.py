@@ -24,9 +24,10 @@ def joint_poses(robot: ParallelRobot, q: Array) -> Array:
         pin.forwardKinematics(model, data, q[k])
         for j, placement in enumerate(data.oMi):
             poses[k, j] = pin.SE3ToXYZQUAT(placement)
-    turn = poses[:, :, 3:]
-    flips = np.sign(np.sum(turn[1:] * turn[:-1], axis=2))
-    turn[1:] *= np.cumprod(np.where(flips < 0, -1.0, 1.0), axis=0)[:, :, None]
+    quaternions = poses[:, :, 3:]
+    cosines = np.sum(quaternions[1:] * quaternions[:-1], axis=2)  # (F - 1, njoints) with the frame before
+    signs = np.cumprod(np.where(cosines < 0, -1.0, 1.0), axis=0)
+    quaternions[1:] *= signs[:, :, None]
     return poses
 
 
@@ -92,13 +93,13 @@ def joint_axis(robot: ParallelRobot, column: int) -> JointAxis:
 def carried_axis(robot: ParallelRobot, column: int) -> JointAxis:
     """Return the axis of an entry of the velocity vector, fixed in its own joint."""
     model = robot.model
-    joint = next(
-        j for j in range(1, model.njoints) if 0 <= column - model.joints[j].idx_v < model.joints[j].nv
-    )
+    owner = np.repeat(np.arange(1, model.njoints), [joint.nv for joint in model.joints[1:]])  # of each column
+    joint = int(owner[column])
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
-    local = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL).reshape(6, -1)[:, column]
-    axis = local[:3] if robot.sliding[column] else local[3:]
+    jacobian = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL).reshape(6, -1)
+    linear, angular = jacobian[:3, column], jacobian[3:, column]
+    axis = linear if robot.sliding[column] else angular
     return JointAxis(joint, np.zeros(3), np.asarray(axis / np.linalg.norm(axis)))
 
 

@@ -25,6 +25,7 @@ from framework.kinematics.attitude import Attitude, TwistAngle, attitude_about, 
 from framework.kinematics.frame_variations import STEP, changes_of
 from framework.kinematics.frames import FrameMotions, FrameStack
 from framework.linalg.ordered_sums import matmul, matvec
+from framework.linalg.rotations import whole_turns, wrap_angles
 from framework.model.description import AXES, Platform
 from framework.motion.path import Path
 
@@ -85,7 +86,7 @@ class PlatformCoordinates(ReadOnlyArrays, ABC):
         """Compute the derivative (T, n, nv) of v along pinocchio's velocity vector."""
 
     def frame_velocity(self, motions: FrameMotions) -> Array:
-        """Compute v (..., n) for motions of the frame; zero of joints, whose rates do not depend on it."""
+        """Compute v (..., n) for motions of the frame; zero of joints, which have their own rates."""
         return np.zeros((*motions.twist.shape[:-2], self.n))
 
     def drift(self, motions: FrameMotions) -> Array:
@@ -101,7 +102,8 @@ class PlatformCoordinates(ReadOnlyArrays, ABC):
 
     def frame_wrench(self, frames: FrameStack, W: Array) -> Array:
         """Compute the wrench (T, 6) at the frame's origin of components W (T, n); its power is W . v."""
-        return matvec(np.swapaxes(np.broadcast_to(self.wrenches(frames), (len(W), self.n, 6)), 1, 2), W)
+        wrenches = np.broadcast_to(self.wrenches(frames), (len(W), self.n, 6))
+        return matvec(wrenches.swapaxes(1, 2), W)
 
     def twist(self, x: Array, dx: Array, ddx: Array | None = None) -> tuple[Array, Array]:
         """Compute v and its time derivative (T, n) for coordinates x and their rates, each (T, n)."""
@@ -117,9 +119,9 @@ class PlatformCoordinates(ReadOnlyArrays, ABC):
         return self.twist(x, step)[0], changes_of(v), changes_of(dv)
 
     def rate_matrix(self, x: Array) -> Array:
-        """Compute E (T, n, n) of v = E(x) dx for coordinates x (T, n)."""
-        units = np.broadcast_to(np.eye(self.n), (len(x), self.n, self.n)).reshape(-1, self.n)
-        columns = self.twist(np.repeat(x, self.n, axis=0), units)[0]
+        """Compute E (T, n, n) of v = E(x) dx, column by column, at x (T, n)."""
+        unit_rates = np.tile(np.eye(self.n), (len(x), 1))
+        columns = self.twist(np.repeat(x, self.n, axis=0), unit_rates)[0]
         return columns.reshape(len(x), self.n, self.n).swapaxes(1, 2)
 
     def path_twist(self, path: Path, s: float) -> Array:
@@ -189,11 +191,12 @@ class FramePlatform(PlatformCoordinates):
         return wrenches
 
     def felt_by(self, carried: Array) -> Array:
+        """Return 1 where a joint carries the frame, alike for all coordinates, (n, nv)."""
         return np.repeat(carried[None], self.n, axis=0)
 
     def jacobian(self, frames: FrameStack) -> Array:
-        only = frames._replace(placements=frames.placements[:, :1], carried=frames.carried[:1])
-        twists = only.jacobian[:, 0]  # (T, 6, nv) of the platform's frame
+        """Compute dv/dq' (T, n, nv): the power of the wrenches on the frame's twist for each joint's rate."""
+        twists = frames.frame_jacobian(0)  # (T, 6, nv)
         return twists[:, self.axes] if self.constant else matmul(self.wrenches(frames), twists)
 
     def frame_velocity(self, motions: FrameMotions) -> Array:
@@ -238,8 +241,9 @@ class FramePlatform(PlatformCoordinates):
         ddx = np.zeros_like(dx) if ddx is None else ddx
         if self.attitude.by_rates:
             return dx, ddx
-        v, dv, turning = dx.copy(), ddx.copy(), self.turning
-        v[:, turning], dv[:, turning] = self.attitude.rates(*(part[:, turning] for part in (x, dx, ddx)))
+        turns = self.turning
+        v, dv = dx.copy(), ddx.copy()
+        v[:, turns], dv[:, turns] = self.attitude.rates(x[:, turns], dx[:, turns], ddx[:, turns])
         return v, dv
 
 
@@ -256,19 +260,22 @@ class JointPlatform(PlatformCoordinates):
         joints = [model.joints[model.getJointId(name)] for name in names]
         slides = np.array([joint.shortname().startswith("JointModelP") for joint in joints])
         nothing = np.empty(0, dtype=np.intp)
-        columns, places = (np.array([getattr(j, key) for j in joints]) for key in ("idx_v", "idx_q"))
+        columns = np.array([joint.idx_v for joint in joints])
+        places = np.array([joint.idx_q for joint in joints])
         return JointPlatform(slides, nothing, nothing, columns, places)
 
     def coordinates(self, frames: FrameStack) -> Array:
+        """Return the positions x (T, n) of the joints [rad, m]."""
         return frames.q[:, self.places]
 
     def residual(self, frames: FrameStack, x: Array) -> Array:
+        """Compute the offset (T, n) of the joints from x [rad, m], hinges the short way round."""
         off = frames.q[:, self.places] - x
-        return np.where(self.translations, off, np.mod(off + np.pi, 2 * np.pi) - np.pi)
+        return np.where(self.translations, off, wrap_angles(off))
 
     def unwrap(self, x: Array, near: Array) -> Array:
-        turns = np.round((near - x) / (2 * np.pi))
-        return np.where(self.translations, x, x + 2 * np.pi * turns)
+        """Compute positions (T, n) with hinges counted on from `near`; slides stay."""
+        return np.where(self.translations, x, x + whole_turns(near - x))
 
     def wrenches(self, frames: FrameStack) -> Array:
         """Compute couples about hinges and forces along slides, (T, n, 6)."""
@@ -277,10 +284,13 @@ class JointPlatform(PlatformCoordinates):
         return wrenches
 
     def felt_by(self, carried: Array) -> Array:
+        """Return 1 where a coordinate is the joint's own position, (n, nv)."""
         return np.eye(len(carried))[self.columns]
 
     def jacobian(self, frames: FrameStack) -> Array:
-        return np.repeat(np.eye(frames.screws.shape[1])[None, self.columns], len(frames.q), axis=0)
+        """Return dv/dq' (T, n, nv): the rows of the identity that belong to the joints."""
+        unit_rows = np.eye(frames.screws.shape[1])[self.columns]
+        return np.repeat(unit_rows[None], len(frames.q), axis=0)
 
     def frame_twist(self, frames: FrameStack, v: Array) -> Array:
         """Compute the twist (T, 6) at the frame's origin: joint screws times v (T, n)."""

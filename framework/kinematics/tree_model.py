@@ -50,30 +50,41 @@ def tree_model(urdf: ElementTree.Element, as_declared: Collection[str] = ()) -> 
 
 
 def _with_balls(parsed: pin.Model, several: Mapping[str, str], as_declared: Collection[str]) -> pin.Model:
-    """Replace the joints named in `several` by balls, floating ones by three slides and a ball."""
+    """Return the model with balls for the joints in `several`, floating ones as three slides and a ball."""
     model = pin.Model()
     model.name = parsed.name
-    identity = pin.SE3.Identity()
-    new, old_pose = {0: 0}, {0: identity}  # by old joint: the new joint, and the old pose in the new one
+    new = {0: 0}  # the new joint of each old one
+    axes = {0: pin.SE3.Identity()}  # the pose of each old joint in the new one: that of a ball turned round
     for j in range(1, parsed.njoints):
         name, parent = str(parsed.names[j]), int(parsed.parents[j])
-        place, parent = old_pose[parent] * parsed.jointPlacements[j], new[parent]
-        old_pose[j], joint = identity, parsed.joints[j]
+        placement = axes[parent] * parsed.jointPlacements[j]
+        parent = new[parent]
+        joint = parsed.joints[j]
+        axes[j] = pin.SE3.Identity()
         if name in several:
             joint = pin.JointModelSpherical()
             if several[name] == "floating":
-                for suffix, slide in _SLIDES:
-                    parent, place = model.addJoint(parent, slide(), place, f"{name}{suffix}"), identity
+                parent = _add_slides(model, parent, placement, name)
+                placement = pin.SE3.Identity()
             if name not in as_declared:
-                axes = pin.SE3(turning("z", _centre_direction(parsed, j)), np.zeros(3))
-                place, old_pose[j] = place * axes, axes.inverse()
-        new[j] = model.addJoint(parent, joint, place, name)
-        model.appendBodyToJoint(new[j], parsed.inertias[j], old_pose[j])
+                turned = pin.SE3(turning("z", _centre_direction(parsed, j)), np.zeros(3))
+                placement = placement * turned
+                axes[j] = turned.inverse()
+        new[j] = model.addJoint(parent, joint, placement, name)
+        model.appendBodyToJoint(new[j], parsed.inertias[j], axes[j])
     for frame in list(parsed.frames)[1:]:  # not the universe
         j = int(frame.parentJoint)
-        pose = old_pose[j] * frame.placement
+        pose = axes[j] * frame.placement
         model.addFrame(pin.Frame(frame.name, new[j], frame.parentFrame, pose, frame.type), False)
     return model
+
+
+def _add_slides(model: pin.Model, parent: int, placement: pin.SE3, name: str) -> int:
+    """Add three slides along x, y, z at a placement on a parent; return the last one."""
+    for suffix, slide in _SLIDES:
+        parent = model.addJoint(parent, slide(), placement, f"{name}{suffix}")
+        placement = pin.SE3.Identity()
+    return parent
 
 
 def _centre_direction(model: pin.Model, j: int) -> Array:
@@ -122,11 +133,11 @@ def single_columns(model: pin.Model) -> frozenset[int]:
 
 def coordinate_names(model: pin.Model) -> tuple[str, ...]:
     """Return a name for each entry of the velocity vector, (nv,)."""
-    return tuple(
-        f"{name}{suffix}"
-        for name, joint in zip(list(model.names)[1:], list(model.joints)[1:], strict=True)
-        for suffix in (SEVERAL["spherical"] if is_ball(joint) else ("",) * joint.nv)
-    )
+    names: list[str] = []
+    for name, joint in zip(list(model.names)[1:], list(model.joints)[1:], strict=True):
+        suffixes = SEVERAL["spherical"] if is_ball(joint) else ("",) * joint.nv
+        names += [f"{name}{suffix}" for suffix in suffixes]
+    return tuple(names)
 
 
 def is_ball(joint: pin.JointModel) -> bool:
@@ -189,11 +200,12 @@ def joint_limits(urdf: ElementTree.Element, model: pin.Model) -> tuple[JointLimi
 
 def shares_beyond_limits(limits: Sequence[JointLimit], q: Array) -> Array:
     """Compute the excess of q (..., nq) over each limit, as a share of its range, (..., limits)."""
-    place = [limit.coordinate for limit in limits]
-    lower, upper = (np.array([limit[k] for limit in limits]) for k in (2, 3))
-    slack = SAME_PLACE * np.maximum(np.abs(lower), np.abs(upper))
-    beyond = np.maximum(lower - q[..., place], q[..., place] - upper)
-    return np.where(beyond > slack, beyond, 0.0) / np.maximum(upper - lower, slack)
+    positions = q[..., [limit.coordinate for limit in limits]]
+    lower = np.array([limit.lower for limit in limits])
+    upper = np.array([limit.upper for limit in limits])
+    rounding = SAME_PLACE * np.maximum(np.abs(lower), np.abs(upper))
+    excess = np.maximum(lower - positions, positions - upper)
+    return np.where(excess > rounding, excess, 0.0) / np.maximum(upper - lower, rounding)
 
 
 def positions_beyond_limits(limits: Sequence[JointLimit], q: Array) -> dict[str, str]:

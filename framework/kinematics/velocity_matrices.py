@@ -54,11 +54,13 @@ def matrices_and_changes(
     robot: ParallelRobot, linearised: LinearisedLoops, changes: Array
 ) -> tuple[VelocityMatrices, VelocityMatrices]:
     """Compute A, B, C, and their changes for changes (T, n + m, nv) of dF/dq, see `matrices_and_rates`."""
-    M, dM = (_dimensionless_jacobian(robot, jacobian) for jacobian in (linearised.jacobian, changes))
+    M = _dimensionless_jacobian(robot, linearised.jacobian)
+    dM = _dimensionless_jacobian(robot, changes)
     N, passive = _left_null_space(robot, M), robot.following
     dN = -N @ dM[:, :, passive] @ np.linalg.pinv(M[:, :, passive])
-    turned, moved = _combine(robot, dN, M), _combine(robot, N, dM)
-    rates = VelocityMatrices(turned.A, turned.B + moved.B, turned.C + moved.C)
+    by_basis = _combine(robot, dN, M)  # dN M, and N dM: A is a part of N alone
+    by_jacobian = _combine(robot, N, dM)
+    rates = VelocityMatrices(by_basis.A, by_basis.B + by_jacobian.B, by_basis.C + by_jacobian.C)
     return _with_dimension(robot, _combine(robot, N, M)), _with_dimension(robot, rates)
 
 
@@ -73,7 +75,11 @@ def dimensionless_matrices(robot: ParallelRobot, linearised: LinearisedLoops) ->
 
 
 def _combine(robot: ParallelRobot, N: Array, M: Array) -> VelocityMatrices:
-    """Multiply a Jacobian M (T, n + m, nv) of platform and loops by N (T, m, n + m)."""
+    """Return A, B, C of a basis N (T, m, n + m) and a Jacobian M.
+
+    M (T, n + m, nv) is that of platform and loops. N [v; 0] = N M dq: A are the columns of N that meet v, B
+    and C the products with the columns of motors and springs.
+    """
     return VelocityMatrices(N[:, :, : robot.n], N @ M[:, :, robot.actuated], N @ M[:, :, robot.elastic])
 
 
@@ -85,13 +91,14 @@ def _dimensionless_jacobian(robot: ParallelRobot, jacobian: Array) -> Array:
 def _left_null_space(robot: ParallelRobot, balanced: Array) -> Array:
     """Compute orthonormal rows (T, m, n + m) to which the passive columns are orthogonal."""
     passive = robot.following
-    return np.linalg.qr(balanced[:, :, passive], mode="complete")[0][:, :, len(passive) :].swapaxes(1, 2)
+    Q = np.linalg.qr(balanced[:, :, passive], mode="complete")[0]  # (T, n + m, n + m)
+    return Q[:, :, len(passive) :].swapaxes(1, 2)  # the columns behind span what the passive ones do not
 
 
 def _with_dimension(robot: ParallelRobot, matrices: VelocityMatrices) -> VelocityMatrices:
     """Convert matrices for twists and rates in lengths of the robot to metres."""
-    A, B, C = matrices
-    twist = robot.platform_scale
     return VelocityMatrices(
-        A / twist, B / robot.column_scale[robot.actuated], C / robot.column_scale[robot.elastic]
+        A=matrices.A / robot.platform_scale,
+        B=matrices.B / robot.column_scale[robot.actuated],
+        C=matrices.C / robot.column_scale[robot.elastic],
     )

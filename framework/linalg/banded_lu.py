@@ -38,9 +38,9 @@ class Band(ReadOnlyArrays):
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-        # the graph of which rows meet which columns; its order gives both
-        both = (np.concatenate([row, size + column]), np.concatenate([size + column, row]))
-        graph = coo_array((np.ones(2 * len(row)), both), shape=(2 * size, 2 * size)).tocsr()
+        # the graph of which rows meet which columns, its nodes rows, then columns; its order gives both
+        ends = (np.concatenate([row, size + column]), np.concatenate([size + column, row]))
+        graph = coo_array((np.ones(2 * len(row)), ends), shape=(2 * size, 2 * size)).tocsr()
         order = reverse_cuthill_mckee(graph, symmetric_mode=True).astype(np.intp)
         row_order, column_order = order[order < size], order[order >= size] - size
         row_position, column_position = np.argsort(row_order), np.argsort(column_order)

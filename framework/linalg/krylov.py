@@ -31,30 +31,32 @@ def gmres(product: Callable[[Array], Array], right: Array, *, left: float, most:
     size = float(np.linalg.norm(right))
     if size == 0.0:
         return np.zeros_like(right)
-    basis = [right / size]
-    hessenberg = np.zeros((most + 1, most))
-    target = np.zeros(most + 1)
+    basis = [right / size]  # orthonormal
+    hessenberg = np.zeros((most + 1, most))  # A basis[k] = sum of hessenberg[i, k] basis[i]
+    target = np.zeros(most + 1)  # the right side in the basis
     target[0] = size
     history: list[float] = []
     for k in range(min(most, len(right))):
-        new = product(basis[k])
+        vector = product(basis[k])
         for _ in range(2):  # once more: what cancels in the first time loses its digits
-            along = np.array(basis) @ new
+            along = np.array(basis) @ vector
             hessenberg[: k + 1, k] += along
-            new = new - along @ np.array(basis)
-        hessenberg[k + 1, k] = np.linalg.norm(new)
+            vector = vector - along @ np.array(basis)
+        length = float(np.linalg.norm(vector))
+        hessenberg[k + 1, k] = length
         small = hessenberg[: k + 2, : k + 1]
         weights = np.linalg.lstsq(small, target[: k + 2], rcond=weak)[0]
         remaining = float(np.linalg.norm(target[: k + 2] - small @ weights))
         history.append(remaining)
-        stagnant = (
-            k >= STAGNATION_PRODUCTS and remaining > STAGNATION_RATIO * history[-1 - STAGNATION_PRODUCTS]
-        )
-        if (
-            remaining <= left * size
-            or stagnant
-            or hessenberg[k + 1, k] <= np.finfo(float).eps * np.abs(small).max()
-        ):
+        is_exhausted = length <= np.finfo(float).eps * np.abs(small).max()  # the space holds A's image
+        if remaining <= left * size or is_exhausted or _stagnates(history):
             break
-        basis.append(new / hessenberg[k + 1, k])
+        basis.append(vector / length)
     return np.asarray(weights @ np.array(basis[: len(weights)]))
+
+
+def _stagnates(history: list[float]) -> bool:
+    """Whether the last products have hardly reduced the residual."""
+    if len(history) <= STAGNATION_PRODUCTS:
+        return False
+    return history[-1] > STAGNATION_RATIO * history[-1 - STAGNATION_PRODUCTS]

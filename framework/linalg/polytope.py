@@ -66,7 +66,8 @@ class Polytope(ReadOnlyArrays):
 def zonotope(centre: Array, generators: Array) -> Polytope:
     """Compute the sums of centre (n,) and generators (m, n), each times a factor in [-1, 1]."""
     span, across, _ = _row_space(generators)
-    normals = np.concatenate([across, *(normal[None] @ span for normal in _normals(generators @ span.T))])
+    in_span = [normal[None] @ span for normal in _normals(generators @ span.T)]
+    normals = np.concatenate([across, *in_span])
     normals = _remove_repeated(np.concatenate([normals, -normals]))
     width = np.abs(normals @ generators.T).sum(axis=1)
     is_across = np.abs(normals @ span.T).max(axis=1, initial=0.0) < RANK_ROUNDING
@@ -80,17 +81,23 @@ def slabs(rows: Array, limits: Array) -> Polytope:
     """Return the points y (n,) with |rows y| <= limits, rows (m, n) and positive limits (m,)."""
     sizes = np.linalg.norm(rows, axis=1)
     acting = sizes > 0
-    normals = np.concatenate([rows[acting], -rows[acting]]) / np.tile(sizes[acting], 2)[:, None]
-    offsets = np.tile(limits[acting] / sizes[acting], 2)
+    units = rows[acting] / sizes[acting][:, None]
     span, free, largest = _row_space(rows)
-    inside, signs = rows @ span.T, _signs(len(span))
+    inside = rows @ span.T  # (m, r) the rows in their own space
+    signs = _signs(len(span))  # (2^r, r)
     points = [np.zeros((0, rows.shape[1]))]
     for subset in map(list, combinations(range(len(rows)), len(span)) if len(span) else ()):
         if singular_values(inside[subset])[-1] > RANK_ROUNDING * largest:
-            points.append(np.linalg.solve(inside[subset], (signs * limits[subset]).T).T @ span)
-    corners = np.concatenate(points)
-    corners = corners[np.all(np.abs(corners @ rows.T) <= limits * (1 + SAME_PLACE), axis=1)]
-    return Polytope(normals, offsets, _remove_repeated(corners), free)
+            corners = np.linalg.solve(inside[subset], (signs * limits[subset]).T)  # (r, 2^r)
+            points.append(corners.T @ span)
+    vertices = np.concatenate(points)
+    vertices = vertices[np.all(np.abs(vertices @ rows.T) <= limits * (1 + SAME_PLACE), axis=1)]
+    return Polytope(
+        normals=np.concatenate([units, -units]),
+        offsets=np.tile(limits[acting] / sizes[acting], 2),
+        vertices=_remove_repeated(vertices),
+        free=free,
+    )
 
 
 def _row_space(rows: Array) -> tuple[Array, Array, float]:

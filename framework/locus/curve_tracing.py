@@ -127,12 +127,11 @@ class _Fronts(NamedTuple):
 
     def advance(self, ahead: Points, good: BoolArray, step: Array, longest: float) -> _Fronts:
         """Return the fronts after steps (F,): the points ahead where good, else the same points."""
-        count = len(step)
         turning = (ahead.tangent - self.points.tangent) / step[:, None]
         turn = np.linalg.norm(turning, axis=1) * step
         growth = np.clip(TURN_SHARE * MAX_TANGENT_TURN / np.maximum(turn, MIN_STEP), MIN_GROWTH, MAX_GROWTH)
         return _Fronts(
-            points=select(join([ahead, self.points]), np.where(good, 0, count) + np.arange(count)),
+            points=_replace_rows(self.points, np.flatnonzero(good), select(ahead, good)),
             bend=np.where(good[:, None], turning, self.bend),
             step=np.where(good, np.minimum(step * growth, longest), step),
             piece=self.piece,
@@ -173,19 +172,20 @@ def _find_following(
     equations: LocusEquations, points: Points, ahead: Points, step: Array, starts: Points
 ) -> IntArray:
     """Find the piece (F,) that leads on from the start which each front passes in a step, or -1."""
-    to_start = equations.offsets(points.q[:, None], starts.q[None])  # (F, S, k)
+    from_front = equations.offsets(points.q[:, None], starts.q[None])  # (F, S, k) to each start
     from_end = equations.offsets(ahead.q[:, None], starts.q[None])
-    chord = to_start - from_end
+    chord = from_front - from_end
     length = np.linalg.norm(chord, axis=2)
-    distance = np.einsum("fsk,fk->fs", to_start, points.tangent)
-    remaining = np.einsum("fsk,fk->fs", from_end, ahead.tangent)
-    aside = np.linalg.norm(chord_offsets(to_start, chord), axis=2)
+    distance = np.matvec(from_front, points.tangent)  # (F, S) along the tangents
+    remaining = np.matvec(from_end, ahead.tangent)
+    aside = np.linalg.norm(chord_offsets(from_front, chord), axis=2)
     cosine = ahead.tangent @ starts.tangent.T  # (F, S)
     passes = (distance > MIN_START_DISTANCE) & (remaining <= 0) & (length < 2 * step[:, None])
-    passes &= (aside < MAX_CURVE_OFFSET * length + MIN_START_DISTANCE) & (np.abs(cosine) > MIN_CURVE_COSINE)
-    first = np.argmin(np.where(passes, distance, np.inf), axis=1)
-    against = np.take_along_axis(cosine, first[:, None], axis=1)[:, 0] <= 0
-    return np.where(passes.any(axis=1), first + len(starts.q) * against, -1)
+    passes &= aside < MAX_CURVE_OFFSET * length + MIN_START_DISTANCE
+    passes &= np.abs(cosine) > MIN_CURVE_COSINE
+    first = np.argmin(np.where(passes, distance, np.inf), axis=1)  # (F,) the nearest start ahead
+    is_against = np.take_along_axis(cosine, first[:, None], axis=1)[:, 0] <= 0
+    return np.where(passes.any(axis=1), first + len(starts.q) * is_against, -1)
 
 
 def chord_offsets(offset: Array, chord: Array) -> Array:
@@ -219,29 +219,35 @@ def advance(equations: LocusEquations, points: Points, step: Array, bend: Array)
 
     A point whose step does not count is returned as it was: the step is too long.
     """
-    q = equations.move(points.q, step[:, None] * points.tangent + 0.5 * step[:, None] ** 2 * bend)
-    good, live, correction = np.zeros(len(q), dtype=bool), np.arange(len(q)), np.zeros(len(q))
-    ahead = points
+    length = step[:, None]
+    q = equations.move(points.q, length * points.tangent + 0.5 * length**2 * bend)
+    ahead, good = points, np.zeros(len(q), dtype=bool)
+    live, correction = np.arange(len(q)), np.zeros(len(q))  # [rad, lengths] by all Newton steps so far
     for _ in range(MAX_CORRECTIONS):
         start = select(points, live)
         evaluated = equations.evaluate(q[live], start.border)
         change, sound = _corrector(evaluated, start.tangent)
-        correction[live] += np.abs(change).max(axis=1)
+        size = np.abs(change).max(axis=1)
+        correction[live] += size
         q[live] = equations.move(q[live], change)
         sound &= correction[live] < MAX_CORRECTION_RATIO * step[live]
-        ready = sound & (np.abs(change).max(axis=1) < NEWTON_STEP)
+        ready = sound & (size < NEWTON_STEP)
         if ready.any():
-            accepted = live[ready]
-            corrected = _points(equations, q[accepted], select(evaluated, ready), select(start, ready))
-            turns = corrected.tangent - start.tangent[ready]
-            good[accepted] = np.linalg.norm(turns, axis=1) < MAX_TANGENT_TURN
-            index = np.arange(len(q))
-            index[accepted] = len(q) + np.arange(len(accepted))
-            ahead = select(join([ahead, corrected]), index)
+            corrected = _points(equations, q[live[ready]], select(evaluated, ready), select(start, ready))
+            turns = np.linalg.norm(corrected.tangent - start.tangent[ready], axis=1)
+            good[live[ready]] = turns < MAX_TANGENT_TURN
+            ahead = _replace_rows(ahead, live[ready], corrected)
         live = live[sound & ~ready]
         if not len(live):
             break
     return ahead, good
+
+
+def _replace_rows(points: Points, rows: IntArray, new: Points) -> Points:
+    """Return the points with new ones in some rows."""
+    index = np.arange(len(points.q))
+    index[rows] = len(index) + np.arange(len(rows))
+    return select(join([points, new]), index)
 
 
 def _corrector(evaluated: Evaluated, tangent: Array) -> tuple[Array, BoolArray]:

@@ -77,23 +77,24 @@ def locus_patch(robot: ParallelRobot, q: Array, x: Array) -> Array | None:
 
         It changes its sign where g does, and needs no border.
         """
-        targets, guess = (np.repeat(row[None], len(shift), axis=0) for row in (x, q))
+        targets = np.repeat(x[None], len(shift), axis=0)
         targets[:, straight] += shift
+        guess = np.repeat(q[None], len(shift), axis=0)
         _, linearised, closed = close_each(
             robot, targets, guess, iterations=NEWTON_STEPS, farthest=MAX_JOINT_STEP
         )
         return np.where(closed, np.linalg.det(type2_matrix(robot, linearised)), np.nan)
 
     step = DIFFERENCE_STEP * robot.length
-    slope = np.subtract(*np.split(measure(np.concatenate([step * np.eye(3), -step * np.eye(3)])), 2))
-    slope /= 2 * step
+    ahead, back = measure(step * np.eye(3)), measure(-step * np.eye(3))
+    slope = (ahead - back) / (2 * step)  # (3,) along the axes
     size = float(np.linalg.norm(slope))
     if not (np.isfinite(size) and size > 0):
         return None
     normal = slope / size
     span = np.linspace(-PATCH_SIZE, PATCH_SIZE, PATCH_POINTS) * robot.length
     grid = np.stack(np.meshgrid(span, span, indexing="ij"), axis=-1).reshape(-1, 2)
-    flat = grid @ np.linalg.svd(normal[None])[2][1:]
+    flat = grid @ np.linalg.svd(normal[None])[2][1:]  # (m m, 3) on the tangent plane
     points = _pull_onto(measure, flat, normal, size, MAX_PATCH_HEIGHT * robot.length)
     if np.isnan(points).any():
         return None
@@ -107,13 +108,15 @@ def _pull_onto(
 
     Not a number for a point that would have to go farther than `farthest`, or whose loops do not close.
     """
-    height, value, rate = np.zeros(len(start)), measure(start), np.full(len(start), slope)
+    height, value = np.zeros(len(start)), measure(start)
+    rate = np.full(len(start), slope)  # of the measure along the normal
     for _ in range(SECANT_STEPS):
         step = np.clip(-value / rate, -0.2 * farthest, 0.2 * farthest)
         step = np.where(np.isfinite(step), step, 0.0)
-        new = measure(start + (height + step)[:, None] * normal)
+        height = height + step
+        new_value = measure(start + height[:, None] * normal)
         is_step = np.abs(step) > MIN_SECANT_STEP * farthest
-        rate = np.where(is_step, (new - value) / np.where(is_step, step, 1.0), rate)
-        height, value = height + step, new
+        rate = np.where(is_step, (new_value - value) / np.where(is_step, step, 1.0), rate)
+        value = new_value
     good = np.isfinite(value) & (np.abs(height) < farthest)
     return np.where(good[:, None], start + height[:, None] * normal, np.nan)

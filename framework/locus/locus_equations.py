@@ -110,25 +110,24 @@ class LocusEquations:
 
     def evaluate(self, q: Array, border: Border | None = None) -> Evaluated:
         """Evaluate the equations at q (S, nq); each with its own border by default."""
-        robot, k = self.robot, self.size
-        step = np.concatenate([np.zeros((1, k)), DIFFERENCE_STEP * np.eye(k), -DIFFERENCE_STEP * np.eye(k)])
-        poses = self.move(np.repeat(q, len(step), axis=0), np.tile(step, (len(q), 1)))
+        robot, units = self.robot, np.eye(self.size)
+        stencil = DIFFERENCE_STEP * np.concatenate([0.0 * units[:1], units, -units])
+        count = len(stencil)  # poses about each configuration, the configuration itself first
+        poses = self.move(np.repeat(q, count, axis=0), np.tile(stencil, (len(q), 1)))
         linearised = linearised_at(robot, poses, None)
-        centres = linearised.select(slice(None, None, len(step)))
-        loops = independent_loops_matrix(robot, centres)
+        centres = linearised.select(slice(None, None, count))
+        loops = independent_loops_matrix(robot, centres)[:, :, robot.moving]  # (S, m, k)
         gaps = (centres.residual / equation_sizes(robot))[:, robot.n :]
-        P = passive_matrix(robot, linearised).reshape(len(q), len(step), len(robot.following), -1)
-        border = Border.of(P[:, 0]) if border is None else border
-        eta, g = solve_bordered(P[:, 0], border)
-        psi = solve_bordered(P[:, 0].swapaxes(1, 2), Border(border.c, border.b)).eta
-        dg = -np.einsum("si,skij,sj->sk", psi[:, :, 0], _differences(P), eta[:, :, 0])
-        offsets = self._fixed_offsets(poses, linearised.frames).reshape(len(q), len(step), len(self.fixed))
+        passive = passive_matrix(robot, linearised).reshape(len(q), count, len(robot.following), -1)
+        P = passive[:, 0]  # (S, m, m)
+        border = Border.of(P) if border is None else border
+        eta, g = solve_bordered(P, border)  # (S, m, 1), (S, 1, 1)
+        dg = _measure_slopes(P, border, eta[:, :, 0], _differences(passive))  # (S, k)
+        offsets = self._fixed_offsets(poses, linearised.frames).reshape(len(q), count, len(self.fixed))
         return Evaluated(
             values=np.concatenate([gaps, offsets[:, 0], g[:, 0]], axis=1),
-            slopes=np.concatenate(
-                [loops[:, :, robot.moving], _differences(offsets).swapaxes(1, 2), dg[:, None]], axis=1
-            ),
-            P=P[:, 0],
+            slopes=np.concatenate([loops, _differences(offsets).swapaxes(1, 2), dg[:, None]], axis=1),
+            P=P,
             eta=eta[:, :, 0],
         )
 
@@ -144,6 +143,12 @@ class LocusEquations:
         offset, sliding = (offset / scale)[:, fixed], sliding[fixed]
         offset[:, ~sliding] = wrap_angles(offset[:, ~sliding])
         return offset
+
+
+def _measure_slopes(P: Array, border: Border, eta: Array, dP: Array) -> Array:
+    """Compute the slopes dg = -psi' dP eta (S, k) of g, with dP (S, k, m, m)."""
+    psi = solve_bordered(P.swapaxes(1, 2), Border(border.c, border.b)).eta[:, :, 0]
+    return -np.matvec(np.matvec(dP, eta[:, None]), psi)
 
 
 def _differences(values: Array) -> Array:

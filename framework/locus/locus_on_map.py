@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, BoolArray, IntArray, ReadOnlyArrays
+from framework.arrays import Array, BoolArray, IntArray, ReadOnlyArrays, select
 from framework.errors import InvalidInput
 from framework.kinematics.frames import frames_at
 from framework.kinematics.linearised_loops import linearised_at
@@ -35,6 +35,7 @@ MAX_TOUCHES = 16  # least |g| that it starts from: curves along which g keeps it
 STEPS_PER_REACH = 16.0  # of a curve along half an edge of the window, at least
 REGION_MARGIN = 1.05  # half the edge of the region followed, to the window's farthest side
 EXPLAINED_CELLS = 1.0  # between a change of sign and the curve that explains it
+AROUND = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)])  # cells about one, which is the one at 4
 MAX_ANGLE_STEP = 3.0  # [rad] between neighbours: the angle has been counted on from pi to -pi
 
 
@@ -220,31 +221,48 @@ def _parts(equations: LocusEquations, poses: MapPoses, curve: LocusCurve) -> lis
     return [MapCurve(x[part], curve.q[part]) for part in parts if len(part) > 1 and is_on[part].any()]
 
 
+class _Neighbours(NamedTuple):
+    """The map's poses about m points: the nearest one and its eight neighbours, in the order of `AROUND`."""
+
+    cells: IntArray  # (m, 9, 2) indices, 0 where there is none
+    reached: BoolArray  # (m, 9) whether there is a pose
+    q: Array  # (m, 9, nq)
+
+
+def _neighbours(poses: MapPoses, x: Array) -> _Neighbours:
+    """Return the poses about points x (m, 2)."""
+    nearest = np.round((x - poses.lower) / poses.cell).astype(int)
+    cells = nearest[:, None] + AROUND
+    on_map = ((cells >= 0) & (cells < np.array(poses.g.shape))).all(axis=2)
+    cells = np.where(on_map[:, :, None], cells, 0)
+    rows, columns = cells[..., 0], cells[..., 1]
+    return _Neighbours(cells, on_map & poses.reached[rows, columns], poses.q[rows, columns])
+
+
 def _compare_branches(
     equations: LocusEquations, poses: MapPoses, curve: LocusCurve, x: Array
 ) -> tuple[BoolArray, BoolArray]:
     """Return which points x (m, 2) of a curve surely are on the map's branch, and which surely are not.
 
-    Where the inverse kinematics is singular too no step leads to a point, and the point's configuration is
-    compared with the neighbouring poses. Points at and beyond the rim of the reached poses may be neither.
+    A step of inverse kinematics from the nearest pose leads to the point's own configuration, or elsewhere.
+    Where the inverse kinematics is singular too no step leads to a point: it then counts as on the branch if
+    it is no farther from the nearest pose than the farthest of the neighbours. Points at and beyond the rim
+    of the reached poses may be neither.
     """
-    own = np.round((x - poses.lower) / poses.cell).astype(int)
-    cells = own[:, None] + np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)])  # (m, 9, 2), own is 4
-    on_map = ((cells >= 0) & (cells < np.array(poses.g.shape))).all(axis=2)
-    cells = np.where(on_map[:, :, None], cells, 0)
-    on_map &= poses.reached[cells[..., 0], cells[..., 1]]
     is_on, is_off = np.zeros((2, len(x)), dtype=bool)
-    inside = np.flatnonzero(on_map[:, 4])
+    about = _neighbours(poses, x)
+    inside = np.flatnonzero(about.reached[:, 4])
     if not len(inside):
         return is_on, is_off
-    cells, on_map, q = cells[inside], on_map[inside], curve.q[inside]
-    poses_q = poses.q[cells[..., 0], cells[..., 1]]  # (m, 9, nq)
-    ends, arrives = poses.lead(poses_q[:, 4], poses.x[cells[:, 4, 0], cells[:, 4, 1]], curve.x[inside])
-    with np.errstate(invalid="ignore"):
+    about, q = select(about, inside), curve.q[inside]
+    own_q = about.q[:, 4]
+    own_x = poses.x[about.cells[:, 4, 0], about.cells[:, 4, 1]]
+    ends, arrives = poses.lead(own_q, own_x, curve.x[inside])
+    with np.errstate(invalid="ignore"):  # poses that are not reached
         gap = np.abs(equations.offsets(q, ends)).max(axis=1)
-        distances = np.abs(equations.offsets(poses_q[:, 4:5], poses_q)).max(axis=2)
-        distance = np.abs(equations.offsets(poses_q[:, 4], q)).max(axis=1)
-    among = distance <= np.where(on_map, distances, 0.0).max(axis=1)
-    is_on[inside] = np.where(arrives, gap < DISTINCT_SOLUTIONS, among)
-    is_off[inside] = ~is_on[inside] & (arrives | on_map.all(axis=1))
+        to_neighbours = np.abs(equations.offsets(own_q[:, None], about.q)).max(axis=2)
+        to_point = np.abs(equations.offsets(own_q, q)).max(axis=1)
+    is_among = to_point <= np.where(about.reached, to_neighbours, 0.0).max(axis=1)
+    is_on[inside] = np.where(arrives, gap < DISTINCT_SOLUTIONS, is_among)
+    is_off[inside] = ~is_on[inside] & (arrives | about.reached.all(axis=1))
     return is_on, is_off

@@ -170,15 +170,16 @@ def _trace_branches(
 
 
 def _crossings(equations: LocusEquations, curve: Curve) -> list[Points]:
-    """Find the branch points of a curve, where other curves cross.
+    """Find the branch points of a curve, where other curves cross: det [dF/du ; t'] changes its sign.
 
     Where the equations lose rank all along the curve (Type 1 and Type 2 at once) signs are rounding.
     """
     points = curve.points
     changes = np.flatnonzero(points.orientation[1:] * points.orientation[:-1] < 0)
-    ranks = [_least_slope(equations, select(points, changes + k)) for k in (0, 1)]
-    changes = changes[np.maximum(*ranks) > RANK_LOST]
-    return [branch_point(equations, points.single(k), points.single(k + 1)) for k in changes.tolist()]
+    before = _least_slope(equations, select(points, changes))
+    after = _least_slope(equations, select(points, changes + 1))
+    regular = changes[np.maximum(before, after) > RANK_LOST]
+    return [branch_point(equations, points.single(k), points.single(k + 1)) for k in regular.tolist()]
 
 
 def _least_slope(equations: LocusEquations, points: Points) -> Array:
@@ -191,34 +192,28 @@ def _least_slope(equations: LocusEquations, points: Points) -> Array:
 
 def _passes(equations: LocusEquations, curve: Curve, point: Points) -> bool:
     """Whether a curve passes a point (S = 1)."""
-    offsets = equations.offsets(point.q, curve.points.q)  # (m, k)
+    offsets = equations.offsets(point.q, curve.points.q)  # (m, k) from the point
     chord = np.diff(offsets, axis=0)
-    length, gap = (np.linalg.norm(part, axis=1) for part in (chord, chord_offsets(-offsets[:-1], chord)))
-    # longer ones jump where a hinge has turned once round
-    return bool(((gap < MAX_CURVE_OFFSET * length) & (length < 2 * MAX_STEP)).any())
+    length = np.linalg.norm(chord, axis=1)
+    distance = np.linalg.norm(chord_offsets(-offsets[:-1], chord), axis=1)
+    is_step = length < 2 * MAX_STEP  # longer ones jump where a hinge has turned once round
+    return bool(((distance < MAX_CURVE_OFFSET * length) & is_step).any())
 
 
 def _describe(equations: LocusEquations, curve: Curve, crossings: list[Points]) -> LocusCurve:
     """Describe a curve in the robot's own coordinates."""
     robot, points = equations.robot, curve.points
     linearised = linearised_at(robot, points.q, None)
-    x, motors = robot.platform.coordinates(linearised.frames), robot.actuated_coordinates(points.q)
-    steps = equations.offsets(points.q[:-1], points.q[1:])
+    x = robot.platform.coordinates(linearised.frames)
+    motors = robot.actuated_coordinates(points.q)
+    hinges = ~robot.sliding[robot.actuated]
+    motors[:, hinges] = np.unwrap(motors[:, hinges], axis=0)  # pieces may differ by whole turns
+    steps = equations.offsets(points.q[:-1], points.q[1:])  # (m - 1, k), motors first
     kind = "type_2"
     if np.abs(steps[:, : robot.n_a]).max(initial=0.0) < RESTING_EXTENT:
         kind = "self_motion"
     if np.ptp(x / robot.platform_scale, axis=0).max() < RESTING_EXTENT:
         kind = "joints_only"
-    cosine = np.sum(points.eta[1:] * points.eta[:-1], axis=1)
-    turning = points.cusp[1:] * points.cusp[:-1] * cosine < 0
-    # not where curves cross: there a second motion escapes
-    turning &= points.orientation[1:] * points.orientation[:-1] > 0
-    turning &= kind == "type_2"
-    cusps = [
-        _cusp(equations, points.single(k), points.single(k + 1)) for k in np.flatnonzero(turning).tolist()
-    ]
-    hinges = ~robot.sliding[robot.actuated]
-    motors[:, hinges] = np.unwrap(motors[:, hinges], axis=0)  # pieces may differ by whole turns
     return LocusCurve(
         q=points.q,
         x=x,
@@ -227,16 +222,29 @@ def _describe(equations: LocusEquations, curve: Curve, crossings: list[Points]) 
         kind=kind,
         closed=curve.ends[0] == "closed",
         ends=curve.ends,
-        cusps=tuple(_locus_point(robot, cusp.q[0]) for cusp in cusps if cusp is not None),
+        cusps=_cusps(equations, points) if kind == "type_2" else (),
         branch_points=tuple(_locus_point(robot, crossing.q[0]) for crossing in crossings),
     )
 
 
-def _cusp(equations: LocusEquations, first: Points, second: Points) -> Points | None:
-    """Find the cusp between two neighbours."""
-    if first.eta[0] @ second.eta[0] < 0:
-        second = second._replace(eta=-second.eta, cusp=-second.cusp)
-    return root_between(equations, first, second, lambda point: float(point.cusp[0]))
+def _cusps(equations: LocusEquations, points: Points) -> tuple[LocusPoint, ...]:
+    """Find the cusps along a curve of m points: where the slope of g along the escaping motion vanishes.
+
+    The motion may have been turned over between neighbours. Where curves cross a second motion escapes, and
+    the slope says nothing.
+    """
+    cosine = np.sum(points.eta[1:] * points.eta[:-1], axis=1)
+    changes = points.cusp[1:] * points.cusp[:-1] * cosine < 0
+    changes &= points.orientation[1:] * points.orientation[:-1] > 0
+    cusps = []
+    for k in np.flatnonzero(changes).tolist():
+        first, second = points.single(k), points.single(k + 1)
+        if cosine[k] < 0:
+            second = second._replace(eta=-second.eta, cusp=-second.cusp)
+        cusp = root_between(equations, first, second, lambda point: float(point.cusp[0]))
+        if cusp is not None:
+            cusps.append(_locus_point(equations.robot, cusp.q[0]))
+    return tuple(cusps)
 
 
 def _locus_point(robot: ParallelRobot, q: Array) -> LocusPoint:
@@ -260,8 +268,10 @@ def root_between(
     """
     chord = float(np.linalg.norm(equations.offsets(first.q[0], second.q[0])))
     bend = (second.tangent - first.tangent) / chord
-    low, high, at_low, at_high = 0.0, 1.0, measure(first), measure(second)
-    root, last = None, 0  # which end was replaced last
+    low, at_low = 0.0, measure(first)
+    high, at_high = 1.0, measure(second)
+    root = None
+    side = 0  # of the end that was replaced last
     for _ in range(MAX_ROOT_STEPS):
         share = (low * at_high - high * at_low) / (at_high - at_low)
         point, good = advance(equations, first, np.array([share * chord]), bend)
@@ -270,10 +280,13 @@ def root_between(
         root, value = point, measure(point)
         if abs(value) < small or high - low < ROOT_SIZE:
             break
+        # an end that stays twice counts half, or it would stay for ever
         if value * at_low > 0:
-            low, at_low, at_high, last = share, value, at_high * (0.5 if last == -1 else 1.0), -1
+            at_high *= 0.5 if side == -1 else 1.0
+            low, at_low, side = share, value, -1
         else:
-            high, at_high, at_low, last = share, value, at_low * (0.5 if last == 1 else 1.0), 1
+            at_low *= 0.5 if side == 1 else 1.0
+            high, at_high, side = share, value, 1
     return root
 
 
@@ -302,31 +315,33 @@ def branches_at(equations: LocusEquations, crossing: Points) -> list[Points]:
 
 
 def _second_tangent(equations: LocusEquations, crossing: Points) -> Array | None:
-    """Compute the unit tangent (k,) of the other curve at a branch point; None if not real."""
+    """Compute the unit tangent (k,) of the other curve at a branch point; None if not real.
+
+    Both tangents w lie in the null space of the slopes F', of dimension 2, and solve y . F"(w, w) = 0, y the
+    left null vector. With w = tangent + r normal that is along + 2 mixed r + across r^2 = 0, of which r = 0
+    is the curve itself.
+    """
     evaluated = equations.evaluate(crossing.q, crossing.border)
     left, _, right = np.linalg.svd(evaluated.slopes[0])
     tangent = crossing.tangent[0]
-    a, b = right[-2:] @ tangent
-    normal = a * right[-1] - b * right[-2]  # in the plane of both tangents
+    shares = right[-2:] @ tangent
+    normal = shares[0] * right[-1] - shares[1] * right[-2]  # orthogonal to the tangent in the null space
     normal /= np.linalg.norm(normal)
+    border = select(crossing.border, np.zeros(2, dtype=np.intp))
 
-    def second(w: Array) -> float:
-        """Compute the second derivative along w of the equation without slope: y . F''(w, w).
-
-        y is the left null vector of the slopes; the derivative is a central difference.
-        """
+    def second_derivative(w: Array) -> float:
+        """Compute y . F"(w, w) by a central difference along w (k,)."""
         ends = equations.move(np.repeat(crossing.q, 2, axis=0), DIFFERENCE_STEP * np.stack([w, -w]))
-        values = equations.evaluate(ends, select(crossing.border, np.zeros(2, dtype=np.intp))).values
-        return float(left[:, -1] @ (values[0] + values[1] - 2 * evaluated.values[0]) / DIFFERENCE_STEP**2)
+        ahead, back = equations.evaluate(ends, border).values
+        return float(left[:, -1] @ (ahead + back - 2 * evaluated.values[0]) / DIFFERENCE_STEP**2)
 
-    along, across = second(tangent), second(normal)
-    mixed = 0.25 * (second(tangent + normal) - second(tangent - normal))
-    # w = tangent + r normal with along + 2 mixed r + across r^2 = 0; one root is the curve itself, r = 0
+    along, across = second_derivative(tangent), second_derivative(normal)
+    mixed = 0.25 * (second_derivative(tangent + normal) - second_derivative(tangent - normal))
     roots = np.roots([across, 2 * mixed, along])
     if not len(roots) or np.abs(roots.imag).max() > DISTINCT_SOLUTIONS:
         return None
-    second_tangent = tangent + roots.real[np.argmax(np.abs(roots))] * normal
-    return second_tangent / np.linalg.norm(second_tangent)
+    normal *= roots.real[np.argmax(np.abs(roots))]
+    return (tangent + normal) / np.linalg.norm(tangent + normal)
 
 
 class Region(NamedTuple):
@@ -340,15 +355,17 @@ class Region(NamedTuple):
 
     def contains(self, q: Array) -> BoolArray:
         """Whether configurations (T, nq) are in the region, (T,)."""
-        robot = self.equations.robot
+        equations, robot = self.equations, self.equations.robot
         x = robot.platform.coordinates(frames_at(robot, q))
+        if equations.in_motors:
+            motors = robot.actuated[list(equations.free)]
+            offset = difference(robot, self.q, q)[:, motors[robot.sliding[motors]]]
+        else:
+            offset = (x - self.x)[:, robot.translations]
+        inside = np.abs(offset).max(axis=1, initial=0.0) < self.reach
         turns = x[:, ~robot.translations]
-        inside = (turns.shape[1] < 3) | (np.linalg.norm(turns, axis=1) < MAX_ROTATION)
-        off = (x - self.x)[:, robot.translations]
-        if self.equations.in_motors:
-            moving = self.equations.robot.actuated[list(self.equations.free)]
-            off = difference(robot, self.q, q)[:, moving[robot.sliding[moving]]]
-        inside &= np.abs(off).max(axis=1, initial=0.0) < self.reach
+        if turns.shape[1] == 3:  # a rotation vector
+            inside &= np.linalg.norm(turns, axis=1) < MAX_ROTATION
         if self.mode is None:
             return inside
         return inside & (self.clearance(q) > -RANK_ROUNDING)
@@ -366,18 +383,18 @@ class Region(NamedTuple):
         if self.mode is None or len(points.q) < 2:
             return curve
         clear = self.clearance(points.q)
-        clipped = points
-        for end, last, inner in ((0, 0, 1), (1, -1, -2)):
-            if curve.ends[end] != "left" or clear[last] >= 0 or clear[inner] <= 0:
-                continue
-            inside, outside = points.single(inner), points.single(last)
-            if end == 0:  # the region is entered: seen from its inside, the other way round
-                inside, outside = inside.reverse(), outside.reverse()
-            edge = self._edge(inside, outside, CUT_CLEARANCE_RATIO * float(clear[inner]))
-            clipped = select(clipped, slice(None, -1) if end else slice(1, None))
-            if edge is not None:
-                clipped = join([clipped, edge] if end else [edge.reverse(), clipped])
-        return Curve(clipped, curve.ends)
+        if curve.ends[0] == "left" and clear[0] < 0 < clear[1]:
+            # the region is entered: seen from its inside, the other way round
+            inside, outside = points.single(1).reverse(), points.single(0).reverse()
+            edge = self._edge(inside, outside, CUT_CLEARANCE_RATIO * float(clear[1]))
+            points = select(points, slice(1, None))
+            points = points if edge is None else join([edge.reverse(), points])
+        if curve.ends[1] == "left" and clear[-1] < 0 < clear[-2]:
+            inside, outside = curve.points.single(-2), curve.points.single(-1)
+            edge = self._edge(inside, outside, CUT_CLEARANCE_RATIO * float(clear[-2]))
+            points = select(points, slice(None, -1))
+            points = points if edge is None else join([points, edge])
+        return Curve(points, curve.ends)
 
     def _edge(self, inside: Points, outside: Points, margin: float) -> Points | None:
         """Find the point between two neighbours at which the clearance is a margin."""
@@ -394,15 +411,15 @@ def draw_in_mode(region: Region, count: int, seed: int) -> Array:
     All take their steps together; a configuration that cannot take a step stays.
     """
     equations, robot = region.equations, region.equations.robot
-    axes = list(equations.free) if not equations.in_motors else list(range(robot.n))
+    axes = list(range(robot.n)) if equations.in_motors else list(equations.free)
     spread = np.where(robot.translations[axes], region.reach, np.pi)
-    x = np.repeat(region.x[None], count, axis=0)
-    target = x.copy()
-    target[:, axes] += np.random.default_rng(seed).uniform(-spread, spread, (count, len(axes)))
+    start = np.repeat(region.x[None], count, axis=0)
+    whole_way = np.zeros_like(start)  # from the centre to the targets
+    whole_way[:, axes] = np.random.default_rng(seed).uniform(-spread, spread, (count, len(axes)))
     q = np.repeat(region.q[None], count, axis=0)
     for k in range(1, WAY_STEPS + 1):
-        step = x + k / WAY_STEPS * (target - x)
-        reached, _, closed = close_each(robot, step, q, iterations=NEWTON_STEPS, farthest=MAX_JOINT_STEP)
+        x = start + k / WAY_STEPS * whole_way
+        reached, _, closed = close_each(robot, x, q, iterations=NEWTON_STEPS, farthest=MAX_JOINT_STEP)
         closed[closed] &= region.contains(reached[closed])
         q = np.where(closed[:, None], reached, q)
     return q

@@ -164,7 +164,10 @@ class LegEquations:
     def _position(self, frames: FrameStack, bound: ChainBounds, x: Array) -> LinearEnclosure:
         """Enclose the position of the platform's frame against x, along the axes of its translations."""
         platform, length = self.robot.platform, self.robot.length
-        position, jacobian = frames.position[:, 0, platform.along], frames.jacobian[:, 0, platform.along]
+        position, jacobian = (
+            frames.position[:, 0, platform.along],
+            frames.frame_jacobian(0)[:, platform.along],
+        )
         values = (position - x[platform.sliding]) / length
         errors = np.repeat(bound.position[:, None], values.shape[1], axis=1)
         return LinearEnclosure(values, jacobian[:, :, self.own] / length, errors)
@@ -175,7 +178,7 @@ class LegEquations:
         An axis e changes by w_j x e along a joint that turns about w_j.
         """
         axes = frames.rotation[:, 0].swapaxes(1, 2)  # (B, 3, 3), one axis a row
-        turning = frames.jacobian[:, 0, 3:][:, :, self.own].swapaxes(1, 2)  # (B, n, 3)
+        turning = frames.frame_jacobian(0)[:, 3:][:, :, self.own].swapaxes(1, 2)  # (B, n, 3)
         slopes = cross(turning[:, None], axes[:, :, None])  # (B, axis, n, 3)
         slopes = slopes.swapaxes(2, 3).reshape(-1, 9, len(self.own))
         errors = np.repeat(bound.attitude[:, None], 9, axis=1)

@@ -40,7 +40,7 @@ def joints_at(
     def pose_equations(frames: FrameStack) -> tuple[Array, Array]:
         """Compute the offsets (T, 3 or 6) of the platform's frame from its targets, and their slopes."""
         offsets = (frames.position[:, 0] - targets) / robot.length
-        slopes = frames.jacobian[:, 0] * robot.column_scale
+        slopes = frames.frame_jacobian(0) * robot.column_scale
         slopes[:, :3] /= robot.length
         if target_rotations is None:
             return offsets, slopes[:, :3]

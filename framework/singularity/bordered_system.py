@@ -64,6 +64,7 @@ def solve_bordered(matrices: Array, border: Border) -> BorderedSolution:
     """Solve the bordered systems of matrices (T, n, n), with one border or T."""
     count, n = matrices.shape[:2]
     size = border.b.shape[-1]
+    # [M b; c' 0] [eta; G] = [0; 1]
     bordered = np.zeros((count, n + size, n + size))
     bordered[:, :n, :n] = matrices
     bordered[:, :n, n:] = border.b

@@ -53,22 +53,24 @@ class Distances(NamedTuple):
 def singularity_distances(robot: ParallelRobot, linearised: LinearisedLoops) -> Distances:
     """Compute the distances of T assembled configurations of a robot whose platform determines its joints."""
     A, B, _ = dimensionless_matrices(robot, linearised)
-    if robot.n_a > robot.n:  # least torques: of dq_a = G v, the pseudoinverse
-        sigma_A = singular_values(A)[:, -1]
-        A, B = np.linalg.pinv(B) @ A, np.broadcast_to(np.eye(robot.n_a), B.shape)
-        left, values, right = np.linalg.svd(A, full_matrices=False)
-    else:
-        left, values, right = np.linalg.svd(A)
-        sigma_A = values[:, -1]
+    sigma_A = singular_values(A)[:, -1]
+    if robot.n_a > robot.n:  # least torques: of dq_a = B^+ A v
+        A = np.linalg.pinv(B) @ A
+        B = np.broadcast_to(np.eye(robot.n_a), (len(A), robot.n_a, robot.n_a))
+    left, values, right = np.linalg.svd(A, full_matrices=False)
     inverse = 1.0 / np.maximum(values, SINGULAR_VALUE_FLOOR)
-    directions = left.swapaxes(1, 2) @ B  # (T, n, n_a): what the motors feel of each singular direction
-    J = right.swapaxes(1, 2) @ (inverse[:, :, None] * directions)  # (T, n, n_a): v = J dq_a, no dimension
+    felt = left.swapaxes(1, 2) @ B  # (T, n, n_a) what the motors feel of each singular direction
+    J = right.swapaxes(1, 2) @ (inverse[:, :, None] * felt)  # (T, n, n_a): v = J dq_a, no dimension
+    torque_norm, torque_largest = _worst_torques(robot, J, right, values, np.ones(robot.n_a))
+    motor_norm, motor_largest = _worst_torques(robot, J, right, values, robot.gear_ratio)
     return Distances(
-        singularity_measure(robot, linearised).g,
-        np.asarray(sigma_A),
-        *_worst_torques(robot, J, right, values, np.ones(robot.n_a)),
-        *_worst_torques(robot, J, right, values, robot.gear_ratio),
-        _pressure_angles(robot, J),
+        g=singularity_measure(robot, linearised).g,
+        sigma_A=sigma_A,
+        torque_norm=torque_norm,
+        torque_largest=torque_largest,
+        motor_torque_norm=motor_norm,
+        motor_torque_largest=motor_largest,
+        pressure_angle=_pressure_angles(robot, J),
     )
 
 
@@ -96,8 +98,10 @@ def _pressure_angles(robot: ParallelRobot, J: Array) -> Array:
     if not one_unit or robot.n < 2 or robot.n_a != robot.n:
         return np.full((len(J), robot.n_a), np.nan)
     size = np.linalg.norm(J, axis=1, keepdims=True)  # 0 where a motor does not move the platform: Type 1
-    unit = J / np.where(size > 0, size, 1.0)
+    unit = J / np.where(size > 0, size, 1.0)  # (T, n, n_a) velocities of the platform, one motor each
     left, values, right = np.linalg.svd(unit)
-    normals = (right.swapaxes(1, 2) / np.maximum(values, SINGULAR_VALUE_FLOOR)[:, None]) @ left.swapaxes(1, 2)
-    angle = np.arccos(np.minimum(1.0 / np.linalg.norm(normals, axis=2), 1.0))
+    inverse = 1.0 / np.maximum(values, SINGULAR_VALUE_FLOOR)
+    # rows of the inverse: forces without power on the velocities of all other motors
+    forces = (right.swapaxes(1, 2) * inverse[:, None]) @ left.swapaxes(1, 2)
+    angle = np.arccos(np.minimum(1.0 / np.linalg.norm(forces, axis=2), 1.0))
     return np.where(size[:, 0] > 0, angle, np.nan)

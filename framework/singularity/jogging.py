@@ -39,6 +39,7 @@ LOOSE_SHIFT, LOOSE_TURN = 0.03, 0.1
 MOTOR_STOP_DISTANCE = 1e-8
 USUAL_SIZE_FLOOR = 0.01  # singular value: of a reference that is nearly singular itself
 MAX_RETREATS = 6  # each ten times as far before the end as the one before
+MAX_LOOSE_STEP = 0.5  # [rad, robot lengths] of a joint in a Newton step along t_s
 LOOSE_SHARES = np.linspace(-1.0, 1.0, 9)  # of that motion along t_s
 
 # What a singularity is called, and what it means.
@@ -129,13 +130,14 @@ def loose_motion(robot: ParallelRobot, pose: JoggedPose, *, shift: float = LOOSE
     """
     linear = float(np.linalg.norm(pose.twist[robot.translations]))
     angular = float(np.linalg.norm(pose.twist[~robot.translations]))
-    size = max(linear / (shift * robot.length), angular / (LOOSE_TURN * shift / LOOSE_SHIFT))
-    # rates of the coordinates with v = t_s: coordinates of an attitude turn it on other axes than their own
-    of_rates = robot.platform.rate_matrix(pose.x[None])[0]
-    if size == 0 or np.linalg.matrix_rank(of_rates) < robot.n:
+    largest_turn = LOOSE_TURN * shift / LOOSE_SHIFT
+    size = max(linear / (shift * robot.length), angular / largest_turn)  # of t_s over what it may move
+    E = robot.platform.rate_matrix(pose.x[None])[0]  # v = E dx: axes of turns are none of the coordinates'
+    if size == 0 or np.linalg.matrix_rank(E) < robot.n:
         return None
-    x = pose.x + LOOSE_SHARES[:, None] * np.linalg.solve(of_rates, pose.twist / size)
-    stack = close_each(robot, x, np.repeat(pose.q[None], len(x), axis=0), farthest=0.5)
+    farthest = np.linalg.solve(E, pose.twist / size)  # (n,) change of the platform's coordinates
+    x = pose.x + LOOSE_SHARES[:, None] * farthest
+    stack = close_each(robot, x, np.repeat(pose.q[None], len(x), axis=0), farthest=MAX_LOOSE_STEP)
     if not stack.closed.all():
         return None
     motors = robot.actuated_coordinates(stack.q)
@@ -186,14 +188,14 @@ def _stop_at_limits(robot: ParallelRobot, q: Array, reach: Callable[[float], Jog
     excesses = positions_beyond_limits(robot.limits, pose.q[None])
     if not excesses or positions_beyond_limits(robot.limits, q[None]):
         return pose
-    inside, outside, last = 0.0, 1.0, pose_at(robot, q)
+    last, inside, outside = pose_at(robot, q), 0.0, 1.0  # shares of the way
     for _ in range(LIMIT_BISECTIONS):
         middle = 0.5 * (inside + outside)
         pose = reach(middle)
         if positions_beyond_limits(robot.limits, pose.q[None]):
             outside = middle
         else:
-            inside, last = middle, pose
+            last, inside = pose, middle
     stops = "; ".join(f"{joint}, {excess}" for joint, excess in excesses.items())
     return replace(last, stopped=f"A joint stops at its limit in the URDF (asked for: {stops}).")
 

@@ -86,6 +86,11 @@ class Panel:
         """Return the path coordinates s (T,) of local ones (T,) in [-1, 1]."""
         return self.start + 0.5 * (self.end - self.start) * (local + 1.0)
 
+    @property
+    def width(self) -> float:
+        """Its width in s."""
+        return self.end - self.start
+
     @cached_property
     def extrema(self) -> Array:
         """The local coordinates in [-1, 1] of the extrema of g."""
@@ -93,9 +98,10 @@ class Panel:
 
     def matrix(self, s: float) -> Array:
         """Interpolate the matrix (n, n) at s."""
-        local = (2 * s - self.start - self.end) / (self.end - self.start)
-        weights = chebyshev.chebvander(np.array([local]), PANEL_NODES - 1) @ coefficients(np.eye(PANEL_NODES))
-        return np.einsum("k,kij->ij", weights[0], self.matrices)
+        local = (2 * s - self.start - self.end) / self.width
+        polynomials = chebyshev.chebvander(np.array([local]), PANEL_NODES - 1)[0]  # (PANEL_NODES,)
+        weights = polynomials @ coefficients(np.eye(PANEL_NODES))  # of the matrices at the nodes
+        return np.tensordot(weights, self.matrices, axes=1)
 
 
 class Samples(NamedTuple):
@@ -134,17 +140,27 @@ def panels(samples: Samples, measured: Measured) -> list[Panel]:
     return done
 
 
-def candidates(resolved: list[Panel]) -> list[tuple[Panel, float, bool]]:
-    """Return places on the panels that may be contacts, before polishing: minima (True) and roots of g."""
+class Candidate(NamedTuple):
+    """A place on a panel that may be a contact: a minimum of |g| or a root, not polished."""
+
+    panel: Panel
+    s: float
+    is_minimum: bool
+
+
+def candidates(resolved: list[Panel]) -> list[Candidate]:
+    """Return the minima of |g| and the roots of g on the panels that may be contacts."""
     deepest = CANDIDATE_DEPTH * MEASURE_TAIL * largest_on(resolved)
-    places = []
+    places: list[Candidate] = []
     for panel in resolved:
         constant, *others = np.abs(panel.series)
         if constant - sum(others) > deepest:  # g is nowhere near zero
             continue
-        deep = np.abs(chebyshev.chebval(panel.extrema, panel.series)) < deepest
-        places += [(panel, float(s), True) for s in panel.path_coordinates(panel.extrema[deep])]
-        places += [(panel, float(s), False) for s in panel.path_coordinates(real_roots(panel.series))]
+        is_deep = np.abs(chebyshev.chebval(panel.extrema, panel.series)) < deepest
+        minima = panel.path_coordinates(panel.extrema[is_deep])
+        roots = panel.path_coordinates(real_roots(panel.series))
+        places += [Candidate(panel, float(s), True) for s in minima]
+        places += [Candidate(panel, float(s), False) for s in roots]
     return places
 
 
@@ -159,18 +175,21 @@ def _resolve(samples: Samples, measured: Measured, start: float, end: float) -> 
         matrices = measured.matrix(samples.loops(start, end))
     except NotAssembled:
         return None
-    widest = count_below(matrices[PANEL_NODES // 2], WIDER_BORDER_RATIO)
+    middle = PANEL_NODES // 2  # whose border serves for the whole panel
+    widest = count_below(matrices[middle], WIDER_BORDER_RATIO)
     for size in range(1, max(widest, 1) + 1):
-        eta, G = solution = bordered_solution(matrices, PANEL_NODES // 2, size)
-        largest = float(np.abs(solution.g).max())
-        if largest < RANK_LOST and np.linalg.norm(G, ord=-2, axis=(1, 2)).max() < RANK_LOST:
+        solution = bordered_solution(matrices, middle, size)
+        g = solution.g
+        largest = float(np.abs(g).max())
+        if largest < RANK_LOST and singular_values(solution.G)[:, -1].max() < RANK_LOST:
             raise SingularPath(
                 f"{samples.branch.robot.name}: the path runs along a singularity from s = {start:.6g} to "
                 f"{end:.6g}"
             )
-        series = coefficients(solution.g[:, None])
-        turned = np.linalg.norm(eta, axis=1).max() > MAX_ETA_NORM
-        if not turned and tail(series) <= max(MEASURE_TAIL, TAIL_ROUNDING / largest):
+        series = coefficients(g[:, None])
+        is_turned = np.linalg.norm(solution.eta, axis=1).max() > MAX_ETA_NORM
+        # the tail that rounding makes of a g that is small itself counts as resolved
+        if not is_turned and tail(series) <= max(MEASURE_TAIL, TAIL_ROUNDING / largest):
             return Panel(start, end, series[:, 0], matrices)
     return None
 

@@ -15,7 +15,7 @@ from framework.kinematics.continuation.branch import Branch, with_continuation
 from framework.kinematics.continuation.tracking import escape_error, track_path, weakest_leg
 from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.linearised_loops import LinearisedLoops
-from framework.kinematics.loop_matrices import type1_matrix, type2_matrix
+from framework.kinematics.loop_matrices import scaled_loops, type1_matrix, type2_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.ordered_sums import singular_values
 from framework.motion.path import Path
@@ -145,21 +145,29 @@ def _continue_branch(branch: Branch) -> tuple[Samples, Measured, list[Panel] | U
     Returned with the matrix of the inverse kinematics and its panels, or where it cannot be resolved.
     """
     for _ in range(MAX_CONTINUATIONS):
-        samples, mobile = Samples(branch, {}), Measured(branch, partial(type1_matrix, branch.robot))
+        samples = Samples(branch, {})
+        mobile = Measured(branch, partial(type1_matrix, branch.robot))
         resolved: list[Panel] | Unresolved
         try:
             resolved = panels(samples, mobile)
-            places = [s for _, s, _ in candidates(resolved)]
+            places = [candidate.s for candidate in candidates(resolved)]
         except Unresolved as unresolved:
             resolved, places = unresolved, [unresolved.s]
-        continuations = (
-            with_continuation(branch, s) for s in places if not branch.is_continued(np.array([s]))[0]
-        )
-        wider = next((continuation for continuation in continuations if continuation is not None), None)
-        if wider is None:
+        continued = _continue_at_first(branch, places)
+        if continued is None:
             break
-        branch = wider
+        branch = continued
     return samples, mobile, resolved
+
+
+def _continue_at_first(branch: Branch, places: list[float]) -> Branch | None:
+    """Return the branch continued at the first of the places where that is possible; None if nowhere."""
+    for s in places:
+        if not branch.is_continued(np.array([s]))[0]:
+            continued = with_continuation(branch, s)
+            if continued is not None:
+                return continued
+    return None
 
 
 def _refuse_type_1(mobile: Measured, resolved: list[Panel] | Unresolved) -> None:
@@ -217,11 +225,10 @@ def _check_dropped_rows(branch: Branch, s: float, linearised: LinearisedLoops) -
     robot = branch.robot
     if not len(robot.structure.dropped):
         return
-    jacobian = loop_equations(robot.rows, linearised.frames).jacobian
-    all_values, values = (
-        singular_values(scale_jacobian(robot, part, rows.rotation)[0][:, robot.moving])
-        for part, rows in ((jacobian, robot.rows), (linearised.closures, robot.loops))
-    )
+    all_rows = loop_equations(robot.rows, linearised.frames).jacobian
+    all_scaled = scale_jacobian(robot, all_rows, robot.rows.rotation)[0][:, robot.moving]
+    all_values = singular_values(all_scaled)
+    values = singular_values(scaled_loops(robot, linearised)[0][:, robot.moving])
     if np.sum(values > RANK_LOST) < np.sum(all_values > RANK_LOST):
         dropped = sorted(set(robot.rows.names) - set(robot.loops.names))
         raise NotConverged(
@@ -261,7 +268,7 @@ def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
     along = sign_along(uncontrolled.twist, robot.platform.path_twist(branch.path, s))
     P = passive.matrix(closed.linearised)
     if uncontrolled.corank > 1:
-        slopes = block_slopes(passive.evaluate, s, uncontrolled.corank)[1]
+        slopes = block_slopes(passive.evaluate, s, uncontrolled.corank).slope
         slope = singular_values(slopes)[-1]
     else:
         _, slope, upper, _ = slope_of_g(P, places)

@@ -201,8 +201,8 @@ def _contact(robot: ParallelRobot, closed: ClosedStack, along: ArrayLike, corank
     size = float(np.linalg.norm(rates / robot.column_scale))
     if size == 0.0:
         raise InvalidInput(f"along ({', '.join(robot.axis_names)}): must not be zero")
-    steps = DIFFERENCE_STEP / size * np.array([-1.0, 0.0, 1.0])[:, None] * rates
-    poses = integrate(robot, np.repeat(closed.q, 3, axis=0), steps)
+    step = DIFFERENCE_STEP / size * rates  # (nv,) of that length
+    poses = integrate(robot, np.repeat(closed.q, 3, axis=0), np.stack([-step, 0.0 * step, step]))
     matrices = type2_matrix(robot, linearised_at(robot, poses, None))
     G = bordered_solution(matrices, 1, corank).G
     slope = (G[2] - G[0]) / (2 * DIFFERENCE_STEP)

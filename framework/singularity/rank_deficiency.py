@@ -40,6 +40,7 @@ VANISHING_TOGETHER = 1e-3  # singular values that may vanish at one place: G is 
 ROOT_RESIDUAL = 1e-12  # of the largest |g|: a root that flat counts though Newton's method did not converge
 SEARCH_RADIUS = 5e-3  # in s: from a candidate to the place where several singular values vanish
 MAX_ROOT_SHIFT = 1e-3  # of a panel: a root found farther from its candidate is another one
+MAX_COMMON_STEPS = 8  # of the method of Gauss and Newton
 CONVERGED_STEP = 1e-11  # in s, of the method of Gauss and Newton
 
 
@@ -67,34 +68,34 @@ class NearMiss(NamedTuple):
 
 def contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
     """Find all places where the matrix loses rank, ascending; `resolved` are its `panels`."""
-    several: list[Contact] = []
+    together: list[Contact] = []  # where several singular values vanish at once
     single: list[Contact] = []
-    stretches: list[tuple[float, float]] = []  # stretches around extrema whose roots are known
+    stretches: list[RootStretch] = []  # around extrema whose roots are known
     residual = max(ROOT_RESIDUAL * largest_on(resolved), MEASURE_ROUNDING)
-    for panel, start, is_minimum in sorted(candidates(resolved), key=lambda candidate: not candidate[2]):
-        size = _border_width(measured, panel.matrix(start))
-        common = _common_contact(measured, start, size) if size > 1 else None
+    # minima first
+    for candidate in sorted(candidates(resolved), key=lambda candidate: not candidate.is_minimum):
+        size = _border_width(measured, candidate.panel.matrix(candidate.s))
+        common = _common_contact(measured, candidate.s, size) if size > 1 else None
         if common is not None:
-            several += [common] if _is_apart(common.s, several, DISTINCT_EXTREMA) else []
-        elif is_minimum:
-            turning = extremum_near(measured.evaluate, measured.knots, start, size)
-            if all(abs(turning.s - sum(stretch) / 2) > DISTINCT_EXTREMA for stretch in stretches):
+            if _is_apart(common.s, together, DISTINCT_EXTREMA):
+                together.append(common)
+        elif candidate.is_minimum:
+            turning = extremum_near(measured.evaluate, measured.knots, candidate.s, size)
+            if all(abs(turning.s - stretch.middle) > DISTINCT_EXTREMA for stretch in stretches):
                 beside, stretch = _contacts_beside(measured, turning, size)
-                single += [place for place in beside if _is_apart(place.s, single, SAME_PLACE)]
+                single += [contact for contact in beside if _is_apart(contact.s, single, SAME_PLACE)]
                 stretches += [stretch] if beside else []
         else:
-            root = root_of_g(measured.evaluate, start, size=size, longest=STENCIL_HALF_WIDTH)
+            root = root_of_g(measured.evaluate, candidate.s, size=size, longest=STENCIL_HALF_WIDTH)
             # the roots beside an extremum are known, and a root on the edge of two panels is found twice
-            is_new = _is_outside(root.place, stretches) and _is_apart(root.place, single, SAME_PLACE)
-            if (
-                is_new
-                and abs(root.place - start) < MAX_ROOT_SHIFT * (panel.end - panel.start)
-                and abs(root.depth) < residual
-                and _is_crossing(measured, root, size)
-            ):
+            is_new = _is_apart(root.place, single, SAME_PLACE)
+            is_new = is_new and not any(stretch.contains(root.place) for stretch in stretches)
+            is_root = abs(root.place - candidate.s) < MAX_ROOT_SHIFT * candidate.panel.width
+            is_root = is_root and abs(root.depth) < residual
+            if is_new and is_root and _is_crossing(measured, root, size):
                 single.append(Contact(root.place, "transversal"))
-    several += [place for place in single if _is_apart(place.s, several, MULTIPLE_ROOT_RADIUS)]
-    return sorted(several, key=lambda contact: contact.s)
+    together += [contact for contact in single if _is_apart(contact.s, together, MULTIPLE_ROOT_RADIUS)]
+    return sorted(together, key=lambda contact: contact.s)
 
 
 def find_near_misses(measured: Measured, resolved: list[Panel], known: list[Contact]) -> list[NearMiss]:
@@ -102,16 +103,17 @@ def find_near_misses(measured: Measured, resolved: list[Panel], known: list[Cont
     smallest = [singular_values(panel.matrices)[:, -1] for panel in resolved]
     level = NEAR_MISS**measured.power * max((values.max() for values in smallest), default=0.0)
     misses: list[NearMiss] = []
-    for k, s in ((0, 0.0), (-1, 1.0)):  # the first node of the first panel, the last of the last
-        if smallest[k][k] < level:
-            misses += _miss_at_end(measured, resolved[k], known, s)
+    if smallest[0][0] < level:
+        misses += _miss_at_end(measured, resolved[0], known, 0.0)
+    if smallest[-1][-1] < level:
+        misses += _miss_at_end(measured, resolved[-1], known, 1.0)
     for panel in resolved:
         for start in map(float, panel.path_coordinates(panel.extrema)):
             matrix = panel.matrix(start)
             if singular_values(matrix)[-1] < level:
                 size = _border_width(measured, matrix)
                 turning = extremum_near(measured.evaluate, measured.knots, start, size)
-                inside = abs(turning.s - start) < panel.end - panel.start
+                inside = abs(turning.s - start) < panel.width
                 if inside and _is_apart(turning.s, misses, DISTINCT_EXTREMA):
                     misses += _miss_at_extremum(measured, turning, known, size)
     return sorted(misses, key=lambda miss: miss.s)
@@ -131,12 +133,13 @@ def _miss_at_extremum(
 
 def _miss_at_end(measured: Measured, panel: Panel, known: list[Contact], s: float) -> list[NearMiss]:
     """Return the end s of the path as a near miss if |g| falls outwards on its panel."""
-    outwards, matrix = 2.0 * s - 1.0, panel.matrices[0 if s == 0.0 else -1]
+    outwards = 2.0 * s - 1.0  # the end in the panel's own coordinate, and the direction out of the path
+    matrix = panel.matrices[0 if s == 0.0 else -1]
     value = chebyshev.chebval(outwards, panel.series)
     slope = chebyshev.chebval(outwards, chebyshev.chebder(panel.series))
     if value * slope * outwards >= 0.0:
         return []
-    width = float(0.5 * (panel.end - panel.start) * abs(value / slope))
+    width = float(0.5 * panel.width * abs(value / slope))
     if any(abs(contact.s - s) <= width for contact in known):
         return []
     g = float(bordered_solution(matrix[None], 0).g[0])
@@ -148,33 +151,42 @@ def _is_apart(s: float, places: Sequence[Contact | NearMiss], distance: float) -
     return all(abs(s - place.s) > distance for place in places)
 
 
-def _is_outside(s: float, stretches: list[tuple[float, float]]) -> bool:
-    """Whether s lies in none of the stretches."""
-    return not any(low <= s <= high for low, high in stretches)
-
-
 def _border_width(measured: Measured, matrix: Array) -> int:
     """Return the width of the border that a matrix needs."""
     return max(1, count_below(matrix, VANISHING_TOGETHER**measured.power))
 
 
-def _contacts_beside(
-    measured: Measured, turning: Extremum, size: int
-) -> tuple[list[Contact], tuple[float, float]]:
+class RootStretch(NamedTuple):
+    """A stretch of s about an extremum of g, without another extremum."""
+
+    low: float
+    high: float
+
+    @property
+    def middle(self) -> float:
+        """The s in the middle, at the extremum."""
+        return sum(self) / 2
+
+    def contains(self, s: float) -> bool:
+        """Whether s lies in the stretch."""
+        return self.low <= s <= self.high
+
+
+def _contacts_beside(measured: Measured, turning: Extremum, size: int) -> tuple[list[Contact], RootStretch]:
     """Find the contacts at or beside an extremum, and the stretch of s without another one."""
     s = turning.s
     if turning.is_touch:
         if not _vanishes(measured, s, size):
-            return [], (s, s)
+            return [], RootStretch(s, s)
         lower, upper = turning.bracket(turning.rounding)
-        reach = max(upper - s, s - lower, 0.5 * DISTINCT_EXTREMA)
         kind = "transversal" if turning.changes_sign else "tangential"
         contact = Contact(s, kind, upper - lower if kind == "tangential" else None)
-        return [contact], (s - 2 * reach, s + 2 * reach)
+        reach = 2 * max(upper - s, s - lower, 0.5 * DISTINCT_EXTREMA)
+        return [contact], RootStretch(s - reach, s + reach)
     roots = [root for root in _polish_roots(measured, turning, size) if _vanishes(measured, root, size)]
-    reach = max((abs(root - s) for root in roots), default=0.0)
-    # to a quarter of their distance: a root beyond it has an extremum of its own between
-    return [Contact(root, "transversal") for root in roots], (s - 1.5 * reach, s + 1.5 * reach)
+    # half their distance more: a root beyond it has an extremum of its own between
+    reach = 1.5 * max((abs(root - s) for root in roots), default=0.0)
+    return [Contact(root, "transversal") for root in roots], RootStretch(s - reach, s + reach)
 
 
 def _polish_roots(measured: Measured, turning: Extremum, size: int) -> list[float]:
@@ -200,8 +212,8 @@ def _is_crossing(measured: Measured, root: Root, size: int) -> bool:
     """Whether a singular value vanishes at a root, and g changes its sign or the path ends."""
     if not _vanishes(measured, root.place, size):
         return False
-    h = DISTINCT_EXTREMA  # far more than the rounding of s; the roots beside a nearer extremum are known
     s = root.place
+    h = DISTINCT_EXTREMA  # far more than the rounding of s; the roots beside a nearer extremum are known
     steep = abs(root.slope) > abs(root.bend) * h + MEASURE_ROUNDING / h  # twice what bends it back
     if not h < s < 1 - h or (root.converged and steep):
         return True
@@ -220,9 +232,10 @@ def _common_contact(measured: Measured, start: float, size: int) -> Contact | No
     of what they have in common.
     """
     s, step = start, 1.0
-    for _ in range(8):
-        G, slope, bend = block_slopes(measured.evaluate, s, size)
-        step = -float(np.sum(G * slope) / max(float(np.sum(slope * slope)), np.finfo(float).tiny))
+    for _ in range(MAX_COMMON_STEPS):
+        G, slope, bend = block_slopes(measured.evaluate, s, size)  # (size, size) each
+        curvature = max(float(np.sum(slope * slope)), np.finfo(float).tiny)
+        step = -float(np.sum(G * slope) / curvature)
         if abs(step) < CONVERGED_STEP or not abs(s + step - start) < SEARCH_RADIUS:
             break
         s = float(np.clip(s + step, 0.0, 1.0))
@@ -230,7 +243,8 @@ def _common_contact(measured: Measured, start: float, size: int) -> Contact | No
     kind = "transversal" if steepness[-1] > TANGENTIAL_SLOPE else "tangential"
     # where none has a slope the search comes nearer by halves
     if steepness[0] < TANGENTIAL_SLOPE or abs(step) > NEWTON_STEP:
-        s, kind = extremum_near(measured.evaluate, measured.knots, s, size, _common_part).s, "tangential"
+        s = extremum_near(measured.evaluate, measured.knots, s, size, _common_part).s
+        kind = "tangential"
     vanished = count_below(measured.evaluate(np.array([s]))[0], RANK_LOST**measured.power)
     if abs(s - start) > SEARCH_RADIUS or vanished < 2:  # others may be small and stay so
         return None
@@ -238,15 +252,31 @@ def _common_contact(measured: Measured, start: float, size: int) -> Contact | No
 
 
 def _common_part(G: Array) -> Array:
-    """Project G (T, size, size) on the sum of its first value and its last but one, (T,)."""
-    return np.einsum("tij,ij->t", G, G[0] + G[-2])
+    """Project G (T, size, size) on the sum of its first value and its last but one, (T,).
+
+    The last of the T matrices is that of the border, where G is nearly zero.
+    """
+    direction = G[0] + G[-2]
+    return np.sum(G * direction, axis=(1, 2))
 
 
-def block_slopes(matrices: Callable[[Array], Array], s: float, size: int) -> tuple[Array, Array, Array]:
-    """Compute G, dG/ds and d2G/ds2 at s, each (size, size), with the border of the matrix at s."""
+class BlockSlopes(NamedTuple):
+    """The bordered block G at one s with derivatives along s, each (size, size)."""
+
+    G: Array
+    slope: Array
+    bend: Array  # second derivative
+
+
+def block_slopes(matrices: Callable[[Array], Array], s: float, size: int) -> BlockSlopes:
+    """Compute G at s with its derivatives by central differences, with the border of the matrix at s.
+
+    Within half a stencil of an end of the path the stencil stays inside, and the slope is extrapolated to s.
+    """
     h = STENCIL_HALF_WIDTH
-    middle = float(np.clip(s, h, 1.0 - h))  # at an end of the path from the side
+    middle = float(np.clip(s, h, 1.0 - h))
     stack = matrices(np.array([middle - h, middle, middle + h, s]))
     lower, centre, upper, G = bordered_solution(stack, 3, size).G
-    second = (lower - 2 * centre + upper) / h**2
-    return G, (upper - lower) / (2 * h) + (s - middle) * second, second
+    bend = (lower - 2 * centre + upper) / h**2
+    slope = (upper - lower) / (2 * h) + (s - middle) * bend
+    return BlockSlopes(G, slope, bend)

@@ -99,29 +99,29 @@ def escaping_motions(
     """
     P = passive_matrix(robot, linearised)[0]
     lost = lost_directions(P, at_least=at_least) if P.shape[1] else np.zeros((0, 0))
-    corank, motions = len(lost), passive_motion(robot, lost)
-    freedoms = instantaneous_motions(robot, linearised)
-    usual = len(robot.moving) - len(robot.loops.names)
-    all_twists = _platform_twists(robot, linearised)
-    rank = _rank(motions @ all_twists)
+    motions = passive_motion(robot, lost)  # (c, nv) the null space of P
+    freedoms = instantaneous_motions(robot, linearised)  # (moving, f) of the loops, motors free
+    gained = freedoms.shape[1] - (len(robot.moving) - len(robot.loops.names))
+    twists = _platform_twists(robot, linearised)  # (nv, 6)
+    rank = _rank(motions @ twists)
     on_axes = _rank(motions @ (linearised.platform[0] / robot.platform_scale[:, None]).T)
-    gained = freedoms.shape[1] - usual
     kinds = set()
     if gained > 0:
-        kinds.add("constraint" if _rank(freedoms.T @ all_twists[robot.moving]) > robot.n else "closure")
+        moves_platform = _rank(freedoms.T @ twists[robot.moving]) > robot.n
+        kinds.add("constraint" if moves_platform else "closure")
     elif rank > on_axes:
         kinds.add("constraint")
-    if corank > gained:  # beyond what the loops have lost
+    if len(lost) > gained:  # beyond what the loops have lost
         if on_axes > (0 if "closure" in kinds else gained):
             kinds.add("type_2")
-        if corank > max(rank, gained):
+        if len(lost) > max(rank, gained):
             kinds.add("leg_passive")
-    return EscapingMotions(frozenset(kinds), motions, corank, freedoms.shape[1])
+    return EscapingMotions(frozenset(kinds), motions, len(lost), freedoms.shape[1])
 
 
 def _platform_twists(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
     """Return the platform's twist (nv, 6) for unit rates of all joints (T = 1), in lengths and radians."""
-    twists = linearised.frames.jacobian[0, 0].T.copy()
+    twists = linearised.frames.frame_jacobian(0)[0].T.copy()
     twists[:, :3] /= robot.length
     return twists
 
@@ -181,9 +181,10 @@ def singularity_measure(robot: ParallelRobot, linearised: LinearisedLoops) -> Si
     if not P.shape[2]:  # every joint has a motor: det P = 1, nothing escapes
         return SingularityMeasure(np.ones(len(P)), np.zeros((len(P), robot.model.nv)))
     _, values, right = np.linalg.svd(P)
-    weakest = right[:, -1]
-    flips = np.where(np.sum(weakest[1:] * weakest[:-1], axis=1) < 0, -1.0, 1.0)
-    signs = np.cumprod(np.concatenate([[1.0], flips]))
+    weakest = right[:, -1]  # (T, n_p) right singular vectors of the least values
+    cosines = np.sum(weakest[1:] * weakest[:-1], axis=1)
+    signs = np.cumprod(np.concatenate([[1.0], np.where(cosines < 0, -1.0, 1.0)]))
     return SingularityMeasure(
-        values[:, -1] * np.linalg.slogdet(P)[0], passive_motion(robot, weakest * signs[:, None])
+        g=values[:, -1] * np.linalg.slogdet(P)[0],
+        motion=passive_motion(robot, weakest * signs[:, None]),
     )

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from framework.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays, select
+from framework.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays, select
 from framework.dynamics.forces import spring_torques
 from framework.dynamics.tangent_stiffness import (
     Balance,
@@ -102,6 +102,15 @@ class _Prediction(NamedTuple):
     size: Array  # (T,) [rad, lengths] largest entry of the move
 
 
+class _Corrected(NamedTuple):
+    """T steps led back to the curve."""
+
+    points: _Points
+    along: Array  # (T,) [rad, lengths] the way along the tangent
+    met: BoolArray  # (T,) whether the equilibrium was met
+    stable: BoolArray  # (T,) whether its stiffness is positive definite
+
+
 class _Arrival(NamedTuple):
     """The ends of T steps along the curve."""
 
@@ -122,10 +131,12 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
         InvalidInput: a robot without springs; a wrench without a potential.
     """
     require_springs(robot)
-    load = Load(check_wrench(robot, wrench), np.zeros(len(q)), spring_torques(robot, q, robot.all_stiffness))
+    preload = spring_torques(robot, q, robot.all_stiffness)
+    load = Load(check_wrench(robot, wrench), np.zeros(len(q)), preload)
     unloaded = balance(robot, q, load)
     current = _Points(q.copy(), load.share, _tangents(unloaded.H, unloaded.drive, unloaded.null)[0])
-    step, reason = np.full(len(q), MAX_STEP), np.full(len(q), LoadReason.NOT_CONVERGED, dtype=np.uint8)
+    step = np.full(len(q), MAX_STEP)
+    reason = np.full(len(q), LoadReason.NOT_CONVERGED, dtype=np.uint8)
     live = np.arange(len(q))
     for _ in range(MAX_STEPS):
         if not len(live):
@@ -133,18 +144,24 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
         start, whole = select(current, live), load.select(live)
         ahead = _step(robot, start, whole, step[live])
         step[live] = np.where(ahead.good, np.minimum(2.0 * ahead.size, MAX_STEP), 0.5 * ahead.size)
-        for values, new in zip(current, ahead.points, strict=True):
-            values[live[ahead.good]] = new[ahead.good]
+        _assign(current, live[ahead.good], select(ahead.points, ahead.good))
         reason[live] = _reasons(robot, ahead)
         turned = np.flatnonzero(ahead.turned)
         if len(turned):
             folds = _folds(robot, select(start, turned), whole.select(turned))
-            turned = live[turned[folds.found]]
-            current.q[turned], current.share[turned] = folds.q[folds.found], folds.share[folds.found]
-            reason[turned] = LoadReason.GIVES_WAY
-        goes_on = ahead.good | ~(ahead.size <= UNCHECKED_MOTION)
-        live = live[goes_on & (reason[live] == LoadReason.NOT_CONVERGED)]
+            rows = live[turned[folds.found]]
+            current.q[rows] = folds.q[folds.found]
+            current.share[rows] = folds.share[folds.found]
+            reason[rows] = LoadReason.GIVES_WAY
+        can_halve = ~(ahead.size <= UNCHECKED_MOTION)  # NaN too
+        live = live[(ahead.good | can_halve) & (reason[live] == LoadReason.NOT_CONVERGED)]
     return _loaded_stack(robot, q, current, reason, load)
+
+
+def _assign(points: _Points, rows: IntArray, new: _Points) -> None:
+    """Write new values into some rows of the points."""
+    for values, new_values in zip(points, new, strict=True):
+        values[rows] = new_values
 
 
 def _reasons(robot: ParallelRobot, ahead: _Arrival) -> NDArray[np.uint8]:
@@ -170,11 +187,16 @@ def _loaded_stack(
 
 
 def _tangents(H: Array, drive: Array, null: Array) -> tuple[Array, BoolArray]:
-    """Compute rates (T, f) with respect to the share; return whether the stiffness is positive definite."""
-    values, vectors = np.linalg.eigh(H)
+    """Compute rates (T, f) by the share along the curve; return whether the stiffness is positive definite.
+
+    H dz/dshare = -drive on the null space of the closures, by eigenvalues of H; those at rounding count as
+    that small instead of zero.
+    """
+    values, vectors = np.linalg.eigh(H)  # (T, d), (T, d, d)
     rounding = EIGENVALUE_ROUNDING * np.abs(values).max(axis=1, keepdims=True)
-    along = matvec(vectors.swapaxes(1, 2), drive) / np.where(np.abs(values) > rounding, values, rounding)
-    return -matvec(null, matvec(vectors, along)), values[:, 0] > rounding[:, 0]
+    divisors = np.where(np.abs(values) > rounding, values, rounding)
+    rate = matvec(vectors, matvec(vectors.swapaxes(1, 2), drive) / divisors)
+    return -matvec(null, rate), values[:, 0] > rounding[:, 0]
 
 
 def _step(robot: ParallelRobot, start: _Points, load: Load, step: Array) -> _Arrival:
@@ -184,15 +206,18 @@ def _step(robot: ParallelRobot, start: _Points, load: Load, step: Array) -> _Arr
     the next step leads back.
     """
     ahead = _predict(start, step)
-    reached, along, closed, stable = _correct(robot, start, ahead, load)
+    end = _correct(robot, start, ahead, load)
     with np.errstate(divide="ignore", invalid="ignore"):
-        slopes = 1.0 / np.array([dot(ahead.tangent, start.rate), dot(ahead.tangent, reached.rate)])
-        gap = np.abs(reached.share - start.share - 0.5 * along * slopes.sum(axis=0))
-        straight = gap <= MAX_SHARE_GAP * np.abs(along * slopes).max(axis=0)
-        turned = slopes.prod(axis=0) < 0.0  # the slope of the share has changed its sign
-    counts = closed & (straight | (ahead.size <= UNCHECKED_MOTION))
-    lost = counts & ~stable
-    return _Arrival(reached, ahead.size, counts & stable, lost, lost & turned)
+        slope = 1.0 / dot(ahead.tangent, start.rate)  # of the share along the tangent, at the start
+        end_slope = 1.0 / dot(ahead.tangent, end.points.rate)
+        mean_gain = 0.5 * end.along * (slope + end_slope)
+        steepest = np.abs(end.along * np.maximum(np.abs(slope), np.abs(end_slope)))
+        gap = np.abs(end.points.share - start.share - mean_gain)
+        straight = gap <= MAX_SHARE_GAP * steepest
+        turned = slope * end_slope < 0.0
+    counts = end.met & (straight | (ahead.size <= UNCHECKED_MOTION))
+    lost = counts & ~end.stable
+    return _Arrival(end.points, ahead.size, counts & end.stable, lost, lost & turned)
 
 
 def _predict(start: _Points, step: Array) -> _Prediction:
@@ -207,41 +232,38 @@ def _predict(start: _Points, step: Array) -> _Prediction:
     return _Prediction(move, move / np.where(length > 0.0, length, 1.0), share, lands, whole * cut)
 
 
-def _correct(
-    robot: ParallelRobot, start: _Points, ahead: _Prediction, load: Load
-) -> tuple[_Points, Array, BoolArray, BoolArray]:
+def _correct(robot: ParallelRobot, start: _Points, ahead: _Prediction, load: Load) -> _Corrected:
     """Lead steps back to the curve by Newton's method.
 
     A step that lands under the whole load keeps its share; another one keeps the joints' motion along the
     tangent, and takes one more iteration, to rounding, as a tangent at a soft place needs.
-
-    Returns:
-        The points; the way along the tangent (T,); whether the equilibrium was met (T,), and is stable (T,).
     """
-    reached = _Points(_move(robot, start.q, ahead.move), ahead.share, np.zeros_like(ahead.move))
-    along, correction = np.linalg.norm(ahead.move, axis=1), np.zeros(len(ahead.size))
-    was_met, done, stable = np.zeros((3, len(along)), dtype=bool)
+    end = _Points(_move(robot, start.q, ahead.move), ahead.share, np.zeros_like(ahead.move))
+    along = np.linalg.norm(ahead.move, axis=1)
+    correction = np.zeros(len(along))  # largest entries of all Newton steps so far, [rad, lengths]
+    was_small, met, stable = np.zeros((3, len(along)), dtype=bool)
     live = np.arange(len(along))
     for _ in range(MAX_ITERATIONS):
-        state = balance(robot, reached.q[live], load.select(live)._replace(share=reached.share[live]))
+        state = balance(robot, end.q[live], load.select(live)._replace(share=end.share[live]))
         move, gain = _newton_step(state, ahead.tangent[live], ahead.lands[live])
         size = np.abs(move).max(axis=1)
         correction[live] += size
-        on = correction[live] <= np.maximum(MAX_CORRECTION_RATIO * ahead.size[live], UNCHECKED_MOTION)
-        move = np.where(on[:, None], move, 0.0)
-        reached.q[live] = _move(robot, reached.q[live], move)
-        reached.share[live] += np.where(on, gain, 0.0)
+        near = correction[live] <= np.maximum(MAX_CORRECTION_RATIO * ahead.size[live], UNCHECKED_MOTION)
+        move = np.where(near[:, None], move, 0.0)
+        end.q[live] = _move(robot, end.q[live], move)
+        end.share[live] += np.where(near, gain, 0.0)
         along[live] += dot(ahead.tangent[live], move)
-        ended = on & (size < NEWTON_STEP) & (ahead.lands[live] | was_met[live])
-        was_met[live] = size < NEWTON_STEP
-        done[live[ended]] = True
-        reached.rate[live[ended]], stable[live[ended]] = _tangents(
+        is_small = size < NEWTON_STEP
+        ended = near & is_small & (ahead.lands[live] | was_small[live])
+        was_small[live] = is_small
+        met[live[ended]] = True
+        end.rate[live[ended]], stable[live[ended]] = _tangents(
             state.H[ended], state.drive[ended], state.null[ended]
         )
-        live = live[on & ~ended]
+        live = live[near & ~ended]
         if not len(live):
             break
-    return reached, along, done, stable
+    return _Corrected(end, along, met, stable)
 
 
 def _newton_step(state: Balance, tangent: Array, lands: BoolArray) -> tuple[Array, Array]:

@@ -53,6 +53,7 @@ from framework.tolerances import (
 
 MAX_NEWTON_STEPS = 200  # of Newton's method for the equilibrium; quadratic once it is near
 MAX_STEP = 0.1  # [rad, robot lengths] of that method: deflections of springs that mean something are smaller
+SHIFTS = (1.0, 1e3, 1e6)  # of H by S, over their traces' ratio: a negative H under load asks for a larger one
 MIN_EIGENVALUE_RATIO = 1e-8  # over the largest eigenvalue of H: flatter directions count as that steep
 
 
@@ -104,18 +105,20 @@ def least_ratios(H: Array, S: Array) -> Array:
     to that: no inverse of H, which is singular at Type 2, and none of S, which is where bodies have no mass.
     """
     least = np.full(len(H), np.nan)
-    size = np.trace(S, axis1=1, axis2=2)
-    for power in (0.0, 3.0, 6.0):  # a negative H under load asks for a larger shift
-        todo = np.flatnonzero(np.isnan(least) & (size > 0))
+    size_H = np.abs(np.trace(H, axis1=1, axis2=2))
+    size_S = np.trace(S, axis1=1, axis2=2)
+    for factor in SHIFTS:
+        todo = np.flatnonzero(np.isnan(least) & (size_S > 0))
         if not len(todo):
             break
-        shift = 10.0**power * np.abs(np.trace(H[todo], axis1=1, axis2=2)) / size[todo]
-        shifted = H[todo] + shift[:, None, None] * S[todo]
+        sigma = factor * size_H[todo] / size_S[todo]
+        shifted = H[todo] + sigma[:, None, None] * S[todo]
         positive = np.linalg.eigvalsh(shifted)[:, 0] > 0
-        solvable, shift = todo[positive], shift[positive]
-        factor = np.linalg.inv(np.linalg.cholesky(shifted[positive]))
-        relative = matmul(matmul(factor, S[solvable]), factor.swapaxes(1, 2))
-        least[solvable] = 1.0 / np.linalg.eigvalsh(relative)[:, -1] - shift
+        rows = todo[positive]
+        inverse = np.linalg.inv(np.linalg.cholesky(shifted[positive]))
+        relative = matmul(matmul(inverse, S[rows]), inverse.swapaxes(1, 2))
+        mu = np.linalg.eigvalsh(relative)[:, -1]
+        least[rows] = 1.0 / mu - sigma[positive]
     return least
 
 
@@ -231,7 +234,8 @@ def _find_equilibrium(robot: ParallelRobot, q: Array, wrench: ArrayLike | None) 
         values, vectors = np.linalg.eigh(state.H[0])
         sizes = np.abs(values)  # away from maxima and saddles
         downhill = np.maximum(sizes, MIN_EIGENVALUE_RATIO * sizes.max())
-        step = state.closing[0] - state.null[0] @ (vectors @ (vectors.T @ state.slope[0] / downhill))
+        along = vectors @ (vectors.T @ state.slope[0] / downhill)  # (d,) on the null space of the loops
+        step = state.closing[0] - state.null[0] @ along
         size = float(np.abs(step).max())
         if not np.isfinite(size):
             break
@@ -298,9 +302,11 @@ def _vibrations(H: Array, M: Array) -> tuple[Array, Array]:
     """
     values, vectors = np.linalg.eigh(M)
     heavy = (values > 0.0) & (values > RANK_ROUNDING * values[-1])
-    light, massive = vectors[:, ~heavy], vectors[:, heavy] / np.sqrt(values[heavy])
-    if light.shape[1] and massive.shape[1]:
-        massive = massive - light @ np.linalg.lstsq(light.T @ H @ light, light.T @ H @ massive, rcond=None)[0]
+    massive = vectors[:, heavy] / np.sqrt(values[heavy])  # (d, k) of unit mass
+    light = vectors[:, ~heavy]
+    if light.shape[1] and massive.shape[1]:  # motions without mass take the least energy
+        following = np.linalg.lstsq(light.T @ H @ light, light.T @ H @ massive, rcond=None)[0]
+        massive = massive - light @ following
     squares, shapes = np.linalg.eigh(massive.T @ H @ massive)
-    rounding = np.abs(squares) <= EIGENVALUE_ROUNDING * np.abs(squares).max(initial=0.0)
-    return np.where(rounding, 0.0, squares), (massive @ shapes).T
+    is_rounding = np.abs(squares) <= EIGENVALUE_ROUNDING * np.abs(squares).max(initial=0.0)
+    return np.where(is_rounding, 0.0, squares), (massive @ shapes).T

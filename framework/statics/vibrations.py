@@ -29,18 +29,18 @@ def free_motor_frequency(robot: ParallelRobot, q: Array) -> Array:
     if not robot.n_e:
         return np.full(len(q), np.inf)
     scale = robot.column_scale
-    rotors, stiffness = np.zeros((2, robot.model.nv))
-    rotors[robot.actuated] = robot.gear_ratio**2 * robot.rotor_inertia
+    stiffness = np.zeros(robot.model.nv)
     stiffness[robot.elastic] = robot.stiffness
     loops = scaled_loops(robot, linearised_at(robot, q, None))
     frequency = np.empty(len(q))
     for k, tree_mass in enumerate(mass_matrices(robot, q)):
-        allowed = scale[:, None] * np.linalg.svd(loops[k])[2][len(loops[k]) :].T
-        mass = allowed.T @ (tree_mass + np.diag(rotors)) @ allowed
-        springs = allowed.T @ (stiffness[:, None] * allowed)
+        null = np.linalg.svd(loops[k])[2][len(loops[k]) :].T  # (nv, d) what the loops allow
+        Z = scale[:, None] * null
+        mass = Z.T @ (tree_mass + np.diag(robot.rotors)) @ Z
+        springs = Z.T @ (stiffness[:, None] * Z)
         # M singular (massless parts) and K singular (rigid motions): 1 / (omega^2 + shift) is finite for both
         shift = float(np.trace(springs) / max(np.trace(mass), np.finfo(float).tiny))
         shares = eigh(mass, springs + shift * mass, eigvals_only=True)[::-1]
-        first = float(shares[allowed.shape[1] - robot.n_e])
+        first = float(shares[Z.shape[1] - robot.n_e])
         frequency[k] = np.sqrt(max(1.0 / first - shift, 0.0)) / (2.0 * np.pi) if first > 0.0 else np.inf
     return frequency

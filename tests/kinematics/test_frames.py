@@ -50,7 +50,7 @@ def test_stacks_hold_what_pinocchio_says_of_each_frame(name, flexibility):
             found = {
                 "position": at.position[k, f],
                 "rotation": at.rotation[k, f],
-                "jacobian": at.jacobian[k, f],
+                "jacobian": at.frame_jacobian(f)[k],
                 "twist": [*motions.rates[1, k, f, 3], *motions.twist[k, f, 3:]],
                 "drift": [*motions.rates[2, k, f, 3], *motions.twist_rate[k, f, 3:]],
             }

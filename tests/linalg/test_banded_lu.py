@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from framework.linalg.banded_lu import Band
-from framework.linalg.sparsity import Sparsity
 
 COUNT = 5
 
@@ -73,25 +72,6 @@ def test_one_singular_matrix_is_named_and_the_signs_of_the_others_stand(instant)
     for solve in (factors.solve, factors.solve_transposed):
         with pytest.raises(np.linalg.LinAlgError, match=f"instant {instant}"):
             solve(np.ones((COUNT, 8)))
-
-
-@pytest.mark.parametrize("share", [0.05, 0.9])  # of entries: gathered one by one, or cut out of all products
-def test_entries_and_products_of_a_pattern_are_those_of_the_matrices(share):
-    rng = np.random.default_rng(8)
-    signs = rng.choice([1.0, -1.0], (12, 20)) * (rng.random((12, 20)) < share)
-    wrench, screws = rng.standard_normal((COUNT, 12, 6)), rng.standard_normal((COUNT, 20, 6))
-    pattern = Sparsity.of(signs)
-    values = pattern.entries(wrench, screws)
-    matrices = np.einsum("tmi,tvi->tmv", wrench, screws) * signs
-    np.testing.assert_allclose(pattern.dense(values), matrices, atol=1e-14)
-    rows, columns = rng.permutation(12)[:7], rng.permutation(20)[:9]
-    part = pattern.part(rows, columns)
-    right, left = rng.standard_normal((COUNT, 9)), rng.standard_normal((COUNT, 7))
-    cut = matrices[:, rows][:, :, columns]
-    np.testing.assert_allclose(part.times(values, right), np.einsum("tmv,tv->tm", cut, right), atol=1e-13)
-    np.testing.assert_allclose(
-        part.transposed_times(values, left), np.einsum("tmv,tm->tv", cut, left), atol=1e-13
-    )
 
 
 def test_an_empty_stack_has_empty_solutions():

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from framework.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
 from framework.errors import NotAssembled
 from framework.kinematics.external_wrenches import NO_WRENCHES, ExternalWrenches
-from framework.kinematics.frames import difference, integrate
+from framework.kinematics.frames import difference, integrate, largest_motion
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.linearised_loops import ClosedStack, linearised_at
 from framework.kinematics.loop_matrices import type1_matrix
@@ -127,16 +127,15 @@ class Branch(ReadOnlyArrays):
         return u
 
     def _cubic_offsets(self, s: Array) -> Array:
-        """Compute offsets (T, nv) from the origin by cubics between the knots."""
-        k = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2)
+        """Compute offsets (T, nv) from the origin by Hermite's cubics between the knots."""
+        k = np.clip(
+            np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2
+        )  # the knot before each s
         step = (self.s[k + 1] - self.s[k])[:, None]
-        t = ((s - self.s[k])[:, None]) / step
-        return np.asarray(
-            (1 + 2 * t) * (1 - t) ** 2 * self.u[k]
-            + t * (1 - t) ** 2 * step * self.du[k]
-            + t**2 * (3 - 2 * t) * self.u[k + 1]
-            + t**2 * (t - 1) * step * self.du[k + 1]
-        )
+        t = (s - self.s[k])[:, None] / step  # (T, 1) from 0 to 1 between the knots
+        start = (1 + 2 * t) * (1 - t) ** 2 * self.u[k] + t * (1 - t) ** 2 * step * self.du[k]
+        end = t**2 * (3 - 2 * t) * self.u[k + 1] + t**2 * (t - 1) * step * self.du[k + 1]
+        return np.asarray(start + end)
 
     def close(self, s: ArrayLike) -> ClosedStack:
         """Return assembled configurations on the branch at s (T,).
@@ -164,20 +163,24 @@ class Branch(ReadOnlyArrays):
 
 
 def with_continuation(branch: Branch, s: float) -> Branch | None:
-    """Return the branch with a continuation near s; None if the branch is not smooth."""
+    """Return the branch with a continuation near s; None if the branch is not smooth.
+
+    Continuations are tried from wide to narrow, within the smooth piece of the path about s. The polynomial
+    of a wider one, though it is not good enough, is the guess for a narrower one.
+    """
     edges = np.concatenate(([0.0], branch.path.knots, [1.0]))
-    segment = int(np.clip(np.searchsorted(edges, s, side="right") - 1, 0, len(edges) - 2))
-    coarse = branch
-    for half in HALF_WIDTHS:
-        start, end = max(s - half, edges[segment]), min(s + half, edges[segment + 1])
-        continuation, error = _span(coarse, s, float(start), float(end))
+    piece = int(np.clip(np.searchsorted(edges, s, side="right") - 1, 0, len(edges) - 2))
+    guessed = branch
+    for half_width in HALF_WIDTHS:
+        start = float(max(s - half_width, edges[piece]))
+        end = float(min(s + half_width, edges[piece + 1]))
+        continuation, error = _span(guessed, s, start, end)
         if continuation is None:
             continue
+        continued = replace(branch, continuations=(*branch.continuations, continuation))
         if error < CONTINUATION_ERROR:
-            return replace(branch, continuations=(*branch.continuations, continuation))
-        coarse = replace(
-            branch, continuations=(*branch.continuations, continuation)
-        )  # good enough to start a narrower one
+            return continued
+        guessed = continued
     return None
 
 
@@ -186,18 +189,18 @@ def _span(branch: Branch, s: float, start: float, end: float) -> tuple[Continuat
     robot, lengths = branch.robot, branch.robot.column_scale
     parameters = start + 0.5 * (end - start) * (nodes(CONTINUATION_NODES) + 1.0)
     basis = chebyshev.chebvander(nodes(CONTINUATION_NODES), CONTINUATION_DEGREE)
-    guess, x, continuation = branch.guess(parameters), branch.path(parameters), None
-    error = np.inf
+    x, guess = branch.path(parameters), branch.guess(parameters)
+    continuation, error = None, np.inf
     for share in SOUND_NODE_RATIOS:
         sound, u = _sound_offsets(branch, guess, x, share)
         if len(sound) < MIN_SOUND_NODES:
             break
         series = np.asarray(np.linalg.lstsq(basis[sound], u, rcond=None)[0], dtype=float)
+        continuation = Continuation(start, end, _core(parameters, sound, s), series)
         guess = integrate(robot, branch.origin, basis @ series)
         misfit = float(np.abs((basis[sound] @ series - u) / lengths).max())
         residual = float(np.abs(linearised_at(robot, guess, x).residual).max()) / robot.length
         truncation = float(np.abs(series / lengths).max()) * tail(series / lengths)
-        continuation = Continuation(start, end, _core(parameters, sound, s), series)
         error = max(misfit, residual, truncation)
     return continuation, error
 
@@ -215,14 +218,17 @@ def _sound_offsets(branch: Branch, guess: Array, x: Array, share: float) -> tupl
     except NotAssembled:
         return sound[:0], guess[:0]
     u = difference(robot, branch.origin, closed.q)
-    steps = np.abs((u - difference(robot, branch.origin, guess[sound])) / robot.column_scale).max(axis=1)
+    steps = largest_motion(robot, u - difference(robot, branch.origin, guess[sound]))
     trusted = steps < CONTINUATION_STEP * least[sound]
     return sound[trusted], u[trusted]
 
 
 def _core(parameters: Array, sound: IntArray, s: float) -> tuple[float, float]:
     """Return the least interval between sound nodes that contains s and all unsound nodes."""
-    unsound = np.append(np.delete(parameters, sound), s)
-    ends = parameters[sound]
-    below, above = ends[ends < unsound.min()], ends[ends > unsound.max()]
-    return float(np.append(parameters[0], below)[-1]), float(np.append(above, parameters[-1])[0])
+    to_cover = np.append(np.delete(parameters, sound), s)
+    sound_nodes = parameters[sound]  # ascending
+    below = sound_nodes[sound_nodes < to_cover.min()]
+    above = sound_nodes[sound_nodes > to_cover.max()]
+    start = below[-1] if len(below) else parameters[0]
+    end = above[0] if len(above) else parameters[-1]
+    return float(start), float(end)

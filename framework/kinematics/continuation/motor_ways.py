@@ -22,7 +22,6 @@ from framework.kinematics.continuation.predictor_corrector import (
     MAX_STEP_RATIO,
     MIN_STEP_RATIO,
     cut_to_predictor,
-    joint_speeds,
     measure,
 )
 from framework.kinematics.continuation.turning_point import (
@@ -31,7 +30,7 @@ from framework.kinematics.continuation.turning_point import (
     TurningPoints,
     turning_points,
 )
-from framework.kinematics.frames import difference, integrate
+from framework.kinematics.frames import difference, integrate, largest_motion
 from framework.kinematics.inverse_kinematics import NewtonResult, close_each
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.kinematics.loop_matrices import clearance, equation_sizes, independent_loops_matrix
@@ -58,7 +57,7 @@ class MotorWays(NamedTuple):
 
 
 class _Steps(NamedTuple):
-    """The ends of those of T steps whose loops close."""
+    """The ends of S of T steps, the others being left open by Newton's method."""
 
     rows: IntArray  # (S,) of the T steps
     ends: MotorWays  # (S, ...)
@@ -93,19 +92,12 @@ def follow_ways(
     `linearised` are the loops at the start (T = 1). A way whose `share` stays below 1 has ended: at a Type 2
     singularity, or where it cannot be followed.
     """
-    count = len(targets)
-    turn = np.zeros((count, robot.model.nv))
+    turn = np.zeros((len(targets), robot.model.nv))
     turn[:, robot.actuated] = targets - robot.actuated_coordinates(start.q)
-    copies = np.zeros(count, dtype=np.intp)
-    ways = select(start, copies)._replace(share=np.zeros(count), steps=copies.copy())
-    ways.least[:] = ways.clearance
-    loops = linearised if count == 1 else linearised.select(copies)  # a single one has its factors at hand
-    rate = motor_driven_rates(robot, loops, turn)
-    if rate is None:  # P is singular to the last bit
-        return ways
-    ways.rate[:] = rate
-    step = np.where(joint_speeds(robot, rate) < MAX_SINGLE_STEP, 1.0, FIRST_STEP_RATIO)
-    approaching, ended = np.zeros((2, count), dtype=bool)  # another assembly mode
+    ways = _begin_ways(robot, start, linearised, turn)
+    is_short = largest_motion(robot, ways.rate) < MAX_SINGLE_STEP
+    step = np.where(is_short, 1.0, FIRST_STEP_RATIO)
+    approaching, ended = np.zeros((2, len(turn)), dtype=bool)  # another assembly mode
     live = np.flatnonzero(ways.clearance >= RANK_LOST)
     while len(live):
         before = select(ways, live)
@@ -120,13 +112,32 @@ def follow_ways(
         _assign(ways, rows[accepted], select(taken.ends, accepted))
         grows = rows[accepted & (taken.correction < BRANCH_GROWTH)]
         step[grows] = np.maximum(step[grows], np.minimum(2.0 * step[grows], MAX_STEP_RATIO))
-        is_refused = ~ended[live]
-        is_refused[taken.rows[accepted]] = False
-        refused = live[is_refused]
+        refused = np.setdiff1d(live[~ended[live]], rows[accepted])
         step[refused] *= 0.5
         ended[_end_at_turning_points(robot, ways, refused, turn)] = True
         live = live[~ended[live] & (ways.share[live] < 1.0) & (step[live] >= MIN_STEP_RATIO)]
     return ways
+
+
+def _begin_ways(
+    robot: ParallelRobot, start: MotorWays, linearised: LinearisedLoops, turn: Array
+) -> MotorWays:
+    """Return T ways at their common start, with the joint rates for turns (T, nv) of the motors.
+
+    Where P is singular to the last bit no rates exist, and the clearance is zero.
+    """
+    count = len(turn)
+    copies = np.zeros(count, dtype=np.intp)
+    loops = linearised if count == 1 else linearised.select(copies)  # a single one has its factors at hand
+    rate = motor_driven_rates(robot, loops, turn)
+    ways = select(start, copies)
+    return ways._replace(
+        rate=turn.copy() if rate is None else rate,
+        share=np.zeros(count),
+        steps=np.zeros(count, dtype=np.intp),
+        clearance=np.zeros(count) if rate is None else ways.clearance,
+        least=ways.clearance.copy(),
+    )
 
 
 def _take_steps(robot: ParallelRobot, start: Array, turn: Array, before: MotorWays, step: Array) -> _Steps:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import LEAST_DIVISOR, Array, BoolArray
-from framework.kinematics.frames import difference, integrate
+from framework.kinematics.frames import difference, integrate, largest_motion
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.mechanism import Mechanism
 from framework.tolerances import BRANCH_CORRECTION, BRANCH_STEP_SHARE, BRANCH_TURN
@@ -83,9 +83,8 @@ class StepMeasure(NamedTuple):
 
 def measure(robot: Mechanism, correction: Array, along: Array, beyond: Array) -> StepMeasure:
     """Measure steps by their corrections and by the tangents' steps before and after, each (T, nv)."""
-    motions = np.array([correction, along, beyond - along]) / robot.column_scale
-    corrected, advance, turned = np.abs(motions).max(axis=2, initial=0.0)
-    straight = is_straight(turned, corrected, advance)
+    corrected, advance = largest_motion(robot, correction), largest_motion(robot, along)
+    straight = is_straight(largest_motion(robot, beyond - along), corrected, advance)
     return StepMeasure(corrected, is_small(corrected, advance), straight)
 
 
@@ -148,14 +147,9 @@ def follow(
     return Way(np.concatenate(parameters), tuple(stretches))
 
 
-def joint_speeds(robot: Mechanism, rate: Array) -> Array:
-    """Compute the rate (T,) of the joint that moves most, of joint rates (T, nv) [rad, lengths]."""
-    return np.abs(rate / robot.column_scale).max(axis=1, initial=0.0)
-
-
 def cut_to_predictor(robot: Mechanism, rate: Array, step: Array) -> Array:
     """Cut steps (T,) of the parameter so that no joint moves by `MAX_PREDICTOR_MOVE` at rates (T, nv)."""
-    speed = joint_speeds(robot, rate)
+    speed = largest_motion(robot, rate)
     longest = 0.99 * MAX_PREDICTOR_MOVE / np.maximum(speed, LEAST_DIVISOR)  # 0.99: not longer by rounding
     return np.where(step * speed > MAX_PREDICTOR_MOVE, longest, step)
 
@@ -163,7 +157,7 @@ def cut_to_predictor(robot: Mechanism, rate: Array, step: Array) -> Array:
 def _parameters_ahead(robot: Mechanism, place: Places, parameter: float, step: float, count: int) -> Array:
     """Return up to `count` parameters one step apart, to the end and as far as the predictor may lead."""
     lengths = step * np.arange(1, count + 1)
-    speed = joint_speeds(robot, place.rate)[0]
+    speed = largest_motion(robot, place.rate)[0]
     near = (parameter + lengths < 1.0 + 0.5 * MIN_STEP_RATIO) & (lengths * speed < MAX_PREDICTOR_MOVE)
     near[0] = True
     ahead = parameter + lengths[near]

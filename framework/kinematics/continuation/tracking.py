@@ -21,7 +21,7 @@ from framework.kinematics.assembly import MAX_NEWTON_STEP, Configuration
 from framework.kinematics.continuation.branch import Branch as Branch
 from framework.kinematics.continuation.predictor_corrector import FIRST_STEP_RATIO, Places, Way, follow
 from framework.kinematics.continuation.turning_point import CurveEquations, Curves, turning_points
-from framework.kinematics.frames import difference, difference_rates, integrate
+from framework.kinematics.frames import difference, difference_rates, integrate_columns
 from framework.kinematics.inverse_kinematics import close_each, close_loops, require_square
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.kinematics.loop_matrices import equation_sizes, lost_equations, type1_matrix
@@ -171,7 +171,7 @@ def _follow_branch(robot: ParallelRobot, path: Path, q: Array, what: str) -> Bra
 
 
 def _rates(robot: ParallelRobot, path: Path, s: Array, linearised: LinearisedLoops) -> Array:
-    """Compute joint rates (T, nv) with respect to s (T,)."""
+    """Compute joint rates (T, nv) with respect to s (T,), springs at rest."""
     twist, _ = robot.platform.twist(path(s), path(s, 1))
     return joint_rates(robot, linearised, twist, np.zeros((len(s), robot.n_e)))
 
@@ -207,18 +207,25 @@ def _end_of_reach(
 
 def weakest_leg(robot: ParallelRobot, linearised: LinearisedLoops) -> str:
     """Return the actuated joint that moves most in the weakest motion with the platform at rest."""
-    weakest = np.linalg.svd(type1_matrix(robot, linearised)[0])[2][-1][: robot.n_a]
-    return robot.actuator_names[int(np.argmax(np.abs(weakest)))]
+    matrix = type1_matrix(robot, linearised)[0]  # columns: actuated first
+    weakest = np.linalg.svd(matrix)[2][-1]  # of all joints, the least singular vector
+    motor = int(np.argmax(np.abs(weakest[: robot.n_a])))
+    return robot.actuator_names[motor]
 
 
 def _reachable_beyond(robot: ParallelRobot, path: Path, s: float, q: Array) -> bool:
-    """Whether the loops close again a little further along the path, on any branch."""
-    ahead = np.repeat(s + np.array(LOOK_AHEAD), 2)
-    ahead = ahead[ahead <= 1.0]
-    nudge = np.zeros((len(ahead), robot.model.nv))
-    nudge[::2, robot.moving], nudge[1::2, robot.moving] = LOOK_AHEAD_NUDGE, -LOOK_AHEAD_NUDGE
-    guess = integrate(robot, np.repeat(q[None], len(ahead), axis=0), nudge)
-    return bool(len(ahead)) and bool(close_each(robot, path(ahead), guess).closed.any())
+    """Whether the loops close again a little further along the path, on any branch.
+
+    Newton's method starts from q (nq,), all joints nudged one way and the other.
+    """
+    ahead = s + np.array(LOOK_AHEAD)
+    ahead = np.repeat(ahead[ahead <= 1.0], 2)
+    if not len(ahead):
+        return False
+    nudge = np.full((len(ahead), len(robot.moving)), LOOK_AHEAD_NUDGE)
+    nudge[1::2] *= -1.0
+    guess = integrate_columns(robot, np.repeat(q[None], len(ahead), axis=0), robot.moving, nudge)
+    return bool(close_each(robot, path(ahead), guess).closed.any())
 
 
 def escape_error(robot: ParallelRobot, s: float, x: Array, count: int, what: str) -> UncontrolledMotions:

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.arrays import Array, BoolArray, IntArray
-from framework.kinematics.frames import difference, integrate
+from framework.kinematics.frames import difference, integrate, largest_motion
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.ordered_sums import solve
@@ -68,27 +68,34 @@ class Curves:
         return motion
 
     def follow_to_turn(self, q: Array, share: Array) -> _CurveEnd:
-        """Follow the curves from q (T, nq) after shares (T,) by secants to where the slope of s is zero."""
+        """Follow the curves from q (T, nq) after shares (T,) by secants to where the slope of s is zero.
+
+        t is the length along c that each curve has gone. A curve that is at its end, or that has gone too
+        far, rests while the others go on.
+        """
         equations = self.evaluate(q, share)
-        border = solve(equations.matrix, -equations.drive)
-        border = border / np.linalg.norm(border, axis=1, keepdims=True)
-        back, along = _steps(equations, border)
-        start, t = along, np.zeros(len(q))
-        step, closed = np.full(len(q), FIRST_SECANT_LENGTH), np.zeros(len(q), dtype=bool)
+        border = solve(equations.matrix, -equations.drive)  # dy/ds at the start
+        border = border / np.linalg.norm(border, axis=1, keepdims=True)  # c
+        correction, tangent = _steps(equations, border)
+        first_tangent = tangent
+        t, step = np.zeros(len(q)), np.full(len(q), FIRST_SECANT_LENGTH)
+        closed = np.zeros(len(q), dtype=bool)
         for _ in range(MAX_SECANTS):
-            move = back + step[:, None] * along
+            move = correction + step[:, None] * tangent  # (T, k + 1) back to the curve, and along
             lost = ~((np.abs(t + step) < MAX_ARC_LENGTH) & np.isfinite(move).all(axis=1))
-            move = np.where((closed | lost)[:, None], 0.0, move)
-            q, share = integrate(self.robot, q, self.joint_motions(move)), share + move[:, -1]
-            t = t + np.where(closed | lost, 0.0, step)
+            rests = closed | lost
+            move = np.where(rests[:, None], 0.0, move)
+            q = integrate(self.robot, q, self.joint_motions(move))
+            share = share + move[:, -1]
+            t = t + np.where(rests, 0.0, step)
             closed |= ~lost & (np.abs(move).max(axis=1) < NEWTON_STEP)
-            slope = along[:, -1]
+            slope = tangent[:, -1]  # ds/dt before the move
             equations = self.evaluate(q, share)
-            back, along = _steps(equations, border)
+            correction, tangent = _steps(equations, border)
             if (closed | lost).all():
                 break
-            step = -step * along[:, -1] / (along[:, -1] - slope)
-        return _CurveEnd(closed & (t > 0), q, share, t, start, along, equations.linearised)
+            step = -step * tangent[:, -1] / (tangent[:, -1] - slope)  # the secant's zero of ds/dt
+        return _CurveEnd(closed & (t > 0), q, share, t, first_tangent, tangent, equations.linearised)
 
 
 class _CurveEnd(NamedTuple):
@@ -106,11 +113,14 @@ class _CurveEnd(NamedTuple):
 def _steps(equations: CurveEquations, border: Array) -> tuple[Array, Array]:
     """Compute Newton's step back to the curve, across c, and the tangent by t, each (T, k + 1)."""
     count, size = border.shape
-    whole = np.zeros((count, size + 1, size + 1))
-    whole[:, :-1, :-1], whole[:, :-1, -1], whole[:, -1, :-1] = equations.matrix, equations.drive, border
-    right = np.zeros((2, count, size + 1))
-    right[0, :, :-1], right[1, :, -1] = -equations.residual, 1.0
-    return solve(whole, right[0]), solve(whole, right[1])
+    bordered = np.zeros((count, size + 1, size + 1))
+    bordered[:, :-1, :-1] = equations.matrix
+    bordered[:, :-1, -1] = equations.drive
+    bordered[:, -1, :-1] = border
+    newton, along = np.zeros((2, count, size + 1))
+    newton[:, :-1] = -equations.residual
+    along[:, -1] = 1.0
+    return solve(bordered, newton), solve(bordered, along)
 
 
 def turning_points(curves: Curves, q: Array, share: Array) -> TurningPoints:
@@ -121,10 +131,12 @@ def turning_points(curves: Curves, q: Array, share: Array) -> TurningPoints:
     robot = curves.robot
     with np.errstate(all="ignore"):  # a curve without a turning point ahead diverges, and is not found
         end = curves.follow_to_turn(q, share)
-        gain = 0.5 * end.t * end.first[:, -1]
-        first, last = (end.t[:, None] * curves.joint_motions(tangent) for tangent in (end.first, end.last))
+        first = end.t[:, None] * curves.joint_motions(end.first)  # (T, nv) what the tangents predict
+        last = end.t[:, None] * curves.joint_motions(end.last)
+        # a parabola goes half of each, and its share gains half of what the first tangent says
         bend = difference(robot, q, end.q) - 0.5 * (first + last)
-        bend, length = (np.abs(motion / robot.column_scale).max(axis=1) for motion in (bend, first))
-        found = end.closed & (end.share < 1.0) & (bend <= MAX_BEND * length)
+        bend_size, length = largest_motion(robot, bend), largest_motion(robot, first)
+        gain = 0.5 * end.t * end.first[:, -1]
+        found = end.closed & (end.share < 1.0) & (bend_size <= MAX_BEND * length)
         found &= np.abs(end.share - share - gain) <= MAX_SKEW * gain
     return TurningPoints(found, end.share, end.q, end.linearised)

@@ -22,6 +22,7 @@ import numpy as np
 from framework.arrays import Array, IntArray
 from framework.errors import NotAssembled
 from framework.kinematics.closures import (
+    carried_between,
     direction_gaps,
     direction_slopes,
     find_turned_over,
@@ -31,6 +32,7 @@ from framework.kinematics.closures import (
 )
 from framework.kinematics.frames import FrameStack, frames_at, integrate
 from framework.kinematics.mechanism import Mechanism
+from framework.linalg.rotations import wrap_angles
 from framework.model.loop_rows import LockedDirections, LoopRows
 from framework.tolerances import LOOP_GAP
 
@@ -96,10 +98,9 @@ class _Group:
     def slope(self, u: Array) -> Array:
         """Compute the derivative of `gap` along the k joints."""
         frames = self._frames(u)
-        rows = scale_jacobian(self.mechanism, loop_equations(self.rows, frames).jacobian, self.rows.rotation)[
-            0
-        ]
-        vectors = direction_slopes(self.directions, frames)[0] * self.mechanism.column_scale
+        jacobian = loop_equations(self.rows, frames).jacobian
+        rows = scale_jacobian(self.mechanism, jacobian, self.rows.rotation)[0]  # (m, nv)
+        vectors = direction_slopes(self.directions, frames)[0] * self.mechanism.column_scale  # (d, 3, nv)
         return np.concatenate([rows, vectors.reshape(-1, rows.shape[1])])[:, self.columns]
 
     def close(self, start: Array) -> tuple[Array, float]:
@@ -109,14 +110,18 @@ class _Group:
         return u, float(np.abs(gap).max())
 
     def nearly_close(self, start: Array) -> Array:
-        """Find the smallest offsets (k,) that nearly close the loops."""
-        return self._least_squares(
-            lambda u: np.concatenate([self.gap(u) / GAP_PER_RADIAN, u]),
-            lambda u: np.concatenate([self.slope(u) / GAP_PER_RADIAN, np.eye(len(u))]),
-            start,
-            MAX_EVALUATIONS[0],
-            ROUGH_TOLERANCE,
-        )[0]
+        """Find the smallest offsets u (k,) that nearly close the loops.
+
+        The sum of squares of gap / `GAP_PER_RADIAN` and of u is least.
+        """
+
+        def residual(u: Array) -> Array:
+            return np.concatenate([self.gap(u) / GAP_PER_RADIAN, u])
+
+        def slope(u: Array) -> Array:
+            return np.concatenate([self.slope(u) / GAP_PER_RADIAN, np.eye(len(u))])
+
+        return self._least_squares(residual, slope, start, MAX_EVALUATIONS[0], ROUGH_TOLERANCE)[0]
 
     def _least_squares(
         self,
@@ -156,16 +161,16 @@ def _groups(mechanism: Mechanism, origin: Array, lower: Array, upper: Array) -> 
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
 
-    carried = frames_at(mechanism, origin[None]).carried
-    moving = carried[mechanism.rows.second] != carried[mechanism.rows.first]  # (m, nv)
-    moving |= mechanism.rows.coupling_jacobian(moving.shape[1]) != 0.0
-    moving[:, mechanism.elastic] = False
-    shared = csr_array(moving.astype(float))
-    label = connected_components(shared @ shared.T, directed=False)[1]
+    frames = frames_at(mechanism, origin[None])
+    feels = carried_between(mechanism.rows, frames) != 0.0  # (m, nv) whether a row changes with a joint
+    feels |= mechanism.rows.coupling_jacobian(feels.shape[1]) != 0.0
+    feels[:, mechanism.elastic] = False
+    pattern = csr_array(feels.astype(float))
+    label = connected_components(pattern @ pattern.T, directed=False)[1]  # (m,) rows that share joints
     groups, directions = [], mechanism.directions
     for k in range(int(label.max()) + 1):
         rows = np.flatnonzero(label == k)
-        columns = np.flatnonzero(moving[rows].any(axis=0))
+        columns = np.flatnonzero(feels[rows].any(axis=0))
         table = mechanism.rows.take(rows)
         names = {name.rpartition(".")[0] for name in table.names}
         leg_directions = directions.take(np.flatnonzero([name in names for name in directions.closures]))
@@ -195,18 +200,20 @@ def _nearest_closing(group: _Group) -> Array:
     turning = ~group.mechanism.sliding[group.columns]
     limited = np.isfinite(group.lower)
     reach = np.where(turning, np.pi, 1.0)
-    low, high = np.where(limited, group.lower, -reach), np.where(limited, group.upper, reach)
-    reference, rng = np.clip(0.0, low, high), np.random.default_rng(RANDOM_SEED)
+    low = np.where(limited, group.lower, -reach)
+    high = np.where(limited, group.upper, reach)
+    reference = np.clip(0.0, low, high)
+    rng = np.random.default_rng(RANDOM_SEED)
     poses: list[Array] = []
-    least, best = np.inf, reference
+    best, least = reference, np.inf
     for k in range(MAX_STARTS):
         spread = START_SPREADS[k % len(START_SPREADS)] if k else 0.0
         start = reference + spread * (rng.uniform(low, high) - reference)
         u, gap = group.close(group.nearly_close(start))
         if gap < least:
-            least, best = gap, u
+            best, least = u, gap
         if gap < LOOP_GAP:
-            poses.append(np.where(turning & ~limited, np.mod(u + np.pi, 2 * np.pi) - np.pi, u))
+            poses.append(np.where(turning & ~limited, wrap_angles(u), u))
             if k == 0 or len(poses) == ENOUGH_POSES:
                 break
     if not poses:

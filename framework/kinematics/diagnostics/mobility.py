@@ -59,14 +59,14 @@ class PlatformAxes(NamedTuple):
 def mobility_of(robot: ParallelRobot) -> Mobility:
     """Count the freedoms at the assembled reference."""
     q = robot.reference.q
-    hidden = _hidden_motions(robot, q)
+    hidden = _hidden_motions(robot, q)  # (nv, k)
     moving, resting = split_space(centres_of_mass(robot, q) @ hidden, NEARLY_AT_REST)
     idle = _pivots(hidden @ resting)
     loose = _pivots(hidden @ moving, excluded=idle)
     return Mobility(
-        _motions(robot, q).shape[1],
-        tuple(map(robot.coordinates.name_of, idle)),
-        tuple(map(robot.coordinates.name_of, loose)),
+        freedoms=_motions(robot, q).shape[1],
+        idle=tuple(map(robot.coordinates.name_of, idle)),
+        loose=tuple(map(robot.coordinates.name_of, loose)),
     )
 
 
@@ -75,18 +75,19 @@ def platform_axes_of(robot: ParallelRobot, freedoms: int) -> PlatformAxes:
     q = robot.reference.q
     stuck_here = _stuck(robot, q)
     if not stuck_here.shape[1] and robot.n == freedoms:
-        return PlatformAxes("", "", freedoms, ())
+        return PlatformAxes(stuck="", stuck_here="", velocities=freedoms, proposals=())
     poses = [q, *nearby_configurations(robot, q)]
     twists = [
-        scaled_twists(robot, frames_at(robot, pose[None]).jacobian[0, 0]) @ _motions(robot, pose)
+        scaled_twists(robot, frames_at(robot, pose[None]).frame_jacobian(0)[0]) @ _motions(robot, pose)
         for pose in poses
     ]  # (6, f) of the platform's frame, for the motions that the loops allow
     stuck = min((_stuck(robot, pose) for pose in poses), key=lambda combinations: combinations.shape[1])
-    velocities = max(np.linalg.matrix_rank(matrix, tol=FILE_ROUNDING) for matrix in twists)
-    names = robot.axis_names
-    proposals = _proposals(twists, freedoms, robot.axis_names) if velocities == freedoms else ()
+    velocities = max(int(np.linalg.matrix_rank(matrix, tol=FILE_ROUNDING)) for matrix in twists)
     return PlatformAxes(
-        _name_stuck_axes(stuck, names), _name_stuck_axes(stuck_here, names), int(velocities), proposals
+        stuck=_name_stuck_axes(stuck, robot.axis_names),
+        stuck_here=_name_stuck_axes(stuck_here, robot.axis_names),
+        velocities=velocities,
+        proposals=_proposals(twists, freedoms, robot.axis_names) if velocities == freedoms else (),
     )
 
 
@@ -118,6 +119,7 @@ def find_free_motions(robot: Mechanism, q: Array, rank: int) -> Array:
 
 
 def _motions(robot: ParallelRobot, q: Array) -> Array:
+    """Compute orthonormal motions (nv, f) that the loops allow at q (nq,) [rad, robot lengths]."""
     return find_free_motions(robot, q, len(robot.structure.independent))
 
 
@@ -135,24 +137,27 @@ def _stuck(robot: ParallelRobot, q: Array) -> Array:
 
 def _platform_rates(robot: ParallelRobot, q: Array) -> Array:
     """Compute rates (n, nv) of the platform's coordinates, in radians and lengths of the robot."""
-    return scale_jacobian(robot, robot.platform.jacobian(frames_at(robot, q[None])), ~robot.translations)[0]
+    jacobian = robot.platform.jacobian(frames_at(robot, q[None]))
+    return scale_jacobian(robot, jacobian, ~robot.translations)[0]
 
 
 def scaled_twists(robot: Mechanism, twists: Array) -> Array:
     """Return twists (6, nv) of a frame in radians and lengths of the robot."""
-    return twists / np.repeat([robot.length, 1.0], 3)[:, None] * robot.column_scale
+    units = np.repeat([robot.length, 1.0], 3)  # of velocities [m], of angular velocities [rad]
+    return twists / units[:, None] * robot.column_scale
 
 
 def centres_of_mass(robot: Mechanism, q: Array) -> Array:
     """Compute velocities (3 b, nv) of the centres of the b bodies with mass [lengths of the robot]."""
     model, data = robot.model, robot.model.createData()
     pin.computeJointJacobians(model, data, q)
-    parts = [np.empty((0, model.nv))]
+    velocities = [np.empty((0, model.nv))]
     for joint in range(1, model.njoints):
-        if model.inertias[joint].mass > 0.0:
-            twist = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL).reshape(6, model.nv)
-            parts.append(twist[:3] - pin.skew(model.inertias[joint].lever) @ twist[3:])
-    return np.concatenate(parts) / robot.length * robot.column_scale
+        body = model.inertias[joint]
+        if body.mass > 0.0:
+            twists = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL).reshape(6, model.nv)
+            velocities.append(twists[:3] - pin.skew(body.lever) @ twists[3:])  # v + w x lever
+    return np.concatenate(velocities) / robot.length * robot.column_scale
 
 
 def _name_stuck_axes(stuck: Array, names: tuple[str, ...]) -> str:
@@ -183,5 +188,6 @@ def _pivots(motions: Array, excluded: tuple[int, ...] = ()) -> tuple[int, ...]:
     """Return k joints, ascending, whose rates determine k motions (nv, k), none of the excluded ones."""
     if not motions.shape[1]:
         return ()
-    free = np.setdiff1d(np.arange(len(motions)), excluded)
-    return tuple(np.sort(free[row_pivots(motions[free])[: motions.shape[1]]]).tolist())
+    joints = np.setdiff1d(np.arange(len(motions)), excluded)
+    pivots = row_pivots(motions[joints])[: motions.shape[1]]
+    return tuple(np.sort(joints[pivots]).tolist())

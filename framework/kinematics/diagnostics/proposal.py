@@ -40,6 +40,7 @@ from framework.kinematics.mechanism import Mechanism, columns_of, frame_of
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.rounded_loops import assembled_mechanism, rounded_gap
 from framework.kinematics.tree_model import positions_beyond_limits
+from framework.linalg.ordered_sums import singular_values
 from framework.model.description import AXES, Actuator, Closure, Platform, RobotDescription
 from framework.model.readers.describe import Known, Options
 from framework.model.readers.urdf_tree import UrdfTree, merge_sharing
@@ -185,7 +186,7 @@ def _complete_at_pose(known: Known, motions: _Motions, *, by_joints: bool) -> Kn
 
 
 def _choose_motors(motions: _Motions, known: Known) -> Known:
-    """Return the content of the file at a closed pose, its motors chosen if it names none or too many."""
+    """Return the content of the file at a closed pose, with motors chosen if need be."""
     mechanism = motions.mechanism
     description = replace(mechanism.description, reference=mechanism.reference_values(motions.q))
     actuators, remarks = description.actuators, [*motions.remarks]
@@ -261,40 +262,55 @@ def _close_within_limits(description: RobotDescription) -> _Motions | None:
 
 
 def _close_near_reference(description: RobotDescription) -> _Motions:
-    """Return the mechanism at the closed regular pose nearest to its reference."""
-    mechanism, remarks = Mechanism.from_description(description), list[str]()
-    try:
-        mechanism, closing = assembled_mechanism(mechanism)
-        q = closing.q
-        if mechanism.rounded.names:
-            gap = rounded_gap(mechanism, q[None])
-            remarks.append(f"rounded and overconstrained by {gap:.2g} m: see `crossing check`")
-    except NotAssembled:
-        pose = find_closed_pose(mechanism)
-        q = pose.q
-        gap = np.abs(residual_at(mechanism, mechanism.q_near)).max()
-        remarks.append(
-            f"reference: the nearest closed pose, {pose.joint} {pose.distance} from the file's, whose loops "
-            f"are {gap:.2g} m or rad open"
-        )
-        mechanism = replace(mechanism, q_near=q)
+    """Return the motions at the closed regular pose nearest to the reference of a description."""
+    mechanism, remarks = _assemble(Mechanism.from_description(description))
+    q = mechanism.q_near
     beside = nearby_configurations(mechanism, q)
     if any(_rank(mechanism, pose) > _rank(mechanism, q) for pose in beside):
         q = max(beside, key=lambda pose: _rank(mechanism, pose))
         remarks.append("reference: a pose beside the file's, which is on a singularity of the loops")
     basis = find_free_motions(mechanism, q, _rank(mechanism, q))
+    working = _working_motions(mechanism, q, basis)
+    return _Motions(mechanism, q, basis, working, tuple(remarks))
+
+
+def _assemble(mechanism: Mechanism) -> tuple[Mechanism, list[str]]:
+    """Return the mechanism with its closed pose as `q_near`, searched if need be, and remarks on the pose."""
+    try:
+        assembled, closing = assembled_mechanism(mechanism)
+    except NotAssembled:
+        pose = find_closed_pose(mechanism)
+        gap = np.abs(residual_at(mechanism, mechanism.q_near)).max()
+        remark = (
+            f"reference: the nearest closed pose, {pose.joint} {pose.distance} from the file's, whose loops "
+            f"are {gap:.2g} m or rad open"
+        )
+        return replace(mechanism, q_near=pose.q), [remark]
+    remarks = []
+    if assembled.rounded.names:
+        gap = rounded_gap(assembled, closing.q[None])
+        remarks.append(f"rounded and overconstrained by {gap:.2g} m: see `crossing check`")
+    return replace(assembled, q_near=closing.q), remarks
+
+
+def _working_motions(mechanism: Mechanism, q: Array, basis: Array) -> Array:
+    """Return the motions (nv, w) of a basis (nv, f) that move masses or turn a motor.
+
+    Joints of couplings count as motors, such as a thread, unless nothing has mass.
+    """
+    description = mechanism.description
     moves = centres_of_mass(mechanism, q) @ basis
     moving, resting = split_space(moves, NEARLY_AT_REST)
     idle = basis @ resting
-    turned = list(description.motor_joints)  # what a motor or a thread turns is no idle turn
+    turned = list(description.motor_joints)
     if moves.any():
         turned += [name for coupling in description.couplings for name in (coupling.joint, coupling.of)]
-    driven = idle[columns_of(mechanism.model, turned)]
-    parts = basis @ moving, idle @ split_space(driven, NEARLY_AT_REST)[0]
-    return _Motions(mechanism, q, basis, np.concatenate(parts, axis=1), tuple(remarks))
+    turning = split_space(idle[columns_of(mechanism.model, turned)], NEARLY_AT_REST)[0]
+    return np.concatenate([basis @ moving, idle @ turning], axis=1)
 
 
 def _rank(mechanism: Mechanism, q: Array) -> int:
+    """Return the rank of the loop equations along the joints at q (nq,)."""
     return len(independent_rows(all_loops_matrix(mechanism, q)[:, mechanism.joints]))
 
 
@@ -317,14 +333,16 @@ def _best_motors(motions: _Motions, description: RobotDescription) -> list[str]:
         order = qr(rates.T, pivoting=True)[2][:count]
         return [names[i] for i in sorted(order)]
     choices = list(combinations(range(len(names)), count))
-    least = np.linalg.svd(rates[np.array(choices)], compute_uv=False)[:, -1]
-    best, *others = np.argsort(-least, kind="stable")
-    if least[best] > FILE_ROUNDING and others and least[others[0]] > (1.0 - ALIKE_CHOICES) * least[best]:
-        alike = [[names[i] for i in choices[k]] for k in (best, others[0])]
-        raise RobotFileError(
-            f"{len(names)} motors for {count} freedoms, and none are better than others: give --motors "
-            f"{' '.join(alike[0])} or --motors {' '.join(alike[1])}"
-        )
+    clearances = singular_values(rates[np.array(choices)])[:, -1]  # (choices,) least singular values
+    best, *others = np.argsort(-clearances, kind="stable").tolist()
+    if others and clearances[best] > FILE_ROUNDING:
+        second = others[0]
+        if clearances[second] > (1.0 - ALIKE_CHOICES) * clearances[best]:
+            first_names, second_names = (" ".join(names[i] for i in choices[k]) for k in (best, second))
+            raise RobotFileError(
+                f"{len(names)} motors for {count} freedoms, and none are better than others: give --motors "
+                f"{first_names} or --motors {second_names}"
+            )
     return [names[i] for i in choices[best]]
 
 
@@ -403,12 +421,15 @@ def _platforms(motions: _Motions, description: RobotDescription, tree: UrdfTree)
 def _joint_platforms(motions: _Motions, description: RobotDescription, tree: UrdfTree) -> Iterator[Platform]:
     """Yield platforms of as many joints as freedoms, joints without motors first."""
     motors, count = description.motor_joints, motions.freedoms
-    for names in ([name for name in tree.movable if name not in motors], motors):
-        rows = motions.rates(names)
-        order = sorted(qr(rows.T, pivoting=True)[2][:count]) if len(names) >= count else []
-        if order and np.linalg.svd(rows[order], compute_uv=False)[-1] > PROPOSED_AXES_CLEARANCE:
-            chosen = tuple(names[i] for i in order)
-            yield Platform(tree.joints[chosen[-1]].child, (), chosen)
+    without_motors = [name for name in tree.movable if name not in motors]
+    for names in (without_motors, motors):
+        if len(names) < count:
+            continue
+        rates = motions.rates(names)
+        chosen = sorted(qr(rates.T, pivoting=True)[2][:count])  # whose rates are most independent
+        if singular_values(rates[chosen])[-1] > PROPOSED_AXES_CLEARANCE:
+            joints = tuple(names[i] for i in chosen)
+            yield Platform(tree.joints[joints[-1]].child, (), joints)
 
 
 def _frame_platforms(
@@ -432,17 +453,15 @@ def _frame_platforms(
 
 def _turns_about_a_point(twists: Array) -> bool:
     """Whether all twists (6, w) of a body are turns about the same point."""
-    along, about = twists[:3], twists[3:]
+    linear, angular = twists[:3], twists[3:]
     if twists.shape[1] < 2:
         return False
-    # v + w x p = 0 for all columns
-    rows = np.concatenate([-pin.skew(np.ascontiguousarray(w)) for w in about.T])
-    gap = np.concatenate(list(-along.T))
-    p = np.linalg.lstsq(-rows, gap, rcond=None)[0]
-    return bool(
-        np.abs(-rows @ p - gap).max() < NEARLY_AT_REST
-        and np.linalg.matrix_rank(about, tol=PROPOSED_AXES_CLEARANCE) > 1
-    )
+    # one p with v + w x p = 0 for all columns: (3 w, 3) p = v
+    rows = np.concatenate([pin.skew(np.ascontiguousarray(w)) for w in angular.T])
+    gaps = linear.T.ravel()
+    p = np.linalg.lstsq(rows, -gaps, rcond=None)[0]
+    meets = np.abs(rows @ p + gaps).max() < NEARLY_AT_REST
+    return bool(meets and np.linalg.matrix_rank(angular, tol=PROPOSED_AXES_CLEARANCE) > 1)
 
 
 def _frame_twists(motions: _Motions, tree: UrdfTree) -> Iterator[tuple[str, Array]]:
