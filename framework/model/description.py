@@ -28,7 +28,7 @@ _LOCKED = {
     "planar": ("z", "rx", "ry"),  # its axis is the normal of the plane
     "distance": ("distance",),
 }
-CLOSURE_KINDS = tuple(_LOCKED)
+CLOSURE_KINDS = _LOCKED.keys()
 
 
 def locked_axes(kind: str, axis: str = "z") -> tuple[str, ...]:

@@ -64,4 +64,4 @@ def test_levels_of_a_study_are_compared_without_limits():
     motors = tuple(replace(motor, speed_limit=20.0) for motor in description.actuators)
     robot = ParallelRobot.from_description(replace(description, actuators=motors))
     study = fidelity_study(robot, "C", tolerance=0.1, speed_limit=np.inf)
-    assert all(comparison.plan is not None for comparison in study.levels)
+    assert all(comparison.motion is not None for comparison in study.levels)
