@@ -28,7 +28,7 @@ from framework.identification.calibration_equations import (
 from framework.identification.combinations import Combinations, combination_text, determined_combinations
 from framework.identification.geometry import Geometry, geometry_of
 from framework.identification.recording import Recording, recording_of
-from framework.kinematics.continuation.motor_ways import close_at_motors
+from framework.kinematics.continuation.motor_curves import close_at_motors
 from framework.kinematics.continuation.pose_stack import forward_kinematics_stack
 from framework.kinematics.frames import frames_at, integrate_columns
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot

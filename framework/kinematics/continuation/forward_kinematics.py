@@ -1,6 +1,6 @@
 """Forward kinematics: all joints and the platform for prescribed motor joints, followed from a start pose.
 
-The motors turn from the start to the target (`motor_ways`). Away from Type 2 singularities the passive
+The motors turn from the start to the target (`motor_curves`). Away from Type 2 singularities the passive
 columns P of the loop equations are regular, and the branch leads to the pose of the same assembly mode. Where
 P loses rank the motors no longer determine the motion: the branch ends. (That is Type 2 in the wide sense;
 `singularity.pose_classes` tells whether the platform or only joints inside a leg escape.)
@@ -15,7 +15,7 @@ import numpy as np
 from framework.arrays import Array, ArrayLike, freeze
 from framework.errors import InvalidInput, NotAssembled, Type2Singularity, finite_numbers, point
 from framework.kinematics.assembly import Configuration
-from framework.kinematics.continuation.motor_ways import MotorWays, follow_ways, ways_at
+from framework.kinematics.continuation.motor_curves import MotorCurves, curves_at, follow_curves
 from framework.kinematics.linearised_loops import (
     LinearisedLoops,
     assembled_at,
@@ -25,7 +25,7 @@ from framework.kinematics.linearised_loops import (
 from framework.kinematics.loop_matrices import clearance
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 
-TYPE_2_END_RATIO = 0.05  # of the usual least singular value of P: a way that ends below does so at Type 2
+TYPE_2_END_RATIO = 0.05  # of the usual least singular value of P: a curve that ends below does so at Type 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,15 +33,15 @@ class ForwardPose(Configuration):
     """The pose at prescribed motor joints, with its certificate.
 
     `q` (nq,) and platform `x` (n,), its turns counted on from those at the start; `residual`, the largest of
-    all loop equations [m or rad], redundant ones included; `iterations`, the steps of the way; `clearance`,
-    the least singular value of P met on the way (radians, robot lengths), which is 0 at a Type 2 singularity
-    and infinite for a robot without passive joints. `robot`, `place` and `linearised` let the next pose of a
-    stream of motor angles start from this one without proving again that it is assembled.
+    all loop equations [m or rad], redundant ones included; `iterations`, the steps taken; `clearance`,
+    the least singular value of P met on the curve (radians, robot lengths), which is 0 at a Type 2
+    singularity and infinite for a robot without passive joints. `robot`, `curve` and `linearised` let the
+    next pose of a stream of motor angles start from this one without proving again that it is assembled.
     """
 
     clearance: float
     robot: ParallelRobot = field(repr=False)
-    place: MotorWays = field(repr=False)  # T = 1
+    curve: MotorCurves = field(repr=False)  # T = 1
     linearised: LinearisedLoops = field(repr=False)  # at q, T = 1
 
 
@@ -60,13 +60,13 @@ def forward_kinematics(
         InvalidInput: q_a or near has the wrong length or is not finite, the loops are open at near, or the
             motors depend on one another.
         Type2Singularity: one lies between, or near is one; carries its configuration.
-        NotAssembled: the way cannot be followed for another reason.
+        NotAssembled: the curve cannot be followed for another reason.
     """
     expect_robot(robot)
     target = motor_joints_of(robot, q_a)
     check_motors_are_free(robot)
     start = start_pose(robot, near)
-    end = follow_ways(robot, start.place, start.linearised, target[None])
+    end = follow_curves(robot, start.curve, start.linearised, target[None])
     linearised = linearised_at(robot, end.q, None)
     if end.share[0] < 1.0:
         raise end_error(robot, start, end, linearised, target)
@@ -78,23 +78,23 @@ def motor_joints_of(robot: ParallelRobot, q_a: ArrayLike, *, stacks: bool = Fals
     return finite_numbers(f"q_a ({', '.join(robot.actuator_names)})", q_a, robot.n_a, stacks=stacks)
 
 
-def _pose_at(robot: ParallelRobot, place: MotorWays, linearised: LinearisedLoops) -> ForwardPose:
-    """Return the pose at the end of a way (T = 1), with its loops."""
-    freeze((place, linearised))
+def _pose_at(robot: ParallelRobot, curve: MotorCurves, linearised: LinearisedLoops) -> ForwardPose:
+    """Return the pose at the end of a curve (T = 1), with its loops."""
+    freeze((curve, linearised))
     return ForwardPose(
-        q=place.q[0],
-        x=place.x[0],
+        q=curve.q[0],
+        x=curve.x[0],
         residual=float(linearised.gap[0]),
-        iterations=int(place.steps[0]),
-        clearance=float(place.least[0]),
+        iterations=int(curve.steps[0]),
+        clearance=float(curve.least[0]),
         robot=robot,
-        place=place,
+        curve=curve,
         linearised=linearised,
     )
 
 
 def start_pose(robot: ParallelRobot, near: ArrayLike | Configuration | None) -> ForwardPose:
-    """Return the pose of an assembled configuration (nq,), the reference by default, as start of a way.
+    """Return the pose of an assembled configuration (nq,), the reference by default, as start of a curve.
 
     Raises:
         InvalidInput: it is not assembled.
@@ -102,7 +102,7 @@ def start_pose(robot: ParallelRobot, near: ArrayLike | Configuration | None) -> 
     if isinstance(near, ForwardPose) and near.robot is robot:
         return near
     closed = assembled_at(robot, robot.reference.q if near is None else near)
-    return _pose_at(robot, ways_at(robot, closed.linearised, closed.x), closed.linearised)
+    return _pose_at(robot, curves_at(robot, closed.linearised, closed.x), closed.linearised)
 
 
 def check_motors_are_free(robot: ParallelRobot) -> None:
@@ -120,13 +120,13 @@ def motors_are_free(robot: ParallelRobot) -> bool:
 
 
 def end_error(
-    robot: ParallelRobot, start: ForwardPose, end: MotorWays, linearised: LinearisedLoops, q_a: Array
+    robot: ParallelRobot, start: ForwardPose, end: MotorCurves, linearised: LinearisedLoops, q_a: Array
 ) -> NotAssembled:
-    """Return the error for a way (T = 1) from the start to q_a (n_a,) that ends before.
+    """Return the error for a curve (T = 1) from the start to q_a (n_a,) that ends before.
 
-    Where the clearance has become small beside its usual size the way ends at a Type 2 singularity.
+    Where the clearance has become small beside its usual size the curve ends at a Type 2 singularity.
     """
-    usual = max(start.place.clearance[0], clearance(robot, linearised_at_reference(robot))[0])
+    usual = max(start.curve.clearance[0], clearance(robot, linearised_at_reference(robot))[0])
     residual = float(np.abs(linearised.residual[:, robot.n :]).max(initial=0.0))
     share, x = float(end.share[0]), end.x[0]
     place = _place_in_words(robot, share, x, q_a)
@@ -145,6 +145,6 @@ def end_error(
 
 
 def _place_in_words(robot: ParallelRobot, share: float, x: Array, q_a: Array) -> str:
-    """Return where a way of the motors to q_a (n_a,) ends, in words."""
+    """Return where a curve of the motors to q_a (n_a,) ends, in words."""
     motors = f"{', '.join(robot.actuator_names)} = {point(q_a)}"
     return f"on the way to {motors}, after {share:.6g} of it, at {robot.place(x)}"

@@ -1,6 +1,6 @@
 """Poses for many sets of motor angles at once, and for a stream of motor angles.
 
-A stack follows the motors from its start on all ways together (`motor_ways`).
+A stack follows the motors from its start on all ways together (`motor_curves`).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from framework.kinematics.continuation.forward_kinematics import (
     motor_joints_of,
     start_pose,
 )
-from framework.kinematics.continuation.motor_ways import follow_ways
+from framework.kinematics.continuation.motor_curves import follow_curves
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.linalg.rotations import whole_turns
@@ -35,7 +35,7 @@ class PoseStack(ReadOnlyArrays):
     q: Array  # (T, nq)
     x: Array  # (T, n)
     residual: Array  # (T,) the largest of all loop equations [m or rad]
-    clearance: Array  # (T,) least singular value of P met on the way (radians, robot lengths)
+    clearance: Array  # (T,) least singular value of P met on the curve (radians, robot lengths)
     refused: Mapping[int, NotAssembled]  # by row: `Type2Singularity` says where it lies
 
 
@@ -54,7 +54,7 @@ def forward_kinematics_stack(
     targets = np.atleast_2d(motor_joints_of(robot, q_a, stacks=True))
     check_motors_are_free(robot)
     start = start_pose(robot, near)
-    ends = follow_ways(robot, start.place, start.linearised, targets)
+    ends = follow_curves(robot, start.curve, start.linearised, targets)
     linearised = linearised_at(robot, ends.q, None)
     refused: dict[int, NotAssembled] = {}
     for k in np.flatnonzero(ends.share < 1.0).tolist():

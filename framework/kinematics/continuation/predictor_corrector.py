@@ -1,8 +1,8 @@
 """Follow a branch of assembled configurations by predictor and corrector, never jumping to another branch.
 
-The platform follows a path (`tracking`), or the motors turn from angle to angle (`motor_ways`). A step along
-the tangent is accepted if its correction is small against it and its end belongs to the branch; otherwise it
-is halved.
+The platform follows a path (`tracking`), or the motors turn from angle to angle (`motor_curves`). A step
+along the tangent is accepted if its correction is small against it and its end belongs to the branch;
+otherwise it is halved.
 """
 
 from __future__ import annotations
@@ -18,58 +18,58 @@ from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.mechanism import Mechanism
 from framework.tolerances import BRANCH_CORRECTION, BRANCH_STEP_SHARE, BRANCH_TURN
 
-MIN_STEP_RATIO = 1e-7  # of the way: if shorter steps are refused too, the branch has ended
+MIN_STEP_RATIO = 1e-7  # of the curve: if shorter steps are refused too, the branch has ended
 MAX_PREDICTOR_MOVE = 1.0  # [rad, lengths] of a joint in a step: beside a singularity tangents lead far
-FIRST_STEP_RATIO = 1 / 8  # of the way
+FIRST_STEP_RATIO = 1 / 8  # of the curve
 BRANCH_GROWTH = 0.2 * BRANCH_CORRECTION  # [rad, lengths] after a smaller correction the step is doubled
-MAX_STEP_RATIO = 2 * FIRST_STEP_RATIO  # of the way: steps grow up to this
-END_ROUNDING = 1e-12  # of the way: a place that near to its end is the end
+MAX_STEP_RATIO = 2 * FIRST_STEP_RATIO  # of the curve: steps grow up to this
+END_ROUNDING = 1e-12  # of the curve: a pose that near to its end is the end
 
 
-class Places(NamedTuple):
+class Poses(NamedTuple):
     """K assembled configurations of the branch, with its tangents."""
 
     q: Array  # (K, nq)
     linearised: LinearisedLoops
-    rate: Array  # (K, nv) joint rates with respect to the parameter of the way
+    rate: Array  # (K, nv) joint rates with respect to the parameter of the curve
 
     @property
-    def last(self) -> Places:
-        """The last place, K = 1."""
+    def last(self) -> Poses:
+        """The last pose, K = 1."""
         return self._part(slice(-1, None)) if len(self.q) > 1 else self
 
-    def first(self, count: int) -> Places:
-        """Return the first places."""
+    def first(self, count: int) -> Poses:
+        """Return the first poses."""
         return self._part(slice(count)) if count < len(self.q) else self
 
-    def _part(self, which: slice) -> Places:
-        return Places(self.q[which], self.linearised.select(which), self.rate[which])
+    def _part(self, which: slice) -> Poses:
+        return Poses(self.q[which], self.linearised.select(which), self.rate[which])
 
 
-class Way(NamedTuple):
-    """The followed part of a branch, at K places."""
+class FollowedCurve(NamedTuple):
+    """The followed part of a branch, at K poses."""
 
-    at: Array  # (K,) parameter, from 0 ascending; the last one is 1 if the whole way could be followed
-    stretches: tuple[Places, ...]  # K places together
+    at: Array  # (K,) parameter, from 0 ascending; the last one is 1 if the whole curve could be followed
+    stretches: tuple[Poses, ...]  # K poses together
 
     @property
     def q(self) -> Array:
         """The configurations (K, nq)."""
-        return np.concatenate([places.q for places in self.stretches])
+        return np.concatenate([poses.q for poses in self.stretches])
 
     @property
     def rate(self) -> Array:
         """The joint rates (K, nv) with respect to the parameter."""
-        return np.concatenate([places.rate for places in self.stretches])
+        return np.concatenate([poses.rate for poses in self.stretches])
 
     @property
-    def last(self) -> Places:
-        """The last place."""
+    def last(self) -> Poses:
+        """The last pose."""
         return self.stretches[-1].last
 
     @property
     def complete(self) -> bool:
-        """Whether the whole way was followed."""
+        """Whether the whole curve was followed."""
         return bool(self.at[-1] == 1.0)
 
 
@@ -101,50 +101,50 @@ def is_straight(turned: Array, correction: Array, advance: Array) -> BoolArray:
 
 def follow(
     robot: Mechanism,
-    start: Places,
-    arrive: Callable[[Array, Array], Places | None],
-    belong: Callable[[Places, Places, BoolArray], BoolArray],
+    start: Poses,
+    arrive: Callable[[Array, Array], Poses | None],
+    belong: Callable[[Poses, Poses, BoolArray], BoolArray],
     *,
-    end: Callable[[float, Places], tuple[float, Places] | None] | None = None,
+    end: Callable[[float, Poses], tuple[float, Poses] | None] | None = None,
     step: float = FIRST_STEP_RATIO,
     at_once: int = 1,
-) -> Way:
+) -> FollowedCurve:
     """Follow the branch through `start` (K = 1), at parameter 0, towards parameter 1.
 
     Args:
-        arrive: the places at parameters (T,) near configurations (T, nq), up to the first whose loops do not
+        arrive: the poses at parameters (T,) near configurations (T, nq), up to the first whose loops do not
             close; None if it is the first of all.
-        belong: which of K places (second argument) are on the branch of their predecessors, the first after
-            a place (first argument); the third tells whose tangent has turned no more than on one branch.
-        end: the end of the branch not far ahead of a place, if it finds one: parameter and place. It is
+        belong: which of K poses (second argument) are on the branch of their predecessors, the first after
+            a pose (first argument); the third tells whose tangent has turned no more than on one branch.
+        end: the end of the branch not far ahead of a pose, if it finds one: parameter and pose. It is
             called after a refused step; if it returns None the step is halved.
-        step: the first one, as a share of the way.
-        at_once: places computed together along one tangent, each accepted as a step from its predecessor.
+        step: the first one, as a share of the curve.
+        at_once: poses computed together along one tangent, each accepted as a step from its predecessor.
     """
-    parameter, place, parameters, stretches = 0.0, start, [np.zeros(1)], [start]
+    parameter, pose, parameters, stretches = 0.0, start, [np.zeros(1)], [start]
     while parameter < 1.0:
-        step = float(cut_to_predictor(robot, place.rate, np.array([min(step, 1.0 - parameter)]))[0])
+        step = float(cut_to_predictor(robot, pose.rate, np.array([min(step, 1.0 - parameter)]))[0])
         if step < MIN_STEP_RATIO:
             break
-        ahead = _parameters_ahead(robot, place, parameter, step, at_once)
+        ahead = _parameters_ahead(robot, pose, parameter, step, at_once)
         lengths = (ahead - parameter)[:, None]
-        arrived = arrive(ahead, integrate(robot, place.q, lengths * place.rate))
-        accepted = None if arrived is None else _accept_steps(robot, place, arrived, lengths, belong)
+        arrived = arrive(ahead, integrate(robot, pose.q, lengths * pose.rate))
+        accepted = None if arrived is None else _accept_steps(robot, pose, arrived, lengths, belong)
         if accepted is not None:
-            places, correction = accepted
-            parameters.append(ahead[: len(places.q)])
-            stretches.append(places)
-            parameter, place = float(parameters[-1][-1]), places.last
+            poses, correction = accepted
+            parameters.append(ahead[: len(poses.q)])
+            stretches.append(poses)
+            parameter, pose = float(parameters[-1][-1]), poses.last
             if correction < BRANCH_GROWTH and step < MAX_STEP_RATIO:
                 step = min(2.0 * step, MAX_STEP_RATIO)
             continue
-        ended = None if end is None else end(parameter, place)
+        ended = None if end is None else end(parameter, pose)
         if ended is not None:
             parameters.append(np.array([ended[0]]))
             stretches.append(ended[1])
             break
         step *= 0.5
-    return Way(np.concatenate(parameters), tuple(stretches))
+    return FollowedCurve(np.concatenate(parameters), tuple(stretches))
 
 
 def cut_to_predictor(robot: Mechanism, rate: Array, step: Array) -> Array:
@@ -154,10 +154,10 @@ def cut_to_predictor(robot: Mechanism, rate: Array, step: Array) -> Array:
     return np.where(step * speed > MAX_PREDICTOR_MOVE, longest, step)
 
 
-def _parameters_ahead(robot: Mechanism, place: Places, parameter: float, step: float, count: int) -> Array:
+def _parameters_ahead(robot: Mechanism, pose: Poses, parameter: float, step: float, count: int) -> Array:
     """Return up to `count` parameters one step apart, to the end and as far as the predictor may lead."""
     lengths = step * np.arange(1, count + 1)
-    speed = largest_motion(robot, place.rate)[0]
+    speed = largest_motion(robot, pose.rate)[0]
     near = (parameter + lengths < 1.0 + 0.5 * MIN_STEP_RATIO) & (lengths * speed < MAX_PREDICTOR_MOVE)
     near[0] = True
     ahead = parameter + lengths[near]
@@ -166,12 +166,12 @@ def _parameters_ahead(robot: Mechanism, place: Places, parameter: float, step: f
 
 def _accept_steps(
     robot: Mechanism,
-    start: Places,
-    arrived: Places,
+    start: Poses,
+    arrived: Poses,
     lengths: Array,
-    belong: Callable[[Places, Places, BoolArray], BoolArray],
-) -> tuple[Places, float] | None:
-    """Return the places of accepted steps, up to the first refused, and the correction of the last step.
+    belong: Callable[[Poses, Poses, BoolArray], BoolArray],
+) -> tuple[Poses, float] | None:
+    """Return the poses of accepted steps, up to the first refused, and the correction of the last step.
 
     `lengths` (T, 1) are the parameters of the steps' ends, from the start. None if the first is refused.
     """

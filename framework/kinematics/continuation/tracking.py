@@ -19,7 +19,12 @@ from framework.errors import (
 )
 from framework.kinematics.assembly import MAX_NEWTON_STEP, Configuration
 from framework.kinematics.continuation.branch import Branch as Branch
-from framework.kinematics.continuation.predictor_corrector import FIRST_STEP_RATIO, Places, Way, follow
+from framework.kinematics.continuation.predictor_corrector import (
+    FIRST_STEP_RATIO,
+    FollowedCurve,
+    Poses,
+    follow,
+)
 from framework.kinematics.continuation.turning_point import CurveEquations, Curves, turning_points
 from framework.kinematics.frames import difference, difference_rates, integrate_columns
 from framework.kinematics.inverse_kinematics import close_each, close_loops, require_square
@@ -32,9 +37,9 @@ from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.motion.path import Line, Path, check_path
 from framework.tolerances import BRANCHES_CROSS, FILE_ROUNDING, NEWTON_STEP
 
-TYPE_1_END_RATIO = 1e-4  # least singular value of the loop equations, below which Type 1 has ended a way
+TYPE_1_END_RATIO = 1e-4  # least singular value of the loop equations, below which Type 1 has ended a branch
 KNOT_NEWTON_STEP = 1e-6  # last step to a knot of a branch: guesses between knots are no better
-PLACES_AT_ONCE = 8  # a stack costs little more than one place, and they span the way in first steps
+POSES_AT_ONCE = 8  # a stack costs little more than one pose, and they span the path in first steps
 SHORT_PATH = 1e-4  # [lengths, rad] that a single step may span
 LOOK_AHEAD, LOOK_AHEAD_NUDGE = (1e-3, 1e-2), 0.02  # in s, and [rad or m] from the last configuration
 LOOP_SINGULARITY = (
@@ -92,16 +97,16 @@ def track_path(robot: ParallelRobot, path: Path) -> Branch:
 
 def follow_path(
     robot: ParallelRobot, path: Path, q: Array, *, last_step: float = NEWTON_STEP, to_the_end: bool = False
-) -> Way:
+) -> FollowedCurve:
     """Follow the path with the platform from q (nq,) on its first point, up to the end of the branch.
 
-    The way stays in one working mode and passes Type 2 singularities. Springs keep the deflections of q.
-    Places are closed to this `last_step` of `close_each`. A way that ends early does so just before a Type 1
+    The poses stay in one working mode and pass Type 2 singularities. Springs keep the deflections of q. Poses
+    are closed to this `last_step` of `close_each`. A branch that ends early does so just before a Type 1
     singularity; or on it, `to_the_end`, if it is found.
     """
 
-    def arrive(s: Array, predicted: Array) -> Places | None:
-        """Close poses predicted at s (T,); return places before the first one that does not close."""
+    def arrive(s: Array, predicted: Array) -> Poses | None:
+        """Close poses predicted at s (T,); return poses before the first one that does not close."""
         q, linearised, closed = close_each(
             robot, path(s), predicted, last_step=last_step, farthest=MAX_NEWTON_STEP
         )
@@ -111,24 +116,24 @@ def follow_path(
         if count < len(s):
             s, q, linearised = s[:count], q[:count], linearised.select(slice(count))
         try:
-            return places(s, q, linearised)
+            return poses_at(s, q, linearised)
         except NotAssembled:  # one of them is singular, to the last bit
             return arrive(s[:1], predicted[:1]) if len(s) > 1 else None
 
-    def places(s: Array, q: Array, linearised: LinearisedLoops) -> Places:
-        return Places(q, linearised, _rates(robot, path, s, linearised))
+    def poses_at(s: Array, q: Array, linearised: LinearisedLoops) -> Poses:
+        return Poses(q, linearised, _rates(robot, path, s, linearised))
 
-    def belong(before: Places, after: Places, straight: BoolArray) -> BoolArray:
-        """Return where places (T,) stay on the branch: in its working mode, and clear of others if bent."""
+    def belong(before: Poses, after: Poses, straight: BoolArray) -> BoolArray:
+        """Return where poses (T,) stay on the branch: in its working mode, and clear of others if bent."""
         keep = keeps_working_mode(robot, before.linearised, after.linearised)
         bent = np.flatnonzero(keep & ~straight)
         keep[bent] = lost_equations(robot, after.linearised.select(bent), BRANCHES_CROSS) == 0
         return keep
 
-    def end(s: float, before: Places) -> tuple[float, Places] | None:
+    def end(s: float, before: Poses) -> tuple[float, Poses] | None:
         return _type1_end(robot, path, s, before)
 
-    start = places(np.zeros(1), q[None], linearised_at(robot, q[None], path(np.zeros(1))))
+    start = poses_at(np.zeros(1), q[None], linearised_at(robot, q[None], path(np.zeros(1))))
     short = np.abs(path(1.0) - path(0.0)).max() < SHORT_PATH * robot.length
     return follow(
         robot,
@@ -137,12 +142,12 @@ def follow_path(
         belong,
         end=end if to_the_end else None,
         step=1.0 if short else FIRST_STEP_RATIO,
-        at_once=PLACES_AT_ONCE,
+        at_once=POSES_AT_ONCE,
     )
 
 
-def _type1_end(robot: ParallelRobot, path: Path, s: float, before: Places) -> tuple[float, Places] | None:
-    """Find the Type 1 singularity on a path ahead of a place at s: path coordinate and place."""
+def _type1_end(robot: ParallelRobot, path: Path, s: float, before: Poses) -> tuple[float, Poses] | None:
+    """Find the Type 1 singularity on a path ahead of a pose at s: path coordinate and pose."""
     sizes, still = equation_sizes(robot), np.zeros((1, robot.model.nv))
 
     def evaluate(q: Array, share: Array) -> CurveEquations:
@@ -158,16 +163,18 @@ def _type1_end(robot: ParallelRobot, path: Path, s: float, before: Places) -> tu
     ahead = turning_points(Curves(robot, robot.moving, still, evaluate), before.q, np.array([s]))
     if not ahead.found[0]:
         return None
-    return float(ahead.share[0]), Places(ahead.q, ahead.linearised, still)
+    return float(ahead.share[0]), Poses(ahead.q, ahead.linearised, still)
 
 
 def _follow_branch(robot: ParallelRobot, path: Path, q: Array, what: str) -> Branch:
     """Return the branch along the path from a configuration q (nq,) on its first point."""
-    way = follow_path(robot, path, q, last_step=KNOT_NEWTON_STEP, to_the_end=True)
-    if not way.complete:
-        raise _end_of_reach(robot, path, float(way.at[-1]), way.last.q[0], way.last.linearised, what)
-    offset, rate = difference(robot, q, way.q), difference_rates(robot, q, way.q, way.rate)
-    return Branch(robot, path, q, way.at, offset, rate)
+    followed = follow_path(robot, path, q, last_step=KNOT_NEWTON_STEP, to_the_end=True)
+    if not followed.complete:
+        raise _end_of_reach(
+            robot, path, float(followed.at[-1]), followed.last.q[0], followed.last.linearised, what
+        )
+    offset, rate = difference(robot, q, followed.q), difference_rates(robot, q, followed.q, followed.rate)
+    return Branch(robot, path, q, followed.at, offset, rate)
 
 
 def _rates(robot: ParallelRobot, path: Path, s: Array, linearised: LinearisedLoops) -> Array:
@@ -179,7 +186,7 @@ def _rates(robot: ParallelRobot, path: Path, s: Array, linearised: LinearisedLoo
 def _end_of_reach(
     robot: ParallelRobot, path: Path, s: float, q: Array, linearised: LinearisedLoops, what: str
 ) -> OutOfReach | Type1Singularity | UncontrolledMotions:
-    """Return the error for the end of the way: a stretched or folded leg, or loops that lose their rank."""
+    """Return the error for the end of a branch: a stretched or folded leg, or loops that lose their rank."""
     x = path(s)
     count = int(lost_equations(robot, linearised, TYPE_1_END_RATIO)[0])
     if count:

@@ -1,11 +1,11 @@
-"""Poses followed while the motors turn from where they are to prescribed angles, many targets at once.
+"""Curves of poses: the motors turn from one pose to prescribed angles, many targets at once.
 
 The motors turn all at once and in proportion, and the loops move the passive joints: P dq_p = -J_a dq_a, with
-P and J_a the passive and the actuated columns of the loop equations. Every target has a way of its own, with
-its own steps: along the tangent dq/ds, s the share of the turn, and back to closed loops by Newton's method.
-A step counts by the measures of `predictor_corrector` if det P keeps its sign; else it is halved. Where P
-loses rank assembly modes meet and the way ends: at a turning point, which is found by a direct root, or where
-branches cross, next to which steps become ever shorter.
+P and J_a the passive and the actuated columns of the loop equations. Every target has a curve of its own,
+with its own steps: along the tangent dq/ds, s the share of the turn, and back to closed loops by Newton's
+method. A step counts by the measures of `predictor_corrector` if det P keeps its sign; else it is halved.
+Where P loses rank assembly modes meet and the curve ends: at a turning point, which is found by a direct
+root, or where branches cross, next to which steps become ever shorter.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ MAX_SINGLE_STEP = 0.05  # [rad, lengths] that the joints may move by in a single
 MAX_STEP_ITERATIONS = 10  # of Newton's method; a step along the tangent that needs more is refused
 
 
-class MotorWays(NamedTuple):
-    """The last poses on T ways of the motors."""
+class MotorCurves(NamedTuple):
+    """The last poses on T curves of the motors."""
 
     q: Array  # (T, nq)
     x: Array  # (T, n) the platform, its turns counted on
@@ -51,7 +51,7 @@ class MotorWays(NamedTuple):
     share: Array  # (T,) of the turn; 1 where the motors have arrived
     steps: IntArray  # (T,) taken
     clearance: Array  # (T,) least singular value of P at q
-    least: Array  # (T,) and on the whole way
+    least: Array  # (T,) and on the whole curve
     sign: Array  # (T,) of det P
     size: Array  # (T,) its logarithm
 
@@ -60,18 +60,18 @@ class _Steps(NamedTuple):
     """The ends of S of T steps, the others being left open by Newton's method."""
 
     rows: IntArray  # (S,) of the T steps
-    ends: MotorWays  # (S, ...)
+    ends: MotorCurves  # (S, ...)
     correction: Array  # (S,) [rad, lengths] by which the predictor was corrected
     on_branch: BoolArray  # (S,) whether the end is on the branch of the start
 
 
-def ways_at(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> MotorWays:
-    """Return T ways that begin at assembled poses, the platform's turns counted on from x (T, n)."""
+def curves_at(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> MotorCurves:
+    """Return T curves that begin at assembled poses, the platform's turns counted on from x (T, n)."""
     frames = linearised.frames
     count = len(frames.q)
     clear = clearance(robot, linearised)
     sign, size = passive_determinants(linearised)
-    return MotorWays(
+    return MotorCurves(
         q=frames.q.copy(),
         x=robot.platform.unwrap(robot.platform.coordinates(frames), x),
         rate=np.zeros((count, robot.model.nv)),
@@ -84,45 +84,45 @@ def ways_at(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> Moto
     )
 
 
-def follow_ways(
-    robot: ParallelRobot, start: MotorWays, linearised: LinearisedLoops, targets: Array
-) -> MotorWays:
-    """Turn the motors from one pose, the only one of `start`, towards targets (T, n_a), as far as ways go.
+def follow_curves(
+    robot: ParallelRobot, start: MotorCurves, linearised: LinearisedLoops, targets: Array
+) -> MotorCurves:
+    """Turn the motors from one pose, the only one of `start`, towards targets (T, n_a), as far as curves go.
 
-    `linearised` are the loops at the start (T = 1). A way whose `share` stays below 1 has ended: at a Type 2
-    singularity, or where it cannot be followed.
+    `linearised` are the loops at the start (T = 1). A curve whose `share` stays below 1 has ended: at a Type
+    2 singularity, or where it cannot be followed.
     """
     turn = np.zeros((len(targets), robot.model.nv))
     turn[:, robot.actuated] = targets - robot.actuated_coordinates(start.q)
-    ways = _begin_ways(robot, start, linearised, turn)
-    is_short = largest_motion(robot, ways.rate) < MAX_SINGLE_STEP
+    curves = _begin_curves(robot, start, linearised, turn)
+    is_short = largest_motion(robot, curves.rate) < MAX_SINGLE_STEP
     step = np.where(is_short, 1.0, FIRST_STEP_RATIO)
     approaching, ended = np.zeros((2, len(turn)), dtype=bool)  # another assembly mode
-    live = np.flatnonzero(ways.clearance >= RANK_LOST)
+    live = np.flatnonzero(curves.clearance >= RANK_LOST)
     while len(live):
-        before = select(ways, live)
+        before = select(curves, live)
         step[live] = cut_to_predictor(robot, before.rate, step[live])
         taken = _take_steps(robot, start.q[0], turn[live], before, step[live])
         rows = live[taken.rows]
         nearer = taken.ends.clearance < before.clearance[taken.rows]
         approaching[rows] |= taken.on_branch & nearer & (taken.ends.clearance < BRANCHES_MEET)
-        past_meeting = taken.on_branch & approaching[rows] & ~nearer  # the way ends before this step
+        past_meeting = taken.on_branch & approaching[rows] & ~nearer  # the curve ends before this step
         ended[rows[past_meeting]] = True
         accepted = taken.on_branch & ~past_meeting
-        _assign(ways, rows[accepted], select(taken.ends, accepted))
+        _assign(curves, rows[accepted], select(taken.ends, accepted))
         grows = rows[accepted & (taken.correction < BRANCH_GROWTH)]
         step[grows] = np.maximum(step[grows], np.minimum(2.0 * step[grows], MAX_STEP_RATIO))
         refused = np.setdiff1d(live[~ended[live]], rows[accepted])
         step[refused] *= 0.5
-        ended[_end_at_turning_points(robot, ways, refused, turn)] = True
-        live = live[~ended[live] & (ways.share[live] < 1.0) & (step[live] >= MIN_STEP_RATIO)]
-    return ways
+        ended[_end_at_turning_points(robot, curves, refused, turn)] = True
+        live = live[~ended[live] & (curves.share[live] < 1.0) & (step[live] >= MIN_STEP_RATIO)]
+    return curves
 
 
-def _begin_ways(
-    robot: ParallelRobot, start: MotorWays, linearised: LinearisedLoops, turn: Array
-) -> MotorWays:
-    """Return T ways at their common start, with the joint rates for turns (T, nv) of the motors.
+def _begin_curves(
+    robot: ParallelRobot, start: MotorCurves, linearised: LinearisedLoops, turn: Array
+) -> MotorCurves:
+    """Return T curves at their common start, with the joint rates for turns (T, nv) of the motors.
 
     Where P is singular to the last bit no rates exist, and the clearance is zero.
     """
@@ -130,17 +130,17 @@ def _begin_ways(
     copies = np.zeros(count, dtype=np.intp)
     loops = linearised if count == 1 else linearised.select(copies)  # a single one has its factors at hand
     rate = motor_driven_rates(robot, loops, turn)
-    ways = select(start, copies)
-    return ways._replace(
+    curves = select(start, copies)
+    return curves._replace(
         rate=turn.copy() if rate is None else rate,
         share=np.zeros(count),
         steps=np.zeros(count, dtype=np.intp),
-        clearance=np.zeros(count) if rate is None else ways.clearance,
-        least=ways.clearance.copy(),
+        clearance=np.zeros(count) if rate is None else curves.clearance,
+        least=curves.clearance.copy(),
     )
 
 
-def _take_steps(robot: ParallelRobot, start: Array, turn: Array, before: MotorWays, step: Array) -> _Steps:
+def _take_steps(robot: ParallelRobot, start: Array, turn: Array, before: MotorCurves, step: Array) -> _Steps:
     """Take steps (T,) of the share along tangents, and measure whether their ends are on the branches.
 
     `turn` (T, nv) is the whole turn of the motors from the start (nq,).
@@ -155,7 +155,7 @@ def _take_steps(robot: ParallelRobot, start: Array, turn: Array, before: MotorWa
         linearised = linearised.select(rows)
     before, length = select(before, rows), length[rows]
     rate = motor_driven_rates(robot, linearised, turn[rows])
-    ends = ways_at(robot, linearised, before.x)._replace(
+    ends = curves_at(robot, linearised, before.x)._replace(
         rate=turn[rows] if rate is None else rate, share=share[rows], steps=before.steps + 1
     )
     ends = ends._replace(least=np.minimum(before.least, ends.clearance))
@@ -188,15 +188,17 @@ def motor_driven_rates(robot: ParallelRobot, linearised: LinearisedLoops, turn: 
     return rate
 
 
-def _end_at_turning_points(robot: ParallelRobot, ways: MotorWays, rows: IntArray, turn: Array) -> IntArray:
-    """Move ways, some `rows` of all, to Type 2 singularities next ahead; return the rows that have one."""
+def _end_at_turning_points(
+    robot: ParallelRobot, curves: MotorCurves, rows: IntArray, turn: Array
+) -> IntArray:
+    """Move curves, some `rows` of all, to Type 2 singularities next ahead; return the rows that have one."""
     if not len(rows) or not len(robot.following):
         return rows[:0]
-    ahead = _motors_turning_points(robot, ways.q[rows], ways.share[rows], turn[rows])
+    ahead = _motors_turning_points(robot, curves.q[rows], curves.share[rows], turn[rows])
     found = np.flatnonzero(ahead.found)
-    ends = ways_at(robot, ahead.linearised.select(found), ways.x[rows[found]])
-    ends = ends._replace(share=ahead.share[found], steps=ways.steps[rows[found]] + 1, least=ends.clearance)
-    _assign(ways, rows[found], ends)
+    ends = curves_at(robot, ahead.linearised.select(found), curves.x[rows[found]])
+    ends = ends._replace(share=ahead.share[found], steps=curves.steps[rows[found]] + 1, least=ends.clearance)
+    _assign(curves, rows[found], ends)
     return rows[found]
 
 
@@ -218,7 +220,7 @@ def _motors_turning_points(robot: ParallelRobot, q: Array, share: Array, turn: A
     return turning_points(Curves(robot, columns, turn, evaluate), q, share)
 
 
-def _assign(ways: MotorWays, rows: IntArray, ends: MotorWays) -> None:
-    """Write new ends into some rows of the ways."""
-    for values, new in zip(ways, ends, strict=True):
+def _assign(curves: MotorCurves, rows: IntArray, ends: MotorCurves) -> None:
+    """Write new ends into some rows of the curves."""
+    for values, new in zip(curves, ends, strict=True):
         values[rows] = new
