@@ -364,6 +364,10 @@ class NotConverged(NoAnswer):
     platform: Array | None = None
 
 
+class SpringsTooSoft(NotConverged):
+    """The forces of the undeformed robot deflect springs, even much stiffer ones, beyond `MAX_DEFLECTION`."""
+
+
 class LostWorkers(NoAnswer):
     """Processes that computed a task were killed, one after the other, or cannot be started."""
 

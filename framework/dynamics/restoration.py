@@ -18,13 +18,13 @@ from framework.dynamics.balance_equations import BalanceEquations, BalanceState,
 from framework.dynamics.known_deflections import KnownDeflections
 from framework.dynamics.loaded_balance import spring_units
 from framework.dynamics.singularity_crossings import panel_edges
-from framework.errors import InvalidInput, NoAnswer, NotConverged
+from framework.errors import InvalidInput, NoAnswer, NotConverged, SpringsTooSoft
 from framework.kinematics.continuation.tracking import Branch
 from framework.motion.clock import Clock, InTime, OnParameter
 from framework.motion.law import MotionLaw
 from framework.motion.optimal_law import OptimalLaw
 from framework.motion.time_limit import check_time
-from framework.tolerances import MAX_UNRESOLVED_MISFIT
+from framework.tolerances import MAX_DEFLECTION, MAX_UNRESOLVED_MISFIT
 
 MAX_MISFIT_RATIO = 0.5  # of the misfits after and before a step that is taken; above, more coefficients are
 MAX_MISFIT_RATIO_OF_OLD_SLOPES = 0.1  # the same, for slopes that are used once more
@@ -110,12 +110,21 @@ def _held(equations: BalanceEquations, series: Array, scalars: Array) -> Settled
     """A state that only more coefficients can make better; by way of stiffer springs if need be.
 
     Raises:
+        SpringsTooSoft: springs MAX_STIFFENING times as stiff are still far too soft.
         NotConverged: none is found.
     """
     settled = _settled(equations, equations.at(series, scalars))
     if settled.held:
         return settled
-    known = _settled(equations, equations.at(0.0 * series, scalars, stiffer=MAX_STIFFENING))
+    stiffest = equations.at(0.0 * series, scalars, stiffer=MAX_STIFFENING)
+    if np.abs(stiffest.balance.F).max() > MAX_STIFFENING * equations.stiffness * MAX_DEFLECTION:
+        raise SpringsTooSoft(
+            f"{equations.branch.robot.name}: the springs are too soft for so quick a motion: the forces of the "
+            f"undeformed robot would deflect springs {MAX_STIFFENING:g} times as stiff by more than "
+            f"{MAX_DEFLECTION:g} rad or {MAX_DEFLECTION:g} robot length",
+            residual=stiffest.misfit,
+        )
+    known = _settled(equations, stiffest)
     held, stiffer, softening = known.held, MAX_STIFFENING, SOFTENING
     while held and softening > MIN_SOFTENING:
         softer, state = max(stiffer / softening, 1.0), known.state

@@ -139,6 +139,11 @@ def possible_parameters(
         )
     values = best + change @ y
     values[motors] = np.maximum(values[motors], 0.0)
+    for body in bodies:
+        if (values[body] != links.values[body]).any():
+            link = ElementTree.Element("link")
+            _write_inertial(link, values[body])
+            values[body] = inertial_parameters(link)  # of a body that can exist, as a file has it
     return values
 
 

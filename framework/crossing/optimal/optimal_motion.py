@@ -31,7 +31,7 @@ from framework.crossing.specification import Specification
 from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.known_deflections import KnownDeflections
 from framework.dynamics.result import InverseDynamics
-from framework.errors import NoAnswer, NoLaw, NotConverged, UnboundedTorque
+from framework.errors import NoAnswer, NoLaw, NotConverged, SpringsTooSoft, UnboundedTorque
 from framework.motion.optimal_law import HIGHEST_SMOOTHNESS, OptimalLaw
 from framework.motion.peaks import peak_sizes
 from framework.motion.time_limit import SearchEnded
@@ -133,7 +133,7 @@ def _elastic(task: Task, places: Sequence[CrossingPoint]) -> OptimalMotion:
         except (NoLaw, NotConverged, UnboundedTorque, SearchEnded) as failure:
             if kept is not None:
                 return kept
-            if isinstance(failure, SearchEnded):
+            if isinstance(failure, SearchEnded | SpringsTooSoft):
                 raise
             unresolved, rung = unresolved or failure, rung + 1
             if rung == 2 and best is None:  # no series twice: one is fitted to splines
