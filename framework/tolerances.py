@@ -3,10 +3,9 @@
 Each says what it compares, why it has that value (a bound on rounding, or a measured gap between right and
 wrong), and what happens at ten times and at a tenth of it. All are relative: what they are compared with is
 without dimension, by the scales of the robot and of the request. Settings that only cost time stay beside
-their algorithm. The audit, `python -m tests.benchmarks.tolerance_audit`, plans 75 scenes with each number at
-ten times and at a tenth, and holds plans against equations of motion that know none of them. No answer is
-wrong (tests/benchmarks/tolerance_audit/RESULT.md). What an entry calls measured was so there; the rest
-is derived from what the number is compared with.
+their algorithm. An audit planned 75 scenes with each number at ten times and at a tenth, and held plans
+against equations of motion that know none of them. No answer was wrong (tests/benchmarks/README.md). What an
+entry calls measured was so there; the rest is derived from what the number is compared with.
 
 The scales are three numbers, and every other one follows: the robot's `length` [m] and `mass` [kg], and the
 duration [s] of a motion where there is one (mass length / duration^2 is a force, times length a torque).

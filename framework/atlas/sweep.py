@@ -77,11 +77,12 @@ def fill_grid(robot: ParallelRobot, x: Array, q: Array, reason: NDArray[np.uint8
 
 
 def _fill(
-    robot: ParallelRobot, x: Array, q: Array, reason: NDArray[np.uint8], unfilled: BoolArray, parts: int
+    robot: ParallelRobot, x: Array, q: Array, reason: NDArray[np.uint8], wanted: BoolArray, parts: int
 ) -> None:
     """Fill one lattice of a grid (views of the whole), wave by wave; see `fill_grid`.
 
-    In each wave every unfilled pose is tried from one filled neighbour, from which it has not been tried yet.
+    In each wave every wanted pose that is not filled is tried from one filled neighbour, from which it has
+    not been tried yet, in a number of equal parts. Of several reasons for failure the larger one stays.
     """
     untried = np.ones((len(DIRECTIONS), *reason.shape), dtype=bool)
     while True:
@@ -89,7 +90,7 @@ def _fill(
         is_target = np.zeros(reason.shape, dtype=bool)
         sources = np.zeros((*reason.shape, 2), dtype=np.intp)
         for k, (down, right) in enumerate(DIRECTIONS):
-            chosen = _shift(filled, down, right) & unfilled & ~filled & untried[k] & ~is_target
+            chosen = _shift(filled, down, right) & wanted & ~filled & untried[k] & ~is_target
             untried[k] &= ~chosen
             is_target |= chosen
             sources[chosen] = np.argwhere(chosen) - (down, right)

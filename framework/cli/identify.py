@@ -13,7 +13,7 @@ from framework.identification.identify import DEFAULT_PRIOR, Identification, ide
 from framework.tolerances import MIN_RANK_GAP
 
 HEAD = """\
-{0.robot.name}: {0.base.rank} base parameters of {parameters} (gap of singular values {0.base.gap:.1e}{doubt})
+{0.robot.name}: {0.base.rank} base parameters of {parameters} (gap of singular values {0.base.gap:.1e})
   data              {0.instants} instants, low-pass at {0.cutoff:.3g} Hz, poses by the {0.poses}
   torques held out  error with the file's parameters {before}, with the identified {after}
   no effect         {unseen} parameters{massless}
@@ -85,7 +85,6 @@ def identification_text(identification: Identification) -> str:
     base, joints = identification.base, identification.robot.actuator_names
     words = {
         "parameters": len(base.parameters),
-        "doubt": "" if base.certain else f", below {MIN_RANK_GAP:g}: the rank is uncertain",
         "before": _errors(joints, identification.error_before),
         "after": _errors(joints, identification.error_after),
         "unseen": len(base.without_effect),

@@ -197,7 +197,10 @@ class BalanceEquations:
         return LinearBalance.of(self._matrix(state, slopes), self._at_rest(state), state.series.size)
 
     def _matrix(self, state: BalanceState, slopes: Slopes) -> Array:
-        """What the unknowns change of F: (T n_e, panels N n_e + k)."""
+        """Compute the Jacobian (T n_e, panels N n_e + k) of F = Y' load in coefficients and scalars.
+
+        The load changes with deflections, their rates over dp/dt, their accelerations, and the scalars.
+        """
         panels, N, n_e = state.series.shape
         change = np.einsum("tfe,tfd->ted", state.balance.Y, slopes.at(2 * N))
         value, slope, bend = state.points.bases
@@ -208,8 +211,8 @@ class BalanceEquations:
             here = slice(2 * N * k, 2 * N * (k + 1))
             block = np.zeros((2 * N, n_e, N, n_e))
             for order, basis in enumerate(bases[: self.orders]):
-                F = change[here, :, order * n_e : (order + 1) * n_e]
-                block += F[:, :, None, :] * basis[here][:, None, :, None]
+                of_order = change[here, :, order * n_e : (order + 1) * n_e]  # (2 N, n_e, n_e)
+                block += of_order[:, :, None, :] * basis[here][:, None, :, None]
             matrix[k * rows : (k + 1) * rows, k * columns : (k + 1) * columns] = block.reshape(rows, columns)
         matrix[:, panels * columns :] = change[:, :, self.orders * n_e :].reshape(panels * rows, -1)
         return matrix

@@ -61,6 +61,7 @@ ROUNDING_CHANGE = 1e-6  # so small a change is rounding if a step does not reduc
 STALLED_SHARE = 0.5  # of the change: a shortened step that reduces it to less is accepted at once
 MAX_PASSES, MAX_PASSES_OF_MANY_NODES = 200, 12  # on one grid: of few nodes, of very many
 MAX_PASS_NODES = 200 * 128  # passes times nodes on one grid: costlier motions rarely converge
+FEWEST_COEFFICIENTS = 8  # of deflections
 MIN_GROWTH, MAX_GROWTH = 1.2, 1.5  # factors of the number of coefficients, when some are added
 # The law for these deflections, after this law; None before the first pass.
 LawChoice = Callable[[TimeFunction | None, MotionLaw | None], MotionLaw]
@@ -232,10 +233,13 @@ class _Iteration:
         return min(MAX_PASSES, max(MAX_PASSES_OF_MANY_NODES, MAX_PASS_NODES // len(self.grid.times)))
 
     def _resolved_count(self, current: Pass) -> int:
-        """Count the coefficients of the deflections that exceed the change."""
+        """Count the coefficients of the deflections up to the last above the change of the pass.
+
+        Smaller ones are noise of the iteration. At least FEWEST_COEFFICIENTS are kept.
+        """
         series = np.abs(self.grid.fit(current.caused * self._weights(current)).coefficients)
         above = (series > self._relative_size(current.residual, current) * series.max()).any(axis=(0, 2))
-        return min(self.grid.resolvable, int(np.flatnonzero(above).max(initial=7)) + 1)
+        return min(self.grid.resolvable, int(np.flatnonzero(above).max(initial=FEWEST_COEFFICIENTS - 1)) + 1)
 
     def _needed_count(self, count: int, outer: float) -> int:
         """Estimate the necessary coefficients from the truncation error `outer` after `count`."""

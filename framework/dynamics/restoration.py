@@ -119,8 +119,8 @@ def _held(equations: BalanceEquations, series: Array, scalars: Array) -> Settled
     stiffest = equations.at(0.0 * series, scalars, stiffer=MAX_STIFFENING)
     if np.abs(stiffest.balance.F).max() > MAX_STIFFENING * equations.stiffness * MAX_DEFLECTION:
         raise SpringsTooSoft(
-            f"{equations.branch.robot.name}: the springs are too soft for so quick a motion: the forces of the "
-            f"undeformed robot would deflect springs {MAX_STIFFENING:g} times as stiff by more than "
+            f"{equations.branch.robot.name}: the springs are too soft for so quick a motion: the forces of "
+            f"the undeformed robot would deflect springs {MAX_STIFFENING:g} times as stiff by more than "
             f"{MAX_DEFLECTION:g} rad or {MAX_DEFLECTION:g} robot length",
             residual=stiffest.misfit,
         )

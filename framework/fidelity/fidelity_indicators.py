@@ -62,8 +62,9 @@ class Indicators(NamedTuple):
         """
         names = [level.name for level in LEVELS]
         known = {name: errors.get(name, LevelError()) for name in names[:-1]}
-        largest = [np.nan_to_num(np.max(known[name]), nan=np.inf) for name in reversed(names[:-1])]
-        accumulated = np.maximum.accumulate([0.0, *largest])[::-1].tolist()
+        errors_of_levels = [np.nan_to_num(max(known[name]), nan=np.inf) for name in names[:-1]] + [0.0]
+        from_highest = np.maximum.accumulate(errors_of_levels[::-1])
+        accumulated = from_highest[::-1].tolist()
         words = {name: error.words for name, error in known.items()}
         return Indicators(dict(zip(names, accumulated, strict=True)), {**words, names[-1]: ""})
 
@@ -85,12 +86,14 @@ def indicators_of(motions: Mapping[str, LevelMotion], control: MotorControl | No
         return Indicators.of({})
     if control is not None:
         dynamics = dynamics.with_control(control, motor_speed)
-    needed, errors = highest.torque_without_friction(times), {}
+    errors = {}
+    needed = highest.torque_without_friction(times)
     peaks = largest_by_unit(rigid.robot, np.abs(needed).max(axis=0))
     for name, motion in motions.items():
         if motion.dynamics is not None:
             missing = needed - motion.dynamics.torque_without_friction(times)
-            displacement = open_loop_error(dynamics, times, np.einsum("tan,ta->tn", motor_speed, missing))
+            missing_wrench = np.einsum("tan,ta->tn", motor_speed, missing)  # G' (difference of the torques)
+            displacement = open_loop_error(dynamics, times, missing_wrench)
             displacement += highest.platform(times) - motion.dynamics.platform(times)
             torque = float((np.abs(missing) / peaks).max())
             errors[name] = LevelError(torque, _largest_distance(rigid, displacement))

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from framework.arrays import Array, ReadOnlyArrays
+from framework.arrays import Array, IntArray, ReadOnlyArrays
 from framework.errors import InvalidInput, choose_from, short
 from framework.input import read_text
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -63,6 +63,10 @@ class Recording(ReadOnlyArrays):
         """Return the samples as CSV text, with all digits of numbers."""
         lines = [",".join(map(repr, row)) for row in self.values.tolist()]
         return "\n".join([",".join(self.names), *lines]) + "\n"
+
+    def rows(self, which: slice | IntArray) -> Recording:
+        """Return the samples `which`."""
+        return Recording(self.source, self.names, self.values[which])
 
 
 def known_columns(robot: ParallelRobot) -> tuple[str, ...]:

@@ -196,7 +196,10 @@ def _joints(urdf: Tree, names: Sequence[str]) -> Reader[dict[str, dict[str, floa
     whole_joints = [name for name, joint in urdf.joints.items() if joint.kind in SEVERAL]
 
     def read(where: str, given: Any) -> dict[str, dict[str, float]]:
-        """Read the entries of joints as entries of coordinates; own entries of a coordinate win."""
+        """Read the entries of joints as entries of coordinates.
+
+        An entry under the name of a ball counts for its three coordinates, unless one has its own.
+        """
         read_entries = mapping_of(record(_JOINT, _given_only), one_of("joint", [*names, *whole_joints]))
         entries = read_entries(where, given)
         values: dict[str, dict[str, float]] = {}
@@ -204,7 +207,8 @@ def _joints(urdf: Tree, names: Sequence[str]) -> Reader[dict[str, dict[str, floa
         for name in sorted(entries, key=lambda name: name not in whole_joints):
             entry = entries[name]
             coordinates = urdf.joints[name].coordinates if name in whole_joints else (name,)
-            if name not in urdf.joints and "armature" in entry:
+            is_part_of_ball = name not in urdf.joints
+            if is_part_of_ball and "armature" in entry:
                 raise RobotFileError(
                     f"{below(below(where, name), 'armature')}: a ball has one for all directions; give it "
                     f"under the name of the joint"

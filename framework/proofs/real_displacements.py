@@ -88,7 +88,7 @@ def real_solutions(
     coefficients = coefficients / np.linalg.norm(coefficients, axis=1, keepdims=True)
     if family.is_dependent(coefficients):
         nothing = np.zeros((0, family.size))
-        R, p = group.embed(nothing)
+        R, p = group.to_displacements(nothing)
         no_paths = PathCount(0, 0, 0, 0)
         return RealSolutions(nothing, R, p, nothing[:, 0], no_paths, family.bound, "architecturally singular")
     rows, sizes = group.eliminate_square(coefficients)
@@ -134,7 +134,7 @@ def _prove_path_ends(group: Displacements, coefficients: Array, slack: Array, se
         status = "numerically complete"
     real_z = z[is_real & is_new].real
     proved = proof.proved[is_real & is_new].astype(float)
-    return RealSolutions(real_z, *group.embed(real_z), proved, count, family.bound, status)
+    return RealSolutions(real_z, *group.to_displacements(real_z), proved, count, family.bound, status)
 
 
 def _count_paths(

@@ -156,7 +156,7 @@ class Displacements:
 
     family: QuadricFamily
     chosen: IntArray  # (M,) which of the 17 functions are the members of the family
-    places: IntArray  # (N,) which of the 8 coordinates of a dual quaternion z are; see `embed`
+    places: IntArray  # (N,) which of the 8 coordinates of a dual quaternion z are
 
     def eliminate_square(self, coefficients: Array) -> tuple[Array, Array]:
         """Return equivalent conditions (K, M), |p|^2 in the first alone, and bounds (K, M) on their terms.
@@ -181,8 +181,8 @@ class Displacements:
         rows[1:, square] = sizes[:, square] = 0.0
         return rows, sizes
 
-    def embed(self, z: Array) -> tuple[Array, Array]:
-        """Compute R (T, 3, 3) and p (T, 3) of real solutions z (T, N)."""
+    def to_displacements(self, z: Array) -> tuple[Array, Array]:
+        """Compute the turns R (T, 3, 3) and shifts p (T, 3) that real solutions z (T, N) stand for."""
         coordinates = np.zeros((len(z), 8))
         coordinates[:, self.places] = z
         if self.family.name == "translations":  # z = (1, p) stands for 1 + eps p / 2

@@ -62,7 +62,11 @@ class StepSizeControl:
         self.usual, self.short, self.tried = max(length, 0.5 * self.usual), 0.0, 0
 
     def reject(self, length: float, factor: float, remaining: float) -> None:
-        """Reject a step; the next is shorter by this factor, or steps over a singularity."""
+        """Reject a step; the next is shorter by this factor, or steps over a singularity.
+
+        Where steps become far shorter than usual, long ones are tried first, one of `BRIDGING_RATIOS` after
+        the other. If none succeeds, `short` is the length to go on with.
+        """
         shorter = self.short or length * min(factor, REFUSED_STEP_RATIO)
         if self.tried < len(BRIDGING_RATIOS) and (self.short or shorter < self.usual / BRIDGED_SHORTENING):
             self.length, self.short = min(BRIDGING_RATIOS[self.tried] * self.usual, remaining), shorter

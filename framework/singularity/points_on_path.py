@@ -206,7 +206,11 @@ def _most_singular_s(mobile: Measured, s: float) -> float:
 
 
 def _refusal_at(passive: Measured, unresolved: Unresolved) -> Exception:
-    """Return the error for an unresolved g: several motions that escape together, if two vanish."""
+    """Return the error for a g that is not resolved at s.
+
+    If several singular values of its matrix vanish there, as many motions escape together; else the error is
+    `unresolved` itself.
+    """
     branch, s = passive.branch, unresolved.s
     values = singular_values(passive.matrix(passive.guess(np.array([s])))[0])
     count = int(np.sum(values < VANISHING_TOGETHER**passive.power))

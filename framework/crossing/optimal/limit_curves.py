@@ -66,8 +66,9 @@ def limit_curves(plan: CrossingPlan) -> LimitCurves:
 
 def _motor_demand(plan: CrossingPlan, s: Array) -> MotorDemand:
     """Compute torques and speeds of the undeformed robot at s (T,), with damping and the planned friction."""
-    branch, robot = track_path(plan.robot, plan.path).with_wrenches(plan.dynamics.wrenches), plan.robot
-    asked = demand(branch, Smoothstep(0), s, None, "rigid")
+    robot = plan.robot
+    branch = track_path(robot, plan.path).with_wrenches(plan.dynamics.wrenches)
+    asked = demand(branch, Smoothstep(0), s, None, "rigid")  # sigma = s; no deflections
     constant, per_z, per_u = asked.torque
     friction = asked.friction(motor_friction(robot, plan.request.friction))
     return MotorDemand(constant + friction, asked.damping, per_z, per_u, np.abs(asked.speed))

@@ -86,7 +86,13 @@ def conditions_at(
     deflections: Deflections | None,
     before: SquaredSpeed | None = None,
 ) -> tuple[Array, Array]:
-    """Return sigma (k,) and rows (k, 4) of all conditions on z and u: (8) at each place, and given speeds."""
+    """Return the conditions on a law: sigma (k,) and rows (k, 4) of constant, per z, per u, per sqrt(z).
+
+    They are condition (8) at each place, and the given speeds, z phi'^2 = speed^2.
+
+    Args:
+        before: the law about which viscous damping is linearised.
+    """
     carrying = deflections if task.geometry == "deformed" else None
     stacks = [crossing_rows(task.branch, task.phi, place, carrying, before) for place in places]
     sigmas = [sigma for sigma, rows in stacks for _ in rows]

@@ -151,8 +151,12 @@ def _find_proof(task: Task, reference: Array, *, timed: bool) -> _Proof | None:
 
 
 def _choose_parts(evidence: Evidence) -> IntArray:
-    """Return the number of parts (k,) of each cell: 1, 2 or 4, at least that of its neighbours."""
-    relative = evidence.shares * len(evidence.shares)
+    """Choose into how many parts each cell is cut, (k,): 1, 2 or 4.
+
+    A cell is cut for a large share of the integral of |nu|_1, or where the factor is not proved to be
+    positive; and into no fewer parts than its neighbours on their own.
+    """
+    relative = evidence.shares * len(evidence.shares)  # over the mean
     parts = 1 + (relative > CUT_SHARES[0]) + 2 * (relative > CUT_SHARES[1])
     parts = np.where(evidence.lacking > 0.0, np.maximum(parts, 2), parts)
     padded = np.pad(parts, 1, constant_values=1)

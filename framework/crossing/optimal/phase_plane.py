@@ -235,10 +235,10 @@ def _conditions_at_points(
 ) -> tuple[Array, Array]:
     """Compute t_s . W_p (M, corank, 3) of all uncontrolled motions at rest, per z and per u.
 
-    Also the largest sums (corank, 1) of the sizes of its terms.
+    Also its scale (corank, 1), against which a value is rounding: the largest sum of sizes of its terms.
 
     Args:
-        points: sigma (M,).
+        points: sigma (M,), the last one that of the singular pose.
     """
     robot, s = branch.robot, phi(points)
     closed = close_loops(robot, branch.path(s), branch.guess(s))

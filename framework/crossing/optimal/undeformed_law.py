@@ -91,7 +91,15 @@ def adapt_found_law(
     excess: float = 1.0,
     share: float | None = None,
 ) -> Best:
-    """Find a law near the best as `adapt_law` does; raises NotConverged where there is none."""
+    """Find a smooth law near the best, within tighter limits or at more of the least cost, see `adapt_law`.
+
+    Args:
+        excess: largest torque or speed of the best law's motion over its limit.
+        share: of the least cost, which smoothness may take.
+
+    Raises:
+        NotConverged: there is none near.
+    """
     adapted = adapt_law(best, excess=excess, share=share)
     if isinstance(adapted, NoneFound):
         raise NotConverged(
@@ -100,6 +108,7 @@ def adapt_found_law(
         )
     if not task.branch.robot.is_damped:
         return adapted
+    # the linearisation of damping has moved with the law, and condition (8) with it
     return adapted._replace(law=_meet_conditions(adapted.program.problem, places, adapted.law))
 
 

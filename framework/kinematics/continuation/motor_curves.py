@@ -207,7 +207,10 @@ def _motors_turning_points(robot: ParallelRobot, q: Array, share: Array, turn: A
     columns, sizes = robot.following, equation_sizes(robot)[robot.n :]
 
     def evaluate(q: Array, share: Array) -> CurveEquations:
-        """Compute the loop equations (T, m), their matrix along following joints, and the motors' drive."""
+        """Compute the loop equations (T, m), their matrix M along following joints, and the drive b.
+
+        M dq + b ds = 0 in lengths of the robot; b is the loops' rate as the motors turn.
+        """
         linearised = linearised_at(robot, q, None)
         loops = independent_loops_matrix(robot, linearised)
         return CurveEquations(

@@ -112,19 +112,16 @@ class PoseSearch:
         Args:
             better_than: a distance, in the unit of `NearestPose`. A search without hope of less ends.
         """
-        J, bound, damping, count = self._equations(q)[1], 0.5 * (better_than / self._unit_length) ** 2, 0.0, 0
-        if self._last is None or not np.array_equal(q, self._last[0].q):
-            start = self._evaluate(q, J, x, target, None, np.ones(2))
-            self._last = start, np.where(start.room[-2:] < 0.0, -1.0, 1.0)
-        start, signs = self._last  # a leg that is stretched has no sign of its own
-        iterate = self._evaluate(q, J, x, target, start.basis, signs)
-        while True:
+        start, signs = self._start(q, x, target)
+        iterate = self._evaluate(q, self._equations(q)[1], x, target, start.basis, signs)
+        bound = 0.5 * (better_than / self._unit_length) ** 2
+        damping = 0.0  # as by Levenberg and Marquardt
+        for count in range(MAX_STEPS + 1):
             step = self._bounded_step(iterate, damping)
-            least_decrease = max(LEAST_DECREASE * iterate.value, HOPE * (iterate.value - bound))
-            if iterate.value < 0.5 * REACHED**2 or step.decrease < least_decrease or count == MAX_STEPS:
-                self._last = iterate, signs
-                return self._result(iterate, step.forces, count)
-            count += 1
+            is_reached = iterate.value < 0.5 * REACHED**2
+            is_settled = step.decrease < max(LEAST_DECREASE * iterate.value, HOPE * (iterate.value - bound))
+            if is_reached or is_settled or count == MAX_STEPS:
+                break
             following = self._follow(iterate, step.z, target, signs)
             gain = 0.0 if following is None else (iterate.value - following.value) / step.decrease
             if following is not None and gain > 0.0:
@@ -133,6 +130,18 @@ class PoseSearch:
                 damping = damping / 4.0 if damping > LEAST_DAMPING else 0.0
             elif gain < POOR_GAIN:
                 damping = max(4.0 * damping, LEAST_DAMPING)
+        self._last = iterate, signs
+        return self._result(iterate, step.forces, count)
+
+    def _start(self, q: Array, x: Array, target: Array) -> tuple[_Iterate, Array]:
+        """Return an iterate at q (nq,) and the signs (2,) of its determinants, which mark the modes.
+
+        A search that begins where the last one ended keeps its signs: a stretched leg there has none.
+        """
+        if self._last is not None and np.array_equal(q, self._last[0].q):
+            return self._last
+        start = self._evaluate(q, self._equations(q)[1], x, target, None, np.ones(2))
+        return start, np.where(start.room[-2:] < 0.0, -1.0, 1.0)
 
     def _result(self, iterate: _Iterate, forces: Array, count: int) -> NearestPose:
         """Return the pose of the last iterate and its stops."""

@@ -26,7 +26,7 @@ MAX_STEP_RATIO = 2 * FIRST_STEP_RATIO  # of the curve: steps grow up to this
 END_ROUNDING = 1e-12  # of the curve: a pose that near to its end is the end
 
 
-class Poses(NamedTuple):
+class BranchPoses(NamedTuple):
     """K assembled configurations of the branch, with its tangents."""
 
     q: Array  # (K, nq)
@@ -34,23 +34,23 @@ class Poses(NamedTuple):
     rate: Array  # (K, nv) joint rates with respect to the parameter of the curve
 
     @property
-    def last(self) -> Poses:
+    def last(self) -> BranchPoses:
         """The last pose, K = 1."""
         return self._part(slice(-1, None)) if len(self.q) > 1 else self
 
-    def first(self, count: int) -> Poses:
+    def first(self, count: int) -> BranchPoses:
         """Return the first poses."""
         return self._part(slice(count)) if count < len(self.q) else self
 
-    def _part(self, which: slice) -> Poses:
-        return Poses(self.q[which], self.linearised.select(which), self.rate[which])
+    def _part(self, which: slice) -> BranchPoses:
+        return BranchPoses(self.q[which], self.linearised.select(which), self.rate[which])
 
 
 class FollowedCurve(NamedTuple):
     """The followed part of a branch, at K poses."""
 
     at: Array  # (K,) parameter, from 0 ascending; the last one is 1 if the whole curve could be followed
-    stretches: tuple[Poses, ...]  # K poses together
+    stretches: tuple[BranchPoses, ...]  # K poses together
 
     @property
     def q(self) -> Array:
@@ -63,7 +63,7 @@ class FollowedCurve(NamedTuple):
         return np.concatenate([poses.rate for poses in self.stretches])
 
     @property
-    def last(self) -> Poses:
+    def last(self) -> BranchPoses:
         """The last pose."""
         return self.stretches[-1].last
 
@@ -101,11 +101,11 @@ def is_straight(turned: Array, correction: Array, advance: Array) -> BoolArray:
 
 def follow(
     robot: Mechanism,
-    start: Poses,
-    arrive: Callable[[Array, Array], Poses | None],
-    belong: Callable[[Poses, Poses, BoolArray], BoolArray],
+    start: BranchPoses,
+    arrive: Callable[[Array, Array], BranchPoses | None],
+    belong: Callable[[BranchPoses, BranchPoses, BoolArray], BoolArray],
     *,
-    end: Callable[[float, Poses], tuple[float, Poses] | None] | None = None,
+    end: Callable[[float, BranchPoses], tuple[float, BranchPoses] | None] | None = None,
     step: float = FIRST_STEP_RATIO,
     at_once: int = 1,
 ) -> FollowedCurve:
@@ -154,7 +154,9 @@ def cut_to_predictor(robot: Mechanism, rate: Array, step: Array) -> Array:
     return np.where(step * speed > MAX_PREDICTOR_MOVE, longest, step)
 
 
-def _parameters_ahead(robot: Mechanism, pose: Poses, parameter: float, step: float, count: int) -> Array:
+def _parameters_ahead(
+    robot: Mechanism, pose: BranchPoses, parameter: float, step: float, count: int
+) -> Array:
     """Return up to `count` parameters one step apart, to the end and as far as the predictor may lead."""
     lengths = step * np.arange(1, count + 1)
     speed = largest_motion(robot, pose.rate)[0]
@@ -166,11 +168,11 @@ def _parameters_ahead(robot: Mechanism, pose: Poses, parameter: float, step: flo
 
 def _accept_steps(
     robot: Mechanism,
-    start: Poses,
-    arrived: Poses,
+    start: BranchPoses,
+    arrived: BranchPoses,
     lengths: Array,
-    belong: Callable[[Poses, Poses, BoolArray], BoolArray],
-) -> tuple[Poses, float] | None:
+    belong: Callable[[BranchPoses, BranchPoses, BoolArray], BoolArray],
+) -> tuple[BranchPoses, float] | None:
     """Return the poses of accepted steps, up to the first refused, and the correction of the last step.
 
     `lengths` (T, 1) are the parameters of the steps' ends, from the start. None if the first is refused.

@@ -21,8 +21,8 @@ from framework.kinematics.assembly import MAX_NEWTON_STEP, Configuration
 from framework.kinematics.continuation.branch import Branch as Branch
 from framework.kinematics.continuation.predictor_corrector import (
     FIRST_STEP_RATIO,
+    BranchPoses,
     FollowedCurve,
-    Poses,
     follow,
 )
 from framework.kinematics.continuation.turning_point import CurveEquations, Curves, turning_points
@@ -105,7 +105,7 @@ def follow_path(
     singularity; or on it, `to_the_end`, if it is found.
     """
 
-    def arrive(s: Array, predicted: Array) -> Poses | None:
+    def arrive(s: Array, predicted: Array) -> BranchPoses | None:
         """Close poses predicted at s (T,); return poses before the first one that does not close."""
         q, linearised, closed = close_each(
             robot, path(s), predicted, last_step=last_step, farthest=MAX_NEWTON_STEP
@@ -120,17 +120,17 @@ def follow_path(
         except NotAssembled:  # one of them is singular, to the last bit
             return arrive(s[:1], predicted[:1]) if len(s) > 1 else None
 
-    def poses_at(s: Array, q: Array, linearised: LinearisedLoops) -> Poses:
-        return Poses(q, linearised, _rates(robot, path, s, linearised))
+    def poses_at(s: Array, q: Array, linearised: LinearisedLoops) -> BranchPoses:
+        return BranchPoses(q, linearised, _rates(robot, path, s, linearised))
 
-    def belong(before: Poses, after: Poses, straight: BoolArray) -> BoolArray:
+    def belong(before: BranchPoses, after: BranchPoses, straight: BoolArray) -> BoolArray:
         """Return where poses (T,) stay on the branch: in its working mode, and clear of others if bent."""
         keep = keeps_working_mode(robot, before.linearised, after.linearised)
         bent = np.flatnonzero(keep & ~straight)
         keep[bent] = lost_equations(robot, after.linearised.select(bent), BRANCHES_CROSS) == 0
         return keep
 
-    def end(s: float, before: Poses) -> tuple[float, Poses] | None:
+    def end(s: float, before: BranchPoses) -> tuple[float, BranchPoses] | None:
         return _type1_end(robot, path, s, before)
 
     start = poses_at(np.zeros(1), q[None], linearised_at(robot, q[None], path(np.zeros(1))))
@@ -146,7 +146,9 @@ def follow_path(
     )
 
 
-def _type1_end(robot: ParallelRobot, path: Path, s: float, before: Poses) -> tuple[float, Poses] | None:
+def _type1_end(
+    robot: ParallelRobot, path: Path, s: float, before: BranchPoses
+) -> tuple[float, BranchPoses] | None:
     """Find the Type 1 singularity on a path ahead of a pose at s: path coordinate and pose."""
     sizes, still = equation_sizes(robot), np.zeros((1, robot.model.nv))
 
@@ -163,7 +165,7 @@ def _type1_end(robot: ParallelRobot, path: Path, s: float, before: Poses) -> tup
     ahead = turning_points(Curves(robot, robot.moving, still, evaluate), before.q, np.array([s]))
     if not ahead.found[0]:
         return None
-    return float(ahead.share[0]), Poses(ahead.q, ahead.linearised, still)
+    return float(ahead.share[0]), BranchPoses(ahead.q, ahead.linearised, still)
 
 
 def _follow_branch(robot: ParallelRobot, path: Path, q: Array, what: str) -> Branch:
