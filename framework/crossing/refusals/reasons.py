@@ -38,6 +38,7 @@ from framework.errors import (
     NotConverged,
     OutOfReach,
     SingularPath,
+    SpringsTooSoft,
     Type1Singularity,
     UnboundedTorque,
     UncontrolledMotions,
@@ -107,6 +108,7 @@ MOTION = (  # under either law, or one of the user's own
         "no deflections cause the forces that hold them", NotConverged, solve_deflections, unsettled_error
     ),
     _reason("no law near this one has deflections in balance", NotConverged, restored, in_balance),
+    _reason("even springs much stiffer would give beyond all sense", SpringsTooSoft, restored),
     _reason("springs tear the loops open", NotConverged, resolve),
     _reason("torques, deflections or a near miss are not resolved", NotConverged, unresolved_error),
     _reason("the deflected robot meets a singularity of its own", NoLaw, check_crossings),
