@@ -201,6 +201,27 @@ Up to a half is safe for bends of unit size (Newton and Kantorovich). At 3 poses
 do not resolve; at 0.03 too few nodes may be left.
 """
 
+REACHED_PLATFORM = 1e-9
+"""Distance [robot lengths, rad] from a pose that was sought, or room of a joint's range, that is none.
+
+Ends of searches are closed to 1e-12. At 1e-8 a pose counts that control can tell from its target; at 1e-10
+some that are reached are called out of reach.
+"""
+
+LEAST_TYPE1_SHARE = 1e-5
+"""The determinant of Type 1 over that at the reference, down to which a leg is stretched for a nearest pose.
+
+The pose is then 1e-10 of the leg from the end of its reach. At 1e-4 distances are off by 1e-8; at 1e-6 the
+leg's direction has no digits left to come back by.
+"""
+
+LEAST_TYPE2_SHARE = 1e-3
+"""The determinant of Type 2 over that at the reference, down to which motors that hold go for a nearest pose.
+
+The distance grows with it: 1e-3 costs 1e-3 of the way. At 1e-2 the pose is visibly not the nearest one; at
+1e-4 motors that turn back by a step may be on either assembly mode.
+"""
+
 # ------------------------------------------------------------------ singular points on a path
 
 MEASURE_TAIL = 1e-9

@@ -26,11 +26,11 @@ START_DISTANCE = 0.2  # [robot lengths, rad] between starts
 
 
 def nearest_pose(robot: ParallelRobot, x: ArrayLike) -> NearestPose:
-    """Find the pose nearest to platform coordinates x (n,) within the ranges of the joints.
+    """Find a pose nearest to platform coordinates x (n,) within the ranges of the joints.
 
-    It is in the working mode of the reference and joined to that within the ranges. Type 2 singularities may
-    lie between. The first call for a robot takes about a second, to sample the poses; then a few searches of
-    milliseconds find the nearest, most likely of all.
+    It is joined to the reference by steps within the ranges, on each of which every leg keeps its working
+    mode. Type 2 singularities may lie between. It is the nearest of a few local searches, without a proof
+    that none is nearer. The first call for a robot takes about a second, to sample the poses.
 
     Raises:
         InvalidInput: not n finite numbers; the platform does not determine the joints.

@@ -151,10 +151,13 @@ def _close(robot: ParallelRobot, options: Namespace, *, advise_all: bool) -> Arr
     except (NotAssembled, Type1Singularity) as failure:  # another mode may have such a pose
         impossible = addition = _explain_failure(robot, options)
         if point is not None:
-            q, addition, failure.nearest = _nearest(robot, point)
-            if not failure.nearest["stops"]:  # by another way than straight
+            q, sentence, failure.nearest = _nearest(robot, point)
+            if not failure.nearest["stops"]:
+                options.warnings.append(
+                    "no straight path from the reference leads there, but another one does"
+                )
                 return q
-            addition = f"; {addition}"
+            addition = f"; {sentence}"
         failure.args = (f"{failure}{addition}",)
         raise failure.advising({"all": True} if advise_all and not impossible else None) from None
     return closed.q
@@ -169,8 +172,11 @@ def _nearest(robot: ParallelRobot, point: list[float]) -> tuple[Array, str, Docu
         "motor_joints": dict(zip(robot.actuator_names, motors, strict=True)),
         **{key: getattr(nearest, key) for key in ("distance", "unit", "stops")},
     }
+    place = robot.place(nearest.x)
+    if not nearest.stops:
+        return nearest.q, f"another pose with {place}", document
     sentence = (
-        f"the nearest pose within the joints' ranges has {robot.place(nearest.x)}, {nearest.distance:.6g} "
+        f"the nearest pose found within the joints' ranges has {place}, {nearest.distance:.6g} "
         f"{nearest.unit} away: {' and '.join(nearest.stops)}"
     )
     return nearest.q, sentence, document

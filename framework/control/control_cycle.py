@@ -115,10 +115,11 @@ class ControlCycle:
         self._set_state(q, rates)
 
     def approach(self, x: ArrayLike) -> NearestPose:
-        """Move the pose to platform coordinates x (n,), or nearest, and rest.
+        """Move the pose to platform coordinates x (n,), or to the nearest found, and rest.
 
-        The search starts from the pose of the last cycle. It ends at the ranges of joints, at stretched legs
-        (Type 1) and at Type 2. From its end `update` and `approach` return. A search takes milliseconds.
+        The search starts from the pose of the last cycle and keeps its modes. It ends at the ranges of
+        joints, at stretched legs (Type 1) and just before Type 2. `update` and `approach` go on from there.
+        A search takes some 10 to 80 ms.
 
         Raises:
             InvalidInput: not n finite numbers.
@@ -126,7 +127,7 @@ class ControlCycle:
         target = finite_numbers(f"x ({', '.join(self.robot.axis_names)})", x, self.robot.n)
         self._search = self._search or PoseSearch(self.robot, motors_hold=True)
         nearest = self._search.find(self.q, self.x, target)
-        q = nearest.q.copy()
+        q, self.x = nearest.q.copy(), nearest.x.copy()  # from which turns are counted on
         self._linearise(q)
         self._motors = self.robot.actuated_coordinates(q[None])[0].copy()
         self._set_state(q, np.zeros(self.robot.n_a))

@@ -12,6 +12,8 @@ from scipy.optimize import minimize
 import robots
 from framework import ControlCycle, InvalidInput, assemble
 from framework.atlas.nearest_pose import nearest_pose
+from framework.kinematics.linearised_loops import linearised_at, linearised_at_reference
+from framework.kinematics.modes import mode_signs
 from framework.kinematics.pose import describe_pose
 from tests.oracles import five_bar_pose
 from tests.robots import test_biglide, test_gough_stewart, test_orthoglide
@@ -132,6 +134,27 @@ def test_a_cycle_waits_at_the_nearest_pose_and_returns():
         end = robot.actuated_coordinates(robot.reference.q[None])[0]
         cycle.update(start + share * (end - start), np.zeros(2))
     np.testing.assert_allclose(cycle.x, x, rtol=0, atol=1e-9)
+
+
+REDUNDANT = ("standing_quadruped", "two_arms")  # motors, which no cycle takes
+CYCLES = [name for name in robots.CATALOGUE if name not in REDUNDANT]
+
+
+@pytest.mark.parametrize("name", CYCLES)
+def test_a_cycle_that_approaches_keeps_both_modes_and_says_what_stops_it(name):
+    robot, rng = robots.load(name), np.random.default_rng(4)
+    cycle, reference = ControlCycle(robot), linearised_at_reference(robot)
+    for _ in range(4):
+        direction = rng.standard_normal(robot.n)
+        away = 3.0 * robot.platform_scale * direction / np.linalg.norm(direction)
+        nearest = cycle.approach(robot.reference.x + away)
+        reached = linearised_at(robot, nearest.q[None], nearest.x[None])
+        assert mode_signs(robot, reached) == mode_signs(robot, reference)
+        assert bool(nearest.stops) == (nearest.distance > 1e-9 * robot.length)
+        assert not describe_pose(robot, nearest.q).exceeded
+        cycle.update(robot.actuated_coordinates(nearest.q[None])[0], np.zeros(robot.n_a))
+        # loops closed to 1e-12, seen through motors at 1e-3 of their hold, to which x is of second order
+        np.testing.assert_allclose(cycle.x, nearest.x, rtol=0, atol=1e-6)
 
 
 def test_coordinates_are_as_many_as_the_platform_has():

@@ -1,4 +1,4 @@
-"""The pose nearest to a platform that may be out of reach: in the same modes, within the joints' ranges.
+"""The search for the pose nearest to a platform that may be out of reach, within the joints' ranges.
 
 Half the squared distance, |e|^2 / 2 with e = (x - target) / scale, is minimised over the joints by sequential
 quadratic programming. With Z a basis of the motions that keep the loops c closed, and multipliers lambda of
@@ -6,9 +6,12 @@ the loops, a step Z z solves
 
     min  g . z + z' H z / 2,    g = Z' dx' e,    H = Z' (dx' dx + d2x . e - d2c . lambda) Z,
 
-within the ranges of the joints, and to first order without a change of sign of det(dx Z), zero at Type 1, and
-of det(dq_a Z), zero at Type 2. Differences of gradients along Z give H. Newton's method
-closes the loops after a step, on the ranges that were met.
+within the ranges of the joints, and with det(dx Z), zero at Type 1, and det(dq_a Z), zero at Type 2, on the
+side of the start: not below the least shares of their sizes at the reference. Differences of gradients along
+Z give H. Newton's method closes the loops after a step, on the ranges that were met. A step counts if its
+correction is small, as one branch has it, and every leg keeps its working mode.
+
+The search is local: no neighbour of its end is nearer, and it has no proof that no other pose is.
 """
 
 from __future__ import annotations
@@ -20,23 +23,24 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.kinematics.assembly import Configuration
-from framework.kinematics.frames import difference, integrate_columns
+from framework.kinematics.continuation.predictor_corrector import is_small
+from framework.kinematics.frames import difference, integrate, integrate_columns, largest_motion
 from framework.kinematics.inverse_kinematics import require_square
-from framework.kinematics.linearised_loops import linearised_at
+from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
+from framework.kinematics.modes import keeps_sign, keeps_working_mode, passive_determinants
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.single_pose import SinglePose
 from framework.linalg.ordered_sums import solve
+from framework.tolerances import LEAST_TYPE1_SHARE, LEAST_TYPE2_SHARE, REACHED_PLATFORM
 
+LEAST_DETERMINANTS = np.array([LEAST_TYPE1_SHARE, LEAST_TYPE2_SHARE])
 MAX_STEPS = 30
 MAX_JOINT_STEP = 0.5  # [rad, lengths] of one joint in a step
 DIFFERENCE_STEP = 1e-6  # [rad, lengths] of the joints, for differences of gradients
 LEAST_DECREASE = 1e-8  # of the squared distance, as a share: a step that promises less ends the search
 LEAST_CURVATURE = 1e-9  # of the squared distance along a motion, so that H is definite
 MAX_CLOSING_STEPS, CLOSED = 8, 1e-12  # Newton steps; [rad, lengths] of the loops
-REACHED = 1e-9  # [rad, lengths] of the platform
-HOLD_LOST = 1e-3  # determinant below which a leg, or the motors, have lost hold
-HOPE = 0.1  # of what is missing to a better pose, the decrease of a step below which none is expected
-MODE_LOST = 1e-6  # determinant of the other sign, above what a step to Type 1 leaves of its square
+LEAST_PROGRESS = 0.1  # of what is missing to a better pose: a step that promises less ends the search
 LEAST_DAMPING = 1e-2  # of a step after which the model was poor
 POOR_GAIN, GOOD_GAIN = 0.25, 0.75  # decrease of the squared distance over that of the model
 
@@ -46,8 +50,8 @@ class NearestPose(Configuration):
     """The nearest pose that a search has found, see `Configuration`, and why none is nearer.
 
     `distance` from the target in `unit`: m if all coordinates are translations, rad if all are turns, else
-    robot lengths and rad. `stops` says what stops it: the ranges of joints, legs (Type 1), Type 2; nothing
-    where the target is reached.
+    robot lengths and rad. `stops` says what stops it: the ranges of joints, legs (Type 1), Type 2, or that
+    the search has not converged; nothing where the target is reached.
     """
 
     distance: float
@@ -71,8 +75,10 @@ class _Iterate(NamedTuple):
     basis: Array  # Z (f, n)
     gradient: Array  # g (n,)
     hessian: Array  # H (n, n), made definite
-    room: Array  # (2 f + 2,) until each bound: ends of ranges, determinants; not negative
+    room: Array  # (2 f + 2,) until each bound: ends of ranges, determinants over their sizes
     room_slopes: Array  # (2 f + 2, n)
+    signs: Array  # (2,) of the determinants at the start
+    loops: LinearisedLoops  # T = 1
 
 
 class _Step(NamedTuple):
@@ -87,7 +93,10 @@ class PoseSearch:
     """The search for nearest poses of one robot, for one thread."""
 
     def __init__(self, robot: ParallelRobot, *, motors_hold: bool = False) -> None:
-        """Prepare the search of a robot; `motors_hold`: Type 2 stops it.
+        """Prepare the search for poses of a robot.
+
+        Args:
+            motors_hold: whether Type 2 singularities stop it, as motors alone move the robot.
 
         Raises:
             InvalidInput: the platform does not determine the joints.
@@ -103,8 +112,12 @@ class PoseSearch:
                 limit.upper,
             )
         self._lower, self._upper = ranges[:, robot.moving] / self._lengths
-        self._last: tuple[_Iterate, Array] | None = None  # the end of the last search, with its signs
         self._unit_length, self._unit = distance_unit(robot)
+        self._determinant_sizes = np.ones(2)
+        reference = robot.reference
+        J = self._equations(reference.q)[1]
+        room = self._evaluate(reference.q, J, reference.x, reference.x, None).room[-2:]
+        self._determinant_sizes = room + LEAST_DETERMINANTS  # at the reference
 
     def find(self, q: Array, x: Array, target: Array, *, better_than: float = np.inf) -> NearestPose:
         """Find the nearest pose to a target (n,), starting from the pose q (nq,) at x (n,).
@@ -112,17 +125,17 @@ class PoseSearch:
         Args:
             better_than: a distance, in the unit of `NearestPose`. A search without hope of less ends.
         """
-        start, signs = self._start(q, x, target)
-        iterate = self._evaluate(q, self._equations(q)[1], x, target, start.basis, signs)
+        iterate = self._evaluate(q, self._equations(q)[1], x, target, None)
         bound = 0.5 * (better_than / self._unit_length) ** 2
         damping = 0.0  # as by Levenberg and Marquardt
         for count in range(MAX_STEPS + 1):
             step = self._bounded_step(iterate, damping)
-            is_reached = iterate.value < 0.5 * REACHED**2
-            is_settled = step.decrease < max(LEAST_DECREASE * iterate.value, HOPE * (iterate.value - bound))
-            if is_reached or is_settled or count == MAX_STEPS:
+            is_reached = iterate.value < 0.5 * REACHED_PLATFORM**2
+            is_settled = step.decrease < LEAST_DECREASE * iterate.value
+            is_behind = step.decrease < LEAST_PROGRESS * (iterate.value - bound)
+            if is_reached or is_settled or is_behind or count == MAX_STEPS:
                 break
-            following = self._follow(iterate, step.z, target, signs)
+            following = self._follow(iterate, step.z, target)
             gain = 0.0 if following is None else (iterate.value - following.value) / step.decrease
             if following is not None and gain > 0.0:
                 iterate = following
@@ -130,26 +143,19 @@ class PoseSearch:
                 damping = damping / 4.0 if damping > LEAST_DAMPING else 0.0
             elif gain < POOR_GAIN:
                 damping = max(4.0 * damping, LEAST_DAMPING)
-        self._last = iterate, signs
         return self._result(iterate, step.forces, count)
-
-    def _start(self, q: Array, x: Array, target: Array) -> tuple[_Iterate, Array]:
-        """Return an iterate at q (nq,) and the signs (2,) of its determinants, which mark the modes.
-
-        A search that begins where the last one ended keeps its signs: a stretched leg there has none.
-        """
-        if self._last is not None and np.array_equal(q, self._last[0].q):
-            return self._last
-        start = self._evaluate(q, self._equations(q)[1], x, target, None, np.ones(2))
-        return start, np.where(start.room[-2:] < 0.0, -1.0, 1.0)
 
     def _result(self, iterate: _Iterate, forces: Array, count: int) -> NearestPose:
         """Return the pose of the last iterate and its stops."""
         distance = float(np.sqrt(2.0 * iterate.value))
         ends = [f"{self.robot.coordinates.name_of(column)} ends its range" for column in self.robot.moving]
         stops = [*ends, *ends, "a leg is stretched or folded (Type 1)", "the motors lose hold (Type 2)"]
-        lost = np.append(np.zeros(2 * len(ends), dtype=bool), iterate.room[-2:] < HOLD_LOST)
-        acting = np.flatnonzero((forces > 0.0) | lost) if distance > REACHED else ()
+        is_met = iterate.room < np.append(np.full(2 * len(ends), REACHED_PLATFORM), LEAST_DETERMINANTS)
+        acting = [stops[k] for k in np.flatnonzero(is_met & (forces > 0.0))]
+        if distance <= REACHED_PLATFORM:
+            acting = []
+        elif not acting:
+            acting = ["the search has not converged"]
         self._pose.place(iterate.q)
         return NearestPose(
             q=iterate.q,
@@ -158,7 +164,7 @@ class PoseSearch:
             iterations=count,
             distance=distance * self._unit_length,
             unit=self._unit,
-            stops=tuple(stops[k] for k in acting),
+            stops=tuple(acting),
         )
 
     def _bounded_step(self, iterate: _Iterate, damping: float) -> _Step:
@@ -186,14 +192,26 @@ class PoseSearch:
         forces[near] = multipliers
         return _Step(z, float(-g @ z - 0.5 * z @ H @ z), forces)
 
-    def _follow(self, iterate: _Iterate, z: Array, target: Array, signs: Array) -> _Iterate | None:
-        """Return the iterate after a step; None if the loops do not close, or a determinant changes sign."""
-        step = iterate.basis @ z * self._lengths
-        closed = self._close(integrate_columns(self.robot, iterate.q, self.robot.moving, step))
+    def _follow(self, iterate: _Iterate, z: Array, target: Array) -> _Iterate | None:
+        """Return the iterate after a step; None if its loops do not close, or on another branch or mode."""
+        step = np.zeros(self.robot.model.nv)
+        step[self.robot.moving] = iterate.basis @ z * self._lengths
+        predicted = integrate(self.robot, iterate.q[None], step[None])[0]
+        closed = self._close(predicted)
         if closed is None:
             return None
-        following = self._evaluate(*closed, iterate.x, target, iterate.basis, signs)
-        return following if (following.room > -MODE_LOST).all() else None
+        correction = difference(self.robot, predicted, closed[0])
+        sizes = largest_motion(self.robot, np.array([correction, step]))
+        if not is_small(*sizes[:, None])[0]:
+            return None
+        following = self._evaluate(*closed, iterate.x, target, iterate)
+        least_room = np.minimum(iterate.room[-2:], -0.5 * LEAST_DETERMINANTS)  # of steps on the start's side
+        if (following.room[-2:] < least_room).any():
+            return None
+        if not keeps_working_mode(self.robot, iterate.loops, following.loops)[0]:
+            return None
+        determinants = (passive_determinants(loops) for loops in (iterate.loops, following.loops))
+        return following if not self._motors_hold or keeps_sign(*determinants)[0] else None
 
     def _close(self, q: Array) -> tuple[Array, Array] | None:
         """Close the loops near q (nq,) by least steps within ranges.
@@ -228,31 +246,31 @@ class PoseSearch:
         jacobian = self._pose.jacobian.take(self._independent, axis=0).take(self.robot.moving, axis=1)
         return residual, jacobian * (self._lengths / self._row_sizes[:, None])
 
-    def _evaluate(
-        self, q: Array, J: Array, near: Array, target: Array, basis: Array | None, signs: Array
-    ) -> _Iterate:
+    def _evaluate(self, q: Array, J: Array, near: Array, target: Array, before: _Iterate | None) -> _Iterate:
         """Compute the quadratic model at a pose q (nq,), whose loops have the derivatives J (m, f).
 
         A stack has the pose and steps from it along Z.
 
         Args:
             near: platform coordinates (n,) that tell whole turns.
-            basis: Z (f, n) of an iterate before, whose orientation Z takes.
-            signs: factors (2,) of the determinants.
+            before: an iterate whose orientation Z takes, and whose signs the determinants are to keep.
         """
         robot, m = self.robot, len(J)
         Q, R = np.linalg.qr(J.T, mode="complete")
         Z = Q[:, m:]
-        if basis is not None and np.linalg.det(basis.T @ Z) < 0.0:
+        if before is not None and np.linalg.det(before.basis.T @ Z) < 0.0:
             Z[:, 0] *= -1.0
         steps = DIFFERENCE_STEP * np.vstack([np.zeros(len(Z)), Z.T]) * self._lengths
-        x, X, loops = self._slopes(integrate_columns(robot, q, robot.moving, steps), near)
+        linearised = linearised_at(robot, integrate_columns(robot, q, robot.moving, steps), None)
+        x, X, loops = self._slopes(linearised, near)
         e = (x[0] - target) / robot.platform_scale
         multipliers = np.linalg.solve(R[:m], Q[:, :m].T @ (e @ X[0]))
         gradients = e @ X - multipliers @ loops
         curvature = (gradients[1:] - gradients[0]) @ Z / DIFFERENCE_STEP
         A = X[0] @ Z
-        determinants = self._determinants(X, loops, Z) * signs
+        determinants = self._determinants(X, loops, Z) / self._determinant_sizes
+        signs = np.where(determinants[0] < 0.0, -1.0, 1.0) if before is None else before.signs
+        determinants *= signs
         return _Iterate(
             q=q,
             x=x[0],
@@ -260,13 +278,15 @@ class PoseSearch:
             basis=Z,
             gradient=A.T @ e,
             hessian=_definite(A.T @ A + 0.5 * (curvature + curvature.T)),
-            room=np.append(self._range_room(q), determinants[0]),
+            room=np.append(self._range_room(q), determinants[0] - LEAST_DETERMINANTS),
             room_slopes=np.vstack([Z, -Z, (determinants[1:] - determinants[0]).T / DIFFERENCE_STEP]),
+            signs=signs,
+            loops=linearised.select(slice(1)),
         )
 
-    def _slopes(self, q: Array, near: Array) -> tuple[Array, Array, Array]:
-        """Compute x (T, n), dx (T, n, f) and derivatives of loops (T, m, f) at q (T, nq)."""
-        robot, linearised = self.robot, linearised_at(self.robot, q, None)
+    def _slopes(self, linearised: LinearisedLoops, near: Array) -> tuple[Array, Array, Array]:
+        """Compute x (T, n), dx (T, n, f) and derivatives of loops (T, m, f)."""
+        robot = self.robot
         derivatives = linearised.jacobian[..., robot.moving] * self._lengths
         x = robot.platform.unwrap(robot.platform.coordinates(linearised.frames), near)
         dx = solve(robot.platform.rate_matrix(x) * robot.platform_scale, derivatives[:, : robot.n])
