@@ -23,6 +23,12 @@ def select(stack: Stack, which: Any) -> Stack:
     return make(*(part[which] if isinstance(part, np.ndarray) else select(part, which) for part in stack))
 
 
+def assign(stack: Stack, rows: Any, new: Stack) -> None:
+    """Write the items `new` into some rows of all arrays of a named tuple."""
+    for values, new_values in zip(stack, new, strict=True):
+        values[rows] = new_values
+
+
 def join(stacks: Sequence[Stack]) -> Stack:
     """Return the items of several stacks, at least one, one after the other."""
     make: Any = type(stacks[0])

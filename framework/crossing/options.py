@@ -191,8 +191,10 @@ class PlanOptions:
         typed={"choices": GOALS},
     )
     time_limit: float | None = _option(
-        "time after which the search ends with the best law so far [s]",
-        ", or with `SearchEnded` if none was found yet. The plan's `reason` says that it was ended",
+        "time of the search for an optimal law, after which it ends with the best so far [s]",
+        ", or with `SearchEnded` if none was found yet. The plan's `reason` says that it was ended. It is "
+        "checked before each cone program and each step of deflections: what comes before the search, the "
+        "certificate and proofs take their time",
         check=_seconds,
         typed={"type": float, "metavar": "SECONDS"},
     )

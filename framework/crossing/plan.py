@@ -169,6 +169,8 @@ def _plan_after_refusal(work: _Work, refusal: NoLaw | NotConverged) -> CrossingP
         return _plan_optimal(work, f"optimal, as {polynomial} over {work.request.fixed_duration:g} s: {why}")
     except UncontrolledMotions:
         raise
+    except SearchEnded as end:
+        raise SearchEnded(f"{why}; {end}") from None
     except (NoLaw, NotConverged) as second:
         both = f"{refusal}; nor does the optimal law help: {second}"
         if isinstance(refusal, NotConverged):

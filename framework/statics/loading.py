@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from framework.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays, select
+from framework.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays, assign, select
 from framework.dynamics.forces import spring_torques
 from framework.dynamics.tangent_stiffness import (
     Balance,
@@ -144,7 +144,7 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
         start, whole = select(current, live), load.select(live)
         ahead = _step(robot, start, whole, step[live])
         step[live] = np.where(ahead.good, np.minimum(2.0 * ahead.size, MAX_STEP), 0.5 * ahead.size)
-        _assign(current, live[ahead.good], select(ahead.points, ahead.good))
+        assign(current, live[ahead.good], select(ahead.points, ahead.good))
         reason[live] = _reasons(robot, ahead)
         turned = np.flatnonzero(ahead.turned)
         if len(turned):
@@ -156,12 +156,6 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
         can_halve = ~(ahead.size <= UNCHECKED_MOTION)  # NaN too
         live = live[(ahead.good | can_halve) & (reason[live] == LoadReason.NOT_CONVERGED)]
     return _loaded_stack(robot, q, current, reason, load)
-
-
-def _assign(points: _Points, rows: IntArray, new: _Points) -> None:
-    """Write new values into some rows of the points."""
-    for values, new_values in zip(points, new, strict=True):
-        values[rows] = new_values
 
 
 def _reasons(robot: ParallelRobot, ahead: _Arrival) -> NDArray[np.uint8]:

@@ -1,6 +1,6 @@
-"""Branches of assembled configurations, followed without a jump. Open `predictor_corrector` first.
+"""Branches of assembled configurations, followed without a jump. Open `tracking` first.
 
-* `predictor_corrector`: one step after the other along a branch;
+* `predictor_corrector`: by which measures a step stays on its branch;
 * `turning_point`: where a branch ends at a singularity, by a direct root;
 * `tracking`: the platform follows a path: `assemble`, `track_path`;
 * `branch`: the result of tracking, a path with its configurations;

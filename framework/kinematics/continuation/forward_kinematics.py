@@ -69,7 +69,7 @@ def forward_kinematics(
     end = follow_curves(robot, start.curve, start.linearised, target[None])
     linearised = linearised_at(robot, end.q, None)
     if end.share[0] < 1.0:
-        raise end_error(robot, start, end, linearised, target)
+        raise end_error(robot, end, linearised, target)
     return _pose_at(robot, end, linearised)
 
 
@@ -120,13 +120,13 @@ def motors_are_free(robot: ParallelRobot) -> bool:
 
 
 def end_error(
-    robot: ParallelRobot, start: ForwardPose, end: MotorCurves, linearised: LinearisedLoops, q_a: Array
+    robot: ParallelRobot, end: MotorCurves, linearised: LinearisedLoops, q_a: Array
 ) -> NotAssembled:
     """Return the error for a curve (T = 1) from the start to q_a (n_a,) that ends before.
 
     Where the clearance has become small beside its usual size the curve ends at a Type 2 singularity.
     """
-    usual = max(start.curve.clearance[0], clearance(robot, linearised_at_reference(robot))[0])
+    usual = max(end.largest[0], clearance(robot, linearised_at_reference(robot))[0])
     residual = float(np.abs(linearised.residual[:, robot.n :]).max(initial=0.0))
     share, x = float(end.share[0]), end.x[0]
     place = _place_in_words(robot, share, x, q_a)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, BoolArray, IntArray, select
+from framework.arrays import Array, BoolArray, IntArray, assign, select
 from framework.kinematics.continuation.predictor_corrector import (
     BRANCH_GROWTH,
     END_ROUNDING,
@@ -51,7 +51,8 @@ class MotorCurves(NamedTuple):
     share: Array  # (T,) of the turn; 1 where the motors have arrived
     steps: IntArray  # (T,) taken
     clearance: Array  # (T,) least singular value of P at q
-    least: Array  # (T,) and on the whole curve
+    least: Array  # (T,) on the whole curve
+    largest: Array  # (T,) likewise
     sign: Array  # (T,) of det P
     size: Array  # (T,) its logarithm
 
@@ -79,6 +80,7 @@ def curves_at(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> Mo
         steps=np.zeros(count, dtype=np.intp),
         clearance=clear,
         least=clear.copy(),
+        largest=clear.copy(),
         sign=sign,
         size=size,
     )
@@ -109,7 +111,7 @@ def follow_curves(
         past_meeting = taken.on_branch & approaching[rows] & ~nearer  # the curve ends before this step
         ended[rows[past_meeting]] = True
         accepted = taken.on_branch & ~past_meeting
-        _assign(curves, rows[accepted], select(taken.ends, accepted))
+        assign(curves, rows[accepted], select(taken.ends, accepted))
         grows = rows[accepted & (taken.correction < BRANCH_GROWTH)]
         step[grows] = np.maximum(step[grows], np.minimum(2.0 * step[grows], MAX_STEP_RATIO))
         refused = np.setdiff1d(live[~ended[live]], rows[accepted])
@@ -137,6 +139,7 @@ def _begin_curves(
         steps=np.zeros(count, dtype=np.intp),
         clearance=np.zeros(count) if rate is None else curves.clearance,
         least=curves.clearance.copy(),
+        largest=curves.clearance.copy(),
     )
 
 
@@ -158,7 +161,9 @@ def _take_steps(robot: ParallelRobot, start: Array, turn: Array, before: MotorCu
     ends = curves_at(robot, linearised, before.x)._replace(
         rate=turn[rows] if rate is None else rate, share=share[rows], steps=before.steps + 1
     )
-    ends = ends._replace(least=np.minimum(before.least, ends.clearance))
+    ends = ends._replace(
+        least=np.minimum(before.least, ends.clearance), largest=np.maximum(before.largest, ends.clearance)
+    )
     corrections = difference(robot, predicted[rows], ends.q)
     measured = measure(robot, corrections, length * before.rate, length * ends.rate)
     apart = measured.straight | (ends.clearance > BRANCHES_CROSS)  # from branches that cross
@@ -197,8 +202,12 @@ def _end_at_turning_points(
     ahead = _motors_turning_points(robot, curves.q[rows], curves.share[rows], turn[rows])
     found = np.flatnonzero(ahead.found)
     ends = curves_at(robot, ahead.linearised.select(found), curves.x[rows[found]])
-    ends = ends._replace(share=ahead.share[found], steps=curves.steps[rows[found]] + 1, least=ends.clearance)
-    _assign(curves, rows[found], ends)
+    ends = ends._replace(
+        share=ahead.share[found],
+        steps=curves.steps[rows[found]] + 1,
+        largest=np.maximum(curves.largest[rows[found]], ends.clearance),
+    )
+    assign(curves, rows[found], ends)
     return rows[found]
 
 
@@ -221,9 +230,3 @@ def _motors_turning_points(robot: ParallelRobot, q: Array, share: Array, turn: A
         )
 
     return turning_points(Curves(robot, columns, turn, evaluate), q, share)
-
-
-def _assign(curves: MotorCurves, rows: IntArray, ends: MotorCurves) -> None:
-    """Write new ends into some rows of the curves."""
-    for values, new in zip(curves, ends, strict=True):
-        values[rows] = new

@@ -59,7 +59,7 @@ def forward_kinematics_stack(
     refused: dict[int, NotAssembled] = {}
     for k in np.flatnonzero(ends.share < 1.0).tolist():
         end = select(ends, slice(k, k + 1))
-        refused[k] = end_error(robot, start, end, linearised.select(k), targets[k])
+        refused[k] = end_error(robot, end, linearised.select(k), targets[k])
     poses = (ends.q.copy(), ends.x.copy(), linearised.gap, ends.least.copy())
     for values in poses:
         values[list(refused)] = np.nan

@@ -1,10 +1,13 @@
 """Follow a path from the reference without jumping to another working or assembly branch.
 
 The start is reached along the straight segment from the reference's platform coordinates, then the path is
-followed (`predictor_corrector`); a step is accepted only within one working mode.
+followed. A step along the tangent counts by the measures of `predictor_corrector` and within one working
+mode; otherwise it is halved.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,13 +23,23 @@ from framework.errors import (
 from framework.kinematics.assembly import MAX_NEWTON_STEP, Configuration
 from framework.kinematics.continuation.branch import Branch as Branch
 from framework.kinematics.continuation.predictor_corrector import (
+    BRANCH_GROWTH,
+    END_ROUNDING,
     FIRST_STEP_RATIO,
-    BranchPoses,
-    FollowedCurve,
-    follow,
+    MAX_PREDICTOR_MOVE,
+    MAX_STEP_RATIO,
+    MIN_STEP_RATIO,
+    cut_to_predictor,
+    measure,
 )
 from framework.kinematics.continuation.turning_point import CurveEquations, Curves, turning_points
-from framework.kinematics.frames import difference, difference_rates, integrate_columns
+from framework.kinematics.frames import (
+    difference,
+    difference_rates,
+    integrate,
+    integrate_columns,
+    largest_motion,
+)
 from framework.kinematics.inverse_kinematics import close_each, close_loops, require_square
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.kinematics.loop_matrices import equation_sizes, lost_equations, type1_matrix
@@ -46,6 +59,53 @@ LOOP_SINGULARITY = (
     "a singularity of the loop equations, where no configuration can be told from its neighbours"
 )
 PLATFORM_ROUNDING = 1e-14  # [lengths, rad] between platform coordinates that are the same
+
+
+class BranchPoses(NamedTuple):
+    """K assembled configurations of the branch, with its tangents."""
+
+    q: Array  # (K, nq)
+    linearised: LinearisedLoops
+    rate: Array  # (K, nv) joint rates with respect to the parameter of the curve
+
+    @property
+    def last(self) -> BranchPoses:
+        """The last pose, K = 1."""
+        return self._part(slice(-1, None)) if len(self.q) > 1 else self
+
+    def first(self, count: int) -> BranchPoses:
+        """Return the first poses."""
+        return self._part(slice(count)) if count < len(self.q) else self
+
+    def _part(self, which: slice) -> BranchPoses:
+        return BranchPoses(self.q[which], self.linearised.select(which), self.rate[which])
+
+
+class FollowedCurve(NamedTuple):
+    """The followed part of a branch, at K poses."""
+
+    at: Array  # (K,) parameter, from 0 ascending; the last one is 1 if the whole curve could be followed
+    stretches: tuple[BranchPoses, ...]  # K poses together
+
+    @property
+    def q(self) -> Array:
+        """The configurations (K, nq)."""
+        return np.concatenate([poses.q for poses in self.stretches])
+
+    @property
+    def rate(self) -> Array:
+        """The joint rates (K, nv) with respect to the parameter."""
+        return np.concatenate([poses.rate for poses in self.stretches])
+
+    @property
+    def last(self) -> BranchPoses:
+        """The last pose."""
+        return self.stretches[-1].last
+
+    @property
+    def complete(self) -> bool:
+        """Whether the whole curve was followed."""
+        return bool(self.at[-1] == 1.0)
 
 
 def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
@@ -104,46 +164,101 @@ def follow_path(
     are closed to this `last_step` of `close_each`. A branch that ends early does so just before a Type 1
     singularity; or on it, `to_the_end`, if it is found.
     """
+    s, at_start = 0.0, np.zeros(1)
+    pose = _poses_at(robot, path, at_start, q[None], linearised_at(robot, q[None], path(at_start)))
+    parameters, stretches = [at_start], [pose]
+    is_short = np.abs(path(1.0) - path(0.0)).max() < SHORT_PATH * robot.length
+    step = 1.0 if is_short else FIRST_STEP_RATIO
+    while s < 1.0:
+        step = float(cut_to_predictor(robot, pose.rate, np.array([min(step, 1.0 - s)]))[0])
+        if step < MIN_STEP_RATIO:
+            break
+        ahead = _parameters_ahead(robot, pose, s, step)
+        accepted = _take_steps(robot, path, pose, s, ahead, last_step)
+        if accepted is not None:
+            poses, correction = accepted
+            parameters.append(ahead[: len(poses.q)])
+            stretches.append(poses)
+            s, pose = float(parameters[-1][-1]), poses.last
+            if correction < BRANCH_GROWTH and step < MAX_STEP_RATIO:
+                step = min(2.0 * step, MAX_STEP_RATIO)
+            continue
+        end = _type1_end(robot, path, s, pose) if to_the_end else None
+        if end is not None:
+            parameters.append(np.array([end[0]]))
+            stretches.append(end[1])
+            break
+        step *= 0.5
+    return FollowedCurve(np.concatenate(parameters), tuple(stretches))
 
-    def arrive(s: Array, predicted: Array) -> BranchPoses | None:
-        """Close poses predicted at s (T,); return poses before the first one that does not close."""
-        q, linearised, closed = close_each(
-            robot, path(s), predicted, last_step=last_step, farthest=MAX_NEWTON_STEP
-        )
-        count = len(s) if closed.all() else int(np.argmin(closed))
-        if not count:
-            return None
-        if count < len(s):
-            s, q, linearised = s[:count], q[:count], linearised.select(slice(count))
-        try:
-            return poses_at(s, q, linearised)
-        except NotAssembled:  # one of them is singular, to the last bit
-            return arrive(s[:1], predicted[:1]) if len(s) > 1 else None
 
-    def poses_at(s: Array, q: Array, linearised: LinearisedLoops) -> BranchPoses:
-        return BranchPoses(q, linearised, _rates(robot, path, s, linearised))
+def _take_steps(
+    robot: ParallelRobot, path: Path, start: BranchPoses, s: float, ahead: Array, last_step: float
+) -> tuple[BranchPoses, float] | None:
+    """Take steps from a pose (K = 1) at s to path coordinates ahead (T,), all along its tangent.
 
-    def belong(before: BranchPoses, after: BranchPoses, straight: BoolArray) -> BoolArray:
-        """Return where poses (T,) stay on the branch: in its working mode, and clear of others if bent."""
-        keep = keeps_working_mode(robot, before.linearised, after.linearised)
-        bent = np.flatnonzero(keep & ~straight)
-        keep[bent] = lost_equations(robot, after.linearised.select(bent), BRANCHES_CROSS) == 0
-        return keep
+    Returns:
+        The poses of accepted steps, up to the first refused, and the correction of the last step; None if
+        the first is refused. A step is one from the pose before it. It counts if the loops close, the
+        correction is small, and its end is in the same working mode, and clear of other branches if bent.
+    """
+    lengths = (ahead - s)[:, None]
+    arrived = _close_ahead(robot, path, ahead, integrate(robot, start.q, lengths * start.rate), last_step)
+    if arrived is None:
+        return None
+    steps = np.diff(lengths[: len(arrived.q)], axis=0, prepend=0.0)
+    q, rate = np.concatenate([start.q, arrived.q[:-1]]), np.concatenate([start.rate, arrived.rate[:-1]])
+    along = steps * rate
+    corrections = difference(robot, integrate(robot, q, along), arrived.q)
+    correction, small, straight = measure(robot, corrections, along, steps * arrived.rate)
+    if not small[0]:
+        return None
+    close = arrived.first(_count_leading(small))
+    keep = keeps_working_mode(robot, start.linearised, close.linearised)
+    bent = np.flatnonzero(keep & ~straight[: len(keep)])
+    keep[bent] = lost_equations(robot, close.linearised.select(bent), BRANCHES_CROSS) == 0
+    count = _count_leading(keep)
+    return (close.first(count), float(correction[count - 1])) if count else None
 
-    def end(s: float, before: BranchPoses) -> tuple[float, BranchPoses] | None:
-        return _type1_end(robot, path, s, before)
 
-    start = poses_at(np.zeros(1), q[None], linearised_at(robot, q[None], path(np.zeros(1))))
-    short = np.abs(path(1.0) - path(0.0)).max() < SHORT_PATH * robot.length
-    return follow(
-        robot,
-        start,
-        arrive,
-        belong,
-        end=end if to_the_end else None,
-        step=1.0 if short else FIRST_STEP_RATIO,
-        at_once=POSES_AT_ONCE,
+def _close_ahead(
+    robot: ParallelRobot, path: Path, s: Array, predicted: Array, last_step: float
+) -> BranchPoses | None:
+    """Close poses predicted at s (T,) up to the first one that does not close; None if that is the first."""
+    q, linearised, closed = close_each(
+        robot, path(s), predicted, last_step=last_step, farthest=MAX_NEWTON_STEP
     )
+    count = _count_leading(closed)
+    if not count:
+        return None
+    if count < len(s):
+        s, q, linearised = s[:count], q[:count], linearised.select(slice(count))
+    try:
+        return _poses_at(robot, path, s, q, linearised)
+    except NotAssembled:  # one of them is singular, to the last bit
+        return _close_ahead(robot, path, s[:1], predicted[:1], last_step) if len(s) > 1 else None
+
+
+def _poses_at(
+    robot: ParallelRobot, path: Path, s: Array, q: Array, linearised: LinearisedLoops
+) -> BranchPoses:
+    """Return the poses at s (K,) and q (K, nq) with their tangents."""
+    return BranchPoses(q, linearised, _rates(robot, path, s, linearised))
+
+
+def _parameters_ahead(robot: ParallelRobot, pose: BranchPoses, s: float, step: float) -> Array:
+    """Return up to POSES_AT_ONCE path coordinates one step apart, as far as the predictor may lead."""
+    lengths = step * np.arange(1, POSES_AT_ONCE + 1)
+    speed = largest_motion(robot, pose.rate)[0]
+    near = (s + lengths < 1.0 + 0.5 * MIN_STEP_RATIO) & (lengths * speed < MAX_PREDICTOR_MOVE)
+    near[0] = True
+    ahead = s + lengths[near]
+    return np.where(ahead > 1.0 - END_ROUNDING, 1.0, ahead)
+
+
+def _count_leading(true: BoolArray) -> int:
+    """Count the leading true values of (K,)."""
+    return len(true) if true.all() else int(np.argmin(true))
 
 
 def _type1_end(
