@@ -75,7 +75,7 @@ class Quantity:
         return quantity_of_key, (self.key, self.wrench)  # lambdas cannot be pickled
 
 
-def quantity_of_key(key: str, wrench: tuple[float, ...] | None = None) -> Quantity:
+def quantity_of_key(key: str, wrench: tuple[float, ...] | None) -> Quantity:
     """Return the quantity of this key with a wrench; KeyError for an unknown key."""
     return replace(QUANTITIES[key], wrench=wrench)
 

@@ -117,9 +117,9 @@ class InverseDynamics(ReadOnlyArrays):
         smooth = self.torques(t, order)
         return smooth if self.friction is None or order > 0 else smooth + self.friction(t)
 
-    def torque_without_friction(self, t: ArrayLike, order: int = 0) -> Array:
+    def torque_without_friction(self, t: ArrayLike) -> Array:
         """Evaluate the smooth share of `torque`, which drives a robot without dry friction."""
-        return self.torques(t, order)
+        return self.torques(t)
 
     def motor_angle(self, t: ArrayLike, order: int = 0) -> Array:
         """Evaluate motor angles [rad] (gear ratio times joint angle) or their time derivatives, (T, n_a).

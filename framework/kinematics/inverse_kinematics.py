@@ -65,17 +65,15 @@ def require_mobility(robot: ParallelRobot) -> None:
         )
 
 
-def close_loops(
-    robot: ParallelRobot, x: Array, guess: Array, *, last_step: float = NEWTON_STEP
-) -> ClosedStack:
+def close_loops(robot: ParallelRobot, x: Array, guess: Array) -> ClosedStack:
     """Close all loops at platform coordinates x (T, n), from guess (T, nq) near the solution.
 
-    The elastic coordinates keep the values of the guess. `last_step` as in `close_each`.
+    The elastic coordinates keep the values of the guess.
 
     Raises:
         NotAssembled: some instant does not close; carries its last iterate and residual.
     """
-    q, linearised, closed = close_each(robot, x, guess, last_step=last_step)
+    q, linearised, closed = close_each(robot, x, guess)
     if closed.all():
         return ClosedStack(q, x, linearised)
     left = np.where(closed, 0.0, np.nan_to_num(np.abs(linearised.residual), nan=np.inf).max(axis=1))

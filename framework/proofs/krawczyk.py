@@ -174,9 +174,9 @@ def _append_row(matrices: Any, row: Array) -> Any:
     return np.concatenate([matrices, np.broadcast_to(row, (len(matrices), 1, len(row)))], axis=1)
 
 
-def chart_for(z: ComplexArray, seed: int = 0) -> Array:
+def chart_for(z: ComplexArray) -> Array:
     """Choose a random real chart (N,) with a plane at infinity far from all points z (S, N)."""
-    charts = np.random.default_rng(seed).standard_normal((RANDOM_CHARTS, z.shape[1]))
+    charts = np.random.default_rng(0).standard_normal((RANDOM_CHARTS, z.shape[1]))
     charts /= np.linalg.norm(charts, axis=1, keepdims=True)
     heights = np.abs(charts @ z.T) / np.linalg.norm(z, axis=1)
     return charts[np.argmax(heights.min(axis=1, initial=np.inf))]
