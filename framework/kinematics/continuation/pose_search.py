@@ -77,7 +77,6 @@ class _Iterate(NamedTuple):
     hessian: Array  # H (n, n), made definite
     room: Array  # (2 f + 2,) until each bound: ends of ranges, determinants over their sizes
     room_slopes: Array  # (2 f + 2, n)
-    signs: Array  # (2,) of the determinants at the start
     loops: LinearisedLoops  # T = 1
 
 
@@ -116,7 +115,7 @@ class PoseSearch:
         self._determinant_sizes = np.ones(2)
         reference = robot.reference
         J = self._equations(reference.q)[1]
-        room = self._evaluate(reference.q, J, reference.x, reference.x, None).room[-2:]
+        room = self._evaluate(reference.q, J, reference.x, reference.x).room[-2:]
         self._determinant_sizes = room + LEAST_DETERMINANTS  # at the reference
 
     def find(self, q: Array, x: Array, target: Array, *, better_than: float = np.inf) -> NearestPose:
@@ -125,7 +124,7 @@ class PoseSearch:
         Args:
             better_than: a distance, in the unit of `NearestPose`. A search without hope of less ends.
         """
-        iterate = self._evaluate(q, self._equations(q)[1], x, target, None)
+        iterate = self._evaluate(q, self._equations(q)[1], x, target)
         bound = 0.5 * (better_than / self._unit_length) ** 2
         damping = 0.0  # as by Levenberg and Marquardt
         for count in range(MAX_STEPS + 1):
@@ -204,8 +203,8 @@ class PoseSearch:
         sizes = largest_motion(self.robot, np.array([correction, step]))
         if not is_small(*sizes[:, None])[0]:
             return None
-        following = self._evaluate(*closed, iterate.x, target, iterate)
-        least_room = np.minimum(iterate.room[-2:], -0.5 * LEAST_DETERMINANTS)  # of steps on the start's side
+        following = self._evaluate(*closed, iterate.x, target)
+        least_room = np.minimum(iterate.room[-2:], -0.5 * LEAST_DETERMINANTS)
         if (following.room[-2:] < least_room).any():
             return None
         if not keeps_working_mode(self.robot, iterate.loops, following.loops)[0]:
@@ -246,20 +245,15 @@ class PoseSearch:
         jacobian = self._pose.jacobian.take(self._independent, axis=0).take(self.robot.moving, axis=1)
         return residual, jacobian * (self._lengths / self._row_sizes[:, None])
 
-    def _evaluate(self, q: Array, J: Array, near: Array, target: Array, before: _Iterate | None) -> _Iterate:
+    def _evaluate(self, q: Array, J: Array, near: Array, target: Array) -> _Iterate:
         """Compute the quadratic model at a pose q (nq,), whose loops have the derivatives J (m, f).
 
-        A stack has the pose and steps from it along Z.
-
-        Args:
-            near: platform coordinates (n,) that tell whole turns.
-            before: an iterate whose orientation Z takes, and whose signs the determinants are to keep.
+        A stack has the pose and steps from it along Z. `near` (n,) are platform coordinates that tell whole
+        turns.
         """
         robot, m = self.robot, len(J)
         Q, R = np.linalg.qr(J.T, mode="complete")
         Z = Q[:, m:]
-        if before is not None and np.linalg.det(before.basis.T @ Z) < 0.0:
-            Z[:, 0] *= -1.0
         steps = DIFFERENCE_STEP * np.vstack([np.zeros(len(Z)), Z.T]) * self._lengths
         linearised = linearised_at(robot, integrate_columns(robot, q, robot.moving, steps), None)
         x, X, loops = self._slopes(linearised, near)
@@ -269,8 +263,7 @@ class PoseSearch:
         curvature = (gradients[1:] - gradients[0]) @ Z / DIFFERENCE_STEP
         A = X[0] @ Z
         determinants = self._determinants(X, loops, Z) / self._determinant_sizes
-        signs = np.where(determinants[0] < 0.0, -1.0, 1.0) if before is None else before.signs
-        determinants *= signs
+        determinants *= np.where(determinants[0] < 0.0, -1.0, 1.0)  # signs change with the basis
         return _Iterate(
             q=q,
             x=x[0],
@@ -280,7 +273,6 @@ class PoseSearch:
             hessian=_definite(A.T @ A + 0.5 * (curvature + curvature.T)),
             room=np.append(self._range_room(q), determinants[0] - LEAST_DETERMINANTS),
             room_slopes=np.vstack([Z, -Z, (determinants[1:] - determinants[0]).T / DIFFERENCE_STEP]),
-            signs=signs,
             loops=linearised.select(slice(1)),
         )
 
