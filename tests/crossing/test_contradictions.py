@@ -42,6 +42,11 @@ TIGHT, LOOSE = 1.05, 1.5  # of limits over the least peak
 random_crossing = cache(draw_crossing)
 
 
+def with_cheapest(robots: range, cheapest: int) -> list:
+    """Return numbers of random robots as parameters, all but the cheapest for the slow tests."""
+    return [pytest.param(k, marks=() if k == cheapest else pytest.mark.slow) for k in robots]
+
+
 @cache
 def answer_of(one: RandomCrossing, asked: Asked) -> Answer:
     """The answer to a request, which several tests ask."""
@@ -146,20 +151,19 @@ def check_loads(one: RandomCrossing) -> None:
         assert middle <= NO_WORSE * 0.5 * (low + high), f"{one.name}, {asked}: {found}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("k", [15])
 def test_more_torque_or_time_is_no_worse_and_half_a_load_is_between(k):
     check_monotone(random_crossing(k))
     check_loads(random_crossing(k))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("k", SLOW[1::8])
+@pytest.mark.parametrize("k", with_cheapest(SLOW[1::8], 33))
 def test_more_torque_or_time_is_no_worse_for_five_robots(k):
     check_monotone(random_crossing(k))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("k", SLOW[2::8])
+@pytest.mark.parametrize("k", with_cheapest(SLOW[2::8], 18))
 def test_half_a_load_is_between_for_five_robots(k):
     check_loads(random_crossing(k))
 
@@ -269,14 +273,14 @@ def check_refusal(one: RandomCrossing) -> None:
         assert np.all(evidence.limits["torque_limit"] <= NO_WORSE * least.peak)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("k", [3])
 def test_limits_of_a_law_of_its_own_change_nothing_and_lower_ones_name_what_would_do(k):
     check_idempotence(random_crossing(k))
     check_refusal(random_crossing(k))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("k", SLOW[::8])
+@pytest.mark.parametrize("k", with_cheapest(SLOW[::8], 0))
 def test_limits_of_a_law_of_its_own_change_nothing_for_five_robots(k):
     check_idempotence(random_crossing(k))
     check_refusal(random_crossing(k))

@@ -37,7 +37,7 @@ def kept(plan, torque_limit=np.inf, speed_limit=np.inf):
     [
         pytest.param({"torque_limit": 0.03}, id="torque"),
         pytest.param({"speed_limit": 10.0}, id="speed", marks=pytest.mark.slow),
-        pytest.param({"torque_limit": 0.03, "speed_limit": 20.0}, id="both"),
+        pytest.param({"torque_limit": 0.03, "speed_limit": 20.0}, id="both", marks=pytest.mark.slow),
     ],
 )
 def test_a_limit_that_is_too_low_is_refused_with_one_that_would_do(limits):
