@@ -12,7 +12,7 @@ import robots
 from framework import Line, locate_singularities, plan_crossing, plan_scene
 from framework.cli import main
 from framework.cli.commands import COMMANDS
-from framework.crossing.path_modification import plan_request_with_modified_path
+from framework.crossing.path_modification import plan_request_with_modified_path, plan_with_modified_path
 from framework.crossing.scenes import scene_request
 from framework.errors import InvalidInput, NoAnswer, NoLaw, UnboundedTorque
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -160,13 +160,13 @@ def test_an_example_is_advised_where_it_runs_in_any_folder(capsys):
 
 @pytest.mark.slow
 def test_a_path_that_no_law_can_cross_is_to_be_bent():
-    """Which helps: `tests/crossing/test_path_modification.py` bends it."""
     robot = robots.load("five_bar")
     path, _ = bent(robot, 0.02)
     options = {"duration": 1.5, "law": "optimal", "torque_limit": 0.4}
     with pytest.raises(NoLaw) as caught:
         plan_crossing(robot, path, **options)
     assert caught.value.remedy == {"bend": True}
+    assert plan_with_modified_path(robot, path, **options).share > 0
 
 
 def test_an_end_on_the_locus_has_no_remedy():
@@ -205,12 +205,8 @@ def planned(robot: ParallelRobot, scene: str, options: dict) -> None:
         plan_scene(robot, scene, **options)
 
 
-# one of every kind: turning and sliding motors, in a plane, in space and on a sphere, one motor and too many
-KINDS = ("five_bar", "biglide", "slider_crank", "three_rpr", "delta", "agile_eye", "two_arms", "bricard")
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", robots.CATALOGUE)
 @pytest.mark.filterwarnings("ignore:invalid value encountered:RuntimeWarning")  # as on the command line
 def test_remedies_are_true_and_advise_no_law_that_was_tried(name):
     robot = robots.load(name)

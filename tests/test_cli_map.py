@@ -166,13 +166,13 @@ def test_processes_give_the_same_files_bit_by_bit(serial, tmp_path):
 
 
 def test_a_map_that_keeps_limits_says_beyond_which_range_a_pose_is(tmp_path, capsys):
-    command = ["map", "humanoid_ankle", "--keep-limits", "--size", "14", "--wrench", "35", "10"]
+    command = ["map", "humanoid_ankle", "--keep-limits", "--size", "20", "--wrench", "35", "10"]
     assert main([*command, "--out", str(tmp_path), "--json"]) == 0
     poses = json.loads(capsys.readouterr().out)["poses"]
     assert poses["reached"] > 0
     assert poses["beyond the range of ankle_roll"] > 0
     assert poses["beyond the torque limits at rest"] > 0
-    assert sum(poses.values()) == 14**2
+    assert sum(poses.values()) == 400
     assert "beyond the range of ankle_roll" in (tmp_path / "map.csv").read_text()
     with np.load(tmp_path / "map.npz") as arrays:
         assert list(arrays["reason_words"]) == list(poses)

@@ -24,11 +24,10 @@ def answer(capsys, *words):
 def test_plan_and_locate_count_the_wrench_that_is_typed(capsys):
     robot = robots.load("five_bar")
     plan = plan_scene(robot, "C", law="optimal", wrenches={"left_tip": [3.0, -4.0, 0, 0, 0, 0]})
-    words = ["--wrench", "3", "-4"]
-    document = answer(capsys, "plan", "five_bar", "--scene", "C", "--law", "optimal", *words)
-    assert document["peak_torque"] == pytest.approx(plan.peak_torque, rel=1e-9)
-    assert document["request"]["wrenches"] == plan.request.wrenches
-    for typed in (words, ["--wrench-on", "left_tip", "3", "-4", "0", "0", "0", "0"]):
+    for typed in (["--wrench", "3", "-4"], ["--wrench-on", "left_tip", "3", "-4", "0", "0", "0", "0"]):
+        document = answer(capsys, "plan", "five_bar", "--scene", "C", "--law", "optimal", *typed)
+        assert document["peak_torque"] == pytest.approx(plan.peak_torque, rel=1e-9)
+        assert document["request"]["wrenches"] == plan.request.wrenches
         place = answer(capsys, "locate", "five_bar", "--scene", "C", *typed)["singularities"][0]
         assert place["condition"]["gamma"] == pytest.approx(plan.crossings[0].condition.gamma, rel=1e-9)
 

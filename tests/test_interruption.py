@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 import weakref
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -106,16 +106,19 @@ def workers(group: int, count: int) -> list[int]:
 needs_proc = pytest.mark.skipif(not os.path.exists("/proc/self/stat"), reason="there is no /proc")
 
 
+def with_signals(cases: Iterable[object], at_once: Mapping[object, int]) -> list:
+    """Return each case with each signal as parameters, those not `at_once` for the slow tests."""
+    return [
+        pytest.param(case, number, marks=() if at_once.get(case) == number else pytest.mark.slow)
+        for case in cases
+        for number in SIGNALS
+    ]
+
+
 @needs_proc
 @pytest.mark.parametrize(
     ("command", "number"),
-    [
-        ("plan", signal.SIGTERM),
-        pytest.param("simulate", signal.SIGINT, marks=pytest.mark.slow),
-        pytest.param("show", signal.SIGTERM, marks=pytest.mark.slow),
-        pytest.param("robustness", signal.SIGINT, marks=pytest.mark.slow),
-        ("robustness with workers", signal.SIGINT),
-    ],
+    with_signals(COMMANDS, {"plan": signal.SIGTERM, "robustness with workers": signal.SIGINT}),
 )
 def test_a_command_that_is_told_to_end_ends(tmp_path, command, number):
     writes = command in ("plan", "robustness", "robustness with workers")
@@ -147,14 +150,7 @@ def hears(process: subprocess.Popen[str]) -> bool:
 @needs_proc
 @pytest.mark.parametrize(
     ("delay", "number"),
-    [
-        (0.0, signal.SIGINT),
-        (0.15, signal.SIGTERM),
-        *(
-            pytest.param(0.1 * k, number, marks=pytest.mark.slow)
-            for k, number in zip(range(3, 20, 2), 5 * list(SIGNALS), strict=False)
-        ),
-    ],
+    with_signals([0.0, 0.15, *(0.1 * k for k in range(3, 20))], {0.0: signal.SIGINT, 0.15: signal.SIGTERM}),
 )
 def test_from_its_first_import_on_a_command_ends_with_one_line(tmp_path, delay, number):
     """Half a second of imports, then a plan, then matplotlib's imports and figures."""

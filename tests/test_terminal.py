@@ -130,21 +130,26 @@ def test_colours_change_no_letter():
     assert "\x1b[33mwarning\x1b[0m" in lay_out(TEXT, 80, colour=True)
 
 
-def test_a_report_fits_the_terminal():
-    code, shown = in_terminal("plan", "five_bar", "--scene", "C", columns=80)
+@pytest.mark.parametrize("columns", [80, pytest.param(120, marks=pytest.mark.slow)])
+def test_a_report_fits_the_terminal(columns):
+    code, shown = in_terminal("plan", "five_bar", "--scene", "C", columns=columns)
     assert code == 0
-    assert max(map(len, STYLE.sub("", shown).splitlines())) <= 80
+    assert max(map(len, STYLE.sub("", shown).splitlines())) <= columns
 
 
-def test_a_complaint_fits_the_terminal():
-    code, shown = in_terminal("plan", "five_bar", "--scene", "nowhere", columns=60)
+@pytest.mark.parametrize("columns", [60, *(pytest.param(wide, marks=pytest.mark.slow) for wide in (80, 120))])
+def test_a_complaint_fits_the_terminal(columns):
+    code, shown = in_terminal("plan", "five_bar", "--scene", "nowhere", columns=columns)
     assert code == 2
     assert shown.startswith("\x1b[31;1mcrossing: \x1b[0m")
-    assert max(map(len, STYLE.sub("", shown).splitlines())) <= 60
+    assert max(map(len, STYLE.sub("", shown).splitlines())) <= columns
 
 
-def test_json_is_one_line_without_colours_in_a_terminal_too():
-    code, shown = in_terminal("robots", "--json", columns=80, FORCE_COLOR="1")
+@pytest.mark.parametrize(
+    "words", [["robots"], pytest.param(["plan", "five_bar", "--scene", "C"], marks=pytest.mark.slow)]
+)
+def test_json_is_one_line_without_colours_in_a_terminal_too(words):
+    code, shown = in_terminal(*words, "--json", columns=80, FORCE_COLOR="1")
     assert (code, shown.count("\n")) == (0, 1)
     assert "\x1b" not in shown
 

@@ -129,11 +129,11 @@ def test_a_pose_that_is_followed_from_the_reference_is_in_the_window_of_a_map(na
     robot = robots.load(name)
     found = survey_window(robot)
     axes, random = list(found.axes), np.random.default_rng(1)
-    for _ in range(4):
+    for _ in range(10):
         direction, ends = np.zeros(robot.n), [0.0, 2.0 * robot.length]
         direction[axes] = random.standard_normal(2)
         direction /= np.linalg.norm(direction)
-        for _ in range(7):
+        for _ in range(9):
             middle = float(np.mean(ends))
             try:
                 end = robot.reference.x + middle * direction

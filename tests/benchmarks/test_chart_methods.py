@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from mpmath import mpf
 
+from tests.benchmarks import rows_again
 from tests.benchmarks.chart import derivatives, growth, published, robot, stages, torque
 from tests.benchmarks.chart.measure import Row, measured
 from tests.benchmarks.chart.reading import WRONG
@@ -260,3 +261,14 @@ def test_variants_are_the_paper_robot_in_other_units():
     for name, cell in (("sizes", (1e-4, 1e2)), ("masses", (1e-3, 1e-6))):
         for method in ("planned", "pinocchio"):
             assert row(name, method, *cell).error < 1e-9, (name, method)
+
+
+# ------------------------------------------------------------------ rows made again by other code
+
+
+@pytest.mark.slow
+def test_six_rows_are_what_a_script_without_the_framework_finds():
+    for key, again in rows_again.rows().items():
+        stage, method, setting = key.split(":")
+        charted = row(stage, method, *map(float, setting.split(","))).error
+        assert again() == pytest.approx(charted, rel=1e-2, abs=1e-13), key

@@ -37,7 +37,7 @@ from tests.watchdog import bounded
 
 pytestmark = pytest.mark.slow
 
-MUTANTS = 24  # of each file
+MUTANTS = 45  # of each file
 PATHS = {"PYTHONPATH": os.pathsep.join(sys.path)}
 LONGEST = 20.0  # [s] of work that a mutant may take
 WELL_FORMED = 0.3  # least share of the files that parse
@@ -320,7 +320,7 @@ def test_mutants_of_command_lines(run, capfd, tmp_path, plans, monkeypatch):
     monkeypatch.setattr("webbrowser.open", lambda address: True)
     monkeypatch.setattr("framework.show.plots.save_figures", lambda plan, folder: [])
     outcome = Outcome()
-    for seed in range(7 * MUTANTS):
+    for seed in range(4 * MUTANTS):
         rng = random.Random(f"command line {seed}")
         (tmp_path / "plan").mkdir(exist_ok=True)
         (tmp_path / "plan" / "plan.json").write_text(plans["five_bar C"])
@@ -337,7 +337,7 @@ def test_mutants_in_processes_of_their_own(tmp_path):
         "yaml": source.read_text(encoding="utf-8"),
         "urdf": source.with_suffix(".urdf").read_text("utf-8"),
     }
-    for seed in range(6):
+    for seed in range(12):
         rng = random.Random(f"process {seed}")
         mutants = {"yaml": changed_yaml(texts["yaml"], rng), "urdf": texts["urdf"]}
         if seed % 2:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from framework.errors import InvalidInput, RobotFileError
+from framework.errors import RobotFileError
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.frames import FrameStack
 from framework.kinematics.mechanism import Mechanism
@@ -174,7 +174,7 @@ def test_a_distance_and_nothing_else_has_a_length(axes, length):
     ],
 )
 def test_unknown_kinds_and_axes_list_the_known_ones(kind, axis, words):
-    with pytest.raises(InvalidInput, match=words):
+    with pytest.raises(RobotFileError, match=words):
         locked(kind, axis)
 
 

@@ -1,7 +1,6 @@
 """Torques are those of the mechanism, not of how it is written: for every robot and flexibility.
 
-Generated: a robot added to the catalogue is tested here without a line written. Rigid robots in other sizes
-and places, and with swapped frames, are those of `tests/stability/test_scale_invariance.py`.
+Generated: a robot added to the catalogue is tested here without a line written.
 """
 
 from __future__ import annotations
@@ -14,52 +13,41 @@ import pytest
 import robots
 from framework import ParallelRobot
 from tests.robots.cut_elsewhere import cut_elsewhere, openings
-from tests.robots.every_robot import CASES, ELASTIC, RIGID, assert_same_torques, crossing, in_stages, planned
-from tests.robots.transformed import moved, scaled, with_other_frames
+from tests.robots.every_robot import CASES, RIGID, assert_same_torques, crossing, in_stages, planned
+from tests.robots.transformed import moved, scaled, swapped_frames, with_other_frames
 
 # Closures, by robot, in whose loop nothing else can be opened, and why. None today.
 ONLY_OPENING: dict[tuple[str, str], str] = {}
-# springs in the joints are some of those in the links
-WRITTEN = [case for case in CASES if case[1] != "flexible_joints" or case[0] == "five_bar"]
-# of equal legs two, on springs one
 LOOPS = [
     (name, flexibility, closure.name)
-    for name, flexibility in WRITTEN
-    for closure in RIGID[name].description.closures[: 2 if flexibility == "rigid" else 1]
+    for name, flexibility in CASES
+    for closure in RIGID[name].description.closures
 ]
-CHANGES = ("on other frames", "rotations x 1000", "lengths / 1000")
+CHANGES = ("on other frames", "rotations x 1000", "rotations / 1000", "lengths x 1000", "lengths / 1000")
 SCALED = [
     (name, flexibility, change)
-    for name, flexibility in WRITTEN
+    for name, flexibility in CASES
     for change in CHANGES
     if RIGID[name].rows.rotation.any() or not change.startswith("rotations")
 ]
 
 
-def five_bars(case: tuple[str, ...]) -> bool:
-    return "five_bar" in case[0]
-
-
-@pytest.fixture(params=in_stages(WRITTEN, at_once=five_bars), scope="module")
+@pytest.fixture(params=in_stages(CASES, at_once=lambda case: "five_bar" in case[0]), scope="module")
 def original(request) -> ParallelRobot:
     name, flexibility = request.param
     return robots.load(name, flexibility=flexibility)
 
 
-@pytest.fixture(params=in_stages([case for case in WRITTEN if case in ELASTIC], at_once=five_bars))
-def elastic(request) -> ParallelRobot:
-    name, flexibility = request.param
-    return robots.load(name, flexibility=flexibility)
-
-
-@pytest.mark.parametrize("change", ["duplicated", "reversed"])
+@pytest.mark.parametrize("change", ["duplicated", "reversed", "swapped frames"])
 def test_torques_do_not_depend_on_how_the_closures_are_written(original, change):
     description = original.description
     closures = description.closures
     if change == "duplicated":
         closures += tuple(replace(closure, name=f"{closure.name} again") for closure in closures)
-    else:
+    elif change == "reversed":
         closures = tuple(replace(c, axes=c.axes[::-1]) for c in closures[::-1])
+    else:
+        closures = swapped_frames(description).closures
     other = ParallelRobot.from_description(
         replace(description, closures=closures), flexibility=original.flexibility
     )
@@ -86,7 +74,7 @@ def test_torques_do_not_depend_on_the_scale_of_the_closure_rows(case):
         description = with_other_frames(original.description)
         other = ParallelRobot.from_description(description, flexibility=flexibility)
     elif change.startswith("rotations"):
-        factor = 1e3
+        factor = 1e3 if change.endswith("x 1000") else 1e-3
         weight = np.where(original.rows.rotation, factor, 1.0) * original.rows.weight
         rows = replace(original.rows, weight=weight)
         loops = rows.take(original.structure.independent)
@@ -96,7 +84,7 @@ def test_torques_do_not_depend_on_the_scale_of_the_closure_rows(case):
             original, rows=rows, equations=equations, structure=replace(original.structure, row_sizes=sizes)
         )
     else:
-        other = replace(original, length=1e-3 * original.length)
+        other = replace(original, length=(1e3 if change.endswith("x 1000") else 1e-3) * original.length)
     assert len(other.loops.names) == len(original.loops.names)
     assert_same_torques(crossing(original), crossing(other))
 
@@ -120,22 +108,24 @@ def test_torques_do_not_depend_on_where_a_loop_is_cut(case):
         )
 
 
-def test_torques_do_not_depend_on_where_an_elastic_robot_stands(elastic):
+def test_torques_do_not_depend_on_where_the_robot_stands(original):
     shifted = ParallelRobot.from_description(
-        moved(elastic.description, (3.0, -2.0, 1.0)), flexibility=elastic.flexibility
+        moved(original.description, (3.0, -2.0, 1.0)), flexibility=original.flexibility
     )
-    one, two = planned(elastic), planned(shifted)
+    one, two = planned(original), planned(shifted)
     t = np.linspace(0.0, one.duration, 201)
     peak = np.abs(one.torque(t)).max()
     # coordinates a few metres off carry ten times the rounding
     np.testing.assert_allclose(two.torque(t), one.torque(t), rtol=0, atol=1e-9 * peak)
 
 
-@pytest.mark.parametrize("size", [1e-3])
-def test_torques_of_an_elastic_robot_of_another_size_scale_with_its_square(elastic, size):
-    """A robot as small as one drawn in millimetres: no tolerance may know metres."""
-    other = ParallelRobot.from_description(scaled(elastic.description, size), flexibility=elastic.flexibility)
-    one, two = planned(elastic), planned(other)
+@pytest.mark.parametrize("size", [1e-3, 1e3])
+def test_torques_of_a_robot_of_another_size_scale_with_its_square(original, size):
+    """A robot drawn in millimetres, or as small as one drawn so: no tolerance may know metres."""
+    other = ParallelRobot.from_description(
+        scaled(original.description, size), flexibility=original.flexibility
+    )
+    one, two = planned(original), planned(other)
     t = np.linspace(0.0, one.duration, 201)
     peak = np.abs(one.torque(t)).max()
     np.testing.assert_allclose(two.torque(t) / size**2, one.torque(t), rtol=0, atol=1e-9 * peak)

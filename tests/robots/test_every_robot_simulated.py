@@ -33,11 +33,7 @@ def test_planned_torques_bring_a_rigid_robot_along_the_path(case):
     assert np.abs(off).max() < BACK  # measured: 7e-11 at most
 
 
-# springs in the joints are some of those in the links; equations of motion in test_every_robot_witnessed
-SIMULATED = [case for case in ELASTIC if case[1] != "flexible_joints" or case[0] == "five_bar"]
-
-
-@pytest.mark.parametrize("case", in_stages(SIMULATED, at_once=lambda case: False))
+@pytest.mark.parametrize("case", in_stages(ELASTIC, at_once=lambda case: False))
 def test_planned_torques_bring_an_elastic_robot_along_the_path(case):
     name, flexibility = case
     robot = robots.load(name, flexibility=flexibility)

@@ -24,9 +24,8 @@ VARIANTS = [
 TORQUE = 1e-13
 
 
-@pytest.mark.parametrize(
-    ("scene", "flexibility", "geometry"), [*(("C", *variant) for variant in VARIANTS), ("A", *VARIANTS[-1])]
-)
+@pytest.mark.parametrize("scene", ["A", "C"])
+@pytest.mark.parametrize(("flexibility", "geometry"), VARIANTS)
 def test_torques_and_deflections_agree_with_closed_forms(scene, flexibility, geometry):
     plan = plan_scene(robots.load("five_bar", flexibility=flexibility), scene, geometry=geometry)
     exact = oracle.solve(scene=scene, flexibility=flexibility, geometry=geometry)

@@ -217,21 +217,9 @@ def test_a_crossing_is_planned_alike(name, change):
     check_alike(name, change, a_crossing(name))
 
 
-# the outermost sizes, masses and times; what lies between them is in `small`, `large` and the specks
-BETWEEN = {"lengths x 0.0001", "lengths x 0.01", "masses x 0.0001", "masses x 10000", "times x 0.01"}
-BETWEEN |= {"times x 100", "a speck"}
-OUTERMOST = [change for change in ONE_BY_ONE if change not in BETWEEN]
-# each change on half of the robots by turns; several at once on all of them in the tests above
-BY_TURNS = [
-    (name, change)
-    for k, name in enumerate(robots.CATALOGUE)
-    for i, change in enumerate(OUTERMOST)
-    if (k + i) % 2 == 0
-]
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "change"), BY_TURNS)
+@pytest.mark.parametrize("change", ONE_BY_ONE)
+@pytest.mark.parametrize("name", robots.CATALOGUE)
 def test_all_scenes_are_planned_alike(name, change):
     check_alike(name, change, list(robot_of(name).description.scenes))
 

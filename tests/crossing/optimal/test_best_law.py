@@ -70,7 +70,7 @@ def test_the_quickest_law_is_within_a_percent_of_the_bound_of_all(quickest):
 LEAST_TIME, LEAST_PEAK = 0.73395, 0.039482  # [s] at PAPERS N m, [N m] in 1.5 s
 
 
-@pytest.mark.parametrize("smoothness", [2, 6])
+@pytest.mark.parametrize("smoothness", [2, 3, 4, 6])
 def test_smoothness_at_the_ends_costs_almost_nothing(robot, smoothness):
     quick = plan_crossing(robot, LINE, optimize="time", torque_limit=PAPERS, smoothness=smoothness)
     assert LEAST_TIME < quick.duration < 1.015 * LEAST_TIME
@@ -268,7 +268,7 @@ def test_a_robot_under_gravity_crosses_where_no_polynomial_advances():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("k", range(1, 12, 2))
+@pytest.mark.parametrize("k", range(1, 12))
 def test_random_lines_under_gravity(k):
     check_under_gravity(*random_motions(12, seed=11)[k])
 
@@ -294,19 +294,16 @@ def test_a_path_that_ends_just_short_of_a_singular_point_takes_a_hundredth_of_th
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("flexibility", "limit", "bounds"),
-    [("flexible_joints", 5.0, (None,)), ("flexible_links", 2.0, (None, 0.3, 1.0))],
-)
+@pytest.mark.parametrize(("flexibility", "limit"), [("flexible_joints", 5.0), ("flexible_links", 2.0)])
 def test_the_quickest_law_of_an_elastic_robot_is_nearly_that_of_the_rigid_one_whatever_longest(
-    flexibility, limit, bounds
+    flexibility, limit
 ):
     path = scene_path(robots.load("five_bar").description.scenes["C"])
     rigid = plan_crossing(
         robots.load("five_bar"), path, optimize="time", torque_limit=limit, smoothness=HIGHEST_SMOOTHNESS
     )
     elastic = robots.load("five_bar", flexibility=flexibility)
-    for longest in bounds:
+    for longest in (None, 0.3, 1.0):
         plan = plan_crossing(elastic, path, optimize="time", torque_limit=limit, longest=longest)
         # springs of the catalogue are stiff: their motion asks for some percent of time
         assert rigid.duration < plan.duration < 1.05 * rigid.duration

@@ -8,15 +8,21 @@ import pytest
 import robots
 from framework import Type2Singularity, assemble, forward_kinematics, plan_scene
 from framework.errors import InvalidInput, NotAssembled
+from framework.kinematics.closures import loop_equations
 from framework.kinematics.continuation.pose_stack import (
     follow_motors,
     forward_kinematics_stack,
 )
+from framework.kinematics.frames import frames_at
+from framework.kinematics.inverse_kinematics import close_each
+from framework.kinematics.linearised_loops import linearised_at
+from framework.kinematics.loop_matrices import type1_matrix
 from tests.kinematics.continuation.small_steps import are_same, turn
 from tests.oracles.closure_rows import closure_errors
 from tests.oracles.forward_simulation import kinematics
 
 STEPS = 64  # a 64th as long beside a singularity
+ASIDE = 1e-3  # [rad, robot lengths] from a pose, where the inverse kinematics begins
 SLOW = ("delta", "orthoglide", "humanoid_ankle", "four_bar", "agile_eye")
 
 
@@ -47,6 +53,22 @@ def test_a_stack_says_what_each_says_alone(name):
         assert stack.residual[k] < 1e-12 * max(robot.length, 1.0)
 
 
+def error_against_inverse_kinematics(robot, q, x, rng):
+    """Return the largest distance of q (T, nq) to where Newton closes x (T, n), times its condition.
+
+    Where a leg is nearly stretched the next working mode is as near as the least singular value is small.
+    """
+    legs = np.linalg.svd(type1_matrix(robot, linearised_at(robot, q, x)), compute_uv=False)[:, -1]
+    aside = np.minimum(ASIDE, 0.1 * legs)[:, None] * rng.uniform(-1, 1, q.shape) * robot.column_scale
+    again = close_each(robot, x, q + aside)
+    lengths = np.where(robot.loops.rotation, 1.0, robot.length)[:, None]
+    loops = loop_equations(robot.loops, frames_at(robot, q)).jacobian / lengths * robot.column_scale
+    passive = np.linalg.svd(loops[:, :, robot.following], compute_uv=False).min(axis=1)
+    apart = np.abs((again.q - q) / robot.column_scale).max(axis=1) * np.minimum(passive, legs)
+    assert again.closed.any()
+    return apart[again.closed].max()
+
+
 @pytest.mark.parametrize(
     ("name", "poses"),
     [("five_bar", 40), *(pytest.param(name, 100, marks=pytest.mark.slow) for name in SLOW)],
@@ -68,6 +90,7 @@ def test_random_poses_a_tenth_away_are_found_on_their_branch(name, poses):
         kinematics(robot.model, data, one, np.zeros(robot.model.nv))
         gaps = closure_errors(robot.model, data, robot.description.closures)
         assert np.abs(gaps).max() < 1e-14 * max(robot.length, 1.0)
+    assert error_against_inverse_kinematics(robot, q, stack.x[arrived], rng) < 1e-12
     off = ~are_same(robot, turn(robot, turns[arrived], STEPS), q)
     assert are_same(robot, turn(robot, turns[arrived][off], 64 * STEPS), q[off]).all()
 
