@@ -11,6 +11,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import MISSING, fields
 from difflib import get_close_matches
 from functools import partial
+from numbers import Real
 from typing import Any, NamedTuple, TypeVar
 
 from framework.errors import InvalidInput, RobotFileError, check_name, choose_from, short
@@ -221,7 +222,7 @@ def whole(where: str, given: Any) -> int:
 def number(where: str, given: Any) -> float:
     """Read a finite number of at most LARGEST_NUMBER; a text, too: YAML 1.1 reads 1e5 as one."""
     try:
-        if isinstance(given, bool) or not isinstance(given, int | float | str):
+        if isinstance(given, bool) or not isinstance(given, Real | str):
             raise ValueError
         value = float(given)
     except ValueError:

@@ -51,9 +51,9 @@ def parse_xml(text: str) -> ElementTree.Element:
     text = text.lstrip(LEADING_BLANKS)
     try:
         return _build_tree(text)
+    except RobotFileError:
+        raise
     except (ElementTree.ParseError, ValueError) as error:
-        if isinstance(error, RobotFileError):
-            raise
         try:
             return _build_tree(_mend(text))
         except (ElementTree.ParseError, ValueError):

@@ -345,8 +345,7 @@ def declared_couplings(root: ElementTree.Element, locked: Iterable[str] = ()) ->
     Raises:
         RobotFileError: no such joint, or a number is none.
     """
-    kinds = {joint.get("name", ""): joint.get("type", "") for joint in root.findall("joint")}
-    movable = [name for name, kind in kinds.items() if kind in MOVING]
+    movable = [joint.get("name", "") for joint in root.findall("joint") if joint.get("type") in MOVING]
     followed = [*movable, *locked]
     couplings = []
     for joint in root.findall("joint"):
