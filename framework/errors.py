@@ -9,6 +9,7 @@ Two families, told apart because the reader acts differently on them:
 
 from __future__ import annotations
 
+import copyreg
 import reprlib
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
@@ -36,16 +37,8 @@ class FrameworkError(Exception):
         return self
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _restore_error, (type(self), self.args, self.__dict__)
-
-
-def _restore_error(
-    kind: type[FrameworkError], args: tuple[Any, ...], state: dict[str, Any]
-) -> FrameworkError:
-    """Make an error of its kind, arguments and attributes."""
-    error = kind.__new__(kind, *args)
-    error.__dict__.update(state)
-    return error
+        make = copyreg.__newobj__  # type: ignore[attr-defined]  # its stub leaves it out
+        return make, (type(self), *self.args), self.__dict__
 
 
 # ------------------------------------------------------------------ what was given cannot be right
@@ -118,9 +111,13 @@ def round_up(value: float, digits: int) -> float:
 def choose_from(what: str, given: object, valid: Iterable[str]) -> str:
     """Return the sentence for a name that is not in a list: the given, the nearest and the valid names."""
     names = sorted(valid)
-    listed = ", ".join(names[:_LISTED]) if names else "none"
-    rest = f", and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
-    return f"unknown {what} {_CUT.repr(given)}{did_you_mean(given, names)} (valid: {listed}{rest})"
+    return f"unknown {what} {_CUT.repr(given)}{did_you_mean(given, names)} (valid: {list_names(names)})"
+
+
+def list_names(names: Sequence[str]) -> str:
+    """List at most `_LISTED` names for a message, and count the rest."""
+    listed = ", ".join(names[:_LISTED]) or "none"
+    return listed + (f", and {len(names) - _LISTED} more" if len(names) > _LISTED else "")
 
 
 def check_choice(what: str, given: object, valid: Collection[str]) -> None:
@@ -151,7 +148,7 @@ def check_unique(where: str, names: Sequence[str]) -> None:
 _CUT = reprlib.Repr()  # cuts long values
 _CUT.maxstring = _CUT.maxother = 200
 _SUGGESTED = 3  # names
-_LISTED = 40  # valid names that a sentence lists
+_LISTED = 40  # names that a sentence lists
 _COMPARED = 1_000_000  # letters of the given name times those of the valid ones: 0.1 s
 
 

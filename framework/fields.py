@@ -11,9 +11,10 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import MISSING, fields
 from difflib import get_close_matches
 from functools import partial
+from numbers import Real
 from typing import Any, NamedTuple, TypeVar
 
-from framework.errors import InvalidInput, check_name, choose_from, short
+from framework.errors import InvalidInput, RobotFileError, check_name, choose_from, short
 
 LARGEST_NUMBER = 1e30  # of any quantity in SI units: powers of others overflow
 T = TypeVar("T")
@@ -138,11 +139,11 @@ def distinct(what: str, valid: Collection[str]) -> Reader[tuple[str, ...]]:
 
 
 def check_distinct(where: str, what: str, names: Sequence[str], valid: Collection[str]) -> None:
-    """Refuse unknown and repeated names, and an empty list."""
+    """Raise RobotFileError for unknown and repeated names, and for an empty list."""
     for name in names:
         check_name(where, what, name, valid)
     if not names or len(set(names)) < len(names):
-        raise InvalidInput(f"{where}: needs at least one {what}, and each once, got {list(names)}")
+        raise RobotFileError(f"{where}: needs at least one {what}, and each once, got {list(names)}")
 
 
 def entries(read: Reader[T]) -> Reader[tuple[T, ...]]:
@@ -221,7 +222,7 @@ def whole(where: str, given: Any) -> int:
 def number(where: str, given: Any) -> float:
     """Read a finite number of at most LARGEST_NUMBER; a text, too: YAML 1.1 reads 1e5 as one."""
     try:
-        if isinstance(given, bool) or not isinstance(given, int | float | str):
+        if isinstance(given, bool) or not isinstance(given, Real | str):
             raise ValueError
         value = float(given)
     except ValueError:

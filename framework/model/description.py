@@ -37,10 +37,10 @@ def locked_axes(kind: str, axis: str = "z") -> tuple[str, ...]:
     `axis` in {x, y, z} is the axis of the joint; the kinds are tabled for z and turned cyclically.
 
     Raises:
-        InvalidInput: unknown kind or axis.
+        RobotFileError: unknown kind or axis.
     """
-    check_choice("closure kind", kind, _LOCKED)
-    check_choice("closure axis", axis, tuple("xyz"))
+    check_name("kind", "closure kind", kind, _LOCKED)
+    check_name("axis", "closure axis", axis, tuple("xyz"))
     turn = {"x": "yzx", "y": "zxy", "z": "xyz"}[axis]  # where x, y, z go when z goes to `axis`
     axes = {name[:-1] + turn["xyz".index(name[-1])] for name in _LOCKED[kind] if name in AXES}
     with_length = (name for name in _LOCKED[kind] if name not in AXES)

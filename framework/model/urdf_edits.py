@@ -85,11 +85,10 @@ def lock_joints(root: ElementTree.Element, locked: Mapping[str, float]) -> None:
     Raises:
         RobotFileError: a name is not that of a revolute, continuous or prismatic joint.
     """
-    joints = read_tree(root).joints
-    movable = [name for name, joint in joints.items() if joint.kind in MOVING]
+    tree = read_tree(root)
     for name, value in locked.items():
-        check_name(f"locked.{name}", "joint", name, movable)
-        fix_joint(joints[name], value)
+        check_name(f"locked.{name}", "joint", name, tree.movable)
+        fix_joint(tree.joints[name], value)
 
 
 def fix_joint(joint: Joint, *values: float) -> None:
@@ -115,9 +114,7 @@ def free_root(root: ElementTree.Element) -> None:
     Three slides along the base axes, then turns about z, y and x: singular only when the root pitches by
     90 degrees.
     """
-    children = {child.get("link") for child in root.iter("child")}
-    links = [link.get("name", "") for link in root.findall("link")]
-    (old,) = (link for link in links if link not in children)
+    tree = read_tree(root)
     motions = [
         ChainJoint(
             name,
@@ -128,7 +125,7 @@ def free_root(root: ElementTree.Element) -> None:
         for name in ROOT_JOINTS
     ]
     ElementTree.SubElement(root, "link", name=GROUND)
-    root.extend(chain_elements(GROUND, motions, old, np.eye(4), set(links)))
+    root.extend(chain_elements(GROUND, motions, tree.base, np.eye(4), set(tree.links)))
     for limit in root.findall("joint/limit")[-len(motions) :]:
         limit.set("effort", "0")  # nothing drives them
 

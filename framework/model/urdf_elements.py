@@ -205,9 +205,10 @@ def _base(links: list[str], joints: Mapping[str, Joint]) -> str:
         depth, below = 0, link
         while below in parents:
             depth, below = depth + 1, parents[below]
-            if depth > MAX_TREE_DEPTH:
-                where = f"link {link!r} hangs in a circle of joints"
-                raise RobotFileError(f"{where}, or behind more than {MAX_TREE_DEPTH} joints in a row")
+            if depth > len(parents):
+                raise RobotFileError(f"link {link!r} hangs in a circle of joints without a root")
+        if depth > MAX_TREE_DEPTH:
+            raise RobotFileError(f"<robot>: more than {MAX_TREE_DEPTH} joints in a row")
     return roots[0]
 
 
@@ -344,8 +345,7 @@ def declared_couplings(root: ElementTree.Element, locked: Iterable[str] = ()) ->
     Raises:
         RobotFileError: no such joint, or a number is none.
     """
-    kinds = {joint.get("name", ""): joint.get("type", "") for joint in root.findall("joint")}
-    movable = [name for name, kind in kinds.items() if kind in MOVING]
+    movable = [joint.get("name", "") for joint in root.findall("joint") if joint.get("type") in MOVING]
     followed = [*movable, *locked]
     couplings = []
     for joint in root.findall("joint"):

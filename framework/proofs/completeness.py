@@ -33,6 +33,12 @@ class KnownSolutions(NamedTuple):
     radii: Array  # (k,)
     period: Array  # (n,) of the coordinates, inf for those on a line
 
+    @staticmethod
+    def of(equations: Equations, points: Array, period: Array) -> KnownSolutions:
+        """Return points (k, n) with the radii in which each is the only solution."""
+        radii = np.array([unique_radius(equations, point) for point in points])
+        return KnownSolutions(points, radii, period)
+
     def contain(self, boxes: Boxes) -> BoolArray:
         """Whether each of B boxes lies within the region of one solution, (B,), angles up to whole turns."""
         offset = np.mod(np.abs(boxes.middle[:, None] - self.points), self.period)  # (B, k, n)

@@ -28,7 +28,7 @@ from framework.kinematics.loop_matrices import equation_sizes
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.linalg.ordered_sums import cross
 from framework.proofs.equation_terms import BASE, Chain, EquationTerms, Term, moving_balls, stretched_length
-from framework.proofs.rounding import ROUND_UP
+from framework.proofs.rounding import ROUND_UP, times
 from framework.tolerances import FRAME_ROUNDING
 
 
@@ -70,16 +70,13 @@ class DerivativeBounds:
             InvalidInput: a ball joint moves: its coordinates do not turn about axes one after the other; or
                 joints are coupled.
         """
+        excluded = [f"the ball joint {name}" for name in moving_balls(robot)]
         if robot.rows.has_couplings:
+            excluded.append("couplings of joints")
+        if excluded:
             raise InvalidInput(
-                f"{robot.name}: bounds over boxes of joints are for loops of frames, not for "
-                f"couplings of joints"
-            )
-        balls = moving_balls(robot)
-        if balls:
-            raise InvalidInput(
-                f"{robot.name}: bounds over boxes of joints are for hinges and slides, not for "
-                f"the ball joint {balls[0]}"
+                f"{robot.name}: bounds over boxes of joints are for loops of hinges and slides, not for "
+                f"{excluded[0]}"
             )
         slid = max(reach, 1.0) * np.count_nonzero(robot.sliding[robot.moving])
         size = stretched_length(robot, robot.reference.q) + 1.0 + float(slid)
@@ -192,7 +189,8 @@ def _differentiate_chain(chain: Chain, frames: FrameStack) -> _ChainDerivatives:
 
 def _turn_again(chain: Chain, turning: Array, first: Array) -> Array:
     """Compute w_i x first_j (S, L, L, 3), with i the inner and j the outer one of two joints."""
-    return cross(turning[:, chain.inner], first[:, chain.outer])
+    inner, outer = chain.joint_tuples(2)
+    return cross(turning[:, inner], first[:, outer])
 
 
 def _vector_of(term: Term, chain: Chain, derivatives: _ChainDerivatives, frames: FrameStack) -> _ChainVector:
@@ -228,13 +226,14 @@ def _differentiate_term(
         axis = np.broadcast_to(np.eye(3)[term.axis], vector.shape)
     else:
         axis = frames.rotation[:, chain.first, :, term.axis]
-    value = np.einsum("sc,sc->s", axis, vector)
+    value = term.factor * np.einsum("sc,sc->s", axis, vector)
     slopes = np.einsum("sc,sjc->sj", axis, first)
     bends = np.einsum("sc,sijc->sij", axis, second)
+    factor = term.factor
     if is_square:
+        factor *= 2.0
         bends = bends + np.einsum("sic,sjc->sij", first, first)
-        return term.factor * value, 2.0 * term.factor * slopes, 2.0 * term.factor * bends
-    return term.factor * value, term.factor * slopes, term.factor * bends
+    return value, factor * slopes, factor * bends
 
 
 def _widen_levers(chain: Chain, lever: Array, radii: Array) -> Array:
@@ -250,25 +249,22 @@ def _widen_levers(chain: Chain, lever: Array, radii: Array) -> Array:
 def _bound_thirds(term: Term, chain: Chain, derivatives: _ChainDerivatives, radii: Array) -> Array:
     """Bound the third derivatives of a term, times the radii (S, L) of the third joint, (S, L, L).
 
-    |d3p| of three joints is at most the lever of the outermost one if the two others turn, else 0; it is 0
-    too where the outermost is a slide that occurs twice. A direction has a lever of 1. For a square p . p
-    the product rule gives 2 (u_i . d2p_jk + u_j . d2p_ik + u_k . d2p_ij + p . d3p_ijk).
+    |d2p| and |d3p| are at most the lever of the outermost joint if all others turn, else 0. A direction is a
+    point whose levers are 1, of slides 0. For a square p . p the product rule gives
+    2 (u_i . d2p_jk + u_j . d2p_ik + u_k . d2p_ij + p . d3p_ijk).
     """
-    turns, factor = chain.turns, abs(term.factor)
-    each = np.arange(len(turns))
-    triples = np.stack(np.meshgrid(each, each, each, indexing="ij"))  # (3, L, L, L)
-    inner, middle, outer = np.sort(triples, axis=0)
+    turns = chain.turns
     if term.kind in ("direction", "turn"):
-        return factor * np.einsum("ijk,sk->sij", turns[triples].all(axis=0).astype(float), radii)
-    lever = _widen_levers(chain, derivatives.lever, radii)  # (S, L)
-    bends = turns[inner] & turns[middle] & (turns[outer] | (outer != middle))
-    thirds = lever[:, outer] * bends  # (S, L, L, L) of p
+        lever = turns[None].astype(float)
+    else:
+        lever = _widen_levers(chain, derivatives.lever, radii)  # (S, L)
+    inner, middle, outer = chain.joint_tuples(3)  # (L, L, L)
+    thirds = np.einsum("sijk,sk->sij", lever[:, outer] * (turns[inner] & turns[middle]), radii)
     if term.kind == "square":
-        seconds = lever[:, chain.outer] * (
-            turns[chain.inner] & (turns[chain.outer] | ~np.eye(len(turns), dtype=bool))
-        )
-        mixed = lever[:, :, None, None] * seconds[:, None]  # (S, L, L, L) |u_i| |d2p_jk|
-        mixed = mixed + mixed.transpose(0, 2, 1, 3) + mixed.transpose(0, 2, 3, 1)
-        distance = np.linalg.norm(derivatives.point.value, axis=1) + np.sum(lever * radii, axis=1)
-        thirds, factor = mixed + distance[:, None, None, None] * thirds, 2.0 * factor
-    return factor * np.einsum("sijk,sk->sij", thirds, radii)
+        inner, outer = chain.joint_tuples(2)
+        seconds = lever[:, outer] * turns[inner]  # (S, L, L)
+        mixed = lever[:, :, None] * times(seconds, radii)[:, None]  # |u_i| |d2p_jk| r_k
+        travel = np.sum(lever * radii, axis=1)[:, None, None]
+        distance = np.linalg.norm(derivatives.point.value, axis=1)[:, None, None] + travel
+        thirds = 2.0 * (mixed + mixed.swapaxes(1, 2) + travel * seconds + distance * thirds)
+    return abs(term.factor) * thirds

@@ -51,15 +51,9 @@ class Chain(NamedTuple):
     signs: Array  # (L,) -1 where the joint carries the first frame
     turns: BoolArray  # (L,)
 
-    @property
-    def outer(self) -> IntArray:
-        """(L, L) the later one of two joints."""
-        return np.maximum(*np.indices(2 * self.places.shape))
-
-    @property
-    def inner(self) -> IntArray:
-        """(L, L) the earlier one of two joints."""
-        return np.minimum(*np.indices(2 * self.places.shape))
+    def joint_tuples(self, count: int) -> IntArray:
+        """Return all tuples of so many joints (count, L, .., L), the inner ones first."""
+        return np.sort(np.indices(count * self.places.shape), axis=0)
 
 
 class Term(NamedTuple):
@@ -125,16 +119,12 @@ class EquationTerms:
         if (first, second) in ends:
             return ends.index((first, second))
         robot, moving = self.robot, self.robot.moving.tolist()
-        columns, signs = [], []
-        for joint, sign in joints_between(robot, first, second):
-            column = int(robot.model.joints[joint].idx_v)
-            if column in moving:
-                columns.append(column)
-                signs.append(sign)
-        places = np.array([moving.index(column) for column in columns], dtype=np.intp)
-        chain_columns = np.array(columns, dtype=np.intp)
-        turns = ~robot.sliding[chain_columns]
-        self.chains.append(Chain(first, second, places, chain_columns, np.array(signs, dtype=float), turns))
+        carrying = joints_between(robot, first, second)
+        sign_of = {int(robot.model.joints[joint].idx_v): sign for joint, sign in carrying}  # by column
+        columns = np.array([column for column in sign_of if column in moving], dtype=np.intp)
+        places = np.array(list(map(moving.index, columns)), dtype=np.intp)
+        signs = np.array(list(map(sign_of.__getitem__, columns)))
+        self.chains.append(Chain(first, second, places, columns, signs, ~robot.sliding[columns]))
         return len(self.chains) - 1
 
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from framework.arrays import Array, BoolArray
 from framework.linalg.ordered_sums import solve_or_fit
-from framework.proofs.study_quadric import ComplexArray, QuadricFamily, is_first
+from framework.proofs.study_quadric import ComplexArray, QuadricFamily, complex_normal, is_first
 from framework.tolerances import ENDGAME_MIN_EXPONENT, NEWTON_STEP
 
 MIN_INFINITE_SIZE = 1e3  # [robot lengths] of a path on its way to infinity; no leg is that long
@@ -94,7 +94,7 @@ def track_paths(
     A step whose correction is small is taken, and after some good ones the next is twice as long; else it is
     halved. A path is lost where steps become too short or z too large for the chart.
     """
-    chart = rng.standard_normal(family.size) + 1j * rng.standard_normal(family.size)
+    chart = complex_normal(rng, family.size)
     homotopy = _LinearHomotopy(family.quadrics(start), family.quadrics(end) - family.quadrics(start), chart)
     z = z / (z @ chart)[:, None]
     t, step, good_steps = np.zeros(len(z)), np.full(len(z), FIRST_STEP), np.zeros(len(z), dtype=int)

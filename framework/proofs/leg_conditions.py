@@ -93,17 +93,18 @@ def _group(robot: ParallelRobot) -> Displacements | None:
 def _chains(robot: ParallelRobot) -> Iterator[list[_Edge]]:
     """Return all chains from the base to the platform's body that pass no body twice."""
     model = robot.model
-    connections: list[tuple[int, int, int, Closure | None]] = [  # first body, second body, joint, closure
-        (int(model.parents[joint]), joint, joint, None) for joint in range(1, model.njoints)
-    ]
-    for closure in robot.description.closures:
-        first, second = (int(model.frames[model.getFrameId(name)].parentJoint) for name in closure.frames)
-        connections.append((first, second, 0, closure))
     edges: list[list[_Edge]] = [[] for _ in range(model.njoints)]  # from each body
-    for first, second, joint, between in connections:
-        edges[first].append(_Edge(second, joint, between, True))
-        edges[second].append(_Edge(first, joint, between, False))
-    platform = int(model.frames[robot.frames[0]].parentJoint)
+
+    def connect(first: int, second: int, joint: int, closure: Closure | None) -> None:
+        edges[first].append(_Edge(second, joint, closure, True))
+        edges[second].append(_Edge(first, joint, closure, False))
+
+    for joint in range(1, model.njoints):
+        connect(model.parents[joint], joint, joint, None)
+    for closure in robot.description.closures:
+        first, second = (model.frames[model.getFrameId(name)].parentJoint for name in closure.frames)
+        connect(first, second, 0, closure)
+    platform = model.frames[robot.frames[0]].parentJoint
 
     def continue_chain(body: int, passed: frozenset[int]) -> Iterator[list[_Edge]]:
         """Return all continuations from a body to the platform that pass no body twice."""
@@ -173,7 +174,8 @@ class _Sampler(NamedTuple):
         None if its motions are no group: with two free turns, or several distances.
         """
         model = self.robot.model
-        frame_a, frame_b = (model.frames[model.getFrameId(name)] for name in closure.frames)
+        ends = [model.getFrameId(name) for name in closure.frames]
+        frame_a, frame_b = (model.frames[k] for k in ends)
         free_turns = [axis for axis in ("rx", "ry", "rz") if axis not in closure.axes]
         distances = [ROW_KINDS[axis] for axis in closure.axes if axis in ROW_KINDS]
         if len(free_turns) == 2 or len(distances) > 1:
@@ -181,7 +183,7 @@ class _Sampler(NamedTuple):
         offset = rng.uniform(-1, 1, 3) * self.robot.length
         offset[[k for k, axis in enumerate("xyz") if axis in closure.axes]] = 0.0
         if len(free_turns) == 3 and self.normal is not None:
-            R_a, R_b = (self.data.oMf[model.getFrameId(name)].rotation for name in closure.frames)
+            R_a, R_b = (self.data.oMf[k].rotation for k in ends)
             normal = R_a.T @ self.normal  # in the first frame
             if distances:
                 offset -= normal * (normal @ offset)

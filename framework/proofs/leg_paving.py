@@ -26,7 +26,7 @@ from framework.kinematics.platform import FramePlatform, JointPlatform
 from framework.kinematics.tree_model import single_columns
 from framework.linalg.ordered_sums import cross
 from framework.proofs.branch_and_bound import Boxes
-from framework.proofs.completeness import KnownSolutions, has_no_others, unique_radius
+from framework.proofs.completeness import KnownSolutions, has_no_others
 from framework.proofs.equation_terms import BASE, joints_between
 from framework.proofs.interval_newton import LinearEnclosure
 from framework.proofs.rounding import REACH_MARGIN
@@ -62,8 +62,7 @@ def leg_solutions_complete(
         return False
     points = near[np.abs(values).max(axis=1) < LOOP_GAP]
     period = np.where(slides, np.inf, 2 * np.pi)
-    radii = np.array([unique_radius(equations, point) for point in points])
-    return has_no_others(equations, region, KnownSolutions(points, radii, period))
+    return has_no_others(equations, region, KnownSolutions.of(equations, points, period))
 
 
 def _region(equations: LegEquations) -> Boxes | None:
@@ -232,7 +231,7 @@ class LegEquations:
                 translations = len(self.loops) + np.arange(len(robot.platform.sliding))
             change = np.sum(slopes[:, translations, slide] ** 2, axis=1)
             if np.all(change > 1 - SLIDE_SLOPE_ROUNDING):
-                bounds.append((chain.length + chain.slides @ other_slides + ends) / robot.length)
+                bounds.append((chain.length @ np.insert(other_slides, 0, 1.0) + ends) / robot.length)
         return REACH_MARGIN * min(bounds) if bounds else None
 
 
@@ -249,38 +248,37 @@ class ChainBounds(NamedTuple):
 
 
 class LeverChain(NamedTuple):
-    """The joints from a point to the frame of its observer, with their levers."""
+    """The joints from a point to the frame of its observer, with their levers.
+
+    Lengths [m] are rows (1 + nv,): all links stretched out, then 1 for each slide that adds to them.
+    """
 
     robot_length: float  # [m]
     turning: BoolArray  # (n,) the leg's joints that are hinges of the chain
     sliding: BoolArray  # (n,)
-    levers: Array  # (n,) [m] from the joint to the point, slides at rest
-    between: Array  # (n, nv) slides on that way
-    length: float  # [m] of the chain, slides at rest
-    slides: Array  # (nv,) of the chain
+    levers: Array  # (n, 1 + nv) from the joint to the point
+    length: Array  # (1 + nv,) of the chain
 
     @staticmethod
     def of(robot: ParallelRobot, columns: IntArray, first: int, second: int) -> LeverChain:
         """Walk from the origin of the second frame to the first, or to BASE, and add up the links."""
         model = robot.model
-        levers, between = np.zeros(len(columns)), np.zeros((len(columns), model.nv))
-        inside, slides = np.zeros(len(columns), dtype=bool), np.zeros(model.nv)
-        length = _offset_on_body(robot, second)
+        inside, length = np.zeros(len(columns), dtype=bool), np.zeros(1 + model.nv)
+        levers = np.zeros((len(columns), 1 + model.nv))
+        length[0] = _offset_on_body(robot, second)
         for number, sign in reversed(joints_between(robot, first, second)):
-            joint, link = model.joints[number], _length(model.jointPlacements[number])
-            own, span = columns == joint.idx_v, slice(joint.idx_v, joint.idx_v + joint.nv)
+            joint = model.joints[number]
+            own, span = columns == joint.idx_v, joint.idx_v + np.arange(joint.nv)
             inside |= own
-            is_before_link = sign > 0.0
-            if is_before_link:
-                levers[own], between[own] = length, slides
-            length += link
-            slides[span] = robot.sliding[span]
-            if not is_before_link:
-                levers[own], between[own] = length, slides
+            longer = length.copy()
+            longer[0] += _length(model.jointPlacements[number])
+            longer[1 + span] = robot.sliding[span]
+            levers[own] = length if sign > 0.0 else longer
+            length = longer
         if first != BASE:
-            length += _offset_on_body(robot, first)
+            length[0] += _offset_on_body(robot, first)
         slide = robot.sliding[columns]
-        return LeverChain(robot.length, inside & ~slide, inside & slide, levers, between, length, slides)
+        return LeverChain(robot.length, inside & ~slide, inside & slide, levers, length)
 
     def hessian_bounds(self, radii: Array, slid: Array) -> ChainBounds:
         """Bound second-order terms in boxes of radii (B, n), slides out by at most `slid` (B, nv) [m].
@@ -289,11 +287,11 @@ class LeverChain(NamedTuple):
         hinge and a slide 1; of a direction along two hinges 1. A point moves by at most `travel`, and half
         its squared distance has the derivatives p . d2p + u_i . u_j.
         """
-        levers = (self.levers + slid @ self.between.T) / self.robot_length  # (B, n)
-        length = (self.length + slid @ self.slides) / self.robot_length  # (B,)
+        shares = np.insert(slid, 0, 1.0, axis=1) / self.robot_length  # (B, 1 + nv)
+        levers, length = shares @ self.levers.T, shares @ self.length  # (B, n), (B,)
         turns = radii * self.turning  # (B, n)
-        slide = (radii * self.sliding).sum(axis=1)
-        turn = turns.sum(axis=1)
+        slide = radii @ self.sliding
+        turn = radii @ self.turning
         lesser = np.minimum(levers[:, :, None], levers[:, None])  # (B, n, n) lever of two hinges
         position = 0.5 * np.einsum("bi,bij,bj->b", turns, lesser, turns) + turn * slide
         travel = (turns * levers).sum(axis=1) + slide  # of the point

@@ -155,8 +155,10 @@ def is_proved(robot: ParallelRobot, q: Array, *, locked: str = "motors") -> bool
 
 
 def distinct_rows(joints: Array) -> list[int]:
-    """Return the indices of the rows of (T, k) that repeat no earlier row, hinges up to whole turns."""
-    points = np.exp(1j * joints)  # on the unit circle
-    offsets = np.abs(points[:, None] - points).max(axis=2, initial=0.0)  # (T, T)
-    repeats = np.tril(offsets <= DISTINCT_SOLUTIONS, -1).any(axis=1)
-    return [int(k) for k in np.flatnonzero(~repeats)]
+    """Return the indices of rows of (T, k) that repeat none returned before, hinges up to whole turns."""
+    points, distinct = np.exp(1j * joints), list[int]()  # on the unit circle
+    for k, point in enumerate(points):
+        offsets = np.abs(points[distinct] - point).max(axis=1, initial=0.0)
+        if (offsets > DISTINCT_SOLUTIONS).all():
+            distinct.append(k)
+    return distinct

@@ -18,7 +18,7 @@ import numpy as np
 
 from framework.arrays import Array, BoolArray, ReadOnlyArrays
 from framework.proofs.branch_and_bound import Boxes
-from framework.proofs.completeness import KnownSolutions, has_no_others, unique_radius
+from framework.proofs.completeness import KnownSolutions, has_no_others
 from framework.proofs.homotopy import PathEnds, path_ends, refine
 from framework.proofs.interval_newton import LinearEnclosure
 from framework.proofs.krawczyk import Enclosures, are_apart, chart_for, enclosures
@@ -241,8 +241,7 @@ class Chart:
         unit = z[:, [self.unit_coordinate]]  # (k, 1)
         is_near = np.abs(z[:, :4]).max(axis=1) <= CHART_OVERLAP * np.abs(unit[:, 0])
         points = (z[is_near] / unit[is_near])[:, self.free]  # (near, 7)
-        radii = np.array([unique_radius(self, point) for point in points])
-        solutions = KnownSolutions(points, radii, np.full(7, np.inf))
+        solutions = KnownSolutions.of(self, points, np.full(7, np.inf))
         region = Boxes(np.zeros((1, 7)), np.where(self.free < 4, 1.0, reach)[None])
         return has_no_others(self, region, solutions, MAX_BOXES)
 

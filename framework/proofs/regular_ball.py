@@ -80,7 +80,7 @@ def regular_ball(
     unmeasured_turn = isinstance(attitude, TwistAngle | TwoAngles) and not turns_in_plane
     if moving_balls(robot) or robot.rows.has_couplings or unmeasured_turn:
         return RegularBall(0.0, 0)
-    test = CellTest(DerivativeBounds.of(robot), x, robot.platform_scale)
+    test = CellTest(DerivativeBounds.of(robot), x)
     single = _single_cell(test, q, min(within, MAX_TURN))
     if robot.n > 3 or isinstance(attitude, RotationVector):
         return RegularBall(single, MAX_HALVINGS + STEPS_PER_OCTAVE)
@@ -231,7 +231,7 @@ def _close(test: CellTest, cells: Cells, z: Array) -> Array:
     robot = test.bounds.robot
     change = np.clip(times(cells.slope, z - cells.z), -MAX_STEP, MAX_STEP)  # (S, k)
     guess = integrate_columns(robot, cells.q, robot.moving, change * test.bounds.column_scale)
-    result = close_each(robot, test.x + z * test.scale, guess)
+    result = close_each(robot, test.x + z * robot.platform_scale, guess)
     return np.where(result.closed[:, None], result.q, guess)
 
 
@@ -251,7 +251,6 @@ class CellTest(NamedTuple):
 
     bounds: DerivativeBounds
     x: Array  # (n,)
-    scale: Array  # (n,)
 
     def __call__(self, z: Array, q: Array, half: Array, *, ball: bool = False) -> Cells:
         """Test cells of half a width (S,), or balls of that radius, joints q (S, nq) near their middles z.
@@ -260,16 +259,16 @@ class CellTest(NamedTuple):
         passive joints.
         """
         robot, derivatives = self.bounds.robot, self.bounds.evaluate(q)
-        x = self.x + z * self.scale
-        platform_values = robot.platform.residual(derivatives.frames, x) / self.scale
+        x = self.x + z * robot.platform_scale
+        platform_values = robot.platform.residual(derivatives.frames, x) / robot.platform_scale
         values = np.concatenate([platform_values, derivatives.values[:, robot.n :]], axis=1)
         dF = derivatives.slopes  # (S, k, k)
         Y = inverses(dF)
         slope = Y[:, :, : robot.n]
         boxes = _joint_boxes(derivatives, values, Y, _extent(slope, half, ball))
         regular = _passive_block_is_regular(derivatives, slope, half, boxes, ball)
-        determinants = [np.linalg.slogdet(matrices) for matrices in (dF, dF[:, robot.n :, robot.n_a :])]
-        signs = np.stack([sign for sign, _ in determinants], axis=1)
+        blocks = (dF, dF[:, robot.n :, robot.n_a :])
+        signs = np.stack([np.linalg.slogdet(block).sign for block in blocks], axis=1)
         return Cells(z, q, boxes.proved & regular, slope, boxes.radii, signs)
 
 

@@ -25,6 +25,7 @@ import numpy as np
 
 from framework.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays, join, select
 from framework.errors import InvalidInput, finite_numbers, whole_number
+from framework.fields import positive
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.modes import legs
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
@@ -133,7 +134,7 @@ def pave_singularities(
     """
     expect_robot(robot)
     _expect_pavable(robot)
-    resolution, reach = _positive("resolution", resolution), _positive("reach", reach)
+    resolution, reach = positive("resolution", resolution), positive("reach", reach)
     max_boxes = whole_number("max_boxes", max_boxes, 1, 10**9)
     region = None
     if window is not None:
@@ -149,14 +150,6 @@ def pave_singularities(
         for which in singular_sets(robot)
     )
     return SingularPaving(robot, sets, region, resolution, reach, time.perf_counter() - start)
-
-
-def _positive(name: str, number: object) -> float:
-    """Return a positive number; raise InvalidInput for any other."""
-    value = float(finite_numbers(name, [number], 1)[0])  # type: ignore[arg-type]
-    if value <= 0:
-        raise InvalidInput(f"{name}: needs a positive number, got {number!r}")
-    return value
 
 
 def _expect_pavable(robot: ParallelRobot) -> None:

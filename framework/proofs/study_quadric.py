@@ -68,7 +68,7 @@ class QuadricFamily:
 
     def random_point(self, rng: np.random.Generator) -> ComplexArray:
         """Return a point (N,) on all fixed quadrics, by Newton's method from random complex numbers."""
-        z = rng.standard_normal(self.size) + 1j * rng.standard_normal(self.size)
+        z = complex_normal(rng, self.size)
         for _ in range(NEWTON_STEPS if len(self.fixed) else 0):
             slopes = 2 * self.fixed @ z
             z = z - np.linalg.pinv(slopes) @ (slopes @ z / 2)
@@ -76,8 +76,7 @@ class QuadricFamily:
 
     def random_coefficients(self, rng: np.random.Generator) -> ComplexArray:
         """Return random complex coefficients (K, M), each row of unit size."""
-        shape = (self.equations, len(self.members))
-        c = rng.standard_normal(shape) + 1j * rng.standard_normal(shape)
+        c = complex_normal(rng, (self.equations, len(self.members)))
         return c / np.linalg.norm(c, axis=1, keepdims=True)
 
     def is_dependent(self, coefficients: Array) -> bool:
@@ -97,6 +96,11 @@ class QuadricFamily:
             if sizes[-1] > RANK_ROUNDING * sizes[0]:
                 return False
         return True
+
+
+def complex_normal(rng: np.random.Generator, shape: int | tuple[int, ...]) -> ComplexArray:
+    """Draw complex numbers with standard normal real and imaginary parts."""
+    return rng.standard_normal(shape) + 1j * rng.standard_normal(shape)
 
 
 def is_first(z: ComplexArray) -> BoolArray:

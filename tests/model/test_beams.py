@@ -13,10 +13,10 @@ from framework.model.beams import (
     beam_spring,
     beam_stiffness,
     split_beam,
+    spring_entry,
 )
 from framework.model.description import AXES, Spring
 from framework.model.robot_file import read_robot_file
-from framework.model.robot_file_writer import record_entry
 from framework.model.urdf_edits import insert_springs
 from tests.urdf_edits import edited
 
@@ -196,7 +196,7 @@ def test_the_entry_goes_into_a_robot_file(tmp_path):
     document = yaml.safe_load(source.read_text())
     split = split_beam(source.with_suffix(".urdf").read_text(), "left_rod_tip")
     spring = beam_spring("left_beam", split.middle, BAR, STEEL, split.length, axes=("x", "y", "rz"))
-    document["springs"] = [record_entry(spring)]
+    document["springs"] = [spring_entry(spring)]
     (tmp_path / "five_bar.urdf").write_text(split.urdf_text)
     (tmp_path / "five_bar.yaml").write_text(yaml.safe_dump(document))
     description = read_robot_file(tmp_path / "five_bar.yaml")

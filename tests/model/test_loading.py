@@ -14,6 +14,7 @@ from framework.errors import MissingPackage, RobotFileError
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model import read_robot_file
 from framework.model.description import AXES
+from framework.model.documents import parse_yaml
 from framework.model.readers import read_any
 from tests.model.readers.test_dialects import FIVE_BARS
 from tests.watchdog import bounded
@@ -114,6 +115,20 @@ def test_an_alias_bomb_is_refused_at_once(write_robot, reading, place):
         pytest.raises(RobotFileError, match=r"my_robot\.yaml: aliases: more than 20000 values"),
     ):
         reading(file)
+
+
+def test_a_long_list_is_refused_while_it_is_read(monkeypatch):
+    made: Counter[type] = Counter()
+    make = yaml.ScalarNode.__init__
+
+    def counted(node: yaml.ScalarNode, *given, **options) -> None:
+        made[type(node)] += 1
+        make(node, *given, **options)
+
+    monkeypatch.setattr(yaml.ScalarNode, "__init__", counted)
+    with pytest.raises(RobotFileError, match="more than 20000 values"):
+        parse_yaml("[" + "1," * 60_000 + "]")
+    assert made[yaml.ScalarNode] <= 20_000
 
 
 @pytest.mark.parametrize("given", ["unknown key", "no loops", "too little said", "nothing there"])

@@ -10,8 +10,9 @@ import yaml
 import robots
 from framework import ParallelRobot
 from framework.errors import InvalidInput, RobotFileError
+from framework.fields import distinct
 from framework.model import read_robot_file
-from framework.model.description import Actuator, Closure, Platform, Scene, Spring
+from framework.model.description import AXES, Actuator, Closure, Platform, Scene, Spring
 from tests.conftest import FIVE_BAR, REMOVED
 
 PATHS = [[0.1, 0.345], [-0.05, 0.195]]
@@ -389,3 +390,9 @@ def test_an_unknown_flexibility_lists_the_known_ones(name):
 def test_an_unknown_robot_lists_the_catalogue():
     with pytest.raises(InvalidInput, match=r"'five_bare'; did you mean 'five_bar'.*five_bar_heavy"):
         robots.load("five_bare")
+
+
+@pytest.mark.parametrize("given", [["x", "x"], []])
+def test_names_that_repeat_are_errors_of_robot_files_and_empty_lists_too(given):
+    with pytest.raises(RobotFileError, match=r"platform\.axes: needs at least one axis, and each once"):
+        distinct("axis", AXES)("platform.axes", given)

@@ -12,6 +12,7 @@ from framework.proofs import leg_paving
 from framework.proofs.leg_paving import leg_solutions_complete
 from framework.proofs.passive_joints import distinct_rows
 from framework.proofs.working_modes import working_modes
+from framework.tolerances import DISTINCT_SOLUTIONS
 
 
 def posed(robot, leg):
@@ -54,3 +55,9 @@ def test_a_solution_that_is_not_known_leaves_the_leg_open(name):
         for k in range(len(near)):
             rest = np.delete(near, k, axis=0)
             assert not leg_solutions_complete(robot, own, given, q, rest, robot.reference.x)
+
+
+def test_a_row_repeats_only_those_that_stay():
+    steps = 0.6 * DISTINCT_SOLUTIONS * np.arange(5.0)
+    assert distinct_rows(steps[:, None]) == [0, 2, 4]
+    assert distinct_rows(np.array([[0.0, 1.0], [2 * np.pi, 1.0], [0.0, 1.1]])) == [0, 2]

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
-from framework.errors import FrameworkError, RobotFileError, check_name, check_unique
+from framework.errors import FrameworkError, RobotFileError, check_name, check_unique, list_names
 from framework.fields import check_distinct
 from framework.model.description import (
     AXES,
@@ -32,7 +32,6 @@ from framework.model.readers.urdf_tree import MAX_LOOPS, UrdfTree
 from framework.model.robot_keys import joint_dynamics
 from framework.model.urdf_elements import declared_couplings, declared_dynamics
 
-_MAX_LISTED_NAMES = 24
 # names that exporters give to every model
 _NO_NAMES = ("", "mjcf", "model", "mujoco", "mujoco model", "onshape", "robot", "scene", "urdf")
 
@@ -386,11 +385,11 @@ def complete(options: Options, known: Known) -> Known:
         return known.with_platform(platform)
     missing = []
     if platform is None and options.platform is None:
-        missing.append(f"--platform FRAME (of: {_few(known.tree.frames)})")
+        missing.append(f"--platform FRAME (of: {list_names(known.tree.frames)})")
     if platform is None and options.axes is None:
         missing.append(f"--axes (of: {', '.join(AXES)})")
     if not description.actuators:
-        missing.append(f"--motors (of: {_few(known.likely_motors or joints)})")
+        missing.append(f"--motors (of: {list_names(known.likely_motors or joints)})")
     raise RobotFileError(
         f"the file does not say: give {'; '.join(missing)}; or let `crossing convert` propose them"
     )
@@ -420,8 +419,3 @@ def checked_reference(
     for name in options.reference:
         check_name("--reference", "movable joint", name, coordinates)
     return {**near, **{name: float(value) for name, value in options.reference.items()}}
-
-
-def _few(names: Sequence[str]) -> str:
-    listed = ", ".join(names[:_MAX_LISTED_NAMES]) or "none"
-    return listed + (f", and {len(names) - _MAX_LISTED_NAMES} more" if len(names) > _MAX_LISTED_NAMES else "")

@@ -43,8 +43,7 @@ def read_pair(file: Path, content: Mapping[Any, Any], tree: UrdfTree, options: O
     }
     values = read_table("", content, table, others=KEYS)
     pairs, kinds, motors = values["closed_loop"], values["type"], values["name_mot"]
-    if len(kinds) != len(pairs):
-        raise RobotFileError(f"type: needs one entry a pair of closed_loop ({len(pairs)}), got {len(kinds)}")
+    _check_count("type", kinds, "pair of closed_loop", pairs)
     for i, frames in enumerate(pairs):
         if len(frames) != 2:
             raise RobotFileError(f"closed_loop[{i}]: needs two frames, got {short(frames)}")
@@ -56,12 +55,15 @@ def read_pair(file: Path, content: Mapping[Any, Any], tree: UrdfTree, options: O
     return describe(tree, file, options, closures, pulls=map(Pull.motor_on, motors))
 
 
+def _check_count(key: str, entries: Sequence[str], what: str, others: Sequence[Any]) -> None:
+    """Raise RobotFileError unless both lists have one length."""
+    if len(entries) != len(others):
+        raise RobotFileError(f"{key}: needs one entry a {what} ({len(others)}), got {len(entries)}")
+
+
 def _replace_joints(tree: UrdfTree, joint_name: Sequence[str], joint_type: Sequence[str]) -> None:
     """Replace joints of the URDF by joints of other types."""
-    if len(joint_name) != len(joint_type):
-        raise RobotFileError(
-            f"joint_type: needs one entry a joint of joint_name ({len(joint_name)}), got {len(joint_type)}"
-        )
+    _check_count("joint_type", joint_type, "joint of joint_name", joint_name)
     check_unique("joint_name", joint_name)
     for i, (name, kind) in enumerate(zip(joint_name, map(str.upper, joint_type), strict=True)):
         check_name(f"joint_name[{i}]", "joint", name, tree.joints)

@@ -143,6 +143,8 @@ def _from_yaml(
     from framework.model.readers.urdf import read_urdf
 
     urdf = _urdf_beside(path)
+    if dialect == "loop_closures" and not urdf.is_file():
+        raise RobotFileError("a list of closures: give the URDF that they are of")
     with naming(urdf.name):
         root = parse_xml(read_text(urdf, "cannot read it", error=RobotFileError))
         if dialect == "loop_closures":

@@ -284,11 +284,16 @@ def _add_constraint(scope: Scope, element: ElementTree.Element, name: str, prefi
         text = child.text or child.get("name") or child.get("value") or ""
         parts[local_name(child.tag).removeprefix(f"{BALL_CONSTRAINT}_")] = text.strip()
     joint = ElementTree.Element("joint", name=name, scope=prefix, type=_CONSTRAINTS[kind])
+    origin = "" if kind == BALL_CONSTRAINT else "0 0 0"  # a ball needs its points
     for end, body, point in (("parent", "body_A", "p_AP"), ("child", "body_B", "p_BQ")):
+        needed = {body: parts.get(end) or parts.get(body) or "", point: parts.get(point) or origin}
+        for part, given in needed.items():
+            if not given:
+                raise RobotFileError(f"<{kind}>: {part} is missing")
         frame = f"{name}_at_{end}"
         ElementTree.SubElement(joint, end).text = frame
-        at = numbers(f"{name}: {point}", parts.get(point, "0 0 0"), 3)
-        link = _scope_name(prefix, parts.get(end) or parts.get(body) or "")
+        at = numbers(f"<{kind}> {point}", needed[point], 3)
+        link = _scope_name(prefix, needed[body])
         scope.relative[prefix + frame] = (link, placement(None, at))
         scope.attached[prefix + frame] = link
     scope.joints[prefix + name] = joint

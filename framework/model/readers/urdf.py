@@ -56,7 +56,7 @@ from framework.model.placement import inverse, placement
 from framework.model.readers.describe import Options, Pull, describe
 from framework.model.readers.sdf import BALL_CONSTRAINT, WORLD, Scope, add_content, cut_joint
 from framework.model.readers.urdf_tree import UrdfTree
-from framework.model.urdf_elements import MOVING, local_name
+from framework.model.urdf_elements import MOVING
 from framework.model.xml_reading import attribute, axis_of, child_element, numbers, only, origin_of
 from framework.tolerances import FILE_ROUNDING
 
@@ -244,7 +244,7 @@ def _joints_of_other_programs(tree: UrdfTree) -> list[Closure]:
         scope.links[link] = ElementTree.Element("link")
         scope.relative[link] = (WORLD, tree.zero_pose(link))
     model.extend(joint for joint in tree.root.findall("gazebo/joint") if joint.find("child") is not None)
-    model.extend(element for element in tree.extra if local_name(element.tag) == BALL_CONSTRAINT)
+    model.extend(element for element in tree.extra if element.tag == BALL_CONSTRAINT)
     add_content(scope, model, Path(), "", WORLD)
     return [cut_joint(scope, tree, name) for name in scope.joints]
 

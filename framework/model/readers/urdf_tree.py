@@ -102,6 +102,8 @@ class UrdfTree(Tree):
 
     def __init__(self, root: ElementTree.Element, extra: Sequence[str] = ()) -> None:
         """Check a URDF and take out elements of other programs, `extra` ones kept aside."""
+        if root.tag != "robot":
+            raise RobotFileError(f"<{root.tag}>: the root of a URDF is <robot>")
         attribute(root, "<robot>", "name")
         self.root = root
         names = {link.get("name") for link in root.findall("link")}
@@ -112,6 +114,8 @@ class UrdfTree(Tree):
         self.motors = declared_motors(root)
         for element in self.extra:
             root.remove(element)
+            for part in element.iter():
+                part.tag = local_name(part.tag)  # its dialect has no namespace, or another program's
         self.impossible: list[tuple[str, str]] = []  # links and joints, and what is wrong with each
         tree = read_tree(root, self.impossible)
         super().__init__(tree.links, tree.joints, tree.base)

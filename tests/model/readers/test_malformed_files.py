@@ -402,13 +402,14 @@ def test_a_changed_file_gives_its_error(number, tmp_path):
             "<robot name='r'><link name='o'/><link name='a'/><link name='b'/>"
             "<joint name='j' type='fixed'><parent link='a'/><child link='b'/></joint>"
             "<joint name='k' type='fixed'><parent link='b'/><child link='a'/></joint></robot>",
-            "link 'a' hangs in a circle of joints",
+            "link 'a' hangs in a circle of joints without a root",
         ),
         (
             "many.urdf",
             "<robot name='r'>" + "".join(f"<link name='{i}'/>" for i in range(5001)) + "</robot>",
             "5001 links or joints; at most 5000",
         ),
+        ("loop_closures.yaml", "closures: []", "a list of closures: give the URDF that they are of"),
         ("null.urdf", "<robot name='r'>\0</robot>", "not well-formed XML"),
     ],
 )
@@ -422,6 +423,13 @@ def test_aliases_that_grow_without_bound_are_refused(tmp_path):
     for name, head in (("gepetto.yaml", "closed_loop: *a59"), ("own.yaml", "version: *a59")):
         (tmp_path / name).write_text("\n".join([*lines, head]))
         assert "more than 20000 values" in refused(tmp_path / name, **SAID)
+
+
+def test_a_pair_whose_urdf_is_none_is_refused_by_its_root(tmp_path):
+    for file in (GOOD["yaml"], GOOD["pair"]):
+        text = file.read_text(encoding="utf-8")
+        (tmp_path / file.name).write_text(text.replace("<robot", "<model").replace("</robot", "</model"))
+    assert "robot.urdf: <model>: the root of a URDF is <robot>" in refused(tmp_path / "robot.yaml", **SAID)
 
 
 def test_what_is_no_file_is_refused(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from itertools import combinations
 from pathlib import Path
 
@@ -85,6 +86,37 @@ def test_ball_constraints_of_drake_are_balls(tmp_path):
             tmp_path, without_loop().replace("</robot>", f"{text}</robot>")
         ).description.closures
         assert closure.axes == locked_axes("spherical")
+
+
+@pytest.mark.parametrize("part", ["body_A", "p_AP", "body_B", "p_BQ"])
+def test_a_ball_constraint_without_a_body_or_a_point_is_refused_by_its_name(part, tmp_path):
+    text = re.sub(rf"<drake:ball_constraint_{part}[^>]*/>", "", BALL)
+    with pytest.raises(RobotFileError, match=f"<ball_constraint>: {part} is missing"):
+        read(tmp_path, without_loop().replace("</robot>", f"{text}</robot>"))
+
+
+@pytest.mark.parametrize("scope", ["loop", "whole element"])
+def test_loops_in_a_namespace_are_read_as_those_without(scope, tmp_path):
+    text = five_bar_urdf()
+    start, end = text.index("<constraint"), text.index("</robot>")
+    prefixed = re.sub(
+        r"<(/?)(?=\w)" if scope == "whole element" else r"<(/?)(?=constraint)", r"<\1s:", text[start:end]
+    )
+    plain = read(tmp_path, text).description
+    spaced = read(
+        tmp_path, text[:start] + prefixed.replace("<s:constraint", '<s:constraint xmlns:s="s"') + text[end:]
+    )
+    assert (spaced.dialect, spaced.description.closures) == ("ros", plain.closures)
+
+
+def test_a_coupling_in_a_namespace_is_read(tmp_path):
+    couplings = []
+    for tag in ("coupling", "s:coupling"):
+        ends = '<predecessor link="a"/><successor link="d"/><ratio value="3"/>'
+        more = link("d") + joint("jd", "palm", "d") + f'<{tag} xmlns:s="s" name="g">{ends}</{tag}>'
+        couplings.append(read(tmp_path, fingers(more), motors=["ja"]).description.couplings)
+    assert couplings[0] == couplings[1]
+    assert ("jd", "ja", 3) in [(one.joint, one.of, one.ratio) for one in couplings[1]]
 
 
 def test_joints_of_gazebo_close_loops_where_the_links_are_at_zero(tmp_path):
