@@ -35,11 +35,11 @@ from framework.atlas.quantities import QUANTITIES, choose_quantities, unit_of
 from framework.atlas.survey import survey_window
 from framework.atlas.window import Window, map_axes
 from framework.atlas.workspace_map import WorkspaceMap, workspace_map
-from framework.errors import FrameworkError, InvalidInput, choose_from
+from framework.errors import FrameworkError, InvalidInput, choose_from, finite_numbers
 from framework.input import read_text
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.parameters import declared_parameters
-from framework.parallel.kept import ArrayField, KeptChunks, complete_chunks
+from framework.parallel.kept import WHY, ArrayField, KeptChunks, complete_chunks, compute_rows
 from framework.statics.loading import LoadReason
 
 DESIGNS_PER_TASK = 4  # designs of a task
@@ -99,7 +99,7 @@ def designs_of(file: str | Path, table: str | Path | None = None) -> Designs:
         )
     if table is not None:
         return _read_table(Path(table), declared)
-    count = math.prod(len(values) for values in declared.values())
+    count = math.prod(map(len, declared.values()))
     if count > MAX_DESIGNS:
         raise InvalidInput(f"{file}: {count} designs; at most {MAX_DESIGNS} are studied")
     return Designs(tuple(declared), np.array(list(product(*declared.values())), dtype=float))
@@ -126,7 +126,7 @@ def design_study(
         keeper=keeper,
         progress=lambda names: progress(sum(len(chunks[name]) for name in names)),
     )
-    why = tuple(columns.pop("why").tolist())
+    why = tuple(columns.pop(WHY).tolist())
     robot = ParallelRobot.from_file(task.file, flexibility=task.flexibility)
     return DesignStudy(task, designs, columns, column_units(robot, task), why)
 
@@ -134,25 +134,13 @@ def design_study(
 def _part_arrays(task: StudyTask, values: Array) -> dict[str, ArrayField]:
     """Return types and shapes of the results of a chunk of designs (D, P), by column."""
     numbers = dict.fromkeys(column_names(task), ArrayField("f", (len(values),)))
-    return numbers | {"why": ArrayField("U", (len(values),))}
+    return numbers | {WHY: ArrayField("U", (len(values),))}
 
 
 def map_designs(task: StudyTask, values: Array) -> dict[str, NDArray[Any]]:
     """Map designs (D, P); return columns (D,) of statistics, and reasons for missing maps as `why`."""
-    rows: list[dict[str, float]] = []
-    why: list[str] = []
-    for design in values:
-        try:
-            workspace = _map_design(task, dict(zip(task.names, design.tolist(), strict=True)))
-            rows.append(_statistics(workspace))
-            why.append("")
-        except FrameworkError as error:
-            rows.append({})
-            why.append(str(error))
-    columns: dict[str, NDArray[Any]] = {
-        key: np.array([row.get(key, np.nan) for row in rows]) for key in column_names(task)
-    }
-    return columns | {"why": np.array(why, dtype=np.str_)}
+    compute = partial(_map_design, task)
+    return compute_rows(compute, column_names(task), (FrameworkError,), values.tolist())
 
 
 def column_names(task: StudyTask) -> tuple[str, ...]:
@@ -175,8 +163,9 @@ def column_units(robot: ParallelRobot, task: StudyTask) -> dict[str, str]:
     return {key: area_unit for key in column_names(task) if key.endswith("area")} | units
 
 
-def _map_design(task: StudyTask, parameters: Mapping[str, float]) -> WorkspaceMap:
-    """Map the robot of one design over the task's window, or else over its own reach."""
+def _map_design(task: StudyTask, design: Sequence[float]) -> dict[str, float]:
+    """Map the robot of one design (P,) over the task's window or its own reach; return `_statistics`."""
+    parameters = dict(zip(task.names, design, strict=True))
     robot = ParallelRobot.from_file(task.file, flexibility=task.flexibility, parameters=parameters)
     if task.window is None:
         window = survey_window(robot, axes=task.axes, size=task.size)
@@ -189,7 +178,7 @@ def _map_design(task: StudyTask, parameters: Mapping[str, float]) -> WorkspaceMa
             shape=shape,
             held=robot.reference.x,
         )
-    return workspace_map(robot, window, task.keys)
+    return _statistics(workspace_map(robot, window, task.keys))
 
 
 def _statistics(workspace: WorkspaceMap) -> dict[str, float]:
@@ -240,8 +229,8 @@ def write_study(study: DesignStudy, folder: Path) -> list[Path]:
         folder / DOCUMENT,
         document,
         document,
-        {"why": np.array(study.why, dtype=np.str_), **arrays},
-        [*columns, ("why", study.why)],
+        {WHY: np.array(study.why, dtype=np.str_), **arrays},
+        [*columns, (WHY, study.why)],
     )
 
 
@@ -257,15 +246,8 @@ def _read_table(table: Path, declared: Mapping[str, Sequence[float]]) -> Designs
             raise InvalidInput(f"{table}: {choose_from('parameter', name, declared)}")
     if len(set(names)) < len(names):
         raise InvalidInput(f"{table}: needs each parameter once, got {', '.join(names)}")
-    uneven = next((row for row in rows if len(row) != len(names)), None)
-    if uneven is not None:
-        raise InvalidInput(f"{table}: needs {len(names)} numbers in each line, got {', '.join(uneven)}")
     if len(rows) > MAX_DESIGNS:
         raise InvalidInput(f"{table}: {len(rows) - 1} designs; at most {MAX_DESIGNS} are studied")
-    try:
-        values = np.array(rows[1:], dtype=float)
-    except ValueError as error:
-        raise InvalidInput(f"{table}: {error}") from None
-    for row in values[~np.isfinite(values).all(axis=1)]:
-        raise InvalidInput(f"{table}: needs finite numbers, got {row.tolist()}")
-    return Designs(names, values)
+    return Designs(
+        names, np.array([finite_numbers(f"{table}: a design", row, len(names)) for row in rows[1:]])
+    )

@@ -39,6 +39,7 @@ from framework.control.estimation import (
 from framework.control.reference import Reference
 from framework.dynamics.forces import tree_forces
 from framework.dynamics.forward_derivatives import forward_derivatives
+from framework.dynamics.open_loop import MotorControl
 from framework.dynamics.pointwise_dynamics import motor_inertia
 from framework.errors import InvalidInput, check_choice
 from framework.kinematics.closures import closure_drift, loop_equations, scale_jacobian
@@ -58,16 +59,14 @@ class FeedforwardPD:
     """tau = tau_plan + k_p (motor angle error) + k_d (motor speed error)."""
 
     reference: Reference
-    k_p: Array  # (n_a,) [N m/rad], motor side
-    k_d: Array  # (n_a,) [N m s/rad]
+    feedback: MotorControl
 
     @staticmethod
     def tune(reference: Reference, *, frequency: float = 40.0, damping: float = 1.0) -> FeedforwardPD:
         """Return the controller whose gains give each motor the natural `frequency` [rad/s].
 
-        k_p = w^2 I and k_d = 2 damping w I, with I the inertia that a motor moves alone at the start of the
-        motion. With springs a fast motor moves only its rotor: w is lowered to a damping k_d that is stable
-        with this sampling period.
+        The inertia is that which a motor moves alone at the start of the motion. With springs a fast motor
+        moves only its rotor: w is lowered to a damping k_d that is stable with this sampling period.
         """
         robot = reference.robot
         inertia = motor_inertia(robot, reference.motion.q[0])
@@ -75,15 +74,13 @@ class FeedforwardPD:
         if robot.n_e and robot.rotor_inertia.all():
             highest = MAX_SAMPLED_DAMPING * robot.rotor_inertia / (2 * damping * inertia * reference.period)
             w = np.minimum(w, highest)
-        return FeedforwardPD(reference, k_p=w**2 * inertia, k_d=2 * damping * w * inertia)
+        return FeedforwardPD(reference, MotorControl.of(inertia, w, damping))
 
     def torque(self, k: int, measurement: Measurement) -> Array:
         """Compute motor torques (R, n_a) [N m]."""
         ref = self.reference
-        return (
-            ref.period_torque[k]
-            + self.k_p * (ref.motor_angle[k] - measurement.motor_angle)
-            + self.k_d * (ref.motor_speed[k] - measurement.motor_speed)
+        return ref.period_torque[k] + self.feedback.torque(
+            ref.motor_angle[k] - measurement.motor_angle, ref.motor_speed[k] - measurement.motor_speed
         )
 
 

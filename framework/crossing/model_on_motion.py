@@ -4,8 +4,9 @@ Another model has its own condition (8) and, with springs, its own singular poin
 corrected by polynomials of least degree. They vanish at both ends, as smoothly as laws of elastic robots do
 if one of the two models has springs. They take the law through the singular points of the model at the same
 instants and speeds, with the accelerations of its condition (8). Then the torques are bounded, and the
-difference of the two models' torques is what one of them lacks. A polynomial law so corrected is the
-polynomial that the model itself would be planned with.
+difference of the two models' torques is what one of them lacks. A polynomial law of the smoothness of the
+correction becomes the polynomial through the model's points; plans of that model have the same one if they
+cross at these instants and speeds.
 
 `resolve` computes the torques with their certificate. `torque` is an estimate of first order: in one pass,
 deflections are caused by the forces of the first model.
@@ -31,7 +32,7 @@ from framework.dynamics.result import InverseDynamics, SingularityCrossing
 from framework.errors import NoLaw, NotConverged
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.chebyshev import TimeFunction, TimeGrid
-from framework.motion.law import Law, MotionLaw, conditions_at_instants
+from framework.motion.law import ExactLaw, Law, MotionLaw, conditions_at_instants, edges_of
 from framework.singularity.points_on_path import SearchedPath, search_path
 from framework.tolerances import RESOLVABLE_TAIL, SAME_PLACE, TORQUE_TAIL
 
@@ -39,7 +40,7 @@ CORRECTED_SHARE = 0.9  # of the time to the next crossing or end: what a local c
 
 
 @dataclass(frozen=True)
-class CorrectedLaw:
+class CorrectedLaw(ExactLaw):
     """A law plus polynomials that vanish at both ends, by their start [s]."""
 
     law: MotionLaw
@@ -61,12 +62,13 @@ class CorrectedLaw:
 
     @property
     def duration(self) -> float:
+        """The duration of the law [s]."""
         return self.law.duration
 
     @property
     def edges(self) -> Array:
-        """Instants [s] between which the law is smooth, see `PlannedLaw.edges`."""
-        edges = getattr(self.law, "edges", np.empty(0))
+        """Instants [s] between which the law is smooth, see `ExactLaw.edges`."""
+        edges = edges_of(self.law)
         ends = [[start, start + polynomial.duration] for start, polynomial in self.corrections.items()]
         return np.unique(np.concatenate([edges, *ends])) if len(edges) else edges
 
@@ -138,7 +140,7 @@ class ModelOnMotion:
         def choose_law(deflections: TimeFunction | None, _: MotionLaw | None) -> CorrectedLaw:
             """Correct the law for given deflections; for none in rigid geometry."""
             if deflections is None or geometry == "rigid":
-                return self._correct_law(at_rest)
+                deflections = at_rest
             return self._correct_law(deflections)
 
         return resolve(self.searched, choose_law, geometry=geometry, tolerance=TORQUE_TAIL, friction="none")
@@ -244,9 +246,9 @@ class ModelOnMotion:
             friction = self.friction * self._rate_signs(np.array([crossing.time]))[0]
             power = float(friction @ point.motion)
             condition = condition._replace(gamma=condition.gamma + power)
-        if condition.alpha == 0.0 and not condition.holds_anyway:
-            raise NotConverged("no acceleration at the crossing makes up for it")
         if not condition.holds_anyway:
+            if condition.alpha == 0.0:
+                raise NotConverged("no acceleration at the crossing makes up for it")
             acceleration = condition.acceleration(speed)
         return point.s, speed, acceleration
 
@@ -258,7 +260,7 @@ def _correction_intervals(law: MotionLaw, times: Array) -> list[tuple[float, flo
     would be planned with. Another law has one about each crossing, up to the next crossing or end: a single
     one would be large far from a crossing that is near an end.
     """
-    if not len(getattr(law, "edges", ())):
+    if not len(edges_of(law)):
         return [(0.0, law.duration)]
     gaps = np.diff([0.0, *times, law.duration])
     widths = CORRECTED_SHARE * np.minimum(gaps[:-1], gaps[1:])

@@ -1,8 +1,9 @@
 """The effects that a motion's torques leave out, each with the motor torque that it adds at this motion.
 
-Springs left rigid, geometry of the deflections, dry friction: the torques of the model with one effect more,
-less those without (`model_on_motion`). Idle turns: the torque that holds them, which the certificate has.
-Parts of a foreign file that its reader left out have no number.
+Springs left rigid, geometry and inertia of the deflections, dry friction: the torques of the model with one
+effect more, less those without (`model_on_motion`). Idle turns: the torque that holds them, which the
+certificate has. Parts of a foreign file that its reader left out have no number. Masses that a robot was made
+without, as the lower levels of fidelity are, are not known to it, and so no effect.
 """
 
 from __future__ import annotations
@@ -78,8 +79,6 @@ def _measure_effect(
         largest = np.abs(difference()).max(axis=0)
     except NoAnswer as failure:
         return NeglectedEffect(f"{effect}: no number, {failure}")
-    if not np.all(np.isfinite(largest)):
-        return NeglectedEffect(f"{effect}: no number, the torques have a pole")
     shares = largest / _peaks(dynamics)
     motor = np.argmax(shares)
     joint = dynamics.robot.actuator_names[motor]
@@ -90,7 +89,7 @@ def _measure_effect(
 
 
 def _spring_differences(dynamics: InverseDynamics) -> Differences:
-    """Yield springs left rigid, by part, and deformed geometry where left out."""
+    """Yield springs left rigid, by part, and geometry and inertia of deflections where left out."""
     robot, description = dynamics.robot, dynamics.robot.description
 
     @cache
@@ -123,6 +122,8 @@ def _spring_differences(dynamics: InverseDynamics) -> Differences:
             yield f"springs of {part}s left rigid ({names})", partial(left_rigid, coordinates)
     if robot.n_e and dynamics.geometry == "rigid":
         yield "deformed geometry", lambda: torque_with(robot.elastic_names) - fullest().planned_torque
+    if robot.n_e and not robot.elastic_inertia:
+        yield "inertia of the elastic motion", lambda: torque_with(()) - fullest().planned_torque
 
 
 def _list_names(names: Sequence[str]) -> str:

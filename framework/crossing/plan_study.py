@@ -25,8 +25,9 @@ from framework.errors import InvalidInput, NoAnswer, RobotFileError, SingularRef
 from framework.input import read_text
 from framework.model.parameters import declared_parameters
 from framework.motion.path import Path
-from framework.parallel.tasks import iterate_results
+from framework.parallel.kept import WHY, complete_chunks, compute_rows
 
+REFUSALS = (NoAnswer, RobotFileError, SingularReference)  # of one set; other errors are those of the call
 Quantities = Mapping[str, Callable[[CrossingPlan], float]]
 
 
@@ -74,19 +75,22 @@ def plan_study(
     declared = declared_parameters(read_text(path, f"{path}: cannot read it"))
     for unknown in parameters.keys() - declared.keys():
         raise InvalidInput(f"{path}: {choose_from('parameter', unknown, declared)}")
-    sets = list(enumerate(product(*parameters.values())))
+    if WHY in quantities:
+        raise InvalidInput(f"quantities: {WHY!r} is the name of the reasons; choose another")
+    sets = [dict(zip(parameters, values, strict=True)) for values in product(*parameters.values())]
     if not sets:
         raise InvalidInput("parameters: needs at least one value of each")
-    compute = partial(_plan_set, path, flexibility, motion, options, quantities, tuple(parameters))
-    rows = {}
-    for (k, _), row in iterate_results(compute, sets, executor):
-        rows[k] = row
-        progress(len(rows))
-    return PlanStudy(
-        {name: np.array([values[j] for _, values in sets]) for j, name in enumerate(parameters)},
-        {name: np.array([rows[k][0][name] for k, _ in sets]) for name in quantities},
-        tuple(rows[k][1] for k, _ in sets),
+    plan_set = partial(_plan_set, path, flexibility, motion, options, quantities)
+    columns = complete_chunks(
+        partial(compute_rows, plan_set, tuple(quantities), REFUSALS),
+        {str(k): [one] for k, one in enumerate(sets)},
+        lambda chunk: {},
+        executor=executor,
+        keeper=None,
+        progress=lambda names: progress(len(names)),
     )
+    why = tuple(columns.pop(WHY).tolist())
+    return PlanStudy({name: np.array([one[name] for one in sets]) for name in parameters}, columns, why)
 
 
 def _plan_set(
@@ -95,15 +99,10 @@ def _plan_set(
     motion: Path | str,
     options: Mapping[str, Any],
     quantities: Quantities,
-    names: Sequence[str],
-    numbered: tuple[int, tuple[float, ...]],
-) -> tuple[Mapping[str, float], str]:
-    """Return the quantities of the plan with one set of parameters, and the reason for none."""
-    try:
-        values = dict(zip(names, numbered[1], strict=True))
-        robot = load_robot(file, flexibility=flexibility, parameters=values)
-        planned = plan_scene if isinstance(motion, str) else plan_crossing
-        plan = planned(robot, motion, **options)  # type: ignore[arg-type]
-        return {name: float(of(plan)) for name, of in quantities.items()}, ""
-    except (NoAnswer, RobotFileError, SingularReference) as refusal:
-        return dict.fromkeys(quantities, np.nan), str(refusal)
+    parameters: Mapping[str, float],
+) -> Mapping[str, float]:
+    """Return the quantities of the plan with one set of parameters; raises one of REFUSALS."""
+    robot = load_robot(file, flexibility=flexibility, parameters=parameters)
+    planned = plan_scene if isinstance(motion, str) else plan_crossing
+    plan = planned(robot, motion, **options)  # type: ignore[arg-type]
+    return {name: float(of(plan)) for name, of in quantities.items()}

@@ -1,7 +1,9 @@
 """plan.json: a plan written down, and read back for its request and its law.
 
-Everything else is computed anew from these two, and compared with the file leaf by leaf, by the table of
-`_rounding_sizes`: nothing in the file is believed.
+Everything else is computed anew from these two. Geometry, crossings with their condition (8), peak torques,
+the goal and whether the platform always advances are compared with the file, numbers by the table of
+`_rounding_sizes`. The file is believed for `reason`, `seconds`, and the reference and gap of an optimal law;
+its other numbers, as those of the certificate and of what is left out, are not used.
 """
 
 from __future__ import annotations

@@ -52,7 +52,7 @@ from framework.kinematics.frames import difference
 from framework.kinematics.inverse_kinematics import remove_idle_spin
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.motion.chebyshev import TimeFunction, TimeGrid
-from framework.motion.law import MotionLaw, is_number
+from framework.motion.law import ExactLaw, MotionLaw, edges_of, is_number
 from framework.motion.path import Path
 from framework.singularity.points_on_path import SearchedPath, search_path
 from framework.tolerances import (
@@ -178,7 +178,7 @@ def resolve(
     at_rest, passes, obstacles, pole = law, 0, 0, RESOLVABLE_TAIL
     changes: list[float] = []
     enough, unseen = np.inf, None
-    own_panels = len(getattr(law, "edges", ())) > 0
+    own_panels = len(edges_of(law)) > 0
     regular_at_rest = all(crossing.residual <= CONDITION_RESIDUAL for crossing in crossings)
     for size in (FEW, *SIZES) if own_panels else SIZES:
         grid = TimeGrid.clear_of(instants, panel_edges(branch, law, instants), size)
@@ -291,7 +291,7 @@ def _law_is_resolved(law: MotionLaw, grid: TimeGrid) -> bool:
     Raises:
         InvalidInput: a derivative of the law is not that of the series.
     """
-    if hasattr(law, "edges"):
+    if isinstance(law, ExactLaw):
         return True  # a law of this package; the closure error between nodes checks the law, too
     times = np.linspace(0.0, law.duration, 16 * len(grid.times))
     values = np.asarray(law(grid.times))[:, None]

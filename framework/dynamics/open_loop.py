@@ -19,14 +19,12 @@ import numpy as np
 
 from framework.arrays import Array
 from framework.dynamics.platform_wrench import platform_wrench
-from framework.dynamics.pointwise_dynamics import motor_inertia
 from framework.dynamics.result import InverseDynamics
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.linearised_loops import ClosedStack
 from framework.kinematics.motion_rates import motion_at
 
 GROWTH_INSTANTS = 65  # at which the rate of growth is computed and integrated over the motion
-CONTROL_TO_FALL = 10.0  # frequency of the motors' feedback over the rate of the fall: it catches the robot
 DIFFERENCE_STEP = 1e-4  # [rad, robot lengths] for a difference of wrenches
 # Exponents of growth below which the growth is 1 but for rounding, and above which it overflows.
 MIN_EXPONENT, MAX_EXPONENT = 1e-4, 300.0
@@ -39,11 +37,16 @@ class MotorControl(NamedTuple):
     k_d: Array  # (n_a,) [N m s/rad]
 
     @staticmethod
-    def tune(result: InverseDynamics, fall: float) -> MotorControl:
-        """Return critically damped feedback CONTROL_TO_FALL times as fast as the fall, of `fall_exponent`."""
-        frequency = CONTROL_TO_FALL * fall / result.duration  # [rad/s]
-        inertia = motor_inertia(result.robot, result.configuration(0.0)[0])
-        return MotorControl(k_p=frequency**2 * inertia, k_d=2.0 * frequency * inertia)
+    def of(inertia: Array, frequency: Array | float, damping: float = 1.0) -> MotorControl:
+        """Return the gains of motors with the natural `frequency` w [rad/s] and a damping ratio.
+
+        k_p = w^2 I and k_d = 2 damping w I, with I (n_a,) the inertia that each moves [kg m^2, kg].
+        """
+        return MotorControl(k_p=frequency**2 * inertia, k_d=2.0 * damping * frequency * inertia)
+
+    def torque(self, angle_error: Array, speed_error: Array) -> Array:
+        """Compute the feedback (T, n_a) [N m] for errors (T, n_a) of motor angles and speeds."""
+        return self.k_p * angle_error + self.k_d * speed_error
 
 
 class ErrorDynamics(NamedTuple):

@@ -18,7 +18,7 @@ from framework.kinematics.modes import mode_signs
 from framework.kinematics.motion_rates import motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.motion.chebyshev import TimeGrid, real_roots
-from framework.motion.law import MotionLaw, law_derivatives
+from framework.motion.law import MotionLaw, edges_of, law_derivatives
 from framework.motion.path import time_derivatives
 from framework.singularity.bordered_system import root_of_g
 from framework.singularity.points_on_path import SingularPoint
@@ -41,9 +41,9 @@ def panel_edges(branch: Branch, law: MotionLaw, clear_of: Iterable[float] = ()) 
     number of nodes that resolves a motion then grows in proportion.
     """
     ends = np.array([0.0, law.duration])
-    own_edges = getattr(law, "edges", ())
+    own_edges = edges_of(law)
     if len(own_edges):
-        ends = np.array(own_edges)
+        ends = own_edges.copy()
         for t in clear_of:
             k = int(np.argmin(np.abs(ends - t)))
             narrower = np.diff(ends)[max(k - 1, 0) : k + 1].min()

@@ -60,17 +60,18 @@ class Indicators(NamedTuple):
         Errors may cancel in a level by chance. An error that is missing or no number counts as infinite; that
         of the highest level is zero.
         """
-        names = [level.name for level in LEVELS]
-        known = {name: errors.get(name, LevelError()) for name in names[:-1]}
-        errors_of_levels = [np.nan_to_num(max(known[name]), nan=np.inf) for name in names[:-1]] + [0.0]
-        from_highest = np.maximum.accumulate(errors_of_levels[::-1])
-        accumulated = from_highest[::-1].tolist()
-        words = {name: error.words for name, error in known.items()}
-        return Indicators(dict(zip(names, accumulated, strict=True)), {**words, names[-1]: ""})
+        largest = 0.0
+        error, words = {LEVELS[-1].name: largest}, {LEVELS[-1].name: ""}
+        for level in reversed(LEVELS[:-1]):
+            own = errors.get(level.name, LevelError())
+            largest = max(largest, float(np.nan_to_num(max(own), nan=np.inf)))
+            error[level.name] = largest
+            words[level.name] = own.words
+        return Indicators(error, words)
 
     def choose_level(self, tolerance: float) -> str:
         """Return the name of the least level whose error is within the tolerance."""
-        return next(name for name, error in self.error.items() if error <= tolerance)
+        return next(level.name for level in LEVELS if self.error[level.name] <= tolerance)
 
 
 def indicators_of(motions: Mapping[str, LevelMotion], control: MotorControl | None) -> Indicators:
@@ -89,21 +90,16 @@ def indicators_of(motions: Mapping[str, LevelMotion], control: MotorControl | No
     errors = {}
     needed = highest.torque_without_friction(times)
     peaks = largest_by_unit(rigid.robot, np.abs(needed).max(axis=0))
+    length = path_length(rigid.robot, rigid.path)
     for name, motion in motions.items():
         if motion.dynamics is not None:
             missing = needed - motion.dynamics.torque_without_friction(times)
             missing_wrench = np.einsum("tan,ta->tn", motor_speed, missing)  # G' (difference of the torques)
             displacement = open_loop_error(dynamics, times, missing_wrench)
             displacement += highest.platform(times) - motion.dynamics.platform(times)
-            torque = float((np.abs(missing) / peaks).max())
-            errors[name] = LevelError(torque, _largest_distance(rigid, displacement))
+            distances = np.linalg.norm(displacement * coordinate_sizes(rigid.robot), axis=1)
+            errors[name] = LevelError(float((np.abs(missing) / peaks).max()), float(distances.max()) / length)
     return Indicators.of(errors)
-
-
-def _largest_distance(rigid: InverseDynamics, displacement: Array) -> float:
-    """Return the largest of the platform's displacements (T, n) over the path's length."""
-    distances = np.linalg.norm(displacement * coordinate_sizes(rigid.robot), axis=1)
-    return float(distances.max()) / path_length(rigid.robot, rigid.path)
 
 
 def _interpolated_dynamics(rigid: InverseDynamics, times: Array) -> ErrorDynamics:

@@ -41,6 +41,8 @@ from framework.motion.path import Path
 from framework.output import Document, plain
 
 MIN_TOLERANCE = 1e-8  # torques are planned to 1e-10, and count as equal if they agree to 1e-9
+NO_FEEDBACK = "without feedback, errors of rounding and integration grow along this motion"
+BLIND_CONTROL = "each motor has a controller, which sees its own angle and not the platform"
 ERROR_ROUNDING = 1e-12  # of the path or the peak, below which an error is rounding
 
 
@@ -137,10 +139,11 @@ class FidelityStudy(ReadOnlyArrays):
             )
         reference = next(one for one in reversed(self.levels) if one.motion is not None)
         failure = reference.reason or f"leave the path by {100 * reference.platform:.2g} % of its length"
+        cause = BLIND_CONTROL if self.has_control else NO_FEEDBACK
         return NoAnswer(
             f"{self.robot.name}: no model is accurate to {100 * self.tolerance:g} %: in the full elastic "
             f"simulation even the torques of the most detailed one, {reference.level.name}, {failure}; "
-            f"without feedback, errors of rounding and integration grow along this motion"
+            f"{cause}"
         )
 
     def to_dict(self) -> Document:

@@ -18,11 +18,12 @@ from framework.arrays import Array, ReadOnlyArrays
 from framework.crossing.motion_scales import coordinate_sizes, largest_by_unit, path_length
 from framework.crossing.result import CrossingPlan
 from framework.dynamics.open_loop import MotorControl, fall_exponent
+from framework.dynamics.pointwise_dynamics import motor_inertia
 from framework.dynamics.result import InverseDynamics
 from framework.errors import NoAnswer
 from framework.fidelity.level_motions import LevelMotion
 from framework.kinematics.continuation.tracking import assemble
-from framework.kinematics.frames import difference, frames_at
+from framework.kinematics.frames import frames_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.fidelity_levels import LEVELS, LEVELS_BY_NAME, Level
 from framework.simulation import Event, Simulation, simulate
@@ -41,6 +42,7 @@ OWN_ERROR = 0.1
 # Time constants of the fall in a motion, from which on the motors have a controller: without one, the error
 # of the shortest steps would grow beyond OWN_ERROR.
 MAX_FALL = float(np.log(OWN_ERROR / STEP_ERRORS[-1]))
+CONTROL_TO_FALL = 10.0  # frequency of the controllers over the rate of the fall: they catch the robot
 MIN_STEP_ERROR = 1e-12  # [robot lengths] the accuracy of planned torques
 MOTION_SAMPLES = 1001  # equidistant instants of a comparison
 NEAR_CROSSING = np.geomspace(1e-6, 0.1, 41)  # of the duration: more instants, where differences may be narrow
@@ -74,8 +76,11 @@ class Comparison(ReadOnlyArrays):
 
     @property
     def platform(self) -> float:
-        """The largest platform error; infinite where the platform was lost."""
-        return np.inf if self.reason else float(self.platform_error.max())
+        """The largest platform error; infinite where the platform was lost.
+
+        A simulation may end before the last instant by rounding, without an error there.
+        """
+        return np.inf if self.reason else float(np.nanmax(self.platform_error))
 
     @property
     def deflection(self) -> tuple[str, float] | None:
@@ -92,7 +97,10 @@ class Comparison(ReadOnlyArrays):
 def fall_of(motion: InverseDynamics) -> tuple[float, MotorControl | None]:
     """Return the time constants of the fall in a motion; above MAX_FALL also feedback of the motors."""
     fall = fall_exponent(motion)
-    return fall, MotorControl.tune(motion, fall) if fall > MAX_FALL else None
+    if fall <= MAX_FALL:
+        return fall, None
+    inertia = motor_inertia(motion.robot, motion.configuration(0.0)[0])
+    return fall, MotorControl.of(inertia, CONTROL_TO_FALL * fall / motion.duration)
 
 
 @dataclass
@@ -119,14 +127,14 @@ class ReferenceMotion:
         duration = plan.duration
         offsets = np.concatenate([-NEAR_CROSSING, NEAR_CROSSING]) * duration
         close_instants = [crossing.time + offsets for crossing in plan.crossings]
-        times = np.unique(np.concatenate([np.linspace(0.0, duration, MOTION_SAMPLES), *close_instants]))
+        times = np.concatenate([np.linspace(0.0, duration, MOTION_SAMPLES), *close_instants])
         fall, control = fall_of(plan.dynamics)
         return cls(
             plan=plan,
             highest=highest,
             tolerance=tolerance,
             length=path_length(plan.robot, plan.path),
-            times=times[(times >= 0.0) & (times <= duration)],
+            times=np.unique(np.clip(times, 0.0, duration)),
             peak=largest_by_unit(plan.robot, np.array(list(plan.peak_torque.values()))),
             fall=fall,
             control=control,
@@ -194,8 +202,8 @@ class ReferenceMotion:
             platform_error[reached] = self._distance(run.configuration(t), motion.platform(t))
             if run.occurrences:
                 s = float(motion.law(np.array(run.duration)))
-                lost = f"{100 * self.lost:.3g} % off its path, and lost"
-                reason = f"{lost}, at t = {run.duration:.4g} s, s = {s:.4g}"
+                lost = f"{100 * self.lost:.3g} % off its path, and lost, at t = {run.duration:.4g} s"
+                reason = f"{lost}, s = {s:.4g}"
         except NoAnswer as failure:
             reason = f"no simulation: {failure}"
         self.seconds += time.perf_counter() - started
@@ -215,10 +223,9 @@ class ReferenceMotion:
         robot, plan = self.highest, self.plan
         has_same_springs = plan.robot.elastic_names == robot.elastic_names
         start = plan.configuration(0.0) if has_same_springs else assemble(robot, plan.platform(0.0)).q
-        feedforward = Drive.of(robot, motion)
         return simulate(
             robot,
-            feedforward if self.control is None else self._with_control(feedforward, motion),
+            self._drive(motion),
             method=METHOD,
             tolerance=self.step_error,
             start=start,
@@ -228,18 +235,20 @@ class ReferenceMotion:
             samples=2,
         )
 
-    def _with_control(self, feedforward: Drive, motion: InverseDynamics) -> Drive:
-        """Return the drive with the controllers of the motors about the angles that a level plans."""
+    def _drive(self, motion: InverseDynamics) -> Drive:
+        """Return the torques of a level; with controllers of the motors about its angles, if any."""
         robot, control = self.highest, self.control
-        assert control is not None
+        feedforward = Drive.of(robot, motion)
+        if control is None:
+            return feedforward
 
         def torque(t: Array, q: Array, v: Array) -> Array:
             """Compute motor torques (T, n_a)."""
-            angle = robot.gear_ratio * difference(robot, robot.neutral, q)[:, robot.actuated]
+            angle = robot.gear_ratio * robot.actuated_coordinates(q)
             speed = robot.gear_ratio * v[:, robot.actuated]
-            spring = control.k_p * (motion.motor_angle(t) - angle)
-            damper = control.k_d * (motion.motor_angle(t, 1) - speed)
-            return feedforward.function(t, q, v) + spring + damper
+            return feedforward.function(t, q, v) + control.torque(
+                motion.motor_angle(t) - angle, motion.motor_angle(t, 1) - speed
+            )
 
         return replace(feedforward, function=torque, feedback=True)
 

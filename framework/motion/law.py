@@ -53,20 +53,8 @@ class MotionLaw(Protocol):
     def __call__(self, t: ArrayLike, order: int = 0) -> Array: ...
 
 
-class PlannedLaw(ABC):
-    """A motion law of this package, with exact derivatives, that files can store.
-
-    `kind` is its name in files, `coefficients` are those of its Chebyshev series or splines.
-    """
-
-    kind: ClassVar[str]
-    coefficients: Array
-    duration: float
-
-    @property
-    def degree(self) -> int:
-        """Return the degree of the polynomials that the coefficients multiply."""
-        return len(self.coefficients) - 1
+class ExactLaw(ABC):
+    """A motion law of this package: its derivatives are exact, and need no check."""
 
     @property
     def edges(self) -> Array:
@@ -80,6 +68,22 @@ class PlannedLaw(ABC):
     def __call__(self, t: ArrayLike, order: int = 0) -> Array:
         """Return s(t) or its derivative [1/s^order], with the shape of t."""
 
+
+class PlannedLaw(ExactLaw):
+    """An exact law that plans choose and files can store.
+
+    `kind` is its name in files, `coefficients` are those of its Chebyshev series or splines.
+    """
+
+    kind: ClassVar[str]
+    coefficients: Array
+    duration: float
+
+    @property
+    def degree(self) -> int:
+        """Return the degree of the polynomials that the coefficients multiply."""
+        return len(self.coefficients) - 1
+
     @abstractmethod
     def derivatives(self, t: ArrayLike, count: int) -> list[Array]:
         """Return the derivatives of s of orders 0 to `count` - 1 [1/s^order], each with the shape of t."""
@@ -91,6 +95,11 @@ class PlannedLaw(ABC):
     @abstractmethod
     def to_dict(self) -> dict[str, Any]:
         """Return the entry `law` of plan.json."""
+
+
+def edges_of(law: MotionLaw) -> Array:
+    """Return the edges (k,) [s] of an exact law; none of a law of the user's own."""
+    return law.edges if isinstance(law, ExactLaw) else np.empty(0)
 
 
 def law_derivatives(law: MotionLaw, t: ArrayLike, count: int = 3) -> list[Array]:

@@ -10,7 +10,7 @@ import json
 import shutil
 import zipfile
 import zlib
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
@@ -24,6 +24,7 @@ from framework.output import written_together
 from framework.parallel.tasks import iterate_results
 
 PREFIX = ".crossing-kept-"
+WHY = "why"  # column of the reasons why a row has no numbers
 Arrays = Mapping[str, NDArray[Any]]
 K = TypeVar("K")
 
@@ -104,6 +105,24 @@ def complete_chunks(
         progress(chunks)
     in_order = [chunks[name] for name in tasks]
     return {key: np.concatenate([chunk[key] for chunk in in_order]) for key in in_order[0]}
+
+
+def compute_rows(
+    compute: Callable[[K], Mapping[str, float]],
+    columns: Iterable[str],
+    refusals: tuple[type[Exception], ...],
+    tasks: Iterable[K],
+) -> dict[str, NDArray[Any]]:
+    """Compute a chunk of tasks: numbers by column, NaN where one is refused, and the reasons as `why`."""
+    rows = []
+    for task in tasks:
+        row: dict[str, Any] = {**dict.fromkeys(columns, np.nan), WHY: ""}
+        try:
+            row |= compute(task)
+        except refusals as refusal:
+            row[WHY] = str(refusal)
+        rows.append(row)
+    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
 def _compute_item(compute: Callable[[K], Arrays], item: tuple[str, K]) -> Arrays:

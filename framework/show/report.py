@@ -9,12 +9,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import fields
 from datetime import date
 from html import escape
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from framework.atlas.map_files import package_versions
 from framework.crossing.plan_facts import motion_facts
 from framework.crossing.request import Request
 from framework.crossing.result import CrossingPlan
@@ -32,10 +33,19 @@ from framework.show.style import figure_file, use_style
 
 PROOF = (
     "The torques are functions of time known on the nodes of their series, which would leave out 1e-3 of an "
-    "unbounded torque or more. The loops stay closed between the nodes, too. At each crossing t_s · W_p, "
-    "with the inertia of all bodies, is zero but for rounding, as a finite torque needs: condition (8) in "
-    "the paper of Briot and Arakelian, 2010. All of it was computed from the law when this page was written: "
-    "numbers near 1e-15 are rounding, and not the same twice."
+    "unbounded torque or more. The loops stay closed between the nodes, too."
+)
+CROSSED = (
+    "At each crossing t_s · W_p, with the inertia of all bodies, is zero but for rounding, as a finite "
+    "torque needs: condition (8) in the paper of Briot and Arakelian, 2010."
+)
+SMALL_DISPLACEMENTS = "Forces were taken on the undeformed robot (small displacements)."
+SETTLED = "Forces and deflections were computed in turn, until one more time changed them no more."
+ADVANCES = "The platform advances along the path all the time (s′ > 0)."
+OVERSHOOTS = "The law overshoots the ends of the path a little: s′ changes sign."
+COMPUTED = (
+    "All of it was computed from the law when this page was written: numbers near 1e-15 are rounding, and "
+    "not the same twice."
 )
 CONDITION = (
     "{1.alpha:.6g} s″ {1.beta:+.6g} s′² {1.delta:+.6g} s′ {1.gamma:+.6g} = t_s · W_p = 0 at t = {0:.6g} s"
@@ -51,7 +61,6 @@ CERTIFIED = {  # numbers of a certificate by their format
 }
 MOTOR = "gear ratio {0.gear_ratio:g}, rotor inertia {0.rotor_inertia:g} kg m²"
 ONLY_CALLED = ("at", "tolerance")  # options of `plan_crossing` that a command line lacks
-PACKAGES = ("parallel-singularity-crossing", "pin", "numpy", "scipy", "meshcat")
 
 
 def report_page(plan: CrossingPlan, *, name: str = "", planned: Certificate | None = None) -> str:
@@ -148,11 +157,17 @@ def _certificate(plan: CrossingPlan, planned: Certificate | None) -> str:
         for crossing in plan.crossings
         if crossing.condition is not None
     ]
-    certificates = [plan.certificate] if planned is None else [planned, plan.certificate]
-    numbers = [(text, *(form.format(one) for one in certificates)) for form, text in CERTIFIED.items()]
-    head = ("certificate", *["plan.json"] * (planned is not None), "computed anew")
-    tables = [*([_table(conditions)] if conditions else []), _table(numbers, head)]
-    return "".join([f"<p>{_mark_indices(PROOF)}</p>", *tables])
+    certificates = {} if planned is None else {"plan.json": planned}
+    certificates["computed anew"] = plan.certificate
+    numbers = [
+        (text, *(form.format(one) for one in certificates.values())) for form, text in CERTIFIED.items()
+    ]
+    tables = [*([_table(conditions)] if conditions else []), _table(numbers, ("certificate", *certificates))]
+    sentences = [PROOF, CROSSED] if plan.crossings else [PROOF]
+    if plan.robot.n_e:
+        sentences.append(SMALL_DISPLACEMENTS if plan.geometry == "rigid" else SETTLED)
+    sentences += [ADVANCES if plan.certificate.monotone else OVERSHOOTS, COMPUTED]
+    return "".join([f"<p>{_mark_indices(' '.join(sentences))}</p>", *tables])
 
 
 def _parameters(plan: CrossingPlan) -> str:
@@ -194,12 +209,8 @@ def _plain(value: object) -> str:
 def _reproduction(plan: CrossingPlan) -> str:
     """Return the HTML of the command that plans again, with versions of packages."""
     robot = plan.robot
-    installed = []
-    for package in PACKAGES:
-        try:
-            installed.append(f"{package} {version(package)}")
-        except PackageNotFoundError:
-            installed.append(f"{package} (not installed)")
+    versions = {**package_versions(), "meshcat": version("meshcat")}
+    installed = [f"{package} {number}" for package, number in versions.items()]
     line = command_line(plan, "again")
     again = python_call(plan) if line is None else f"{line}\ncrossing report again"
     return (

@@ -13,7 +13,7 @@ from typing import Any, Protocol, cast
 import numpy as np
 
 from framework.arrays import Array, ArrayLike
-from framework.errors import InvalidInput
+from framework.errors import InvalidInput, finite_numbers
 from framework.kinematics.external_wrenches import NO_WRENCHES, ExternalWrenches
 from framework.kinematics.frames import integrate
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -111,16 +111,24 @@ class Drive:
 
         Raises:
             InvalidInput: it is none of these; its first answer comes with the wrong number of torques;
-                wrenches that are none.
+                wrenches that are none; breaks or wrenches beside a drive, which has its own.
         """
         if isinstance(source, Drive):
+            if len(breaks) or wrenches is not None:
+                raise InvalidInput("torque: a Drive has its own breaks and wrenches; leave out both options")
             return source
         motion = planned_motion(source)
         planned = getattr(motion, "wrenches", NO_WRENCHES)
         entries = planned if wrenches is None else ExternalWrenches.of(wrenches)
         world = WorldForces.of(robot, entries, getattr(motion, "law", None))
         if motion is not None:
-            return Drive._from_motion(robot, motion, breaks, world)
+            motors = np.shape(motion.torque(0.0))[-1]
+            if motors != robot.n_a:
+                raise InvalidInput(f"torque: the plan drives {motors} motors, {robot.name} has {robot.n_a}")
+            edges = getattr(getattr(motion, "torques", None), "edges", np.empty(0))
+            inner = sorted([*map(float, edges[1:-1]), *breaks])
+            smooth = getattr(motion, "torque_without_friction", motion.torque)  # no robot has the friction
+            return Drive(robot, lambda t, q, v: smooth(t), False, tuple(inner), world)
         if not callable(source):
             raise InvalidInput(
                 f"torque: needs a plan, a result of inverse_dynamics, torque(t) or torque(t, q, v), got "
@@ -132,34 +140,13 @@ class Drive:
 
         def stack(t: Array, q: Array, v: Array) -> Array:
             """Call the function at one instant after the other, with (t) or (t, q, v)."""
-            answers = (source(*(float(t[k]), q[k], v[k])[:count]) for k in range(len(t)))
-            return np.array([_torques(answer, robot.n_a) for answer in answers])
+            torques = np.empty((len(t), robot.n_a))
+            for k, instant in enumerate(map(float, t)):
+                answer = np.atleast_1d(source(*(instant, q[k], v[k])[:count]))
+                torques[k] = finite_numbers(f"torque: at t = {instant:.9g} s", answer, robot.n_a)
+            return torques
 
         return Drive(robot, stack, count == 3, tuple(sorted(map(float, breaks))), world)
-
-    @staticmethod
-    def _from_motion(
-        robot: ParallelRobot, motion: PlannedMotion, breaks: Sequence[float], world: WorldForces
-    ) -> Drive:
-        """Return the drive of a planned motion, without its torques against dry friction, which none has."""
-        motors = np.shape(motion.torque(0.0))[-1]
-        if motors != robot.n_a:
-            raise InvalidInput(f"torque: the plan drives {motors} motors, {robot.name} has {robot.n_a}")
-        edges = getattr(getattr(motion, "torques", None), "edges", np.empty(0))
-        inner = sorted([*map(float, edges[1:-1]), *breaks])
-        smooth = getattr(motion, "torque_without_friction", motion.torque)
-        return Drive(robot, lambda t, q, v: smooth(t), False, tuple(inner), world)
-
-
-def _torques(answer: Any, count: int) -> Array:
-    """Return the answer of a user's function as torques (count,) [N m]; refuse anything else."""
-    try:
-        torque = np.atleast_1d(np.asarray(answer, dtype=float))
-    except (TypeError, ValueError):
-        raise InvalidInput(f"torque: needs {count} numbers, got {answer!r}") from None
-    if torque.shape != (count,):
-        raise InvalidInput(f"torque: needs {count} numbers, got shape {torque.shape}")
-    return torque
 
 
 def _arguments(function: Callable[..., Any]) -> int:

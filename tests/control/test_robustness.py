@@ -22,6 +22,7 @@ from framework.control.run_monitor import ControlLoop
 from framework.control.study import run_chunk, run_study
 from framework.control.study_setup import load_study
 from framework.control.variation import Spread, Variation, draw, vary
+from framework.dynamics.open_loop import MotorControl
 from tests.conftest import REMOVED, put
 
 PAYLOAD = Spread(payload=0.05)
@@ -51,7 +52,10 @@ def test_the_plan_held_over_each_period_comes_back_to_second_order(flexibility):
         reference = reference_of(plan, period=period)
         nothing = np.zeros(reference.robot.n_a)
         run = run_closed_loop(
-            FeedforwardPD(reference, nothing, nothing), ControlLoop(), Spread(), unvaried(tuned(reference))
+            FeedforwardPD(reference, MotorControl(nothing, nothing)),
+            ControlLoop(),
+            Spread(),
+            unvaried(tuned(reference)),
         )
         errors.append(run.tracking_error[0])
     assert errors[1] < 2e-5  # robot lengths
@@ -67,7 +71,10 @@ def test_an_optimal_law_is_held_over_each_period_to_second_order_too():
         reference = reference_of(plan, period=period)
         nothing = np.zeros(reference.robot.n_a)
         run = run_closed_loop(
-            FeedforwardPD(reference, nothing, nothing), ControlLoop(), Spread(), unvaried(tuned(reference))
+            FeedforwardPD(reference, MotorControl(nothing, nothing)),
+            ControlLoop(),
+            Spread(),
+            unvaried(tuned(reference)),
         )
         errors.append(run.tracking_error[0])
     assert 3.0 < errors[0] / errors[1] < 5.5

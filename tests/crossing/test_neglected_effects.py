@@ -136,6 +136,15 @@ def test_another_model_on_the_motion_needs_what_its_own_plan_does():
         np.testing.assert_allclose(needed.torque(TIMES), own.torque(TIMES), rtol=0, atol=1e-8)
 
 
+def test_inertia_of_the_elastic_motion_is_worth_what_the_plan_with_it_needs_more():
+    whole = robots.load("five_bar_heavy", flexibility="flexible_links")
+    still, full = (plan_scene(replace(whole, elastic_inertia=felt), "C") for felt in (False, True))
+    (inertia,) = still.neglected
+    assert inertia.effect == "inertia of the elastic motion"
+    needed = np.abs(full.torque(TIMES) - still.torque(TIMES)).max()
+    assert inertia.torque == pytest.approx(needed, rel=0.05)
+
+
 def test_what_a_reader_left_out_comes_last_and_has_no_number():
     description = replace(robots.load("five_bar").description, left_out=("a tendon: 3 N",))
     plan = plan_scene(ParallelRobot.from_description(description), "A")

@@ -68,5 +68,7 @@ def test_what_is_no_parameter_or_no_option_is_told(file):
         plan_study(file, "C", {"drives": [1.0]}, quantities={})
     with pytest.raises(InvalidInput, match="smoothness"):
         plan_study(file, "C", {"drive": [4e3]}, smoothness=-1, quantities={})
+    with pytest.raises(InvalidInput, match="quantities: 'why'"):
+        plan_study(file, "C", {"drive": [4e3]}, quantities={"why": largest_deflection})
     with pytest.raises(InvalidInput, match="at least one value"):
         plan_study(file, "C", {"drive": []}, quantities={})

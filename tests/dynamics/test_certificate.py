@@ -230,10 +230,17 @@ class Brought:
 CLEAR = Line([0.1, 0.345], [-0.05, 0.295])
 
 
+class BroughtInPanels(Brought):
+    """One with a name that laws of the package use, too."""
+
+    edges = ()
+
+
+@pytest.mark.parametrize("kind", [Brought, BroughtInPanels])
 @pytest.mark.parametrize("order", [1, 2])
-def test_a_law_whose_derivatives_are_not_its_own_is_refused(order):
+def test_a_law_whose_derivatives_are_not_its_own_is_refused(kind, order):
     good = Law.rest_to_rest(1.5, 4)
-    wrong = Brought(lambda t, k: good(t, k) * (1.001 if k == order else 1.0))
+    wrong = kind(lambda t, k: good(t, k) * (1.001 if k == order else 1.0))
     with pytest.raises(InvalidInput, match=rf"law\(t, {order}\) is not the derivative"):
         inverse_dynamics(robots.load("five_bar"), CLEAR, wrong)
 

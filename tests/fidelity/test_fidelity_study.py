@@ -155,6 +155,21 @@ def test_where_even_the_highest_level_is_not_enough_there_is_a_reason():
     assert crossing_study().refusal is None
 
 
+def test_a_refusal_speaks_of_feedback_as_the_simulation_had_it():
+    study = replace(crossing_study(), tolerance=1e-15)
+    assert "without feedback" in str(study.refusal)
+    caught = str(replace(study, has_control=True).refusal)
+    assert "without feedback" not in caught
+    assert "each motor has a controller" in caught
+
+
+def test_a_simulation_that_ends_by_rounding_before_the_last_instant_loses_nothing():
+    highest = crossing_study().levels[-1]
+    errors = highest.platform_error.copy()
+    errors[-1] = np.nan
+    assert replace(highest, platform_error=errors).platform == np.max(errors[:-1])
+
+
 def test_a_motion_without_a_highest_plan_has_nothing_to_be_judged_by():
     with pytest.raises(UnboundedTorque):
         fidelity_study(robots.load("five_bar"), "B")

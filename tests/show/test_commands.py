@@ -19,6 +19,7 @@ import robots
 from framework import Line, plan_crossing, plan_scene
 from framework.cli import main
 from framework.crossing.saved import load_plan, plan_document
+from framework.show.report import _certificate
 
 
 @pytest.fixture
@@ -200,6 +201,23 @@ def test_a_report_says_what_the_plan_is_and_how_to_have_it_again(crossing, folde
     again = json.loads(out)
     np.testing.assert_allclose(again["law"]["chebyshev"], plan.law.coefficients, atol=1e-9)
     assert again["robot_file"] == "five_bar"
+
+
+def test_the_certificate_claims_what_holds_of_this_plan_alone(folder):
+    overshooting = plan_scene(robots.load("five_bar"), "C")
+    assert not overshooting.certificate.monotone
+    clear = plan_crossing(robots.load("five_bar"), Line([0.1, 0.345], [-0.05, 0.295]), duration=1.5)
+    assert not clear.crossings
+    crosses, elastic, overshoots = "At each crossing", "Forces", "overshoots the ends"
+    for plan, sentences in (
+        (load_plan(folder), (crosses, elastic)),
+        (overshooting, (crosses, overshoots)),
+        (clear, ()),
+    ):
+        said = _certificate(plan, None)
+        assert [one in said for one in (crosses, elastic, overshoots)] == [
+            one in sentences for one in (crosses, elastic, overshoots)
+        ]
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ import robots
 from framework import ParallelRobot, plan_scene
 from framework.errors import InvalidInput, NotConverged
 from framework.simulation import Event, simulate
+from framework.simulation.drive import Drive
 from tests.oracles.forward_simulation import simulate_robot
 
 
@@ -266,13 +267,19 @@ def test_misuse_is_named(robot, plan, options, message):
     [
         (3.0, "torque: needs a plan"),
         (lambda: [0.0, 0.0], "torque: takes"),
-        (lambda t: [0.0], "torque: needs 2 numbers"),
-        (lambda t: [np.nan, 0.0], "torque: not finite"),
+        (lambda t: [0.0], "torque: at t = 0 s must be 2 finite numbers"),
+        (lambda t: [np.nan, 0.0], "torque: at t = 0 s must be 2 finite numbers"),
     ],
 )
 def test_drives_that_cannot_be_are_named(robot, drive, message):
     with pytest.raises(InvalidInput, match=message):
         simulate(robot, drive, duration=0.1)
+
+
+@pytest.mark.parametrize("option", [{"breaks": [0.05]}, {"wrenches": {}}])
+def test_a_drive_takes_no_breaks_or_wrenches_beside_its_own(robot, plan, option):
+    with pytest.raises(InvalidInput, match="a Drive has its own breaks and wrenches"):
+        simulate(robot, Drive.of(robot, plan), duration=0.1, **option)
 
 
 def test_a_function_needs_a_duration(robot):
