@@ -56,15 +56,16 @@ class Designs(NamedTuple):
 
 
 class StudyTask(NamedTuple):
-    """The map of each design: quantities `keys` at `size` x `size` poses over two axes."""
+    """The map of each design: quantities `keys` at `size` x `size` poses over two axes.
+
+    window: least and largest of the first axis, then of the second; None: its reach.
+    """
 
     file: str
     names: tuple[str, ...]
     flexibility: str
     axes: tuple[str, str]
-    window: (
-        tuple[float, ...] | None
-    )  # least and largest of the first axis, then of the second; None: its reach
+    window: tuple[float, ...] | None
     size: int
     keys: tuple[str, ...]
 
