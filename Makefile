@@ -20,8 +20,8 @@ METADATA := pyproject.toml constraints.txt
 NOTEBOOKS := $(wildcard notebooks/*.ipynb)
 DEMO := crossing_C
 # what meets every package that the framework calls, in at most one minute
-SOME_TESTS := tests/linalg tests/motion tests/locus/test_traced_locus.py tests/robots/test_every_robot.py \
-  tests/show/test_plots.py tests/crossing/optimal/test_best_law.py tests/test_cli_pose.py tests/test_cli_simulate.py
+SOME_TESTS := tests/numerics tests/laws tests/singularity/test_traced_locus.py tests/robots/test_every_robot.py \
+  tests/show/test_plots.py tests/planning/optimal/test_best_law.py tests/test_cli_pose.py tests/test_cli_simulate.py
 # the API reference: the package and the modules that its docstring names
 API := framework $(shell grep -oE '`framework(\.[a-z_]+)+`' framework/__init__.py | tr -d '`' | sort -u)
 

@@ -8,7 +8,7 @@ import signal
 import sys
 from contextlib import suppress
 
-from framework.interruption import SIGNALS, defer_signals, interruptible
+from framework.numerics.interruption import SIGNALS, defer_signals, interruptible
 
 ENDED_BY = {128 + number for number in SIGNALS}  # exit codes
 

@@ -17,8 +17,9 @@ from difflib import get_close_matches
 from typing import Any, Self, TypeVar, dataclass_transform
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from framework.arrays import Array, ArrayLike
+Array = NDArray[np.float64]  # of `numerics`, which stands above
 
 
 class FrameworkError(Exception):
@@ -288,7 +289,7 @@ class NoLaw(NoAnswer):
     """No motion law can pass, or none was found that advances all the time.
 
     `proof` is what the first rests on, None where nothing is proved; `evidence` what a search found instead
-    (`framework.crossing.refusals.refusal_proofs`).
+    (`framework.planning.refusals.refusal_proofs`).
     """
 
     proof: object = None

@@ -5,12 +5,6 @@ They stand in a file of their own so that `import framework` takes no time until
 
 from framework.catalogue import load_robot
 from framework.control.control_cycle import ControlCycle
-from framework.crossing.capacity import largest_load
-from framework.crossing.plan import plan_crossing
-from framework.crossing.plan_study import plan_study
-from framework.crossing.result import CrossingPlan
-from framework.crossing.saved import load_plan
-from framework.crossing.scenes import plan_scene
 from framework.dynamics.dynamics_derivatives import dynamics_derivatives
 from framework.dynamics.forward_dynamics import forward_dynamics
 from framework.dynamics.inverse_dynamics import inverse_dynamics
@@ -40,6 +34,7 @@ from framework.errors import (
     UnboundedTorque,
     UncontrolledMotions,
 )
+from framework.fidelity.capacity import largest_load
 from framework.fidelity.fidelity_study import FidelityStudy, fidelity_study
 from framework.kinematics.continuation.forward_kinematics import forward_kinematics
 from framework.kinematics.continuation.tracking import assemble, track_path
@@ -47,13 +42,18 @@ from framework.kinematics.diagnostics.diagnosis import check_robot
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.velocity_matrices import velocity_matrices
-from framework.locus.traced_locus import trace_locus
-from framework.motion.law import Condition, Law
-from framework.motion.path import Arc, Line, Polyline, Spline
+from framework.laws.law import Condition, Law
+from framework.laws.path import Arc, Line, Polyline, Spline
+from framework.planning.plan import plan_crossing
+from framework.planning.plan_study import plan_study
+from framework.planning.result import CrossingPlan
+from framework.planning.saved import load_plan
+from framework.planning.scenes import plan_scene
 from framework.proofs.singular_paving import SingularPaving, pave_singularities
 from framework.simulation import Simulation, simulate
 from framework.singularity.points_on_path import SingularPoint, locate_singularities
 from framework.singularity.pose_classes import classify
+from framework.singularity.traced_locus import trace_locus
 
 __all__ = [
     "Arc",

@@ -20,7 +20,7 @@ from pathlib import Path
 from tests.test_imports import FILES, FRAMEWORK, imports
 
 TABLE = Path(__file__).with_name("census.md")
-PLANNING = "framework.crossing.plan"
+PLANNING = "framework.planning.plan"
 COUNTS = ("files", "lines", "nodes", "many locals", "numbers", "unclear names", "first lines")
 MAX_LOCALS, MAX_WORDS = 15, 20
 PREPOSITION = re.compile(

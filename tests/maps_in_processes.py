@@ -20,8 +20,8 @@ from framework.atlas.map_files import setup_document, write_map
 from framework.atlas.quantities import choose_quantities
 from framework.atlas.window import Window
 from framework.atlas.workspace_map import workspace_map
-from framework.parallel.kept import KeptChunks
-from framework.parallel.tasks import executor_of
+from framework.numerics.kept import KeptChunks
+from framework.numerics.tasks import executor_of
 
 if __name__ == "__main__":
     out, workers, dask = Path(sys.argv[1]), int(sys.argv[2]), sys.argv[3] or None

@@ -9,14 +9,22 @@ import shlex
 import pytest
 
 import robots
-from framework import Line, locate_singularities, plan_crossing, plan_scene
+from framework import (
+    InvalidInput,
+    Line,
+    NoAnswer,
+    NoLaw,
+    ParallelRobot,
+    UnboundedTorque,
+    locate_singularities,
+    plan_crossing,
+    plan_scene,
+)
 from framework.cli import main
 from framework.cli.commands import COMMANDS
-from framework.crossing.path_modification import plan_request_with_modified_path, plan_with_modified_path
-from framework.crossing.scenes import scene_request
-from framework.errors import InvalidInput, NoAnswer, NoLaw, UnboundedTorque
-from framework.kinematics.parallel_robot import ParallelRobot
-from tests.crossing.test_orthogonal_path import bent
+from framework.planning.path_modification import plan_request_with_modified_path, plan_with_modified_path
+from framework.planning.scenes import scene_request
+from tests.planning.test_orthogonal_path import bent
 
 LINE = "--from 0.1 0.345 --to -0.05 0.195"
 MEANT = [  # a wrong command line, what was meant

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from framework.cli import main
-from framework.input import read_text
+from framework.numerics.input import read_text
 
 DATA = Path(__file__).parent / "data" / "dialects"
 PLUS = str(DATA / "five_bar_plus.urdf")

@@ -11,7 +11,7 @@ import pytest
 import robots
 from framework import assemble, dynamics_at, plan_scene
 from framework.cli import main
-from framework.crossing.optimal.peak_bound import bound_plan
+from framework.planning.optimal.peak_bound import bound_plan
 from framework.show.report import command_line, report_page
 
 

@@ -40,9 +40,9 @@ from framework import (
     track_path,
     velocity_matrices,
 )
-from framework.crossing.plan import plan_request
-from framework.crossing.request import Request
-from framework.crossing.saved import plan_document
+from framework.planning.plan import plan_request
+from framework.planning.request import Request
+from framework.planning.saved import plan_document
 from framework.singularity.points_on_path import search_path
 
 ERRORS = {

@@ -22,10 +22,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from framework.arrays import Array, ReadOnlyArrays
 from framework.atlas.map_files import (
     STATISTICS,
-    package_versions,
     robot_hash,
     table_cells,
     value_range,
@@ -35,12 +33,14 @@ from framework.atlas.quantities import QUANTITIES, choose_quantities, unit_of
 from framework.atlas.survey import survey_window
 from framework.atlas.window import Window, map_axes
 from framework.atlas.workspace_map import WorkspaceMap, workspace_map
+from framework.dynamics.loading import LoadReason
 from framework.errors import FrameworkError, InvalidInput, choose_from, finite_numbers
-from framework.input import read_text
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.parameters import declared_parameters
-from framework.parallel.kept import WHY, ArrayField, KeptChunks, complete_chunks, compute_rows
-from framework.statics.loading import LoadReason
+from framework.numerics.arrays import Array, ReadOnlyArrays
+from framework.numerics.input import read_text
+from framework.numerics.kept import WHY, ArrayField, KeptChunks, complete_chunks, compute_rows
+from framework.numerics.output import package_versions
 
 DESIGNS_PER_TASK = 4  # designs of a task
 MAX_DESIGNS = 1_000_000  # designs

@@ -10,7 +10,6 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping, Sequence
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +18,12 @@ import numpy as np
 from framework.atlas.quantities import Quantity, unit_of
 from framework.atlas.window import Window
 from framework.atlas.workspace_map import WorkspaceMap
+from framework.dynamics.loading import LOAD_WORDS, LoadReason
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.output import json_text
-from framework.statics.loading import LOAD_WORDS, LoadReason
+from framework.numerics.output import json_text, package_versions
 
 DOCUMENT = "map.json"
 STATISTICS = ("least", "median", "largest")
-PACKAGES = ("parallel-singularity-crossing", "pin", "numpy", "scipy")
 
 
 def robot_hash(robot: ParallelRobot) -> str:
@@ -36,11 +34,6 @@ def robot_hash(robot: ParallelRobot) -> str:
         digest.update(file.read_bytes())
     digest.update(robot.description.urdf_text.encode())
     return digest.hexdigest()
-
-
-def package_versions() -> dict[str, str]:
-    """Return the versions of packages on which the last bit of results depends."""
-    return {package: version(package) for package in PACKAGES}
 
 
 def map_setup(workspace: WorkspaceMap) -> dict[str, Any]:

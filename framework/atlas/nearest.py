@@ -19,7 +19,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike, ReadOnlyArrays, join, select
 from framework.atlas.sweep import STEP_PARTS, PoseReason, step_poses
 from framework.errors import InvalidInput
 from framework.kinematics.continuation.pose_search import distance_unit
@@ -27,6 +26,7 @@ from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import assembled_at, linearised_at
 from framework.kinematics.loop_matrices import type1_matrix, type2_matrix
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, join, select
 from framework.proofs.regular_ball import MAX_CELLS, regular_ball
 from framework.singularity.bordered_system import bordered_solution
 from framework.singularity.type2 import has_signed_measure, uncontrolled_motion

@@ -12,12 +12,12 @@ from functools import lru_cache
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike
 from framework.atlas.sweep import PoseReason, step_poses
 from framework.errors import finite_numbers
 from framework.kinematics.continuation.pose_search import NearestPose, PoseSearch
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tree_model import shares_beyond_limits
+from framework.numerics.arrays import Array, ArrayLike
 
 WALKS, WALK_STEPS = 64, 60
 MAX_WALK_STEP = 0.1  # [robot lengths, rad]

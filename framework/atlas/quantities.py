@@ -8,20 +8,20 @@ from functools import cached_property
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.dynamics.forces import balanced_forces, static_forces
-from framework.dynamics.tangent_stiffness import check_wrench
-from framework.errors import InvalidInput, choose_from, finite_numbers
-from framework.kinematics.linearised_loops import LinearisedLoops
-from framework.kinematics.parallel_robot import ParallelRobot
-from framework.singularity.distances import Distances, singularity_distances
-from framework.statics.loading import LoadedStack, LoadReason, loaded_stack
-from framework.statics.stiffness import (
+from framework.dynamics.loading import LoadedStack, LoadReason, loaded_stack
+from framework.dynamics.stiffness import (
     CompliantMotions,
     compliant_motions,
     least_stiffness,
     locked_motor_frequency,
 )
+from framework.dynamics.tangent_stiffness import check_wrench
+from framework.errors import InvalidInput, choose_from, finite_numbers
+from framework.kinematics.linearised_loops import LinearisedLoops
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.singularity.distances import Distances, singularity_distances
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 from scipy import ndimage
 
-from framework.arrays import Array, BoolArray, IntArray
 from framework.atlas.quantities import has_torque_limits
 from framework.atlas.survey import longest_cell_edge
 from framework.atlas.sweep import REASON_WORDS, PoseReason
@@ -16,6 +15,7 @@ from framework.atlas.workspace_map import WorkspaceMap
 from framework.errors import InvalidInput, LimitsExceeded, point
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import positions_beyond_limits, shares_beyond_limits
+from framework.numerics.arrays import Array, BoolArray, IntArray
 from framework.tolerances import SAME_PLACE
 
 NOT_JOINED = "within all limits, not joined to the reference within them"

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from framework.arrays import Array, ArrayLike
 from framework.atlas.sweep import PoseReason, fill_grid
 from framework.atlas.window import MAX_EDGE_POSES, Window, held_coordinates, map_axes
 from framework.errors import InvalidInput, NoAnswer, OutOfReach
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import shares_beyond_limits
+from framework.numerics.arrays import Array, ArrayLike
 
 EDGE_POSES = 200  # poses along an edge
 MAX_NEIGHBOUR_DISTANCE = 0.15  # [robot lengths, rad] of a step from a pose to its neighbour

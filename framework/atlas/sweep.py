@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from framework.arrays import Array, BoolArray, IntArray
 from framework.kinematics.continuation.predictor_corrector import is_small, is_straight
 from framework.kinematics.frames import difference, integrate
 from framework.kinematics.inverse_kinematics import close_each
@@ -23,6 +22,7 @@ from framework.kinematics.loop_matrices import lost_equations
 from framework.kinematics.modes import keeps_sign, keeps_working_mode
 from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.numerics.arrays import Array, BoolArray, IntArray
 from framework.tolerances import BRANCHES_CROSS
 
 NEWTON_STEPS = 10  # to correct a prediction; one that needs more is refused

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.errors import InvalidInput, finite_numbers, whole_number
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
 
 MAX_EDGE_POSES = 4000  # poses along an edge
 

@@ -20,19 +20,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from framework.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays
 from framework.atlas.quantities import Quantity, choose_quantities, quantity_values
 from framework.atlas.survey import MAX_NEIGHBOUR_DISTANCE, longest_cell_edge, seed_poses, survey_window
 from framework.atlas.sweep import REASON_WORDS, PoseReason, fill_grid, step_poses
 from framework.atlas.window import Window
+from framework.dynamics.loading import LOAD_WORDS, LoadReason
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_each, require_square
 from framework.kinematics.linearised_loops import linearised_at, linearised_at_reference
 from framework.kinematics.modes import mode_signs
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.locus.locus_on_map import MapLocus, MapPoses, locus_on_map
-from framework.parallel.kept import ArrayField, KeptChunks, complete_chunks
-from framework.statics.loading import LOAD_WORDS, LoadReason
+from framework.numerics.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays
+from framework.numerics.kept import ArrayField, KeptChunks, complete_chunks
+from framework.singularity.locus_on_map import MapLocus, MapPoses, locus_on_map
 
 ASIDE = (0.0, 1.0, 1.0, 1.0)  # [rad, robot lengths] of joints: starts of searches in other working modes
 BAND_ROWS = 8  # of a band; poses between coarse ones at most

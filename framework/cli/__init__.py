@@ -33,7 +33,7 @@ import sys
 from collections.abc import Sequence
 
 from framework.cli.commands import parser_of
-from framework.interruption import Heard, Terminated, defer_signals, exit_code, interruptible
+from framework.numerics.interruption import Heard, Terminated, defer_signals, exit_code, interruptible
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

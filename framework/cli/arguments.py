@@ -7,28 +7,28 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from framework.catalogue import robot_file
-from framework.crossing.motion_table import (
+from framework.errors import InvalidInput, finite_numbers
+from framework.kinematics.external_wrenches import wrench_on_platform
+from framework.kinematics.mechanism import Mechanism
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.laws.path import Line, Path, Polyline
+from framework.model.description import FLEXIBILITIES, ParsedRobot
+from framework.model.readers.describe import Propose
+from framework.model.readers.recognise import parse_any
+from framework.numerics.fields import LARGEST_NUMBER
+from framework.planning.motion_table import (
     DEFAULT_ROWS,
     MAX_SAMPLES,
     MotionTable,
     motion_columns,
     select_columns,
 )
-from framework.crossing.options import TYPED
-from framework.crossing.plan import plan_request
-from framework.crossing.request import Request
-from framework.crossing.result import CrossingPlan
-from framework.crossing.saved import is_plan_folder, load_plan
-from framework.crossing.scenes import scene, scene_path, scene_request
-from framework.errors import InvalidInput, finite_numbers
-from framework.fields import LARGEST_NUMBER
-from framework.kinematics.external_wrenches import wrench_on_platform
-from framework.kinematics.mechanism import Mechanism
-from framework.kinematics.parallel_robot import ParallelRobot
-from framework.model.description import FLEXIBILITIES, ParsedRobot
-from framework.model.readers.describe import Propose
-from framework.model.readers.recognise import parse_any
-from framework.motion.path import Line, Path, Polyline
+from framework.planning.options import TYPED
+from framework.planning.plan import plan_request
+from framework.planning.request import Request
+from framework.planning.result import CrossingPlan
+from framework.planning.saved import is_plan_folder, load_plan
+from framework.planning.scenes import scene, scene_path, scene_request
 
 if TYPE_CHECKING:
     from framework.fidelity.chosen_level import ChosenLevel

@@ -9,9 +9,9 @@ import numpy as np
 
 from framework.cli import arguments
 from framework.cli.parser import Report, add_path_and_motion, add_robot, command
-from framework.crossing.capacity import Capacity, capacity_request, largest_load_of
-from framework.crossing.plan_facts import torque_text
-from framework.output import Document
+from framework.fidelity.capacity import Capacity, capacity_request, largest_load_of
+from framework.numerics.output import Document
+from framework.planning.plan_facts import torque_text
 
 HEAD = """\
 {0.plan.robot.name}, {0.plan.robot.flexibility}: {0.multiple:.6g} times the wrench is planned, over \

@@ -30,7 +30,7 @@ from contextlib import suppress
 from typing import TextIO
 
 from framework.errors import OutputError
-from framework.interruption import defer_signals
+from framework.numerics.interruption import defer_signals
 
 PROGRAM, TRY = "crossing: ", "try: "  # what a complaint begins with, and what advice does
 MAX_MESSAGE_LENGTH = 1000  # [characters]

@@ -20,14 +20,9 @@ from framework.cli.parser import (
     command,
     integer_between,
 )
-from framework.crossing.motion_table import DEFAULT_ROWS
-from framework.crossing.options import MOTION
-from framework.crossing.result import CrossingPlan
-from framework.crossing.saved import is_plan_folder
-from framework.crossing.scenes import scene, scene_path
 from framework.errors import InvalidInput, NoAnswer
-from framework.export.mjcf import START, mjcf_text, ranges_left_out
-from framework.export.trajectory_file import (
+from framework.files.mjcf import START, mjcf_text, ranges_left_out
+from framework.files.trajectory_file import (
     DEFAULT_SAMPLES,
     SAMPLE_RANGE,
     SIDES,
@@ -35,7 +30,12 @@ from framework.export.trajectory_file import (
     joint_trajectory,
 )
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.output import write_file
+from framework.numerics.output import write_file
+from framework.planning.motion_table import DEFAULT_ROWS
+from framework.planning.options import MOTION
+from framework.planning.result import CrossingPlan
+from framework.planning.saved import is_plan_folder
+from framework.planning.scenes import scene, scene_path
 
 Export = tuple[ParallelRobot, str, list[str]]  # robot, content, description and lines of the report
 SIDE = "joint"  # of the gears, by default

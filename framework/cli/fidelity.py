@@ -7,16 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.cli import arguments
 from framework.cli.parser import Report, add_motion, add_out, add_path, add_robot, command
 from framework.cli.writing import written_out
-from framework.crossing.options import LIMITS
 from framework.fidelity.fidelity_indicators import percent
 from framework.fidelity.fidelity_study import ERROR_ROUNDING, FidelityStudy, fidelity_study
 from framework.fidelity.model_comparison import Comparison
 from framework.model.fidelity_levels import LEVELS
-from framework.output import Document, json_text
+from framework.numerics.arrays import Array
+from framework.numerics.output import Document, json_text
+from framework.planning.options import LIMITS
 
 STUDY_FILE = "fidelity.json"
 SAME_LAW_DIFFERENCE = 1e-12  # in s

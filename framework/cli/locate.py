@@ -17,12 +17,12 @@ from framework.cli.parser import (
     add_wrenches,
     command,
 )
-from framework.crossing.durations import optimal_durations
-from framework.crossing.feasibility import Feasibility, feasibility_at
-from framework.crossing.plan_facts import twist_text
-from framework.crossing.request import Request
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.output import Document
+from framework.numerics.output import Document
+from framework.planning.durations import optimal_durations
+from framework.planning.feasibility import Feasibility, feasibility_at
+from framework.planning.plan_facts import twist_text
+from framework.planning.request import Request
 from framework.singularity.points_on_path import SearchedPath, SingularPoint, search_path
 from framework.singularity.spring_shift import spring_shift
 

@@ -8,10 +8,10 @@ from collections.abc import Callable
 from typing import Any
 
 from framework.cli.commands import COMMANDS, OneLineParser
-from framework.crossing.options import MODEL, MOTION, TYPED
 from framework.model.description import FLEXIBILITIES
-from framework.output import Document
-from framework.parallel import MAX_WORKERS
+from framework.numerics import MAX_WORKERS
+from framework.numerics.output import Document
+from framework.planning.options import MODEL, MOTION, TYPED
 
 Report = tuple[Document, str]  # for machines, for people
 
@@ -142,7 +142,7 @@ def add_path(parser: OneLineParser, *, several: bool = False) -> None:
 
 
 def add_options(parser: OneLineParser, *names: str) -> None:
-    """Add options of a plan by name, declared in `crossing.options`; None if not typed."""
+    """Add options of a plan by name, declared in `planning.options`; None if not typed."""
     for name in names:
         option = TYPED[name]
         text = option.summary.replace("%", "%%")

@@ -23,27 +23,27 @@ from framework.cli.parser import (
     command,
     integer_between,
 )
-from framework.crossing.motion_table import DEFAULT_ROWS, MotionTable
-from framework.crossing.optimal.peak_bound import bound_plan
-from framework.crossing.options import MOTION
-from framework.crossing.path_modification import plan_request_with_modified_path
-from framework.crossing.plan import (
+from framework.dynamics.finite_differences import finite_difference_torques
+from framework.errors import InvalidInput
+from framework.kinematics.diagnostics.diagnosis import remarks_on_bodies
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.laws.law import Law
+from framework.numerics.output import Document, json_text, write_csv, written_together
+from framework.planning.motion_table import DEFAULT_ROWS, MotionTable
+from framework.planning.optimal.peak_bound import bound_plan
+from framework.planning.options import MOTION
+from framework.planning.path_modification import plan_request_with_modified_path
+from framework.planning.plan import (
     ADVANCES,
     NEARLY_STOPS,
     law_before_proof,
     max_torque_ratio,
     plan_request,
 )
-from framework.crossing.plan_facts import Fact, motion_facts, smoothness_facts, torque_text
-from framework.crossing.request import Request
-from framework.crossing.result import CrossingPlan
-from framework.crossing.saved import FILE, plan_document, read_document
-from framework.dynamics.finite_differences import finite_difference_torques
-from framework.errors import InvalidInput
-from framework.kinematics.diagnostics.diagnosis import remarks_on_bodies
-from framework.kinematics.parallel_robot import ParallelRobot
-from framework.motion.law import Law
-from framework.output import Document, json_text, write_csv, written_together
+from framework.planning.plan_facts import Fact, motion_facts, smoothness_facts, torque_text
+from framework.planning.request import Request
+from framework.planning.result import CrossingPlan
+from framework.planning.saved import FILE, plan_document, read_document
 from framework.singularity.points_on_path import search_path
 
 if TYPE_CHECKING:

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.atlas.nearest_pose import nearest_pose
 from framework.cli import arguments
 from framework.cli.parser import (
@@ -20,7 +19,6 @@ from framework.cli.parser import (
     add_wrenches,
     command,
 )
-from framework.crossing.plan_facts import excess_facts
 from framework.dynamics.platform_limits import PlatformLimits, platform_limits
 from framework.dynamics.pointwise_dynamics import Instant, dynamics_at
 from framework.errors import InvalidInput, NoAnswer, NotAssembled, Type1Singularity
@@ -29,7 +27,9 @@ from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.mistaken_units import remark_on_reach, remark_on_turns
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pose import describe_pose
-from framework.output import Document
+from framework.numerics.arrays import Array
+from framework.numerics.output import Document
+from framework.planning.plan_facts import excess_facts
 from framework.proofs.assembly_modes import assembly_modes
 from framework.proofs.working_modes import working_modes
 from framework.singularity.pose_classes import Classification, classify

@@ -8,7 +8,7 @@ from typing import Any
 
 from framework.cli.parser import Report, add_moved_robot, command, not_empty
 from framework.cli.writing import write_page
-from framework.crossing.saved import load_plan, stated_certificate
+from framework.planning.saved import load_plan, stated_certificate
 
 
 def add(commands: Any) -> None:

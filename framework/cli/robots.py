@@ -11,7 +11,7 @@ from framework.cli.parser import Report, command, not_empty
 from framework.errors import MissingPackage
 from framework.kinematics.diagnostics.diagnosis import check_robot
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.output import Document, write_file
+from framework.numerics.output import Document, write_file
 
 REMARK = "  {0:18s}  {1.summary}; singularities: {2}; {1.source}"
 

@@ -30,10 +30,10 @@ from framework.control.study import KeptRuns, Study, run_study
 from framework.control.study_setup import FILE, StudySetup, load_study, versions
 from framework.control.variation import Spread
 from framework.errors import FrameworkError, InvalidInput
-from framework.fields import Table, list_of, mapping, mapping_of, read_table, required, text, whole
 from framework.model.documents import naming
-from framework.output import Document, json_text
-from framework.parallel.tasks import executor_of
+from framework.numerics.fields import Table, list_of, mapping, mapping_of, read_table, required, text, whole
+from framework.numerics.output import Document, json_text
+from framework.numerics.tasks import executor_of
 
 DEFAULT_CONTROLLER, FEEDBACK = "feedforward", "lqr"
 RUNS_WITH_FEEDBACK = 5  # runs that failed by default, done once more with feedback

@@ -22,8 +22,8 @@ import numpy as np
 from framework.cli.commands import COMMANDS, Misuse, parser_of
 from framework.cli.console import MAX_MESSAGE_LENGTH, TRY, Progress, complain, one_line, report, tell
 from framework.errors import FrameworkError, NoAnswer
-from framework.interruption import Heard
-from framework.output import Document, plain
+from framework.numerics.interruption import Heard
+from framework.numerics.output import Document, plain
 
 UNEXPECTED_EXIT_CODE = 70  # exit code; sysexits.h calls it EX_SOFTWARE
 DEBUG_VARIABLE = "CROSSING_DEBUG"  # environment variable: set, an unexpected error shows its traceback

@@ -12,9 +12,9 @@ from framework.cli import arguments
 from framework.cli.console import tell
 from framework.cli.parser import Report, add_path_and_motion, add_robot_or_plan, command, not_empty
 from framework.cli.writing import write_page
-from framework.crossing.options import TYPED
 from framework.errors import InvalidInput, NoAnswer
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.planning.options import TYPED
 
 if TYPE_CHECKING:
     from framework.show.film import Film

@@ -11,10 +11,10 @@ import numpy as np
 from framework.cli import arguments
 from framework.cli.parser import Report, add_number, add_out, add_path_and_motion, add_robot_or_plan, command
 from framework.cli.writing import written_out
-from framework.crossing.result import CrossingPlan
 from framework.errors import InvalidInput, NoAnswer
 from framework.identification.sensors import Sensors, record_sensors, sensors_of
-from framework.output import json_text, write_csv
+from framework.numerics.output import json_text, write_csv
+from framework.planning.result import CrossingPlan
 from framework.simulation import Simulation, simulate
 from framework.simulation.methods import METHODS
 from framework.tolerances import MOTION_OFF_PATH

@@ -42,14 +42,14 @@ from framework.cli.parser import (
     integer_between,
 )
 from framework.cli.writing import written_stepwise
-from framework.crossing.options import LIMITS, MODEL
-from framework.crossing.scenes import scene, scene_path
 from framework.errors import InvalidInput, point
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.motion.path import Path
-from framework.parallel.kept import KeptChunks
-from framework.parallel.tasks import executor_of
+from framework.laws.path import Path
+from framework.numerics.kept import KeptChunks
+from framework.numerics.tasks import executor_of
+from framework.planning.options import LIMITS, MODEL
+from framework.planning.scenes import scene, scene_path
 
 HEAD = "{1}: {2[0]} x {2[1]} poses, {3}, {0.seconds:.2f} s"
 STATISTICS = ("least", "median", "largest")  # of a quantity over the map

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from framework.cli.parser import Report
-from framework.output import write_file, written_together
-from framework.parallel.kept import remove_stores
+from framework.numerics.kept import remove_stores
+from framework.numerics.output import write_file, written_together
 
 
 def write_page(file: Path, page: str | bytes) -> Report:

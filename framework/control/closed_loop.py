@@ -8,14 +8,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, IntArray
 from framework.control.estimation import Controller, Measurement, RobotState
 from framework.control.reference import Reference
 from framework.control.run_monitor import PERIODS_PER_CHECK, ControlLoop, Run, RunMonitor
 from framework.control.variation import Spread, Variation, draw_noise, vary
 from framework.errors import InvalidInput, NotAssembled
 from framework.kinematics.frames import integrate
-from framework.linalg.ordered_sums import matvec
+from framework.numerics.arrays import Array, IntArray
+from framework.numerics.ordered_sums import matvec
 from framework.simulation import Stepper
 from framework.simulation.schemes import State
 from framework.simulation.world_forces import WorldForces

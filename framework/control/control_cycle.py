@@ -20,9 +20,9 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg.lapack import dgecon, dgetrf, dgetrs
 
-from framework.arrays import Array, ArrayLike
 from framework.dynamics.forces import spring_torques
 from framework.dynamics.pointwise_dynamics import type2_pose
+from framework.dynamics.stiffness import mass_matrices
 from framework.errors import finite_numbers
 from framework.kinematics.assembly import Configuration
 from framework.kinematics.attitude import RotationVector
@@ -38,8 +38,8 @@ from framework.kinematics.motion_changes import require_turns_at_rest
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.platform import FramePlatform, JointPlatform
 from framework.kinematics.single_pose import SinglePose
-from framework.linalg.ordered_sums import singular_values
-from framework.statics.stiffness import mass_matrices
+from framework.numerics.arrays import Array, ArrayLike
+from framework.numerics.ordered_sums import singular_values
 from framework.tolerances import BRANCHES_MEET, DETERMINANT_LOST
 
 MAX_ITERATIONS = 5  # of Newton's method in a cycle; a prediction that needs more is not accepted

@@ -28,7 +28,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.control.estimation import (
     Controller,
     Measurement,
@@ -46,7 +45,8 @@ from framework.kinematics.closures import closure_drift, loop_equations, scale_j
 from framework.kinematics.external_wrenches import AppliedWrench
 from framework.kinematics.frames import frame_motions, frames_at
 from framework.kinematics.loop_matrices import scaled_loops
-from framework.linalg.ordered_sums import matvec, solve
+from framework.numerics.arrays import Array
+from framework.numerics.ordered_sums import matvec, solve
 
 MAX_SAMPLED_DAMPING = 0.5  # damping over that which stops a rotor within one sampling period; 2 is unstable
 

@@ -11,10 +11,10 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.control.reference import Reference
 from framework.kinematics.frames import integrate
-from framework.linalg.ordered_sums import matvec, solve
+from framework.numerics.arrays import Array
+from framework.numerics.ordered_sums import matvec, solve
 
 FADING_RATIO = 0.1  # singular values below this share of the largest count as near the singularity
 

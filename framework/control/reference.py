@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from framework.arrays import Array, ReadOnlyArrays
-from framework.crossing.result import CrossingPlan
 from framework.errors import InvalidInput
 from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.motion_rates import Motion, joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.motion.law import MotionLaw
+from framework.laws.law import MotionLaw
+from framework.numerics.arrays import Array, ReadOnlyArrays
+from framework.planning.result import CrossingPlan
 
 MAX_SAMPLES = 200_000
 PERIOD_ROUNDING = 1e-12  # of the duration over the period, so that the last instant is the end

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from framework.arrays import Array, ReadOnlyArrays
 from framework.control.variation import Variation
 from framework.errors import InvalidInput, check_choice
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.numerics.arrays import Array, ReadOnlyArrays
 
 SENSORS = ("motors", "joints")
 MAX_DEVIATION = 1.0  # [robot lengths, rad] from the plan: beyond, the run is over

@@ -22,8 +22,8 @@ from framework.control.estimation import Controller
 from framework.control.run_monitor import ControlLoop, Outcomes, Run
 from framework.control.variation import Spread, draw
 from framework.errors import InvalidInput
-from framework.parallel.kept import ArrayField, Arrays, KeptChunks, fits
-from framework.parallel.tasks import iterate_results
+from framework.numerics.kept import ArrayField, Arrays, KeptChunks, fits
+from framework.numerics.tasks import iterate_results
 
 RUNS_PER_CHUNK = 250  # runs that are stacked; more do not make a run cheaper
 

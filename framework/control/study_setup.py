@@ -11,17 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from framework.atlas.map_files import package_versions
 from framework.control.closed_loop import run_closed_loop, torque_limit
 from framework.control.controllers import tuned_controller
 from framework.control.estimation import Controller
 from framework.control.reference import Reference, reference_of
 from framework.control.run_monitor import SENSORS, ControlLoop, Run
 from framework.control.variation import Spread, draw
-from framework.crossing.result import CrossingPlan
-from framework.crossing.saved import plan_document, plan_from_document, read_document
 from framework.errors import InvalidInput
-from framework.fields import (
+from framework.model.documents import naming
+from framework.numerics.fields import (
     Table,
     list_of,
     mapping,
@@ -34,7 +32,9 @@ from framework.fields import (
     table_of,
     whole,
 )
-from framework.model.documents import naming
+from framework.numerics.output import package_versions
+from framework.planning.result import CrossingPlan
+from framework.planning.saved import plan_document, plan_from_document, read_document
 
 FILE = "robustness.json"
 

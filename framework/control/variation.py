@@ -8,9 +8,9 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 import pinocchio as pin
 
-from framework.arrays import Array
 from framework.errors import InvalidInput
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.numerics.arrays import Array
 
 
 @dataclass(frozen=True)

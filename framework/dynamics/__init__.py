@@ -25,4 +25,8 @@ The platform
     wrench, action_lines    t_s, W_p and g along a motion; the lines of the motors' forces
     open_loop               growth of errors without feedback
     motor_limits, motor_friction
+
+At rest
+    stiffness            of the platform, with locked motors
+    loading              a load put on little by little; `vibrations` has the frequencies with free motors
 """

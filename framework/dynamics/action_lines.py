@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.platform import FramePlatform
+from framework.numerics.arrays import Array
 from framework.tolerances import FILE_ROUNDING, RANK_ROUNDING
 
 

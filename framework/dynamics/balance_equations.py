@@ -20,7 +20,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from framework.arrays import Array
 from framework.dynamics.loaded_balance import (
     Course,
     LoadedBalance,
@@ -30,9 +29,10 @@ from framework.dynamics.loaded_balance import (
     spring_units,
 )
 from framework.kinematics.continuation.tracking import Branch
-from framework.motion.chebyshev import coefficients, derivative_matrix, nodes
-from framework.motion.clock import Clock
-from framework.motion.path import time_derivatives
+from framework.laws.clock import Clock
+from framework.laws.path import time_derivatives
+from framework.numerics.arrays import Array
+from framework.numerics.chebyshev import coefficients, derivative_matrix, nodes
 from framework.tolerances import END_RATE_MISFIT, END_RATE_WEIGHT, WEAK_COLUMN
 
 Family = Callable[[Array], Clock]  # laws by their scalars (k,)

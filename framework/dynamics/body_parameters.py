@@ -11,11 +11,11 @@ from functools import lru_cache
 import numpy as np
 import pinocchio as pin
 
-from framework.arrays import Array, IntArray, read_only
 from framework.dynamics.forces import JointMotion
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.pinocchio_memory import scratch_of
 from framework.kinematics.tree_model import link_axes
+from framework.numerics.arrays import Array, IntArray, read_only
 
 INERTIAL = ("mass", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 _INERTIA_ENTRIES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # of the matrix I, in that order

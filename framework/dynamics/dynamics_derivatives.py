@@ -18,7 +18,6 @@ from functools import cached_property
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 from framework.dynamics.body_parameters import body_parameters, tree_regressor
 from framework.dynamics.force_changes import force_changes, force_slopes
 from framework.dynamics.forces import (
@@ -38,6 +37,7 @@ from framework.kinematics.motion_changes import (
 )
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from framework.arrays import Array
 from framework.dynamics.forces import Forces, joint_forces
 from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.frames import integrate, integrate_columns
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.motion_rates import Motion, joint_rates, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.motion.chebyshev import TimeFunction, TimeGrid
-from framework.motion.law import MotionLaw, law_derivatives
-from framework.motion.path import time_derivatives
+from framework.laws.law import MotionLaw, law_derivatives
+from framework.laws.path import time_derivatives
+from framework.numerics.arrays import Array
+from framework.numerics.chebyshev import TimeFunction, TimeGrid
 
 
 class Pass(NamedTuple):

@@ -29,7 +29,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.dynamics.elastic_pass import (
     Pass,
     evaluate_deflected_motion,
@@ -44,10 +43,11 @@ from framework.errors import NoAnswer, NotConverged
 from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.linalg.krylov import gmres
-from framework.motion.chebyshev import TimeFunction, TimeGrid
-from framework.motion.law import MotionLaw
-from framework.motion.time_limit import check_time
+from framework.laws.law import MotionLaw
+from framework.numerics.arrays import Array
+from framework.numerics.chebyshev import TimeFunction, TimeGrid
+from framework.numerics.krylov import gmres
+from framework.numerics.time_limit import check_time
 from framework.tolerances import MAX_DEFLECTION, SETTLED_SHARE
 
 GOOD_CONTRACTION = 0.3  # of the change, by a pass; with less, Newton's method follows

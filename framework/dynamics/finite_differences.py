@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.dynamics.elastic_pass import motion_with_deflections
 from framework.dynamics.forces import joint_forces
 from framework.dynamics.inverse_dynamics import checked_geometry
@@ -20,8 +19,9 @@ from framework.errors import InvalidInput
 from framework.kinematics.continuation.tracking import Branch, track_path
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.motion.law import MotionLaw, is_number
-from framework.motion.path import Path
+from framework.laws.law import MotionLaw, is_number
+from framework.laws.path import Path
+from framework.numerics.arrays import Array
 
 
 class FiniteDifferenceTorques(NamedTuple):

@@ -15,7 +15,6 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from framework.arrays import Array
 from framework.kinematics.external_wrenches import wrench_slope
 from framework.kinematics.frame_variations import loop_curvature
 from framework.kinematics.frames import forces_on_joints_slope
@@ -23,6 +22,7 @@ from framework.kinematics.motion_changes import MotionChanges
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import scratch_of
+from framework.numerics.arrays import Array
 
 
 class ForceSlopes(NamedTuple):

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
 from framework.dynamics.force_changes import force_changes, force_slopes
 from framework.dynamics.forces import loop_multipliers, tree_forces
 from framework.dynamics.forward_dynamics import forward_dynamics
@@ -27,6 +26,7 @@ from framework.kinematics.motion_changes import MotionChanges, coordinate_change
 from framework.kinematics.motion_rates import Motion, platform_twists
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.platform import CoordinateRates
+from framework.numerics.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
 
 
 @dataclass(frozen=True, eq=False)

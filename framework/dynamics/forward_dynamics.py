@@ -13,7 +13,6 @@ from functools import lru_cache
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike
 from framework.dynamics.forces import Forces, tree_forces
 from framework.dynamics.pointwise_dynamics import Instant, entry_of, instant_of
 from framework.dynamics.reactions import apply_wrenches, stack_wrenches, stacked_rows
@@ -22,7 +21,8 @@ from framework.kinematics.linearised_loops import ClosedStack, assembled_at
 from framework.kinematics.loop_matrices import scaled_loops
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.linalg.ordered_sums import matvec
+from framework.numerics.arrays import Array, ArrayLike
+from framework.numerics.ordered_sums import matvec
 from framework.simulation.accelerations import accelerations
 from framework.simulation.equations import EquationsOfMotion
 from framework.tolerances import FILE_ROUNDING

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.dynamics.elastic_pass import Pass
 from framework.dynamics.elasticity import (
     DeflectionSolution,
@@ -51,9 +50,10 @@ from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.frames import difference
 from framework.kinematics.inverse_kinematics import remove_idle_spin
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.motion.chebyshev import TimeFunction, TimeGrid
-from framework.motion.law import ExactLaw, MotionLaw, edges_of, is_number
-from framework.motion.path import Path
+from framework.laws.law import ExactLaw, MotionLaw, edges_of, is_number
+from framework.laws.path import Path
+from framework.numerics.arrays import Array
+from framework.numerics.chebyshev import TimeFunction, TimeGrid
 from framework.singularity.points_on_path import SearchedPath, search_path
 from framework.tolerances import (
     CONDITION_RESIDUAL,

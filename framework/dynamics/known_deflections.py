@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from framework.arrays import Array
-from framework.motion.chebyshev import derivative_matrix
-from framework.motion.clock import Clock
+from framework.laws.clock import Clock
+from framework.numerics.arrays import Array
+from framework.numerics.chebyshev import derivative_matrix
 
 
 class KnownDeflections(NamedTuple):

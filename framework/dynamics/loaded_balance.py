@@ -22,7 +22,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, IntArray
 from framework.dynamics.force_changes import force_changes, force_slopes
 from framework.dynamics.forces import Forces, tree_forces
 from framework.dynamics.tangent_stiffness import factor_transposed, moving_columns
@@ -33,7 +32,8 @@ from framework.kinematics.linearised_loops import ClosedStack
 from framework.kinematics.motion_changes import MotionSteps, motion_changes
 from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.linalg.ordered_sums import matvec, solve
+from framework.numerics.arrays import Array, IntArray
+from framework.numerics.ordered_sums import matvec, solve
 
 
 class Course(NamedTuple):

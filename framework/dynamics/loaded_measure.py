@@ -13,12 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.dynamics.loaded_balance import Course, balance_along, deflection_slopes, spring_units
 from framework.dynamics.result import InverseDynamics
 from framework.errors import NoAnswer
-from framework.motion.law import law_derivatives
-from framework.motion.path import time_derivatives
+from framework.laws.law import law_derivatives
+from framework.laws.path import time_derivatives
+from framework.numerics.arrays import Array
 from framework.singularity.bordered_system import root_of_g
 from framework.tolerances import SAME_PLACE
 

@@ -13,8 +13,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.tolerances import AT_REST
 
 FRICTIONS = ("driven", "none")

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.errors import InvalidInput, choose_from, short
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.numerics.arrays import Array
 
 # Of all motors; of each, None or infinite where a motor has no limit; or of some, by joint.
 Limit = float | Sequence[float | None] | Mapping[str, float | None] | Array | None

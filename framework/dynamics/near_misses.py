@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.dynamics.elasticity import DeflectionSolution
 from framework.dynamics.forces import joint_forces
 from framework.dynamics.residuals import evaluate_motion
 from framework.dynamics.result import InverseDynamics
 from framework.dynamics.singularity_crossings import find_instants
 from framework.kinematics.loop_matrices import type2_matrix
+from framework.numerics.arrays import Array
 from framework.singularity.piecewise_measure import extremum_near
 from framework.singularity.points_on_path import SearchedPath
 from framework.singularity.rank_deficiency import NearMiss

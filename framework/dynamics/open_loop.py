@@ -17,12 +17,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.dynamics.platform_wrench import platform_wrench
 from framework.dynamics.result import InverseDynamics
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.linearised_loops import ClosedStack
 from framework.kinematics.motion_rates import motion_at
+from framework.numerics.arrays import Array
 
 GROWTH_INSTANTS = 65  # at which the rate of growth is computed and integrated over the motion
 DIFFERENCE_STEP = 1e-4  # [rad, robot lengths] for a difference of wrenches

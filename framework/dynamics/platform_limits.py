@@ -21,7 +21,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.dynamics.forces import tree_forces
 from framework.dynamics.motor_limits import Limit, motor_limits
 from framework.dynamics.platform_wrench import motor_speeds
@@ -29,7 +28,8 @@ from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import assembled_at
 from framework.kinematics.motion_rates import motion_at
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.linalg.polytope import Polytope, slabs, zonotope
+from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.numerics.polytope import Polytope, slabs, zonotope
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,11 +18,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.dynamics.forces import tree_forces
 from framework.kinematics.linearised_loops import LinearisedLoops, assembled_at
 from framework.kinematics.motion_rates import Motion, joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.numerics.arrays import Array
 
 
 class PlatformWrench(NamedTuple):

@@ -21,7 +21,6 @@ from math import factorial
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.dynamics.forces import Forces, balanced_forces, tree_forces
 from framework.dynamics.reactions import apply_wrenches
 from framework.errors import NotAssembled, SingularPose
@@ -31,7 +30,8 @@ from framework.kinematics.linearised_loops import ClosedStack
 from framework.kinematics.loop_matrices import type2_matrix
 from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.motion.chebyshev import TimeGrid, coefficients, evaluate, tail
+from framework.numerics.arrays import Array
+from framework.numerics.chebyshev import TimeGrid, coefficients, evaluate, tail
 from framework.singularity.bordered_system import root_of_g
 from framework.singularity.type2 import UNCROSSABLE, uncontrolled_motion
 from framework.tolerances import CONDITION_RESIDUAL, RANK_LOST, TORQUE_TAIL

@@ -17,7 +17,6 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from framework.arrays import Array, ArrayLike, ReadOnlyArrays, freeze, read_only
 from framework.dynamics.forces import Forces, balanced_forces, motor_torque, tree_forces
 from framework.dynamics.platform_wrench import motor_speeds
 from framework.dynamics.pointwise_at_singularity import forces_through_singularity
@@ -40,6 +39,7 @@ from framework.kinematics.motion_rates import Motion, motion_at, platform_twists
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.pinocchio_memory import scratch_of
 from framework.kinematics.velocity_matrices import VelocityMatrices, matrices_and_rates
+from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, freeze, read_only
 from framework.tolerances import RANK_LOST
 
 

@@ -20,7 +20,6 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from framework.arrays import Array, ArrayLike
 from framework.errors import InvalidInput, finite_numbers
 from framework.kinematics.external_wrenches import (
     applied_wrench,
@@ -33,7 +32,8 @@ from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import scratch_of
-from framework.linalg.ordered_sums import matmul, matvec
+from framework.numerics.arrays import Array, ArrayLike
+from framework.numerics.ordered_sums import matmul, matvec
 from framework.tolerances import RANK_ROUNDING
 
 

@@ -12,7 +12,7 @@ from framework.dynamics.near_misses import describe_near_miss
 from framework.dynamics.result import InverseDynamics
 from framework.errors import NotConverged, round_up
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.motion.path import PointPath
+from framework.laws.path import PointPath
 from framework.singularity.points_on_path import SearchedPath
 from framework.singularity.rank_deficiency import NearMiss
 from framework.tolerances import RESOLVABLE_TAIL

@@ -18,7 +18,6 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from framework.arrays import Array
 from framework.dynamics.body_parameters import link_of
 from framework.dynamics.elasticity import DeflectionSolution
 from framework.dynamics.forces import loop_multipliers, tree_forces
@@ -32,9 +31,10 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import carried_axis
 from framework.kinematics.rounded_loops import rounded_gap
 from framework.kinematics.tree_model import is_ball
-from framework.motion.chebyshev import evaluate_together
-from framework.motion.law import law_derivatives
-from framework.motion.path import time_derivatives
+from framework.laws.law import law_derivatives
+from framework.laws.path import time_derivatives
+from framework.numerics.arrays import Array
+from framework.numerics.chebyshev import evaluate_together
 from framework.tolerances import EXPORT_ROUNDING, HELD_IDLE, LOOP_GAP
 
 

@@ -13,17 +13,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.dynamics.balance_equations import BalanceEquations, BalanceState, Family, Slopes, Step, longer
 from framework.dynamics.known_deflections import KnownDeflections
 from framework.dynamics.loaded_balance import spring_units
 from framework.dynamics.singularity_crossings import panel_edges
 from framework.errors import InvalidInput, NoAnswer, NotConverged, SpringsTooSoft
 from framework.kinematics.continuation.tracking import Branch
-from framework.motion.clock import Clock, InTime, OnParameter
-from framework.motion.law import MotionLaw
-from framework.motion.optimal_law import OptimalLaw
-from framework.motion.time_limit import check_time
+from framework.laws.clock import Clock, InTime, OnParameter
+from framework.laws.law import MotionLaw
+from framework.laws.optimal_law import OptimalLaw
+from framework.numerics.arrays import Array
+from framework.numerics.time_limit import check_time
 from framework.tolerances import MAX_DEFLECTION, MAX_UNRESOLVED_MISFIT
 
 MAX_MISFIT_RATIO = 0.5  # of the misfits after and before a step that is taken; above, more coefficients are

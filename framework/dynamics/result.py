@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.dynamics.motor_friction import PlannedFriction
 from framework.errors import check_order
 from framework.kinematics.external_wrenches import NO_WRENCHES, ExternalWrenches
@@ -14,9 +13,10 @@ from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.motion.chebyshev import TimeFunction
-from framework.motion.law import MotionLaw, law_derivatives
-from framework.motion.path import HIGHEST_ORDER, Path, time_derivatives
+from framework.laws.law import MotionLaw, law_derivatives
+from framework.laws.path import HIGHEST_ORDER, Path, time_derivatives
+from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.numerics.chebyshev import TimeFunction
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,6 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.dynamics.elasticity import DeflectionSolution
 from framework.dynamics.forces import tree_forces
 from framework.dynamics.result import InverseDynamics, SingularityCrossing
@@ -17,9 +16,10 @@ from framework.kinematics.loop_matrices import type2_matrix
 from framework.kinematics.modes import mode_signs
 from framework.kinematics.motion_rates import motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.motion.chebyshev import TimeGrid, real_roots
-from framework.motion.law import MotionLaw, edges_of, law_derivatives
-from framework.motion.path import time_derivatives
+from framework.laws.law import MotionLaw, edges_of, law_derivatives
+from framework.laws.path import time_derivatives
+from framework.numerics.arrays import Array
+from framework.numerics.chebyshev import TimeGrid, real_roots
 from framework.singularity.bordered_system import root_of_g
 from framework.singularity.points_on_path import SingularPoint
 from framework.singularity.type2 import UNCROSSABLE, escaping_motions, uncontrolled_motion

@@ -16,7 +16,6 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from framework.arrays import Array, ArrayLike, IntArray
 from framework.dynamics.forces import spring_torques
 from framework.errors import InvalidInput, finite_numbers
 from framework.kinematics.closures import closure_drift
@@ -25,7 +24,8 @@ from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.kinematics.loop_matrices import scaled_loops
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import scratch_of
-from framework.linalg.ordered_sums import matmul, matvec, solve
+from framework.numerics.arrays import Array, ArrayLike, IntArray
+from framework.numerics.ordered_sums import matmul, matvec, solve
 
 
 class Load(NamedTuple):

@@ -6,12 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.dynamics.forces import tree_forces
 from framework.dynamics.platform_wrench import motor_speeds
 from framework.dynamics.result import InverseDynamics
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.numerics.arrays import Array
 from framework.singularity.points_on_path import SearchedPath, search_path
 from framework.singularity.type2 import sign_along, singularity_measure, twist_norm
 

@@ -8,17 +8,17 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from framework.crossing.plan import plan_request
-from framework.crossing.request import SMOOTHNESS, Request
-from framework.crossing.scenes import scene_request
 from framework.errors import InvalidInput, NoAnswer
 from framework.fidelity.fidelity_indicators import Indicators, indicators_of
 from framework.fidelity.level_motions import level_motions, model_of
 from framework.fidelity.model_comparison import fall_of
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.laws.path import Path
 from framework.model.description import FLEXIBILITIES, RobotDescription
 from framework.model.fidelity_levels import LEVELS, LEVELS_BY_NAME
-from framework.motion.path import Path
+from framework.planning.plan import plan_request
+from framework.planning.request import SMOOTHNESS, Request
+from framework.planning.scenes import scene_request
 
 TOLERANCE = 0.01  # default: error of a level as a share of the path's length and of the peak torque
 

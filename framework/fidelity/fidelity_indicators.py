@@ -20,14 +20,14 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from framework.arrays import Array
-from framework.crossing.motion_scales import coordinate_sizes, largest_by_unit, path_length
 from framework.dynamics.open_loop import ErrorDynamics, MotorControl, error_dynamics, open_loop_error
 from framework.dynamics.platform_wrench import platform_wrench
 from framework.dynamics.result import InverseDynamics
 from framework.errors import NoAnswer
 from framework.fidelity.level_motions import LevelMotion
 from framework.model.fidelity_levels import LEVELS
+from framework.numerics.arrays import Array
+from framework.planning.motion_scales import coordinate_sizes, largest_by_unit, path_length
 
 INSTANTS = 65  # of the motion, at which the dynamics of the platform's error are computed
 STEPS = 512  # of the integration of the platform's error

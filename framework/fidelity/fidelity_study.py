@@ -23,11 +23,6 @@ from typing import Any
 
 import numpy as np
 
-from framework.arrays import Array, ReadOnlyArrays
-from framework.crossing.neglected_effects import neglected_friction
-from framework.crossing.plan import plan_request
-from framework.crossing.request import Request
-from framework.crossing.result import CrossingPlan
 from framework.dynamics.open_loop import open_loop_growth
 from framework.errors import InvalidInput, NoAnswer
 from framework.fidelity.chosen_level import TOLERANCE, request_without_geometry
@@ -35,10 +30,15 @@ from framework.fidelity.fidelity_indicators import Indicators, indicators_of
 from framework.fidelity.level_motions import level_motions, model_of
 from framework.fidelity.model_comparison import MOTION_SAMPLES, Comparison, ReferenceMotion
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.laws.law import is_number
+from framework.laws.path import Path
 from framework.model.fidelity_levels import LEVELS, LEVELS_BY_NAME, Level
-from framework.motion.law import is_number
-from framework.motion.path import Path
-from framework.output import Document, plain
+from framework.numerics.arrays import Array, ReadOnlyArrays
+from framework.numerics.output import Document, plain
+from framework.planning.neglected_effects import neglected_friction
+from framework.planning.plan import plan_request
+from framework.planning.request import Request
+from framework.planning.result import CrossingPlan
 
 MIN_TOLERANCE = 1e-8  # torques are planned to 1e-10, and count as equal if they agree to 1e-9
 NO_FEEDBACK = "without feedback, errors of rounding and integration grow along this motion"

@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
-from framework.crossing.model_on_motion import ModelOnMotion
 from framework.dynamics.result import InverseDynamics
 from framework.errors import NoAnswer
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import RobotDescription
 from framework.model.fidelity_levels import LEVELS, Level, with_bodies
+from framework.planning.model_on_motion import ModelOnMotion
 
 
 class LevelMotion(NamedTuple):

@@ -14,9 +14,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from framework.arrays import Array, ReadOnlyArrays
-from framework.crossing.motion_scales import coordinate_sizes, largest_by_unit, path_length
-from framework.crossing.result import CrossingPlan
 from framework.dynamics.open_loop import MotorControl, fall_exponent
 from framework.dynamics.pointwise_dynamics import motor_inertia
 from framework.dynamics.result import InverseDynamics
@@ -26,6 +23,9 @@ from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.frames import frames_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.fidelity_levels import LEVELS, LEVELS_BY_NAME, Level
+from framework.numerics.arrays import Array, ReadOnlyArrays
+from framework.planning.motion_scales import coordinate_sizes, largest_by_unit, path_length
+from framework.planning.result import CrossingPlan
 from framework.simulation import Event, Simulation, simulate
 from framework.simulation.drive import Drive
 from framework.tolerances import TORQUE_TAIL

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from framework.arrays import Array, ReadOnlyArrays
 from framework.errors import NotAssembled, NotConverged
 from framework.identification.combinations import (
     Combinations,
@@ -25,6 +24,7 @@ from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.loop_matrices import clearance
 from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.numerics.arrays import Array, ReadOnlyArrays
 from framework.tolerances import BRANCHES_MEET, MIN_RANK_GAP
 
 RANDOM_SETS = 3  # of instants, whose ranks must agree

@@ -15,7 +15,6 @@ from pathlib import Path
 
 import numpy as np
 
-from framework.arrays import Array, ReadOnlyArrays
 from framework.errors import InvalidInput, NotConverged, check_choice
 from framework.identification.calibration_equations import (
     Measurements,
@@ -33,7 +32,8 @@ from framework.kinematics.continuation.pose_stack import forward_kinematics_stac
 from framework.kinematics.frames import frames_at, integrate_columns
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.model.robot_file_writer import write_robot_file
-from framework.output import Document, plain
+from framework.numerics.arrays import Array, ReadOnlyArrays
+from framework.numerics.output import Document, plain
 from framework.tolerances import LOOP_GAP, MAX_NOISE_RATIO, MAX_PRIOR_DEVIATIONS, RANK_ROUNDING
 
 LENGTH_ERROR = 1e-3  # [m] standard deviation of the file's lengths, as of a machine shop

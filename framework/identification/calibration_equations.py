@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, BoolArray, IntArray, ReadOnlyArrays
 from framework.errors import InvalidInput
 from framework.identification.geometry import Geometry
 from framework.identification.recording import LINEAR_AXES, Recording
@@ -21,6 +20,7 @@ from framework.kinematics.closures import loop_equations
 from framework.kinematics.frames import FrameStack, frames_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import single_columns
+from framework.numerics.arrays import Array, BoolArray, IntArray, ReadOnlyArrays
 from framework.tolerances import LOOP_GAP, RANK_ROUNDING
 
 

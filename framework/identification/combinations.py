@@ -16,9 +16,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from framework.arrays import Array, IntArray, ReadOnlyArrays
 from framework.kinematics.loop_structure import row_pivots
-from framework.linalg.ordered_sums import singular_values
+from framework.numerics.arrays import Array, IntArray, ReadOnlyArrays
+from framework.numerics.ordered_sums import singular_values
 from framework.tolerances import RANK_ROUNDING
 
 # of a coefficient over the largest of its combination, both times the sizes of their parameters

@@ -14,13 +14,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from framework.arrays import Array, ReadOnlyArrays
 from framework.errors import check_choice
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import AXES, RobotDescription, Spring
 from framework.model.placement import about, placement
 from framework.model.urdf_writing import joint_element, origin_element
 from framework.model.xml_reading import origin_of
+from framework.numerics.arrays import Array, ReadOnlyArrays
 
 ERRORS = "errors"  # end of the name of a virtual joint
 PLACED = "placed"  # end of the name of the fixed joint that takes the origin of a moving joint

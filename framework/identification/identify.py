@@ -15,7 +15,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, BoolArray, ReadOnlyArrays
 from framework.errors import InvalidInput
 from framework.identification.base_parameters import BaseParameters, base_parameters
 from framework.identification.measured_motion import MeasuredMotion, measured_motion
@@ -28,10 +27,11 @@ from framework.identification.physical import (
 from framework.identification.recording import Recording, recording_of
 from framework.identification.torque_parameters import ParameterRegressor, parameter_regressor
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.linalg.ordered_sums import singular_values
 from framework.model.description import RobotDescription
 from framework.model.robot_file_writer import write_robot_file
-from framework.output import Document, plain
+from framework.numerics.arrays import Array, BoolArray, ReadOnlyArrays
+from framework.numerics.ordered_sums import singular_values
+from framework.numerics.output import Document, plain
 from framework.tolerances import MIN_NOISE_RATIO, RANK_ROUNDING, SIGNIFICANT_DEVIATIONS
 
 HELD_OUT_BLOCKS, HELD_OUT_EVERY = 20, 4  # blocks of time in a recording, every fourth held out

@@ -15,7 +15,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, IntArray
 from framework.errors import InvalidInput, NotAssembled, Type2Singularity
 from framework.identification.recording import Recording, uniform_period
 from framework.kinematics.continuation.pose_stack import follow_motors
@@ -25,7 +24,8 @@ from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, 
 from framework.kinematics.loop_matrices import clearance
 from framework.kinematics.motion_rates import Motion, freeze_deflections, joint_rates, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.linalg.rotations import whole_turns
+from framework.numerics.arrays import Array, IntArray
+from framework.numerics.rotations import whole_turns
 from framework.tolerances import MAX_MOTOR_MISFIT
 
 ORDER, SPLINE_DEGREE = 4, 5  # of the filter, of the splines

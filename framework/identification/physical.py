@@ -16,7 +16,6 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from framework.arrays import Array
 from framework.dynamics.body_parameters import (
     parameter_transform,
     pseudo_inertia,
@@ -28,7 +27,8 @@ from framework.kinematics.tree_model import link_axes
 from framework.model.description import JointDynamics, RobotDescription
 from framework.model.urdf_writing import inertial_element, remove_children
 from framework.model.xml_reading import attribute, child_element, origin_of
-from framework.motion.cone_program import Affine, LinearMatrix, Unsolved, semidefinite_least_squares
+from framework.numerics.arrays import Array
+from framework.numerics.cone_program import Affine, LinearMatrix, Unsolved, semidefinite_least_squares
 
 MOMENTS = ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")  # in the order of pinocchio
 NO_ROTOR = 1e-9  # over the size of a motor's inertia: prior deviation of a rotor that is zero in the file

@@ -14,11 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
-from framework.arrays import Array, IntArray, ReadOnlyArrays
 from framework.errors import InvalidInput, choose_from, short
-from framework.input import read_text
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.linalg.rotations import whole_turns
+from framework.numerics.arrays import Array, IntArray, ReadOnlyArrays
+from framework.numerics.input import read_text
+from framework.numerics.rotations import whole_turns
 
 LARGEST_RECORDING = 200_000_000  # bytes
 MIN_ROWS = 2

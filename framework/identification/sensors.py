@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.errors import InvalidInput, check_choice
 from framework.identification.recording import Recording, known_columns
+from framework.numerics.arrays import Array
 from framework.simulation.result import Simulation
 
 MAX_SAMPLES = 10_000_000

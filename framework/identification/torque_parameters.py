@@ -18,13 +18,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, IntArray
 from framework.dynamics.body_parameters import INERTIAL, link_of, link_parameters, tree_regressor
 from framework.dynamics.forces import tree_forces
 from framework.dynamics.platform_wrench import motor_speeds
 from framework.errors import InvalidInput
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.numerics.arrays import Array, IntArray
 
 LENGTH_POWERS = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])  # of the parameters of a body
 OF_MOTORS = ("rotor_inertia", "damping", "friction")

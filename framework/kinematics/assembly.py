@@ -7,12 +7,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from framework.arrays import LEAST_DIVISOR, Array, IntArray, ReadOnlyArrays
 from framework.errors import NotAssembled, finite_numbers
 from framework.kinematics.closures import find_turned_over, loop_equations, row_weights, scale_jacobian
 from framework.kinematics.frames import difference, frames_at, integrate_columns
 from framework.kinematics.mechanism import Mechanism, columns_of
 from framework.kinematics.mistaken_units import remark_on_turns
+from framework.numerics.arrays import LEAST_DIVISOR, Array, IntArray, ReadOnlyArrays
 from framework.tolerances import BRANCHES_MEET, CLOSED_LOOP, RANK_ROUNDING, REFERENCE_MOVE
 
 MAX_NEWTON_STEP = 0.5  # [rad or lengths of the robot] that one Newton step may move a joint

@@ -29,10 +29,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from framework.arrays import Array, IntArray, ReadOnlyArrays
 from framework.errors import InvalidInput
-from framework.linalg.ordered_sums import cross, dot
-from framework.linalg.rotations import (
+from framework.numerics.arrays import Array, IntArray, ReadOnlyArrays
+from framework.numerics.ordered_sums import cross, dot
+from framework.numerics.rotations import (
     left_jacobian_coefficients,
     rotation_matrix,
     rotation_vector,

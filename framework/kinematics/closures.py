@@ -23,11 +23,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from framework.arrays import Array
 from framework.kinematics.frames import FrameMotions, FrameStack, move_wrench
 from framework.kinematics.mechanism import Mechanism
-from framework.linalg.ordered_sums import cross, dot, matmul
 from framework.model.loop_rows import LockedDirections, LoopRows
+from framework.numerics.arrays import Array
+from framework.numerics.ordered_sums import cross, dot, matmul
 
 TURNED_OVER_DISTANCE = 1.0  # between the ends of unit axes: 0 where loops are closed, else sqrt(2) or more
 

@@ -18,7 +18,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from framework.arrays import Array, ArrayLike, read_only
 from framework.errors import InvalidInput, choose_from, finite_numbers, short
 from framework.kinematics.frame_variations import bracket, tree_columns
 from framework.kinematics.frames import FrameStack, move_wrench, rotations
@@ -26,9 +25,10 @@ from framework.kinematics.mechanism import Mechanism, frame_of
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import scratch_of
 from framework.kinematics.platform import FramePlatform
-from framework.linalg.ordered_sums import cross, matvec
+from framework.laws.path import NO_KNOTS
 from framework.model.frame_wrench import FrameWrench
-from framework.motion.path import NO_KNOTS
+from framework.numerics.arrays import Array, ArrayLike, read_only
+from framework.numerics.ordered_sums import cross, matvec
 
 
 class AppliedWrench(NamedTuple):

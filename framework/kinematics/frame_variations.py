@@ -20,13 +20,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, BoolArray, IntArray
 from framework.kinematics.closures import carried_between, loop_wrenches
 from framework.kinematics.frames import FrameMotions, FrameStack, move_frames, move_wrench
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.pinocchio_memory import carriers
-from framework.linalg.ordered_sums import cross, dot
 from framework.model.loop_rows import LoopRows
+from framework.numerics.arrays import Array, BoolArray, IntArray
+from framework.numerics.ordered_sums import cross, dot
 
 STEP: Any = 2.0**-120 * 1j  # of complex-step derivatives: its square is far below rounding
 

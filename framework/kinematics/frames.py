@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from framework.arrays import Array, IntArray
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.pinocchio_memory import Scratch, scratch_of
-from framework.linalg.ordered_sums import cross, matvec
+from framework.numerics.arrays import Array, IntArray
+from framework.numerics.ordered_sums import cross, matvec
 
 
 class FrameStack(NamedTuple):

@@ -19,10 +19,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from framework.arrays import Array, IntArray, read_only
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at_reference
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import is_ball
+from framework.numerics.arrays import Array, IntArray, read_only
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, BoolArray, IntArray
 from framework.errors import InvalidInput, NotAssembled
 from framework.kinematics.assembly import MAX_NEWTON_STEP
 from framework.kinematics.frames import (
@@ -32,6 +31,7 @@ from framework.kinematics.idle_turns import turn_motions
 from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, linearised_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import is_ball
+from framework.numerics.arrays import Array, BoolArray, IntArray
 from framework.tolerances import NEWTON_STEP
 
 ROUNDING_STEP = 2e-15  # a step of rounding (angles near 2 pi are 1e-15 apart): the loops are closed before it

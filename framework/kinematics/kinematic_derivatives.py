@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
 from framework.errors import SingularPose
 from framework.kinematics.assembly import Configuration
 from framework.kinematics.continuation.forward_kinematics import check_motors_are_free
@@ -25,6 +24,7 @@ from framework.kinematics.motion_changes import solve_rates
 from framework.kinematics.motion_rates import jacobian_change
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.velocity_matrices import matrices_and_changes
+from framework.numerics.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
 from framework.tolerances import RANK_LOST
 
 

@@ -11,7 +11,6 @@ from functools import cached_property
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike, IntArray, freeze, select
 from framework.errors import InvalidInput
 from framework.kinematics.assembly import Configuration, configuration
 from framework.kinematics.closures import LoopWrenches, loop_wrenches
@@ -21,7 +20,8 @@ from framework.kinematics.frames import (
     move_wrench,
 )
 from framework.kinematics.parallel_robot import Equations, ParallelRobot, SquarePart, expect_robot
-from framework.linalg.banded_lu import Factors
+from framework.numerics.arrays import Array, ArrayLike, IntArray, freeze, select
+from framework.numerics.banded_lu import Factors
 from framework.tolerances import FILE_ROUNDING
 
 

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from framework.arrays import Array, IntArray
 from framework.kinematics.closures import scale_jacobian
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.loop_structure import lost_directions
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.numerics.arrays import Array, IntArray
 from framework.tolerances import RANK_LOST
 
 CHOLESKY_CLEARANCE = 1e-4  # singular values of P whose squares are above what rounding makes of P'P

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from framework.arrays import LEAST_DIVISOR, Array, IntArray, ReadOnlyArrays
 from framework.errors import SingularReference
 from framework.kinematics.assembly import all_loops_matrix
 from framework.kinematics.closures import scale_jacobian
 from framework.kinematics.frames import frames_at
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.platform import PlatformCoordinates
+from framework.numerics.arrays import LEAST_DIVISOR, Array, IntArray, ReadOnlyArrays
 from framework.tolerances import BRANCHES_MEET, RANK_LOST, RANK_ROUNDING
 
 ODD_SIZE = 0.02  # a loop equation below this share of a unit motion, or above its inverse, is brought to it

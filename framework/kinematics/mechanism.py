@@ -18,7 +18,6 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from framework.arrays import Array, IntArray, ReadOnlyArrays, read_only
 from framework.errors import RobotFileError
 from framework.kinematics.tree_model import (
     Coordinates,
@@ -34,6 +33,7 @@ from framework.model.loop_rows import CoupledJoints, LockedDirections, LoopRows,
 from framework.model.readers.recognise import parse_any
 from framework.model.urdf_edits import bare_urdf, insert_springs, make_continuous_joints_revolute
 from framework.model.urdf_elements import SEVERAL, coordinates_of
+from framework.numerics.arrays import Array, IntArray, ReadOnlyArrays, read_only
 
 MAX_JOINTS = 250  # a `pin.Data` for them takes 0.5 GB
 

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.errors import point
 from framework.kinematics.mechanism import Mechanism, columns_of
+from framework.numerics.arrays import Array
 
 
 def remark_on_turns(mechanism: Mechanism, joints: Mapping[str, float]) -> str:

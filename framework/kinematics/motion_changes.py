@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, IntArray
 from framework.errors import InvalidInput
 from framework.kinematics.closures import closure_drift, closure_rates
 from framework.kinematics.frame_variations import changes_of, step_frames, vary_motions
@@ -24,7 +23,8 @@ from framework.kinematics.motion_rates import Motion, moving_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.platform import CoordinateRates
 from framework.kinematics.tree_model import ball_columns
-from framework.linalg.ordered_sums import cross
+from framework.numerics.arrays import Array, IntArray
+from framework.numerics.ordered_sums import cross
 
 
 class MotionSteps(NamedTuple):

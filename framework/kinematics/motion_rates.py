@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.errors import NotAssembled
 from framework.kinematics.closures import closure_drift, loop_wrenches
 from framework.kinematics.external_wrenches import AppliedWrench
@@ -31,7 +30,8 @@ from framework.kinematics.linearised_loops import (
     linearised_at,
 )
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.linalg.ordered_sums import matvec
+from framework.numerics.arrays import Array
+from framework.numerics.ordered_sums import matvec
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,6 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from framework.arrays import Array, BoolArray, IntArray, ReadOnlyArrays, read_only
 from framework.errors import expect, point
 from framework.kinematics.assembly import (
     Configuration,
@@ -25,8 +24,9 @@ from framework.kinematics.mechanism import Mechanism, columns_of
 from framework.kinematics.pinocchio_memory import scratch_of
 from framework.kinematics.platform import PlatformCoordinates
 from framework.kinematics.rounded_loops import assembled_mechanism
-from framework.linalg.banded_lu import Band, Factors
 from framework.model.loop_rows import LoopRows
+from framework.numerics.arrays import Array, BoolArray, IntArray, ReadOnlyArrays, read_only
+from framework.numerics.banded_lu import Band, Factors
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -14,8 +14,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.lib.stride_tricks import as_strided
 
-from framework.arrays import Array, IntArray
 from framework.kinematics.mechanism import Mechanism
+from framework.numerics.arrays import Array, IntArray
 
 
 class Scratch(NamedTuple):

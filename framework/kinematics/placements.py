@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from framework.arrays import Array
 from framework.kinematics.frames import frames_at
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.numerics.arrays import Array
 from framework.tolerances import FILE_ROUNDING
 
 

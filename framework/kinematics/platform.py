@@ -20,14 +20,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from framework.arrays import Array, BoolArray, IntArray, ReadOnlyArrays
 from framework.kinematics.attitude import Attitude, TwistAngle, attitude_about, twist_angle_for
 from framework.kinematics.frame_variations import STEP, changes_of
 from framework.kinematics.frames import FrameMotions, FrameStack
-from framework.linalg.ordered_sums import matmul, matvec
-from framework.linalg.rotations import whole_turns, wrap_angles
+from framework.laws.path import Path
 from framework.model.description import AXES, Platform
-from framework.motion.path import Path
+from framework.numerics.arrays import Array, BoolArray, IntArray, ReadOnlyArrays
+from framework.numerics.ordered_sums import matmul, matvec
+from framework.numerics.rotations import whole_turns, wrap_angles
 
 CoordinateRates = tuple[Array, Array, Array]  # x and two time derivatives, or displacements and rates
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from framework.arrays import ArrayLike
 from framework.kinematics.linearised_loops import assembled_at
 from framework.kinematics.modes import mode_signs
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tree_model import positions_beyond_limits
+from framework.numerics.arrays import ArrayLike
 
 
 @dataclass(frozen=True)

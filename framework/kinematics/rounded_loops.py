@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.errors import NotAssembled
 from framework.kinematics.assembly import (
     Closing,
@@ -25,6 +24,7 @@ from framework.kinematics.closures import loop_equations, row_weights
 from framework.kinematics.frames import frames_at
 from framework.kinematics.loop_structure import numerical_rank, row_pivots
 from framework.kinematics.mechanism import Mechanism, reference_length
+from framework.numerics.arrays import Array
 from framework.tolerances import EXPORT_ROUNDING
 
 ROUNDED_ROW = 10 * EXPORT_ROUNDING  # singular value over the largest; the catalogue's weakest row has 8e-3

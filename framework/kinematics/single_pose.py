@@ -9,12 +9,12 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from framework.arrays import Array
 from framework.kinematics.closures import closure_drift, row_factors
 from framework.kinematics.frames import FrameMotions, FrameStack
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import Scratch
-from framework.linalg.ordered_sums import cross
+from framework.numerics.arrays import Array
+from framework.numerics.ordered_sums import cross
 
 
 class SinglePose:

@@ -22,10 +22,10 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from framework.arrays import Array
 from framework.errors import format_distinct
 from framework.model.placement import turning
 from framework.model.urdf_elements import SEVERAL
+from framework.numerics.arrays import Array
 from framework.tolerances import SAME_PLACE
 
 _SLIDES = (("_x", pin.JointModelPX), ("_y", pin.JointModelPY), ("_z", pin.JointModelPZ))

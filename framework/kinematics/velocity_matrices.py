@@ -11,11 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike, read_only
 from framework.kinematics.closures import scale_jacobian
 from framework.kinematics.linearised_loops import LinearisedLoops, assembled_at
 from framework.kinematics.motion_rates import Motion, jacobian_change
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.numerics.arrays import Array, ArrayLike, read_only
 
 
 class VelocityMatrices(NamedTuple):

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from framework.arrays import Array, ReadOnlyArrays
 from framework.errors import InvalidInput, finite_numbers, short
-from framework.fields import Table, anything, one_of, optional, read_table
-from framework.motion.path import NO_KNOTS
+from framework.laws.path import NO_KNOTS
+from framework.numerics.arrays import Array, ReadOnlyArrays
+from framework.numerics.fields import Table, anything, one_of, optional, read_table
 
 AXES_OF_WRENCHES = ("base", "tool")
 _TABLE: Table = {

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike
 from framework.errors import RobotFileError
+from framework.numerics.arrays import Array, ArrayLike
 from framework.tolerances import INERTIA_ROUNDING
 
 ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")

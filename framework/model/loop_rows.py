@@ -17,8 +17,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from framework.arrays import Array, IntArray, ReadOnlyArrays, read_only
 from framework.model.description import AXES, Closure
+from framework.numerics.arrays import Array, IntArray, ReadOnlyArrays, read_only
 
 Product = Literal["u.d", "u.w", "d.d"]  # u, w: an axis of the first, of the second frame; d = p2 - p1
 

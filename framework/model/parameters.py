@@ -17,8 +17,8 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from framework.errors import InvalidInput, RobotFileError, check_name, short
-from framework.fields import number
 from framework.model.documents import parse_yaml
+from framework.numerics.fields import number
 
 PLACEHOLDER = re.compile(r"\$\{([^{}]*)\}")
 MAX_EXPRESSION_CHARACTERS = 200

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
-from framework.arrays import Array
+from framework.numerics.arrays import Array
 
 Vector3 = tuple[float, float, float]
 

@@ -14,7 +14,21 @@ from typing import Any
 import numpy as np
 
 from framework.errors import RobotFileError, check_unique
-from framework.fields import (
+from framework.model.description import ParsedRobot, RobotDescription, Spring, locked_by_couplings
+from framework.model.documents import LEADING_BLANKS, naming, parse_xml, parse_yaml
+from framework.model.inertia import check_inertia
+from framework.model.parameters import fill_placeholders, with_parameters
+from framework.model.robot_keys import joint_dynamics, robot_table
+from framework.model.urdf_edits import add_frame, free_root, lock_joints, virtual_link
+from framework.model.urdf_elements import (
+    MOVING,
+    Tree,
+    check_urdf,
+    declared_couplings,
+    declared_dynamics,
+    locate_urdf,
+)
+from framework.numerics.fields import (
     Reader,
     Table,
     anything,
@@ -32,21 +46,7 @@ from framework.fields import (
     text,
     vector3,
 )
-from framework.input import read_text
-from framework.model.description import ParsedRobot, RobotDescription, Spring, locked_by_couplings
-from framework.model.documents import LEADING_BLANKS, naming, parse_xml, parse_yaml
-from framework.model.inertia import check_inertia
-from framework.model.parameters import fill_placeholders, with_parameters
-from framework.model.robot_keys import joint_dynamics, robot_table
-from framework.model.urdf_edits import add_frame, free_root, lock_joints, virtual_link
-from framework.model.urdf_elements import (
-    MOVING,
-    Tree,
-    check_urdf,
-    declared_couplings,
-    declared_dynamics,
-    locate_urdf,
-)
+from framework.numerics.input import read_text
 
 VERSION = 1
 

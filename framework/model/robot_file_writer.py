@@ -22,7 +22,7 @@ from framework.model.description import (
 )
 from framework.model.robot_file import VERSION, read_robot_file
 from framework.model.urdf_elements import read_tree
-from framework.output import written_together
+from framework.numerics.output import written_together
 
 
 def write_robot_file(

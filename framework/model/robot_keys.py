@@ -8,7 +8,25 @@ from dataclasses import replace
 from typing import Any
 
 from framework.errors import InvalidInput, RobotFileError
-from framework.fields import (
+from framework.model.description import (
+    AXES,
+    CLOSURE_KINDS,
+    GOALS,
+    Actuator,
+    Closure,
+    Coupling,
+    JointDynamics,
+    KeptLevel,
+    Platform,
+    Scene,
+    Spring,
+    locked_axes,
+    measured_kinds,
+)
+from framework.model.fidelity_levels import LEVELS_BY_NAME
+from framework.model.frame_wrench import FrameWrench
+from framework.model.urdf_elements import SEVERAL, Tree
+from framework.numerics.fields import (
     Reader,
     Table,
     anything,
@@ -30,24 +48,6 @@ from framework.fields import (
     text,
     vector3,
 )
-from framework.model.description import (
-    AXES,
-    CLOSURE_KINDS,
-    GOALS,
-    Actuator,
-    Closure,
-    Coupling,
-    JointDynamics,
-    KeptLevel,
-    Platform,
-    Scene,
-    Spring,
-    locked_axes,
-    measured_kinds,
-)
-from framework.model.fidelity_levels import LEVELS_BY_NAME
-from framework.model.frame_wrench import FrameWrench
-from framework.model.urdf_elements import SEVERAL, Tree
 
 PATH_KINDS = {"line": 2, "arc": 3, "spline": 2, "polyline": 3}  # least number of points
 _OPEN_KINDS = ("spline", "polyline")  # which may have more

@@ -17,13 +17,13 @@ from pathlib import Path
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.errors import MissingPackage, RobotFileError, check_name, short
 from framework.model.description import Coupling
 from framework.model.documents import naming
 from framework.model.inertia import ENTRIES, check_inertia, symmetric
 from framework.model.urdf_writing import no_limit, remove_children
 from framework.model.xml_reading import attribute, axis_of, child_element, numbers, origin_numbers, origin_of
+from framework.numerics.arrays import Array
 from framework.tolerances import POINT_BODY_GYRATION
 
 MOVING = ("revolute", "continuous", "prismatic")  # types of joints with one degree of freedom

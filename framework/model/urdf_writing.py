@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.model.placement import to_rpy
+from framework.numerics.arrays import Array
 
 AXIS = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
 

@@ -16,10 +16,10 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from framework.arrays import Array, IntArray
 from framework.model.description import RobotDescription
 from framework.model.urdf_elements import locate_urdf
 from framework.model.xml_reading import numbers, origin_of
+from framework.numerics.arrays import Array, IntArray
 
 Color = tuple[float, float, float, float]
 

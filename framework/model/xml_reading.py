@@ -11,11 +11,11 @@ from collections.abc import Collection
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.errors import RobotFileError, check_name, nearest, short
-from framework.fields import LARGEST_NUMBER
 from framework.model.description import SMALLEST_LENGTH
 from framework.model.placement import from_rpy, placement
+from framework.numerics.arrays import Array
+from framework.numerics.fields import LARGEST_NUMBER
 
 
 def numbers(

@@ -26,12 +26,12 @@ from functools import partial
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.errors import InvalidInput
 from framework.kinematics.closures import find_turned_over
 from framework.kinematics.continuation.forward_kinematics import motor_joints_of, motors_are_free
 from framework.kinematics.frames import difference, frames_at, integrate_columns
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.proofs.leg_conditions import LegConditions, leg_conditions
 from framework.proofs.leg_paving import leg_solutions_complete
 from framework.proofs.passive_joints import (

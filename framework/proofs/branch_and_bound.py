@@ -13,7 +13,7 @@ from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from framework.arrays import Array, BoolArray, IntArray, Stack, join, select
+from framework.numerics.arrays import Array, BoolArray, IntArray, Stack, join, select
 from framework.proofs.rounding import ROUND_UP, UNIT_ROUNDOFF
 
 SHRUNK_VOLUME_RATIO = 0.5  # a box that has lost more is tested again before it is cut

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, BoolArray, select
+from framework.numerics.arrays import Array, BoolArray, select
 from framework.proofs.branch_and_bound import NO_AXIS, Boxes, Examined, branch_and_bound, narrow_or_halve
 from framework.proofs.interval_newton import LinearEnclosure, contract, damped_mixers
 

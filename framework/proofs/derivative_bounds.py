@@ -21,12 +21,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, BoolArray, select
 from framework.errors import InvalidInput
 from framework.kinematics.frames import FrameStack, frames_at, integrate_columns
 from framework.kinematics.loop_matrices import equation_sizes
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.linalg.ordered_sums import cross
+from framework.numerics.arrays import Array, BoolArray, select
+from framework.numerics.ordered_sums import cross
 from framework.proofs.equation_terms import BASE, Chain, EquationTerms, Term, moving_balls, stretched_length
 from framework.proofs.rounding import ROUND_UP, times
 from framework.tolerances import FRAME_ROUNDING

@@ -11,13 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, BoolArray, IntArray
 from framework.kinematics.frames import difference
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import scratch_of
 from framework.kinematics.placements import planar_normal
 from framework.kinematics.platform import FramePlatform
 from framework.kinematics.tree_model import is_ball
+from framework.numerics.arrays import Array, BoolArray, IntArray
 from framework.tolerances import FILE_ROUNDING
 
 BASE = -1  # in place of a frame

@@ -19,8 +19,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, BoolArray
-from framework.linalg.ordered_sums import solve_or_fit
+from framework.numerics.arrays import Array, BoolArray
+from framework.numerics.ordered_sums import solve_or_fit
 from framework.proofs.study_quadric import ComplexArray, QuadricFamily, complex_normal, is_first
 from framework.tolerances import ENDGAME_MIN_EXPONENT, NEWTON_STEP
 

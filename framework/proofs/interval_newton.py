@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, BoolArray
+from framework.numerics.arrays import Array, BoolArray
 from framework.proofs.rounding import ROUND_UP, UNIT_ROUNDOFF, gamma, identity_defect, inverses, times
 
 MIN_TERM_RATIO = 1e-12  # of an equation's terms in a box: a smaller one is not solved for

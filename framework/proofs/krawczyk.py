@@ -24,7 +24,7 @@ from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from framework.arrays import Array, BoolArray, IntArray
+from framework.numerics.arrays import Array, BoolArray, IntArray
 from framework.proofs.interval_newton import LinearEnclosure
 from framework.proofs.rounding import ROUND_UP, WIDENING_RATIO, gamma, identity_defect, inverses, times
 from framework.proofs.study_quadric import ComplexArray

@@ -16,11 +16,11 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from framework.arrays import Array, ReadOnlyArrays
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import planar_normal
 from framework.model.description import Closure
 from framework.model.loop_rows import ROW_KINDS
+from framework.numerics.arrays import Array, ReadOnlyArrays
 from framework.proofs.equation_terms import planar_axis
 from framework.proofs.study_quadric import Displacements, functions, planar, spatial, spherical, translations
 from framework.tolerances import LEG_COEFFICIENT_ROUNDING, RANK_ROUNDING

@@ -16,7 +16,6 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from framework.arrays import Array, BoolArray, IntArray
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.frames import FrameStack, difference, frames_at, integrate_columns
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -24,7 +23,8 @@ from framework.kinematics.pinocchio_memory import scratch_of
 from framework.kinematics.placements import planar_normal
 from framework.kinematics.platform import FramePlatform, JointPlatform
 from framework.kinematics.tree_model import single_columns
-from framework.linalg.ordered_sums import cross
+from framework.numerics.arrays import Array, BoolArray, IntArray
+from framework.numerics.ordered_sums import cross
 from framework.proofs.branch_and_bound import Boxes
 from framework.proofs.completeness import KnownSolutions, has_no_others
 from framework.proofs.equation_terms import BASE, joints_between

@@ -10,13 +10,13 @@ from functools import partial
 
 import numpy as np
 
-from framework.arrays import Array, BoolArray, IntArray
 from framework.kinematics.closures import loop_equations, scale_jacobian
 from framework.kinematics.frames import FrameStack, difference, frames_at, integrate, integrate_columns
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.loop_matrices import equation_sizes, passive_matrix, type1_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.linalg.rotations import wrap_angles
+from framework.numerics.arrays import Array, BoolArray, IntArray
+from framework.numerics.rotations import wrap_angles
 from framework.proofs.equation_terms import stretched_length
 from framework.tolerances import DISTINCT_SOLUTIONS, FRAME_ROUNDING, LOOP_GAP, RANK_ROUNDING
 

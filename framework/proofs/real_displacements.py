@@ -16,7 +16,7 @@ from typing import Literal
 
 import numpy as np
 
-from framework.arrays import Array, BoolArray, ReadOnlyArrays
+from framework.numerics.arrays import Array, BoolArray, ReadOnlyArrays
 from framework.proofs.branch_and_bound import Boxes
 from framework.proofs.completeness import KnownSolutions, has_no_others
 from framework.proofs.homotopy import PathEnds, path_ends, refine

@@ -25,13 +25,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, BoolArray, IntArray, join, select
 from framework.kinematics.attitude import RotationVector, TwistAngle, TwoAngles
 from framework.kinematics.frames import difference, integrate_columns
 from framework.kinematics.inverse_kinematics import close_each
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import planar_normal
 from framework.kinematics.platform import FramePlatform
+from framework.numerics.arrays import Array, BoolArray, IntArray, join, select
 from framework.proofs.branch_and_bound import Examined, branch_and_bound
 from framework.proofs.derivative_bounds import DerivativeBounds, Derivatives, Remainders
 from framework.proofs.equation_terms import moving_balls

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from framework.arrays import Array
+from framework.numerics.arrays import Array
 
 UNIT_ROUNDOFF = 2.0**-53
 REACH_MARGIN = 1.01  # of a bound on a length, over its rounding

@@ -23,15 +23,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays, join, select
 from framework.errors import InvalidInput, finite_numbers, whole_number
-from framework.fields import positive
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.modes import legs
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.placements import planar_normal
 from framework.kinematics.platform import JointPlatform
-from framework.linalg.rotations import wrap_angles
+from framework.numerics.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays, join, select
+from framework.numerics.fields import positive
+from framework.numerics.rotations import wrap_angles
 from framework.proofs.branch_and_bound import NO_AXIS, Boxes, Examined, branch_and_bound, narrow_or_halve
 from framework.proofs.derivative_bounds import DerivativeBounds, Derivatives, Remainders
 from framework.proofs.interval_newton import (

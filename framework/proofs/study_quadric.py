@@ -23,8 +23,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from framework.arrays import Array, BoolArray, IntArray
-from framework.linalg.ordered_sums import singular_values
+from framework.numerics.arrays import Array, BoolArray, IntArray
+from framework.numerics.ordered_sums import singular_values
 from framework.tolerances import DISTINCT_SOLUTIONS, RANK_ROUNDING
 
 ComplexArray = NDArray[np.complex128]

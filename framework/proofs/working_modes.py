@@ -14,7 +14,6 @@ from math import prod
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.errors import finite_numbers
 from framework.kinematics.frames import FrameStack, integrate_columns
 from framework.kinematics.inverse_kinematics import remove_idle_spin, require_square
@@ -22,6 +21,7 @@ from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.modes import Leg, leg_signs, legs
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tree_model import positions_beyond_limits
+from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.proofs.leg_paving import leg_solutions_complete
 from framework.proofs.passive_joints import (
     close_all_loops,

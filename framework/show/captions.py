@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.catalogue import CatalogueEntry, catalogue
-from framework.crossing.result import CrossingPlan
-from framework.crossing.scenes import scene_path
 from framework.dynamics.result import SingularityCrossing
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.numerics.arrays import Array
+from framework.planning.result import CrossingPlan
+from framework.planning.scenes import scene_path
 from framework.show.film import Film
 
 NEGLIGIBLE_SHARE = 1e-3  # of a force or an acceleration in its largest value: less is called zero in captions

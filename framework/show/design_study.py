@@ -10,9 +10,9 @@ from matplotlib.collections import PathCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from framework.arrays import Array, BoolArray
 from framework.atlas.design_study import DesignStudy
 from framework.atlas.quantities import QUANTITIES
+from framework.numerics.arrays import Array, BoolArray
 from framework.show.style import ALARM, AXIS
 
 CELL_SIZE = 1.5  # [in] of a cell

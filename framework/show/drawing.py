@@ -10,12 +10,12 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from framework.arrays import LEAST_DIVISOR, Array
 from framework.errors import check_choice
 from framework.kinematics.assembly import configuration
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import carried_points, joint_poses, planar_normal
 from framework.model.visuals import Shape
+from framework.numerics.arrays import LEAST_DIVISOR, Array
 from framework.show.captions import display_name
 from framework.show.sight import Projection, Sight, robot_sight
 from framework.show.style import axes_or_new, figure_file, use_style

@@ -12,10 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from framework.arrays import Array
-from framework.crossing.plan import law_before_proof, plan_request
-from framework.crossing.request import Request
-from framework.crossing.result import CrossingPlan
 from framework.dynamics.finite_differences import finite_difference_torques
 from framework.dynamics.platform_wrench import PlatformWrench, platform_wrench
 from framework.dynamics.result import SingularityCrossing
@@ -30,8 +26,12 @@ from framework.kinematics.placements import (
     platform_positions,
     platform_wrenches,
 )
-from framework.motion.law import MotionLaw
-from framework.motion.path import Path
+from framework.laws.law import MotionLaw
+from framework.laws.path import Path
+from framework.numerics.arrays import Array
+from framework.planning.plan import law_before_proof, plan_request
+from framework.planning.request import Request
+from framework.planning.result import CrossingPlan
 from framework.singularity.points_on_path import search_path
 
 FILM_FRAMES = 481

@@ -11,11 +11,11 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from framework.arrays import LEAST_DIVISOR, Array, ArrayLike
-from framework.crossing.result import CrossingPlan
 from framework.dynamics.platform_wrench import platform_wrench
 from framework.errors import InvalidInput, finite_numbers
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.numerics.arrays import LEAST_DIVISOR, Array, ArrayLike
+from framework.planning.result import CrossingPlan
 from framework.show.captions import describe_motors
 from framework.show.film import Film
 from framework.show.style import (

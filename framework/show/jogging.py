@@ -6,18 +6,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.dynamics.action_lines import action_lines
 from framework.dynamics.platform_wrench import hold_at
 from framework.errors import InvalidInput, NotAssembled
 from framework.kinematics.continuation.forward_kinematics import motors_are_free
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import joint_poses, platform_frame_twists, platform_positions
-from framework.locus.drawn_locus import locus_curves
-from framework.output import Document, plain
+from framework.numerics.arrays import Array
+from framework.numerics.output import Document, plain
 from framework.show.captions import catalogue_entry, unit, wrench_kind
 from framework.show.scene import drawn_locus, drawn_robot, drawn_sides, floats, why_no_figure
 from framework.show.sight import robot_sight
+from framework.singularity.drawn_locus import locus_curves
 from framework.singularity.jogging import (
     CLASSES,
     JoggedPose,

@@ -13,8 +13,8 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from framework.crossing.result import CrossingPlan
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.planning.result import CrossingPlan
 from framework.show.captions import display_name, film_summary
 from framework.show.drawing import draw_robot
 from framework.show.film import Film, film_plan

@@ -10,21 +10,21 @@ import html
 
 import numpy as np
 
-from framework.arrays import Array
-from framework.crossing.planar_crossing import PATH_SMOOTHNESS, STEP_ASIDE, PlanarCrossing, planar_crossing
-from framework.crossing.result import CrossingPlan
 from framework.errors import NoAnswer
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import joint_poses, rotate_vector
-from framework.locus.drawn_locus import locus_curves
-from framework.motion.chebyshev import COEFFICIENT_ROUNDING, coefficients, nodes, tail
-from framework.motion.optimal_law import OptimalLaw
-from framework.motion.path import Path
-from framework.output import Document
+from framework.laws.optimal_law import OptimalLaw
+from framework.laws.path import Path
+from framework.numerics.arrays import Array
+from framework.numerics.chebyshev import COEFFICIENT_ROUNDING, coefficients, nodes, tail
+from framework.numerics.output import Document
+from framework.planning.planar_crossing import PATH_SMOOTHNESS, STEP_ASIDE, PlanarCrossing, planar_crossing
+from framework.planning.result import CrossingPlan
 from framework.show.captions import display_name, why
 from framework.show.drawing import outlines
 from framework.show.sight import Projection, Sight, robot_sight
 from framework.show.standalone import page_part, standalone_page
+from framework.singularity.drawn_locus import locus_curves
 
 NODE_COUNTS = (64, 96, 128, 192)  # of the series in s, until they are resolved
 LAW_NODE_COUNTS = (160, 320, 640, 1280)  # of the best law's squared speed in sigma, likewise

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 
-from framework.arrays import Array
-from framework.crossing.result import CrossingPlan
+from framework.atlas.nonsingular_mode_change import AssemblyModeChange
 from framework.errors import InvalidInput
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.locus.drawn_locus import locus_curves
-from framework.locus.nonsingular_mode_change import AssemblyModeChange
-from framework.locus.traced_locus import TracedLocus
+from framework.numerics.arrays import Array
+from framework.planning.result import CrossingPlan
 from framework.show.style import COLORS, CROSSING, LOCUS, axes_or_new, draw_curves, draw_dot, line_style
+from framework.singularity.drawn_locus import locus_curves
+from framework.singularity.traced_locus import TracedLocus
 
 
 def plot_locus(robot: ParallelRobot, plan: CrossingPlan | None = None, ax: Axes | None = None) -> Axes:

@@ -16,10 +16,11 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from matplotlib.transforms import ScaledTranslation
 
-from framework.arrays import Array, BoolArray
 from framework.atlas.quantities import Quantity, unit_of
 from framework.atlas.workspace_map import WorkspaceMap
-from framework.motion.path import Path
+from framework.dynamics.loading import LoadReason
+from framework.laws.path import Path
+from framework.numerics.arrays import Array, BoolArray
 from framework.show.captions import display_name
 from framework.show.plots import save
 from framework.show.style import (
@@ -34,7 +35,6 @@ from framework.show.style import (
     Style,
     draw_curves,
 )
-from framework.statics.loading import LoadReason
 from framework.tolerances import SAME_PLACE
 
 # Both can be told apart without red and green, and in grey.

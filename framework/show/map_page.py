@@ -6,11 +6,12 @@ from html import escape
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.atlas.quantities import Quantity, unit_of
 from framework.atlas.workspace_map import WorkspaceMap
-from framework.motion.path import Path
-from framework.output import Document
+from framework.dynamics.loading import LOAD_WORDS, LoadReason
+from framework.laws.path import Path
+from framework.numerics.arrays import Array
+from framework.numerics.output import Document
 from framework.show.map import (
     UNEXPLAINED,
     cell_edges,
@@ -21,7 +22,6 @@ from framework.show.map import (
 )
 from framework.show.standalone import pack, page_part, standalone_page
 from framework.show.style import LOCUS, NOT_CARRIED, PATH, UNREACHED
-from framework.statics.loading import LOAD_WORDS, LoadReason
 
 COLOR_LEVELS = 256
 LEAD = "All poses are reached from the robot's reference without leaving its working mode."

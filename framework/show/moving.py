@@ -14,8 +14,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
-from framework.arrays import Array
 from framework.errors import check_choice
+from framework.numerics.arrays import Array
 from framework.show.captions import subtitle
 from framework.show.film import Film
 from framework.show.force_polygon import MISSES, THREADS, eye_twist, plot_eyes

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from framework.errors import MissingPackage
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.output import Document
+from framework.numerics.output import Document
 from framework.show.captions import display_name
 from framework.show.film import Film
 from framework.show.jogging import hand_document

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from framework.crossing.optimal.limit_curves import LimitCurves, limit_curves
-from framework.crossing.result import CrossingPlan
-from framework.motion.law import law_derivatives
+from framework.laws.law import law_derivatives
+from framework.planning.optimal.limit_curves import LimitCurves, limit_curves
+from framework.planning.result import CrossingPlan
 from framework.show.style import BAND, Style, draw_dashed, draw_dot, figure, legend_above, line_style
 
 AXIS_OVER_LARGEST_LAW = 1.5  # the highest value shown over the largest of the laws

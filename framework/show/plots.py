@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 
-from framework.arrays import Array
-from framework.crossing.result import CrossingPlan
-from framework.crossing.specification import limits_within_margin
 from framework.dynamics.finite_differences import FiniteDifferenceTorques
 from framework.dynamics.wrench import MeasureAlongPath, wrench_along
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.numerics.arrays import Array
+from framework.planning.result import CrossingPlan
+from framework.planning.specification import limits_within_margin
 from framework.show.captions import display_name, unit
 from framework.show.film import Film, film_plan
 from framework.show.force_polygon import plot_eye

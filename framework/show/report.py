@@ -15,15 +15,15 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from framework.atlas.map_files import package_versions
-from framework.crossing.plan_facts import motion_facts
-from framework.crossing.request import Request
-from framework.crossing.result import CrossingPlan
-from framework.crossing.saved import robot_name_or_file
-from framework.crossing.scenes import scene_request
 from framework.dynamics.result import Certificate
 from framework.errors import InvalidInput, point
-from framework.motion.path import Line, Polyline
+from framework.laws.path import Line, Polyline
+from framework.numerics.output import package_versions
+from framework.planning.plan_facts import motion_facts
+from framework.planning.request import Request
+from framework.planning.result import CrossingPlan
+from framework.planning.saved import robot_name_or_file
+from framework.planning.scenes import scene_request
 from framework.show.captions import display_name, explain_crossing, film_summary, parts, why, wrench_kind
 from framework.show.film import Film, film_plan
 from framework.show.page import FILM_LEAD, scene_part, whole_page

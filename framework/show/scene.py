@@ -10,7 +10,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike
 from framework.dynamics.action_lines import action_lines
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import (
@@ -21,10 +20,10 @@ from framework.kinematics.placements import (
     platform_positions,
 )
 from framework.kinematics.platform import FramePlatform
-from framework.locus.drawn_locus import LocusCurves, locus_curves, locus_patch
 from framework.model.description import RobotDescription
 from framework.model.visuals import Shape
-from framework.output import Document, plain
+from framework.numerics.arrays import Array, ArrayLike
+from framework.numerics.output import Document, plain
 from framework.show.captions import (
     describe_motors,
     display_name,
@@ -41,6 +40,7 @@ from framework.show.force_polygon import peak_torque, shown_limit
 from framework.show.shapes import motor_shapes, placement_along
 from framework.show.sight import Sight, film_sight, tilt_aside
 from framework.show.standalone import pack
+from framework.singularity.drawn_locus import LocusCurves, locus_curves, locus_patch
 
 UNPROVED_TORQUE_RATIO = 2.5  # an unproved torque is drawn up to so many times what it is away from its pole
 COIL_LENGTH = 0.18  # length of a spring's coil, over the `length` of the document

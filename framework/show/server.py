@@ -13,8 +13,8 @@ from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 from framework.errors import InvalidInput, NoAnswer
-from framework.interruption import interruptible
-from framework.output import Document
+from framework.numerics.interruption import interruptible
+from framework.numerics.output import Document
 
 MAX_REQUEST_BYTES = 65536
 

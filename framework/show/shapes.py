@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from framework.arrays import Array, IntArray
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import JointAxis, carried_axis, joint_axis
 from framework.model.visuals import Color, Shape, read_visuals
+from framework.numerics.arrays import Array, IntArray
 
 STICK_COLOR: Color = (0.45, 0.52, 0.60, 1.0)
 JOINT_COLOR: Color = (0.75, 0.76, 0.78, 1.0)

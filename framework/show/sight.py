@@ -11,13 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import LEAST_DIVISOR, Array, IntArray
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import carried_points, joint_poses, planar_normal
-from framework.locus.drawn_locus import locus_patch
 from framework.model.visuals import Shape
+from framework.numerics.arrays import LEAST_DIVISOR, Array, IntArray
 from framework.show.film import Film
 from framework.show.shapes import body_shapes, motor_shapes, surface_points
+from framework.singularity.drawn_locus import locus_patch
 
 USUAL_DIRECTION = np.array([0.75, -1.35, 0.65])  # from the robot to the eye: of directions alike the nearest
 USUAL_NORMAL = np.array([0.2, -1.0, 2.0])  # on whose side the eye is, of a planar robot

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from framework.output import plain
+from framework.numerics.output import plain
 from framework.show.style import page_colors
 
 

@@ -9,15 +9,15 @@ from matplotlib.axes import Axes
 from matplotlib.patches import FancyArrowPatch, Polygon
 from matplotlib.path import Path
 
-from framework.arrays import LEAST_DIVISOR, Array
 from framework.dynamics.action_lines import action_lines
 from framework.kinematics.placements import planar_normal
-from framework.locus.drawn_locus import locus_curves
+from framework.numerics.arrays import LEAST_DIVISOR, Array
 from framework.show.drawing import draw_robot, draw_scale_bar, hull
 from framework.show.film import Film
 from framework.show.scene import locus_lines
 from framework.show.sight import Projection, Sight, film_sight
 from framework.show.style import ALARM, GIVEN, LOCUS, PATH, TWIST, WRENCH, Style, draw_curves, legend_above
+from framework.singularity.drawn_locus import locus_curves
 
 ARROW_LENGTH = 0.32  # length of t_s, over the robot's; the page's too
 TURN_RADIUS = 0.2  # radius of the arc that shows the turn of t_s, over the robot's length

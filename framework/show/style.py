@@ -17,7 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.backend_bases import get_registered_canvas_class
 from matplotlib.figure import Figure
 
-from framework.arrays import Array
+from framework.numerics.arrays import Array
 
 Style = dict[str, Any]  # of what matplotlib draws, by its keywords
 COLORS = ("#004f9e", "#d55e00", "#00a67a", "#7a1f4b", "#6bb8ff", "#e0a800")  # of curves, dark and light

@@ -19,11 +19,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, BoolArray
 from framework.errors import InvalidInput
 from framework.kinematics.closures import closure_drift
 from framework.kinematics.frames import frame_motions
-from framework.linalg.ordered_sums import matmul, matvec
+from framework.numerics.arrays import Array, BoolArray
+from framework.numerics.ordered_sums import matmul, matvec
 from framework.simulation.consistent import allowed_motions, balancing_step
 from framework.simulation.equations import EquationsOfMotion, Tangent
 from framework.tolerances import RANK_ROUNDING, SPRINGS_BALANCED

@@ -11,12 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import LEAST_DIVISOR, Array, BoolArray
 from framework.errors import InvalidInput, NotAssembled, NotConverged
 from framework.kinematics.closures import loop_wrenches, scale_jacobian
 from framework.kinematics.frame_variations import loop_curvature
 from framework.kinematics.frames import integrate
-from framework.linalg.ordered_sums import matmul
+from framework.numerics.arrays import LEAST_DIVISOR, Array, BoolArray
+from framework.numerics.ordered_sums import matmul
 from framework.simulation.equations import EquationsOfMotion, Tangent
 from framework.simulation.world_forces import NO_FORCES, WorldForces
 from framework.tolerances import EIGENVALUE_ROUNDING, LOOP_GAP

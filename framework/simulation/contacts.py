@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from framework.arrays import Array
 from framework.errors import InvalidInput
 from framework.model.description import AXES
+from framework.numerics.arrays import Array
 from framework.simulation.equations import EquationsOfMotion
 from framework.tolerances import RANK_ROUNDING
 

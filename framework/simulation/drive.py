@@ -12,11 +12,11 @@ from typing import Any, Protocol, cast
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike
 from framework.errors import InvalidInput, finite_numbers
 from framework.kinematics.external_wrenches import NO_WRENCHES, ExternalWrenches
 from framework.kinematics.frames import integrate
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.numerics.arrays import Array, ArrayLike
 from framework.simulation.world_forces import NO_FORCES, WorldForces
 
 FEEDBACK_DIFFERENCE = 1e-7  # [rad, m] and their rates: a step of the differences of a feedback torque

@@ -18,13 +18,13 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from framework.arrays import Array, ArrayLike
 from framework.errors import InvalidInput
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.frames import FrameStack, difference, forces_on_joints, stacked_frames
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import Scratch
 from framework.model.loop_rows import LoopRows
+from framework.numerics.arrays import Array, ArrayLike
 from framework.tolerances import EIGENVALUE_ROUNDING
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.errors import InvalidInput
+from framework.numerics.arrays import Array
 from framework.simulation.trajectory import Trajectory
 
 EVENT_TIME_ROUNDING = 1e-15  # [s]

@@ -17,10 +17,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.errors import InvalidInput, NotConverged
 from framework.kinematics.frames import integrate
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.numerics.arrays import Array
 from framework.simulation.collocation import CollocationStep
 from framework.simulation.contacts import ContactDynamics
 from framework.simulation.drive import Drive

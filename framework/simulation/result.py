@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.errors import InvalidInput, NotAssembled
 from framework.kinematics.closures import loop_wrenches
 from framework.kinematics.frames import frames_at
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.simulation.drive import PlannedMotion
 from framework.simulation.equations import EquationsOfMotion
 from framework.simulation.events import Occurrence

@@ -23,9 +23,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.kinematics.frames import difference, integrate
-from framework.linalg.ordered_sums import matvec, solve
+from framework.numerics.arrays import Array
+from framework.numerics.ordered_sums import matvec, solve
 from framework.simulation.terms import RobotStack
 
 # Share of an open loop that one step closes: the largest without overshoot, 6 - sqrt(32).

@@ -23,11 +23,11 @@ from typing import Any
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike
 from framework.errors import InvalidInput, choose_from, finite_numbers, whole_number
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.motion.law import MAX_DURATION, MIN_DURATION
+from framework.laws.law import MAX_DURATION, MIN_DURATION
+from framework.numerics.arrays import Array, ArrayLike
 from framework.simulation.consistent import consistent_state
 from framework.simulation.drive import Drive, PlannedMotion, planned_motion
 from framework.simulation.equations import EquationsOfMotion

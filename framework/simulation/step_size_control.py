@@ -13,8 +13,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from framework.arrays import LEAST_DIVISOR, Array
 from framework.errors import NotConverged
+from framework.numerics.arrays import LEAST_DIVISOR, Array
 from framework.simulation.collocation import Collocation, CollocationStep, radau, solve_step
 from framework.simulation.consistent import allowed_velocity
 from framework.simulation.drive import Drive

@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike
 from framework.errors import InvalidInput, choose_from
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.linalg.ordered_sums import matvec
+from framework.numerics.arrays import Array, ArrayLike
+from framework.numerics.ordered_sums import matvec
 from framework.simulation.consistent import consistent_state, free_motions
 from framework.simulation.contacts import ContactDynamics
 from framework.simulation.equations import EquationsOfMotion

@@ -14,13 +14,13 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from framework.arrays import Array, ArrayLike, IntArray
 from framework.errors import InvalidInput
 from framework.kinematics.closures import closure_drift, loop_equations
 from framework.kinematics.frames import FrameMotions, FrameStack, stacked_frames
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import scratch_of
-from framework.linalg.ordered_sums import matmul
+from framework.numerics.arrays import Array, ArrayLike, IntArray
+from framework.numerics.ordered_sums import matmul
 from framework.simulation.contacts import ContactDynamics
 from framework.simulation.equations import EquationsOfMotion, check_damping
 

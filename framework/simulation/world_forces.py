@@ -12,13 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from framework.arrays import Array
 from framework.errors import InvalidInput
 from framework.kinematics.external_wrenches import ExternalWrenches, wrench_slope
 from framework.kinematics.frames import frames_at
 from framework.kinematics.mechanism import frame_of
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import scratch_of
+from framework.numerics.arrays import Array
 
 AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 PathCoordinate = Callable[[Array], Array]  # (T,) instants [s] to (T,)

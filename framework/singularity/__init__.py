@@ -14,4 +14,9 @@ At one pose
     pose_classes         every kind of singularity
     distances            distances from singularities, for design
     jogging              a robot moved by hand
+
+The locus, as curves and surfaces
+    traced_locus         traced from starts in a region; its cusps and branch points
+    curve_tracing, locus_equations  a curve followed, and the equations that it obeys
+    drawn_locus          on a picture; `locus_on_map` over a map
 """

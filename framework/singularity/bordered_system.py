@@ -23,8 +23,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array
-from framework.linalg.ordered_sums import solve_or_fit
+from framework.numerics.arrays import Array
+from framework.numerics.ordered_sums import solve_or_fit
 from framework.tolerances import NEWTON_STEP
 
 STENCIL_HALF_WIDTH = 1e-4  # half the width of the central difference, as a share of the interval of p

@@ -12,11 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.velocity_matrices import dimensionless_matrices
-from framework.linalg.ordered_sums import singular_values
+from framework.numerics.arrays import Array
+from framework.numerics.ordered_sums import singular_values
 from framework.singularity.type2 import singularity_measure
 from framework.tolerances import RANK_LOST
 

@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.errors import InvalidInput, NotAssembled, Type2Singularity
 from framework.kinematics.continuation.forward_kinematics import forward_kinematics
 from framework.kinematics.continuation.tracking import follow_path, weakest_leg
@@ -27,8 +26,9 @@ from framework.kinematics.linearised_loops import (
 from framework.kinematics.loop_matrices import clearance, type1_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import positions_beyond_limits
-from framework.linalg.ordered_sums import singular_values
-from framework.motion.path import Line
+from framework.laws.path import Line
+from framework.numerics.arrays import Array
+from framework.numerics.ordered_sums import singular_values
 from framework.singularity.type2 import singularity_measure, twist_norm, uncontrolled_motion
 
 NEAR_SINGULAR_RATIO, SINGULAR_RATIO = 0.3, 0.01  # least singular values over those at the reference

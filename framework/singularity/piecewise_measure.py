@@ -20,12 +20,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from framework.arrays import Array, BoolArray
 from framework.errors import NotAssembled, NotConverged, SingularPath
 from framework.kinematics.continuation.branch import Branch
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
-from framework.linalg.ordered_sums import singular_values
-from framework.motion.chebyshev import coefficients, extrema, nodes, real_roots, tail
+from framework.numerics.arrays import Array, BoolArray
+from framework.numerics.chebyshev import coefficients, extrema, nodes, real_roots, tail
+from framework.numerics.ordered_sums import singular_values
 from framework.singularity.bordered_system import bordered_solution, determinant
 from framework.tolerances import MEASURE_ROUNDING, MEASURE_TAIL, MIN_PANEL_WIDTH, RANK_LOST
 

@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, ReadOnlyArrays
 from framework.errors import InvalidInput, NotConverged, Type1Singularity, point
 from framework.kinematics.closures import loop_equations, scale_jacobian
 from framework.kinematics.continuation.branch import Branch, with_continuation
@@ -17,8 +16,9 @@ from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.loop_matrices import scaled_loops, type1_matrix, type2_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.linalg.ordered_sums import singular_values
-from framework.motion.path import Path
+from framework.laws.path import Path
+from framework.numerics.arrays import Array, ReadOnlyArrays
+from framework.numerics.ordered_sums import singular_values
 from framework.singularity.bordered_system import slope_of_g, stencil
 from framework.singularity.piecewise_measure import (
     Measured,

@@ -32,7 +32,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.errors import InvalidInput, finite_numbers
 from framework.kinematics.assembly import nearby_configurations
 from framework.kinematics.frames import integrate
@@ -42,7 +41,8 @@ from framework.kinematics.loop_matrices import clearance, type1_matrix, type2_ma
 from framework.kinematics.loop_structure import lost_directions
 from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.linalg.ordered_sums import singular_values
+from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.numerics.ordered_sums import singular_values
 from framework.singularity.bordered_system import bordered_solution
 from framework.singularity.distances import singularity_distances
 from framework.singularity.type2 import escaping_motions, twist_norm

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from framework.arrays import Array
-from framework.linalg.ordered_sums import singular_values
+from framework.numerics.arrays import Array
+from framework.numerics.ordered_sums import singular_values
 from framework.singularity.bordered_system import STENCIL_HALF_WIDTH, Root, bordered_solution, root_of_g
 from framework.singularity.piecewise_measure import (
     Extremum,

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.loop_matrices import (
     instantaneous_motions,
@@ -21,7 +20,8 @@ from framework.kinematics.loop_matrices import (
 )
 from framework.kinematics.loop_structure import lost_directions
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.linalg.ordered_sums import singular_values
+from framework.numerics.arrays import Array
+from framework.numerics.ordered_sums import singular_values
 from framework.tolerances import RANK_LOST
 
 # What no law can cross, by kind: what the joints do there is not a function of the platform's path.

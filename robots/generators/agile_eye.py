@@ -12,7 +12,7 @@ from itertools import pairwise, permutations
 
 import numpy as np
 
-from framework.arrays import Array
+from framework.numerics.arrays import Array
 from robots.generators.elements import (
     ZERO,
     Element,

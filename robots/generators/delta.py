@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from framework.arrays import Array
+from framework.numerics.arrays import Array
 from robots.generators.elements import (
     ZERO,
     Element,

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array
+from framework.numerics.arrays import Array
 
 Value = str | float | Iterable[float]
 Limit = tuple[Value, Value, Value, Value]  # lower, upper, effort, velocity

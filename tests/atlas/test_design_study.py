@@ -18,7 +18,7 @@ from framework.atlas.design_study import (
     write_study,
 )
 from framework.cli import main
-from framework.parallel.kept import KeptChunks
+from framework.numerics.kept import KeptChunks
 from framework.show.design_study import plot_study
 from tests.urdf_edits import parametric_five_bar
 

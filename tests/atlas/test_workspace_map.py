@@ -11,23 +11,22 @@ import numpy as np
 import pytest
 
 import robots
-from framework import InvalidInput, NoAnswer, ParallelRobot
+from framework import InvalidInput, NoAnswer, ParallelRobot, assemble
 from framework.atlas.map_files import map_document, setup_document, write_map
 from framework.atlas.quantities import choose_quantities
 from framework.atlas.survey import survey_window
 from framework.atlas.sweep import PoseReason, step_poses
 from framework.atlas.window import Window, held_coordinates, map_axes
 from framework.atlas.workspace_map import workspace_map
-from framework.kinematics.continuation.tracking import assemble
+from framework.dynamics.loading import LOAD_WORDS, LoadReason
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_each
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.modes import mode_signs
-from framework.locus.traced_locus import TracedLocus
-from framework.parallel.kept import KeptChunks
+from framework.numerics.kept import KeptChunks
 from framework.show.map import NOT_TRACED, plot_map
 from framework.show.map_page import map_page
-from framework.statics.loading import LOAD_WORDS, LoadReason
+from framework.singularity.traced_locus import TracedLocus
 from tests.oracles import five_bar_pose
 from tests.urdf_edits import parametric_five_bar
 
@@ -174,7 +173,7 @@ def test_a_window_much_smaller_than_the_robot_has_a_smooth_locus():
 
 def test_a_sign_of_g_that_no_curve_explains_is_told(monkeypatch):
     robot = robots.load("five_bar")
-    module = "framework.locus.locus_on_map"
+    module = "framework.singularity.locus_on_map"
     monkeypatch.setattr(f"{module}.trace_locus", lambda *given, **more: TracedLocus(robot, ("x", "y"), (), 0))
     found = workspace_map(robot, window(robot, 13), ["g"])
     assert len(found.locus.unexplained) == found.locus.sign_changes > 0

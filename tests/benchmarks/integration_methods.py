@@ -15,8 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 import robots
-from framework import CrossingPlan, plan_scene
-from framework.errors import NotConverged
+from framework import CrossingPlan, NotConverged, plan_scene
 from framework.kinematics.frames import frames_at
 from tests.benchmarks.chart.integrators import (
     Case,

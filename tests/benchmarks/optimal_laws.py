@@ -2,7 +2,7 @@
 
     python -m tests.benchmarks.optimal_laws [--robots 0 7 12 | --seeds 0 60] [--longest 1 20 1000]
 
-Robots, paths and durations D are those of `tests.crossing.optimal.random_crossings`. Asked for are the least
+Robots, paths and durations D are those of `tests.planning.optimal.random_crossings`. Asked for are the least
 peak and energy at D and within 1, 20 and 1000 D, and the least time at 1.25 times the least peak within D,
 with the same bounds, and at 1.002 times without. Gaps are those to the estimates of `best_law_bounds` beside
 them, on other unknowns and with torques of their own; contradictions those of `law_contradictions`. A line
@@ -17,9 +17,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tests.crossing.optimal.best_law_bounds import BestLaws, least_energy_lasting
-from tests.crossing.optimal.law_contradictions import Answer, Asked, answer, contradictions
-from tests.crossing.optimal.random_crossings import COUNT, RandomCrossing, random_crossing
+from tests.planning.optimal.best_law_bounds import BestLaws, least_energy_lasting
+from tests.planning.optimal.law_contradictions import Answer, Asked, answer, contradictions
+from tests.planning.optimal.random_crossings import COUNT, RandomCrossing, random_crossing
 
 LONGEST = (1, 20, 1000)  # durations
 AMPLE, NARROW = 1.25, 1.002  # limits over the least peak

@@ -16,11 +16,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from framework import Law, ParallelRobot, inverse_dynamics
-from framework.crossing.scenes import scene_path
+from framework import Law, ParallelRobot, inverse_dynamics, track_path
 from framework.dynamics.elasticity import solve_deflections
-from framework.kinematics.continuation.tracking import track_path
-from framework.motion.chebyshev import TimeGrid
+from framework.numerics.chebyshev import TimeGrid
+from framework.planning.scenes import scene_path
 from robots.generators import n_four_bar as generator
 
 pytestmark = pytest.mark.benchmark

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import robots
-from framework.crossing.plan import plan_crossing
-from framework.crossing.scenes import scene_path
+from framework import plan_crossing
+from framework.planning.scenes import scene_path
 
 pytestmark = pytest.mark.benchmark
 REPEATS = 5

@@ -7,7 +7,7 @@ import json
 
 import pytest
 
-from framework.errors import InvalidInput
+from framework import InvalidInput
 from tests.benchmarks.chart import measure, stages, table
 from tests.benchmarks.chart.__main__ import main
 from tests.benchmarks.chart.figures import chart_figure, map_figure, short_figure, styles

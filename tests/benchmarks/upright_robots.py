@@ -25,10 +25,19 @@ from xml.etree import ElementTree
 import numpy as np
 
 import robots
-from framework import CrossingPlan, Line, NoAnswer, ParallelRobot, locate_singularities, plan_crossing
-from framework.crossing.scenes import scene_path
+from framework import (
+    Arc,
+    CrossingPlan,
+    Line,
+    NoAnswer,
+    ParallelRobot,
+    Spline,
+    locate_singularities,
+    plan_crossing,
+)
+from framework.laws.path import Path
 from framework.model.description import RobotDescription
-from framework.motion.path import Arc, Path, Spline
+from framework.planning.scenes import scene_path
 from tests.dynamics.random_five_bars import _drawn
 from tests.oracles.equations_of_motion import Defects, defects
 from tests.robots.transformed import scaled

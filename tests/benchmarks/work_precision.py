@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from framework.arrays import Array
+from framework.numerics.arrays import Array
 from framework.show.style import axes_or_new, line_style
 
 

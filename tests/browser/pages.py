@@ -7,11 +7,10 @@ from typing import Any
 import numpy as np
 
 import robots
-from framework import ParallelRobot
-from framework.crossing.scenes import scene_request
-from framework.errors import NoAnswer
+from framework import NoAnswer, ParallelRobot
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.frames import FrameStack
+from framework.planning.scenes import scene_request
 from framework.show.film import Film, film_motion
 
 # From the scene graph, not from the data: position and axes of every node as three.js has them.

@@ -6,7 +6,7 @@ import pytest
 
 import robots
 from framework import plan_scene
-from framework.crossing.scenes import scene, scene_path
+from framework.planning.scenes import scene, scene_path
 from framework.show.lesson import lesson_page
 from framework.show.map_page import map_page
 from framework.show.page import film_page, hand_page

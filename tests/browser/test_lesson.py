@@ -7,10 +7,10 @@ import pytest
 
 import robots
 from framework import plan_scene
-from framework.crossing.planar_crossing import planar_crossing
-from framework.crossing.scenes import scene, scene_path
 from framework.dynamics.wrench import wrench_along
 from framework.kinematics.placements import joint_poses
+from framework.planning.planar_crossing import planar_crossing
+from framework.planning.scenes import scene, scene_path
 from framework.show.lesson import lesson_page
 
 pytestmark = pytest.mark.browser

@@ -11,8 +11,8 @@ import pytest
 import robots
 from framework.atlas.window import Window
 from framework.atlas.workspace_map import workspace_map
+from framework.dynamics.loading import LOAD_WORDS, LoadReason
 from framework.show.map_page import map_page
-from framework.statics.loading import LOAD_WORDS, LoadReason
 
 pytestmark = pytest.mark.browser
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 import robots
-from framework import InvalidInput, Type2Singularity, assemble, dynamics_at, forward_kinematics
+from framework import InvalidInput, NotAssembled, Type2Singularity, assemble, dynamics_at, forward_kinematics
 from framework.control import ControlCycle
-from framework.errors import NotAssembled
 from tests.dynamics.test_dynamics_derivatives import OTHERS, STAGES
 
 REDUNDANT = ("two_arms", "standing_quadruped")  # their motors depend on one another

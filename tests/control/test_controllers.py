@@ -10,15 +10,9 @@ from scipy.linalg import solve_discrete_are
 
 import robots
 from framework import InvalidInput, plan_scene
-from framework.control.controllers import (
-    CONTROLLERS,
-    ComputedTorque,
-    linearise_error,
-    riccati,
-    tuned_controller,
-)
-from framework.control.estimation import Measurement, RobotState, consistent_solution, estimated_state
-from framework.control.reference import reference_of
+from framework.control import CONTROLLERS, Measurement, reference_of, tuned_controller
+from framework.control.controllers import ComputedTorque, linearise_error, riccati
+from framework.control.estimation import RobotState, consistent_solution, estimated_state
 from framework.dynamics.forward_derivatives import forward_derivatives
 
 PERIOD = 1.7e-3  # no sample on the singular instant, 1 s: the naive law has a value at each

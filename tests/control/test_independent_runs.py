@@ -10,12 +10,18 @@ import pytest
 
 import robots
 from framework import plan_scene
-from framework.control.closed_loop import run_closed_loop
-from framework.control.controllers import CONTROLLERS, tuned_controller
-from framework.control.estimation import Measurement, RobotState
-from framework.control.reference import reference_of
-from framework.control.run_monitor import ControlLoop
-from framework.control.variation import Spread, draw, vary
+from framework.control import (
+    CONTROLLERS,
+    ControlLoop,
+    Measurement,
+    Spread,
+    draw,
+    reference_of,
+    run_closed_loop,
+    tuned_controller,
+)
+from framework.control.estimation import RobotState
+from framework.control.variation import vary
 from framework.kinematics.frames import integrate
 from framework.simulation import Stepper
 

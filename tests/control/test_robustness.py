@@ -14,14 +14,21 @@ from scipy.stats import binomtest
 import robots
 from framework import InvalidInput, plan_scene
 from framework.cli import main
+from framework.control import (
+    ControlLoop,
+    Spread,
+    Variation,
+    draw,
+    load_study,
+    reference_of,
+    run_closed_loop,
+    run_study,
+    tuned_controller,
+)
 from framework.control import study as study_module
-from framework.control.closed_loop import run_closed_loop
-from framework.control.controllers import FeedforwardPD, tuned_controller
-from framework.control.reference import reference_of
-from framework.control.run_monitor import ControlLoop
-from framework.control.study import run_chunk, run_study
-from framework.control.study_setup import load_study
-from framework.control.variation import Spread, Variation, draw, vary
+from framework.control.controllers import FeedforwardPD
+from framework.control.study import run_chunk
+from framework.control.variation import vary
 from framework.dynamics.open_loop import MotorControl
 from tests.conftest import REMOVED, put
 

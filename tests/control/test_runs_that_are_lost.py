@@ -9,11 +9,15 @@ import pytest
 
 import robots
 from framework import plan_scene
-from framework.control.closed_loop import run_closed_loop
-from framework.control.controllers import CONTROLLERS, tuned_controller
-from framework.control.reference import reference_of
-from framework.control.run_monitor import ControlLoop
-from framework.control.variation import Spread, draw
+from framework.control import (
+    CONTROLLERS,
+    ControlLoop,
+    Spread,
+    draw,
+    reference_of,
+    run_closed_loop,
+    tuned_controller,
+)
 
 
 @pytest.mark.parametrize("sensors", ["motors", "joints"])

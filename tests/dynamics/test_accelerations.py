@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework import CrossingPlan
-from framework.crossing.scenes import plan_scene
+from framework import CrossingPlan, plan_scene
 from tests.oracles.equations_of_motion import defects
 from tests.robots.every_robot import ELASTIC, in_stages, planned
 

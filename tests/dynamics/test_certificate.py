@@ -11,20 +11,22 @@ import pytest
 import robots
 from framework import (
     Condition,
+    InvalidInput,
     Law,
     Line,
+    NoLaw,
+    NotConverged,
     ParallelRobot,
     Spline,
     inverse_dynamics,
     locate_singularities,
     plan_crossing,
+    track_path,
 )
 from framework.dynamics.elasticity import solve_deflections
 from framework.dynamics.finite_differences import finite_difference_torques
 from framework.dynamics.forces import motor_torque
-from framework.errors import InvalidInput, NoLaw, NotConverged
-from framework.kinematics.continuation.tracking import track_path
-from framework.motion.chebyshev import TimeGrid
+from framework.numerics.chebyshev import TimeGrid
 from tests.oracles import five_bar as oracle
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])

@@ -10,16 +10,23 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework import InvalidInput, ParallelRobot, SingularPose, assemble, dynamics_at, forward_dynamics
+from framework import (
+    InvalidInput,
+    ParallelRobot,
+    SingularPose,
+    assemble,
+    dynamics_at,
+    dynamics_derivatives,
+    forward_dynamics,
+)
 from framework.dynamics.body_parameters import body_parameters
-from framework.dynamics.dynamics_derivatives import dynamics_derivatives
 from framework.dynamics.forward_derivatives import forward_derivatives
 from framework.kinematics.diagnostics.proposal import propose
 from framework.kinematics.frames import difference, integrate
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.linearised_loops import assembled_at
 from framework.kinematics.motion_rates import motion_at
-from framework.model.readers.recognise import parse_any
+from framework.model.readers import parse_any
 from tests.kinematics.test_couplings import URDF, YAML
 from tests.model.readers.foreign_files import DATA, without_dry_friction
 from tests.robots.every_robot import CASES, in_stages

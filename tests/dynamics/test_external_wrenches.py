@@ -9,10 +9,19 @@ import yaml
 from scipy.interpolate import CubicSpline
 
 import robots
-from framework import InvalidInput, ParallelRobot, assemble, dynamics_at, inverse_dynamics, plan_crossing
-from framework.crossing.saved import load_plan, save_plan
-from framework.crossing.scenes import plan_scene, scene_path
-from framework.errors import RobotFileError
+from framework import (
+    InvalidInput,
+    ParallelRobot,
+    RobotFileError,
+    assemble,
+    dynamics_at,
+    inverse_dynamics,
+    load_plan,
+    plan_crossing,
+    plan_scene,
+)
+from framework.planning.saved import save_plan
+from framework.planning.scenes import scene_path
 from tests.oracles.closure_rows import frame_of
 from tests.oracles.virtual_work import virtual_work
 

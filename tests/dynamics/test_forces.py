@@ -10,11 +10,11 @@ import pytest
 
 import robots
 from framework import ParallelRobot, assemble, locate_singularities
-from framework.crossing.scenes import scene_path
 from framework.dynamics.forces import joint_forces, motor_torque, tree_forces
 from framework.kinematics.linearised_loops import assembled_at
 from framework.kinematics.motion_rates import Motion, motion_at
 from framework.model.description import JointDynamics
+from framework.planning.scenes import scene_path
 from tests.oracles.closure_rows import closure_rows
 from tests.oracles.forward_simulation import kinematics
 from tests.robots.every_robot import CASES, RIGID, in_stages

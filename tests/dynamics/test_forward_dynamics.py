@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework import assemble, dynamics_at, forward_dynamics
-from framework.errors import InvalidInput
+from framework import InvalidInput, assemble, dynamics_at, forward_dynamics
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.simulation import Stepper
 from tests.oracles.equations_of_motion import defects

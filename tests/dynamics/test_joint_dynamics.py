@@ -8,16 +8,23 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework import Line, ParallelRobot, assemble, plan_crossing, simulate
+from framework import (
+    Line,
+    Mechanism,
+    NoLaw,
+    ParallelRobot,
+    RobotFileError,
+    assemble,
+    dynamics_at,
+    plan_crossing,
+    simulate,
+)
 from framework.cli import main
-from framework.crossing.feasibility import feasibility_on_path
-from framework.dynamics.pointwise_dynamics import dynamics_at
-from framework.errors import NoLaw, RobotFileError
 from framework.kinematics.frames import difference, forces_on_joints
-from framework.kinematics.mechanism import Mechanism
+from framework.model import read_robot_file
 from framework.model.description import Closure, JointDynamics, Platform
-from framework.model.robot_file import read_robot_file
 from framework.model.robot_file_writer import write_robot_file
+from framework.planning.feasibility import feasibility_on_path
 from framework.singularity.points_on_path import search_path
 from tests.oracles.equations_of_motion import defects_of
 

@@ -9,8 +9,7 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework import ParallelRobot
-from framework.crossing.scenes import plan_scene
+from framework import ParallelRobot, plan_scene
 from framework.dynamics.loaded_measure import loaded_point
 from tests.oracles.closure_rows import closure_errors, closure_rows, frame_of, independent
 from tests.oracles.forward_simulation import kinematics, mass_matrix, motors, rotors, springs

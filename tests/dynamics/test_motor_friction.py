@@ -7,14 +7,22 @@ import numpy as np
 import pytest
 
 import robots
-from framework import Line, ParallelRobot, inverse_dynamics, load_plan, plan_crossing, simulate
+from framework import (
+    InvalidInput,
+    Line,
+    NoLaw,
+    ParallelRobot,
+    inverse_dynamics,
+    load_plan,
+    plan_crossing,
+    simulate,
+)
 from framework.cli import main
-from framework.crossing.optimal.limit_curves import limit_curves
-from framework.crossing.optimal.peak_bound import bound_plan
 from framework.dynamics.motor_friction import PlannedFriction
-from framework.errors import InvalidInput, NoLaw
 from framework.model.description import JointDynamics
 from framework.model.robot_file_writer import write_robot_file
+from framework.planning.optimal.limit_curves import limit_curves
+from framework.planning.optimal.peak_bound import bound_plan
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 BACK_AND_FORTH = {"duration": 1.5, "times": [1.0], "speeds": [1.5]}

@@ -7,9 +7,8 @@ import pytest
 from scipy.spatial import ConvexHull
 
 import robots
-from framework import assemble, dynamics_at, platform_limits, velocity_matrices
+from framework import InvalidInput, SingularPose, assemble, dynamics_at, platform_limits, velocity_matrices
 from framework.dynamics.platform_wrench import hold_at
-from framework.errors import InvalidInput, SingularPose
 from framework.kinematics.frames import frames_at
 from tests.robots.test_humanoid_ankle import cranks, derivative
 

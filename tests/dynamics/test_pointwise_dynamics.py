@@ -9,10 +9,9 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework import InvalidInput, ParallelRobot, SingularPose, assemble, plan_scene
-from framework.dynamics.pointwise_dynamics import dynamics_at
+from framework import InvalidInput, ParallelRobot, SingularPose, assemble, dynamics_at, plan_scene
 from framework.model.description import Actuator, Platform
-from framework.motion.chebyshev import TimeGrid
+from framework.numerics.chebyshev import TimeGrid
 from tests.robots.cut_elsewhere import cut_elsewhere
 
 

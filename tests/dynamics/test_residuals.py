@@ -8,15 +8,23 @@ import numpy as np
 import pytest
 
 import robots
-from framework import Line, ParallelRobot, check_robot, inverse_dynamics, plan_crossing, plan_scene, simulate
+from framework import (
+    Law,
+    Line,
+    LoadedJoint,
+    ParallelRobot,
+    check_robot,
+    inverse_dynamics,
+    plan_crossing,
+    plan_scene,
+    simulate,
+)
 from framework.cli import main
-from framework.crossing.scenes import scene_path
 from framework.dynamics import elastic_pass
 from framework.dynamics.forces import joint_forces
-from framework.errors import LoadedJoint
 from framework.model.readers import write_robot_file
 from framework.model.urdf_edits import lock_joints
-from framework.motion.law import Law
+from framework.planning.scenes import scene_path
 from tests.urdf_edits import edited
 
 MASS, ARM = 2.0, 0.1  # [kg], [m]

@@ -13,8 +13,8 @@ from framework import (
     plan_crossing,
     simulate,
 )
-from framework.crossing.scenes import scene_path
 from framework.model.beams import Material, Section, beam_spring, split_beam
+from framework.planning.scenes import scene_path
 from tests.dynamics.random_five_bars import five_bar
 
 pytestmark = pytest.mark.slow

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework import SingularPose, assemble, dynamics_at, plan_scene
-from framework.errors import NoAnswer
+from framework import NoAnswer, SingularPose, assemble, dynamics_at, plan_scene
 from tests.oracles import five_bar as oracle
 
 ON_THE_AXIS = np.array([0.0, np.sqrt(0.06)])  # of the 5R: its rods in one line, level, and t_s upright

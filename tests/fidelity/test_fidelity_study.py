@@ -10,16 +10,24 @@ import numpy as np
 import pytest
 
 import robots
-from framework import InvalidInput, NoAnswer, ParallelRobot, UnboundedTorque, fidelity_study, plan_scene
+from framework import (
+    FidelityStudy,
+    InvalidInput,
+    NoAnswer,
+    ParallelRobot,
+    UnboundedTorque,
+    fidelity_study,
+    plan_scene,
+)
 from framework.cli import main
 from framework.cli.fidelity import fidelity_text
-from framework.crossing.scenes import scene_path, scene_request
 from framework.fidelity.chosen_level import options_of_level
-from framework.fidelity.fidelity_study import FidelityStudy, _plan_motion
+from framework.fidelity.fidelity_study import _plan_motion
 from framework.fidelity.level_motions import model_of
 from framework.model.description import JointDynamics
 from framework.model.fidelity_levels import LEVELS, LEVELS_BY_NAME, with_bodies
 from framework.model.robot_file_writer import write_robot_file
+from framework.planning.scenes import scene_path, scene_request
 from tests.oracles import five_bar as oracle
 from tests.robots.every_robot import in_stages
 

@@ -21,13 +21,21 @@ import numpy as np
 import pytest
 
 import robots
-from framework import Line, ParallelRobot, plan_crossing, plan_scene, simulate
+from framework import (
+    FrameworkError,
+    Line,
+    Mechanism,
+    NotAssembled,
+    ParallelRobot,
+    SingularReference,
+    plan_crossing,
+    plan_scene,
+    simulate,
+)
 from framework.cli import main
-from framework.crossing.saved import plan_document
-from framework.errors import FrameworkError, NotAssembled, SingularReference
-from framework.kinematics.mechanism import Mechanism
 from framework.model.description import FLEXIBILITIES
 from framework.model.readers import read_any
+from framework.planning.saved import plan_document
 from framework.show.server import PageServer
 from tests.fuzz.mutate import changed_json, changed_words, changed_xml, changed_yaml, is_well_formed
 from tests.oracles.closure_rows import closure_errors

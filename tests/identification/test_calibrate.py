@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 import robots
-from framework import InvalidInput, forward_kinematics
+from framework import InvalidInput, NotConverged, forward_kinematics
 from framework.cli import main
-from framework.errors import NotConverged
 from framework.identification import Recording, calibrate
 from framework.identification.calibrate import NOISE, _prediction_error
 from framework.identification.calibration_equations import measurements_of

@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 
 import robots
-from framework import InvalidInput, plan_scene
+from framework import InvalidInput, plan_scene, simulate
 from framework.cli import main
-from framework.identification import Recording, Sensors, read_recording
+from framework.identification import Recording, Sensors, read_recording, record_sensors
 from framework.identification.recording import check_recording
-from framework.identification.sensors import record_sensors
-from framework.simulation import simulate
 
 ROBOT = robots.load("five_bar")
 HEADER = "time,motor_angle_left_motor,motor_angle_right_motor,torque_left_motor,torque_right_motor,note"

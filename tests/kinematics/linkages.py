@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from framework.kinematics.mechanism import Mechanism
+from framework import Mechanism
 
 AXES = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
 

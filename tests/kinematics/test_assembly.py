@@ -9,10 +9,8 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework import ParallelRobot, assemble
-from framework.errors import NotAssembled
+from framework import Mechanism, NotAssembled, ParallelRobot, assemble
 from framework.kinematics.frames import frames_at
-from framework.kinematics.mechanism import Mechanism
 from tests.oracles.closure_rows import closure_errors, closure_rows
 from tests.oracles.forward_simulation import kinematics
 

@@ -9,19 +9,21 @@ import pytest
 
 import robots
 from framework import (
+    InvalidInput,
     Line,
+    OutOfReach,
     ParallelRobot,
+    RobotFileError,
     assemble,
     dynamics_at,
     locate_singularities,
     plan_crossing,
     simulate,
 )
-from framework.errors import InvalidInput, OutOfReach, RobotFileError
-from framework.export.mjcf import mjcf_text
+from framework.files.mjcf import mjcf_text
 from framework.kinematics.linearised_loops import linearised_at
+from framework.model import read_robot_file
 from framework.model.description import Coupling
-from framework.model.robot_file import read_robot_file
 from framework.model.robot_file_writer import write_robot_file
 from framework.proofs.derivative_bounds import DerivativeBounds
 from tests.robots.transformed import in_other_units

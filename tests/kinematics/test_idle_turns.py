@@ -13,7 +13,7 @@ from framework.kinematics.frames import integrate
 from framework.kinematics.idle_turns import idle_turns
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.motion_rates import motion_at
-from framework.model.readers.recognise import parse_any
+from framework.model.readers import parse_any
 from tests.model.readers.foreign_files import DATA, short_move, without_dry_friction
 
 

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework import Line
-from framework.errors import NotAssembled
-from framework.kinematics.continuation.tracking import track_path
+from framework import Line, NotAssembled, track_path
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.linearised_loops import linearised_at, linearised_at_reference
 from framework.kinematics.modes import keeps_working_mode, mode_signs

@@ -6,12 +6,20 @@ import numpy as np
 import pytest
 
 import robots
-from framework import Line, ParallelRobot, check_robot, plan_crossing, plan_scene
-from framework.crossing.saved import plan_document
-from framework.crossing.scenes import scene_path
-from framework.errors import LimitsExceeded, NoAnswer, NoLaw
-from framework.kinematics.continuation.tracking import track_path
+from framework import (
+    LimitsExceeded,
+    Line,
+    NoAnswer,
+    NoLaw,
+    ParallelRobot,
+    check_robot,
+    plan_crossing,
+    plan_scene,
+    track_path,
+)
 from framework.kinematics.tree_model import positions_beyond_limits
+from framework.planning.saved import plan_document
+from framework.planning.scenes import scene_path
 from tests.robots.every_robot import CASES, RIGID, SCENES, in_stages
 
 FAR = Line([-0.2, 0.25, 0.4], [-0.2, 1.9, 0.4])  # legs of the 3-RPR beyond their 1.2 m

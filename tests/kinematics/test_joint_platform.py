@@ -10,16 +10,16 @@ import pytest
 import robots
 from framework import (
     ParallelRobot,
+    Spline,
     assemble,
     dynamics_at,
     forward_kinematics,
     locate_singularities,
+    track_path,
     velocity_matrices,
 )
-from framework.crossing.scenes import scene_path
-from framework.kinematics.continuation.tracking import track_path
 from framework.model.description import Platform
-from framework.motion.path import Spline
+from framework.planning.scenes import scene_path
 
 JOINTS = ("left_motor", "left_elbow")
 

@@ -9,8 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from framework import ParallelRobot, check_robot
-from framework.errors import NotAssembled
+from framework import NotAssembled, ParallelRobot, check_robot
 from framework.kinematics.assembly import close_reference
 from framework.kinematics.closures import direction_gaps, direction_slopes, loop_equations
 from framework.kinematics.frames import frames_at, integrate

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework.errors import NotAssembled
+from framework import NotAssembled
 from framework.kinematics.inverse_kinematics import close_each, close_loops
 from framework.tolerances import NEWTON_STEP
 

@@ -8,8 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import robots
-from framework.crossing.scenes import scene_path
-from framework.kinematics.continuation.tracking import track_path
+from framework import track_path
 from framework.kinematics.frames import frames_at
 from framework.kinematics.placements import (
     carried_axis,
@@ -20,6 +19,7 @@ from framework.kinematics.placements import (
     platform_positions,
     rotate_vector,
 )
+from framework.planning.scenes import scene_path
 
 NAMES = ["five_bar", "slider_crank", "delta", "gough_stewart", "standing_quadruped"]
 

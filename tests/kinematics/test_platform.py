@@ -14,14 +14,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import robots
-from framework import Line, ParallelRobot, plan_crossing, simulate
+from framework import Line, Mechanism, ParallelRobot, plan_crossing, simulate
 from framework.kinematics.attitude import attitude_about
 from framework.kinematics.frame_variations import STEP, changes_of
 from framework.kinematics.frames import frame_motions, frames_at, move_frames
-from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.platform import PlatformCoordinates
-from framework.linalg.rotations import rotation_matrix
 from framework.model.description import Platform
+from framework.numerics.rotations import rotation_matrix
 
 JOINTS = "joints"
 

@@ -8,10 +8,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework import Line, ParallelRobot, plan_crossing
-from framework.errors import NotAssembled
-from framework.kinematics.diagnostics.diagnosis import check_robot
-from framework.kinematics.mechanism import Mechanism
+from framework import Line, Mechanism, NotAssembled, ParallelRobot, check_robot, plan_crossing
 
 
 def five_bar(raised: float = 0.0) -> Mechanism:

@@ -13,14 +13,24 @@ import numpy as np
 import pytest
 
 import robots
-from framework import Line, ParallelRobot, check_robot, inverse_dynamics, plan_crossing, simulate
+from framework import (
+    InvalidInput,
+    Law,
+    Line,
+    Mechanism,
+    NoAnswer,
+    NotAssembled,
+    ParallelRobot,
+    SingularReference,
+    check_robot,
+    inverse_dynamics,
+    plan_crossing,
+    simulate,
+)
 from framework.cli import main
-from framework.errors import InvalidInput, NoAnswer, NotAssembled, SingularReference
 from framework.kinematics import parallel_robot
 from framework.kinematics.assembly import nearby_configurations
-from framework.kinematics.mechanism import Mechanism
 from framework.model.readers import read_any, write_robot_file
-from framework.motion.law import Law
 from tests.oracles.closure_rows import closure_errors, closure_rows, independent
 from tests.oracles.forward_simulation import kinematics
 

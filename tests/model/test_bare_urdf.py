@@ -11,9 +11,8 @@ import pinocchio as pin
 import pytest
 
 import robots
+from framework import ParallelRobot, RobotFileError
 from framework.cli import main
-from framework.errors import RobotFileError
-from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.urdf_edits import bare_urdf, make_continuous_joints_revolute
 from tests.urdf_edits import edited
 

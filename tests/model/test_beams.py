@@ -6,7 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from framework.errors import InvalidInput
+from framework import InvalidInput
+from framework.model import read_robot_file
 from framework.model.beams import (
     Material,
     Section,
@@ -16,7 +17,6 @@ from framework.model.beams import (
     spring_entry,
 )
 from framework.model.description import AXES, Spring
-from framework.model.robot_file import read_robot_file
 from framework.model.urdf_edits import insert_springs
 from tests.urdf_edits import edited
 
@@ -201,8 +201,7 @@ def test_the_entry_goes_into_a_robot_file(tmp_path):
     (tmp_path / "five_bar.yaml").write_text(yaml.safe_dump(document))
     description = read_robot_file(tmp_path / "five_bar.yaml")
     assert description.springs == (spring,)
-    from framework import ParallelRobot
-    from framework.kinematics.diagnostics.diagnosis import check_robot
+    from framework import ParallelRobot, check_robot
 
     found = check_robot(ParallelRobot.from_description(description, flexibility="flexible_links"))
     assert found.springs == ("left_beam_x", "left_beam_y", "left_beam_rz")

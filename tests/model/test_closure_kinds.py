@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from framework.errors import RobotFileError
+from framework import Mechanism, RobotFileError
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.frames import FrameStack
-from framework.kinematics.mechanism import Mechanism
 from framework.model.description import AXES, CLOSURE_KINDS, Actuator, Closure, Platform, RobotDescription
 from framework.model.description import locked_axes as locked
 from framework.model.loop_rows import LoopRows

@@ -13,8 +13,7 @@ import pytest
 
 import framework.model.urdf_elements as urdf
 import robots
-from framework import ParallelRobot, cli
-from framework.errors import MissingPackage, RobotFileError
+from framework import MissingPackage, ParallelRobot, RobotFileError, cli
 from framework.model import read_robot_file
 from framework.model.description import Coupling, JointDynamics
 from framework.model.urdf_edits import lock_joints

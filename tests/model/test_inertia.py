@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 import yaml
 
-from framework.errors import RobotFileError
+from framework import RobotFileError
+from framework.model import read_robot_file
 from framework.model.inertia import check_inertia
 from framework.model.readers import read_any
-from framework.model.robot_file import read_robot_file
 from framework.model.urdf_elements import check_inertial
 
 DIALECTS = Path(__file__).parents[1] / "data" / "dialects"

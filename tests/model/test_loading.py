@@ -9,9 +9,8 @@ import pytest
 import yaml
 
 import robots
+from framework import MissingPackage, ParallelRobot, RobotFileError
 from framework.cli import main
-from framework.errors import MissingPackage, RobotFileError
-from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model import read_robot_file
 from framework.model.description import AXES
 from framework.model.documents import parse_yaml

@@ -8,11 +8,10 @@ import pytest
 import yaml
 
 import robots
-from framework import ParallelRobot
-from framework.errors import InvalidInput, RobotFileError
-from framework.fields import distinct
+from framework import InvalidInput, ParallelRobot, RobotFileError
 from framework.model import read_robot_file
 from framework.model.description import AXES, Actuator, Closure, Platform, Scene, Spring
+from framework.numerics.fields import distinct
 from tests.conftest import FIVE_BAR, REMOVED
 
 PATHS = [[0.1, 0.345], [-0.05, 0.195]]

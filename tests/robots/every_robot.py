@@ -12,10 +12,9 @@ import numpy as np
 import pytest
 
 import robots
-from framework import CrossingPlan, ParallelRobot, plan_scene
-from framework.crossing.scenes import scene_path
-from framework.errors import NoAnswer, NoLaw
+from framework import CrossingPlan, NoAnswer, NoLaw, ParallelRobot, plan_scene
 from framework.model.description import FLEXIBILITIES, Scene
+from framework.planning.scenes import scene_path
 
 CASES = [(name, flexibility) for name in robots.CATALOGUE for flexibility in FLEXIBILITIES]
 RIGID = {name: entry.load() for name, entry in robots.CATALOGUE.items()}

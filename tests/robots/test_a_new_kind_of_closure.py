@@ -21,10 +21,9 @@ from framework.kinematics.frame_variations import loop_curvature
 from framework.kinematics.frames import frame_motions, frames_at
 from framework.kinematics.modes import legs
 from framework.kinematics.single_pose import SinglePose
-from framework.model import description, loop_rows
+from framework.model import description, loop_rows, read_robot_file
 from framework.model.description import Closure, locked_axes
 from framework.model.loop_rows import RowKind
-from framework.model.robot_file import read_robot_file
 from framework.model.robot_file_writer import write_robot_file
 from framework.proofs.assembly_modes import assembly_modes
 from framework.proofs.derivative_bounds import DerivativeBounds

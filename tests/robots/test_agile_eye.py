@@ -9,9 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import robots
-from framework import Line, assemble, locate_singularities, plan_scene, velocity_matrices
-from framework.crossing.scenes import scene_path
-from framework.errors import Type1Singularity
+from framework import Line, Type1Singularity, assemble, locate_singularities, plan_scene, velocity_matrices
+from framework.planning.scenes import scene_path
 from tests.oracles.spherical import BASE, GEAR, WRISTS, Spherical, rodrigues, spin_matrix
 
 ORACLE = Spherical(np.pi / 2, (1, 1, 1))

@@ -11,14 +11,15 @@ import pytest
 import robots
 from framework import (
     Line,
+    OutOfReach,
     ParallelRobot,
+    UnboundedTorque,
     assemble,
     locate_singularities,
     plan_scene,
     velocity_matrices,
 )
-from framework.crossing.scenes import scene_path
-from framework.errors import OutOfReach, UnboundedTorque
+from framework.planning.scenes import scene_path
 from tests.oracles.one_degree import ASIDE, DIGITS, instants, law_powers, law_value
 
 HALF, ROD = 0.2, 0.2 * np.sqrt(2)  # [m] half the distance of the rails, length of a rod

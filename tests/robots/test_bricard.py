@@ -14,6 +14,8 @@ from scipy.integrate import solve_ivp
 
 import robots
 from framework import (
+    Law,
+    UnboundedTorque,
     assemble,
     check_robot,
     inverse_dynamics,
@@ -21,12 +23,10 @@ from framework import (
     plan_scene,
     velocity_matrices,
 )
-from framework.crossing.scenes import scene_path
-from framework.errors import UnboundedTorque
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.frames import frames_at
 from framework.model.description import FLEXIBILITIES
-from framework.motion.law import Law
+from framework.planning.scenes import scene_path
 
 QUARTER = np.pi / 2
 GRAVITY = 9.81

@@ -14,8 +14,7 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework import ParallelRobot, plan_scene
-from framework.errors import NoLaw
+from framework import NoLaw, ParallelRobot, plan_scene
 from framework.model.description import CLOSURE_KINDS, Closure, locked_axes
 from tests.oracles.closure_rows import closure_errors, closure_rows
 from tests.oracles.forward_simulation import kinematics

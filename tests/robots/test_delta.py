@@ -14,15 +14,15 @@ import robots
 from framework import (
     Condition,
     Law,
+    UnboundedTorque,
     assemble,
     inverse_dynamics,
     locate_singularities,
     plan_scene,
     velocity_matrices,
 )
-from framework.crossing.scenes import scene_path
-from framework.errors import UnboundedTorque
 from framework.kinematics.frames import frames_at
+from framework.planning.scenes import scene_path
 from tests.oracles import lagrange
 
 ARM, ROD, WIDTH = 0.524, 1.244, 0.131  # [m]

@@ -12,15 +12,14 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework import ParallelRobot, locate_singularities, velocity_matrices
-from framework.crossing.scenes import scene_path
+from framework import ParallelRobot, locate_singularities, track_path, velocity_matrices
 from framework.kinematics.closures import closure_drift, loop_equations
-from framework.kinematics.continuation.tracking import track_path
 from framework.kinematics.frames import frame_motions, frames_at, integrate
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.motion_rates import jacobian_change, motion_at
-from framework.motion.chebyshev import TimeGrid
+from framework.numerics.chebyshev import TimeGrid
+from framework.planning.scenes import scene_path
 from tests.robots.every_robot import CASES, ELASTIC, SCENES, first_path, in_stages, planned
 
 

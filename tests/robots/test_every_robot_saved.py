@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 import robots
-from framework import CrossingPlan, load_plan, plan_scene
-from framework.crossing.result import Crossing
-from framework.crossing.saved import plan_document, save_plan
-from framework.errors import InvalidInput, NoAnswer
+from framework import CrossingPlan, InvalidInput, NoAnswer, load_plan, plan_scene
 from framework.model.description import FLEXIBILITIES
+from framework.planning.result import Crossing
+from framework.planning.saved import plan_document, save_plan
 from tests.robots.every_robot import RIGID, SCENES, in_stages
 
 LAWS = {"as the scene says": {}, "optimal": {"law": "optimal"}}

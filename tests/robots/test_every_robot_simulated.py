@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 import robots
-from framework import locate_singularities, plan_scene
-from framework.crossing.scenes import scene_path
-from framework.errors import UnboundedTorque
+from framework import UnboundedTorque, locate_singularities, plan_scene
+from framework.planning.scenes import scene_path
 from tests.robots.back_on_path import BACK, misses
 from tests.robots.every_robot import ELASTIC, RIGID, SCENES, asks_nothing, crossing, in_stages
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 import robots
-from framework import assemble, locate_singularities, plan_scene, velocity_matrices
-from framework.crossing.scenes import scene_path
-from framework.errors import UnboundedTorque
+from framework import UnboundedTorque, assemble, locate_singularities, plan_scene, velocity_matrices
+from framework.planning.scenes import scene_path
 from tests.oracles import five_bar as oracle
 
 # The crossing instant, t = 1 s, is one of them; polynomials of degree 70 have no feature between them.

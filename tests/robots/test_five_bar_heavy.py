@@ -10,10 +10,17 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import robots
-from framework import Condition, Law, assemble, inverse_dynamics, locate_singularities, plan_scene
-from framework.crossing.scenes import scene_path
+from framework import (
+    Condition,
+    Law,
+    UnboundedTorque,
+    assemble,
+    inverse_dynamics,
+    locate_singularities,
+    plan_scene,
+)
 from framework.dynamics.finite_differences import finite_difference_torques
-from framework.errors import UnboundedTorque
+from framework.planning.scenes import scene_path
 from tests.oracles.forward_simulation import forward_simulate
 
 TIMES = np.linspace(0.0, 1.5, 1501)

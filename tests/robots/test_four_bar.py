@@ -8,9 +8,8 @@ import pytest
 from scipy.optimize import brentq
 
 import robots
-from framework import assemble, locate_singularities, plan_scene, velocity_matrices
-from framework.crossing.scenes import scene_path
-from framework.errors import UnboundedTorque
+from framework import UnboundedTorque, assemble, locate_singularities, plan_scene, velocity_matrices
+from framework.planning.scenes import scene_path
 from tests.oracles.one_degree import OneDegree, crossing, instants
 
 GROUND, CRANK, COUPLER, ROCKER = 0.1, 0.04, 0.12, 0.08  # [m], Norton, Design of Machinery, Example 4-1

@@ -15,20 +15,20 @@ from framework import (
     Condition,
     Law,
     Line,
+    UnboundedTorque,
     assemble,
     forward_kinematics,
     inverse_dynamics,
     locate_singularities,
     plan_scene,
+    track_path,
     velocity_matrices,
 )
-from framework.crossing.scenes import scene_path
-from framework.errors import UnboundedTorque
-from framework.kinematics.continuation.tracking import track_path
 from framework.kinematics.frames import frames_at
 from framework.kinematics.motion_rates import joint_rates, motion_at
-from framework.motion.chebyshev import TimeGrid
-from framework.motion.path import time_derivatives
+from framework.laws.path import time_derivatives
+from framework.numerics.chebyshev import TimeGrid
+from framework.planning.scenes import scene_path
 
 H = 1e-30
 DENSITY = 76e3 / 9.81  # [kg/m^3]

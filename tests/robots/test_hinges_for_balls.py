@@ -10,8 +10,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from framework.errors import NotAssembled, Type2Singularity
-from framework.kinematics.continuation.forward_kinematics import forward_kinematics, motors_are_free
+from framework import NotAssembled, Type2Singularity, forward_kinematics
+from framework.kinematics.continuation.forward_kinematics import motors_are_free
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.loop_matrices import passive_matrix, passive_motion
 from tests.robots.every_robot import RIGID

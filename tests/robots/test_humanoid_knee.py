@@ -10,9 +10,8 @@ import pytest
 from scipy.optimize import brentq
 
 import robots
-from framework import assemble, locate_singularities, plan_scene, velocity_matrices
-from framework.crossing.scenes import scene_path
-from framework.errors import UnboundedTorque
+from framework import UnboundedTorque, assemble, locate_singularities, plan_scene, velocity_matrices
+from framework.planning.scenes import scene_path
 from tests.oracles.one_degree import OneDegree, crossing, instants
 
 THIGH, CRANK, ROD, PIN, BEHIND = 0.22, 0.045, 0.21, 0.045, 0.5  # [m], and the pin below straight back [rad]

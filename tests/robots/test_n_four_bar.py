@@ -12,6 +12,7 @@ import pytest
 import robots
 from framework import (
     Line,
+    NoLaw,
     ParallelRobot,
     assemble,
     check_robot,
@@ -20,7 +21,6 @@ from framework import (
     plan_scene,
     velocity_matrices,
 )
-from framework.errors import NoLaw
 from framework.kinematics.frames import frames_at
 from framework.kinematics.linearised_loops import linearised_at, linearised_at_reference
 from framework.kinematics.loop_matrices import instantaneous_motions

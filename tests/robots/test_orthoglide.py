@@ -17,16 +17,18 @@ from framework import (
     Condition,
     Law,
     Line,
+    NotConverged,
+    OutOfReach,
     ParallelRobot,
+    UnboundedTorque,
     assemble,
     inverse_dynamics,
     locate_singularities,
     plan_scene,
     velocity_matrices,
 )
-from framework.crossing.scenes import scene_path
-from framework.errors import NotConverged, OutOfReach, UnboundedTorque
 from framework.kinematics.frames import frames_at
+from framework.planning.scenes import scene_path
 from tests.oracles.lagrange import platform_force
 
 LENGTH, HALF = 0.31058, 0.04  # [m]

@@ -15,14 +15,14 @@ import robots
 from framework import (
     Condition,
     Law,
+    UnboundedTorque,
     assemble,
     inverse_dynamics,
     locate_singularities,
     plan_scene,
     velocity_matrices,
 )
-from framework.crossing.scenes import scene_path
-from framework.errors import UnboundedTorque
+from framework.planning.scenes import scene_path
 from tests.oracles import lagrange
 
 ARM, ROD, BAR = 0.35, 0.8, 0.16  # [m]

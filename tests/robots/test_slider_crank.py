@@ -11,15 +11,17 @@ import pytest
 import robots
 from framework import (
     Line,
+    OutOfReach,
     ParallelRobot,
+    Type1Singularity,
+    UnboundedTorque,
     assemble,
     locate_singularities,
     plan_scene,
     velocity_matrices,
 )
-from framework.crossing.scenes import scene_path
-from framework.errors import OutOfReach, Type1Singularity, UnboundedTorque
 from framework.model.description import Actuator, Platform
+from framework.planning.scenes import scene_path
 from tests.oracles.one_degree import OneDegree, crossing, instants
 
 CRANK, ROD, OFFSET = 0.04, 0.12, -0.02  # [m], Norton, Design of Machinery, Example 4-2

@@ -10,14 +10,14 @@ import robots
 from framework import (
     Condition,
     Law,
+    UnboundedTorque,
     assemble,
     inverse_dynamics,
     locate_singularities,
     plan_scene,
     velocity_matrices,
 )
-from framework.crossing.scenes import scene_path
-from framework.errors import UnboundedTorque
+from framework.planning.scenes import scene_path
 from tests.oracles.spherical import GEAR, Spherical
 
 ORACLE = Spherical(np.pi / 3, (1, 1, 1))

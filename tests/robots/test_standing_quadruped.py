@@ -10,12 +10,11 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework import locate_singularities, plan_scene
-from framework.crossing.scenes import scene_path
-from framework.kinematics.diagnostics.diagnosis import check_robot
+from framework import check_robot, locate_singularities, plan_scene
 from framework.kinematics.frames import frames_at
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.model.urdf_elements import locate_urdf
+from framework.planning.scenes import scene_path
 
 SOLO12 = "package://example-robot-data/robots/solo_description/robots/solo12.urdf"
 LEGS = ("FL", "FR", "HL", "HR")

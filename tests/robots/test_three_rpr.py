@@ -14,14 +14,14 @@ from scipy.optimize import brentq
 import robots
 from framework import (
     Line,
+    UnboundedTorque,
     assemble,
     locate_singularities,
     plan_crossing,
     plan_scene,
     velocity_matrices,
 )
-from framework.crossing.scenes import scene_path
-from framework.errors import UnboundedTorque
+from framework.planning.scenes import scene_path
 
 with mp.workdps(50):
     UNIT = mp.mpf("0.05")

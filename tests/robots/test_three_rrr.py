@@ -12,9 +12,8 @@ import pytest
 from scipy.optimize import brentq
 
 import robots
-from framework import assemble, locate_singularities, plan_scene, velocity_matrices
-from framework.crossing.scenes import scene_path
-from framework.errors import UnboundedTorque
+from framework import UnboundedTorque, assemble, locate_singularities, plan_scene, velocity_matrices
+from framework.planning.scenes import scene_path
 
 MOTORS = [(0, 0), (mp.mpf("1.2"), 0), (mp.mpf("0.6"), mp.mpf("1.0392304845413265"))]  # A_i
 CORNERS = [("-0.0928", "-0.0535"), ("0.0928", "-0.0535"), ("0", "0.107")]  # C_i in the platform

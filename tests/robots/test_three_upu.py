@@ -13,15 +13,15 @@ from framework import (
     Arc,
     Line,
     Spline,
+    UncontrolledMotions,
     assemble,
     check_robot,
     locate_singularities,
     plan_crossing,
     plan_scene,
+    track_path,
     velocity_matrices,
 )
-from framework.errors import UncontrolledMotions
-from framework.kinematics.continuation.tracking import track_path
 from framework.kinematics.frames import frames_at
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.kinematics.loop_matrices import instantaneous_motions, passive_matrix

@@ -10,12 +10,11 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework import locate_singularities, plan_scene
-from framework.crossing.scenes import scene_path
-from framework.kinematics.diagnostics.diagnosis import check_robot
+from framework import check_robot, locate_singularities, plan_scene
 from framework.kinematics.frames import frames_at
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.model.urdf_elements import locate_urdf
+from framework.planning.scenes import scene_path
 
 BAXTER = "package://example-robot-data/robots/baxter_description/urdf/baxter.urdf"
 JOINTS = ("s0", "s1", "e1", "w0", "w1", "w2")

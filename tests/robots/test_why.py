@@ -16,7 +16,7 @@ import pytest
 
 import robots
 from framework import ParallelRobot
-from framework.arrays import Array
+from framework.numerics.arrays import Array
 from framework.show.film import Film
 from framework.singularity.jogging import lead_platform
 from tests.show.test_film import filmed

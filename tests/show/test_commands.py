@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 
 import robots
-from framework import Line, plan_crossing, plan_scene
+from framework import Line, load_plan, plan_crossing, plan_scene
 from framework.cli import main
-from framework.crossing.saved import load_plan, plan_document
+from framework.planning.saved import plan_document
 from framework.show.report import _certificate
 
 

@@ -7,8 +7,8 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework.crossing.scenes import scene_request
 from framework.dynamics.wrench import wrench_along
+from framework.planning.scenes import scene_request
 from framework.show.film import film_motion
 
 

@@ -15,8 +15,8 @@ from numpy.polynomial.chebyshev import chebval
 import robots
 from framework import InvalidInput, Line, NoAnswer, ParallelRobot, dynamics_at
 from framework.cli import main
-from framework.crossing.planar_crossing import PATH_SMOOTHNESS
-from framework.crossing.scenes import scene, scene_path
+from framework.planning.planar_crossing import PATH_SMOOTHNESS
+from framework.planning.scenes import scene, scene_path
 from framework.show.lesson import lesson_page
 from framework.singularity.points_on_path import search_path
 

@@ -11,11 +11,11 @@ import pytest
 
 import robots
 from framework.kinematics.continuation import tracking
-from framework.locus.drawn_locus import locus_curves
 from framework.show.jogging import hand_document
 from framework.show.page import film_page, hand_page
 from framework.show.scene import film_documents, floats
 from framework.show.shapes import body_shapes, thin_mesh
+from framework.singularity.drawn_locus import locus_curves
 from tests.show.test_film import filmed
 
 # Their meshes take seconds to read.

@@ -13,8 +13,7 @@ from PIL import Image
 from scipy.spatial import ConvexHull
 
 import robots
-from framework import plan_scene
-from framework.errors import InvalidInput
+from framework import InvalidInput, plan_scene
 from framework.kinematics.placements import frame_positions, joint_poses
 from framework.show.drawing import draw_robot, gallery_picture, hull
 from framework.show.jupyter import load_ipython_extension

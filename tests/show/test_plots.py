@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 import robots
-from framework import ParallelRobot, plan_crossing, plan_scene
+from framework import InvalidInput, ParallelRobot, plan_crossing, plan_scene
 from framework.dynamics.finite_differences import finite_difference_torques
-from framework.errors import InvalidInput
 from framework.show import plots
 from framework.show.force_polygon import plot_eye
 from framework.show.phase_plane import plot_phase_plane

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework.kinematics.parallel_robot import ParallelRobot
+from framework import ParallelRobot
 from framework.show.shapes import body_shapes
 
 MESH = '<mesh filename="{}"/>'

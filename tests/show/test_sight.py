@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from framework.kinematics.placements import joint_poses, platform_frame_twists, platform_positions
-from framework.locus.drawn_locus import locus_patch
 from framework.show.drawing import draw_robot
 from framework.show.sight import film_sight
+from framework.singularity.drawn_locus import locus_patch
 from tests.browser.pages import filmed
 
 SCENES = {

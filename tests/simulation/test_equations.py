@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework.errors import InvalidInput
+from framework import InvalidInput
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.frame_variations import loop_curvature
 from framework.kinematics.frames import frames_at

@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework import ParallelRobot, plan_scene
-from framework.errors import InvalidInput, NotAssembled
-from framework.simulation import simulate
+from framework import InvalidInput, NotAssembled, ParallelRobot, plan_scene, simulate
 from framework.simulation.consistent import consistent_state, free_motions
 from framework.simulation.equations import EquationsOfMotion
 

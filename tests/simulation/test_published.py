@@ -11,9 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.special import ellipj, ellipk
 
 import robots
-from framework import ParallelRobot
-from framework.errors import NotConverged
-from framework.simulation import simulate
+from framework import NotConverged, ParallelRobot, simulate
 from robots.generators import n_four_bar as generator
 from tests.benchmarks.chart import published
 from tests.robots.test_bricard import energies

@@ -15,11 +15,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import robots
-from framework import ParallelRobot
-from framework.kinematics.mechanism import Mechanism
+from framework import Mechanism, ParallelRobot, simulate
 from framework.model.description import Actuator, Closure, Platform
 from framework.model.loop_rows import locked_directions, loop_rows
-from framework.simulation import Stepper, simulate
+from framework.simulation import Stepper
 
 ARM = pin.Inertia(1.0, np.array([0.2, 0, 0]), np.diag([0.01, 0.02, 0.02]))
 PLATE = pin.Inertia(

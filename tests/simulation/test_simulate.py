@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 import robots
-from framework import ParallelRobot, plan_scene
-from framework.errors import InvalidInput, NotConverged
-from framework.simulation import Event, simulate
+from framework import InvalidInput, NotConverged, ParallelRobot, plan_scene, simulate
+from framework.simulation import Event
 from framework.simulation.drive import Drive
 from tests.oracles.forward_simulation import simulate_robot
 
@@ -68,7 +67,7 @@ def test_crossings_of_other_robots(name, flexibility, scene, apart):
 @pytest.mark.parametrize("name", robots.CATALOGUE)
 @pytest.mark.parametrize("flexibility", ["rigid", "flexible_links"])
 def test_every_plan_of_the_catalogue_comes_back(name, flexibility):
-    from framework.errors import NoAnswer
+    from framework import NoAnswer
 
     other = robots.load(name, flexibility=flexibility)
     done = 0

@@ -11,7 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import robots
-from framework.simulation import simulate
+from framework import simulate
 
 CRANK, ROD, OFFSET = 0.04, 0.12, -0.02  # [m]
 FLYWHEEL, ROD_MASS, SLIDER = 2.05, 0.12, 0.3  # [kg]

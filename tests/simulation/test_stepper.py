@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 import robots
-from framework import plan_scene
-from framework.errors import InvalidInput, NotConverged
-from framework.simulation import Stepper, simulate
+from framework import InvalidInput, NotConverged, plan_scene, simulate
+from framework.simulation import Stepper
 
 
 def held_torque(robot, plan, scheme, steps):

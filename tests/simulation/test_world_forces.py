@@ -9,14 +9,10 @@ import pytest
 
 import robots
 from framework import InvalidInput, plan_crossing, simulate
-from framework.control.closed_loop import run_closed_loop
-from framework.control.controllers import tuned_controller
-from framework.control.reference import reference_of
-from framework.control.run_monitor import ControlLoop
-from framework.control.variation import Spread, draw
-from framework.crossing.scenes import scene_path
+from framework.control import ControlLoop, Spread, draw, reference_of, run_closed_loop, tuned_controller
 from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.frames import integrate
+from framework.planning.scenes import scene_path
 from framework.simulation.world_forces import WorldForces
 
 TABLE = [[0.0, 0, 0, 0, 0, 0, 0], [0.3, 3, -1, 0, 0, 0, 0], [0.8, 4, 2, 0, 0, 0, 0], [1.0, 0, 0, 0, 0, 0, 0]]

@@ -11,7 +11,7 @@ from framework.kinematics.closures import loop_equations
 from framework.kinematics.continuation.forward_kinematics import motors_are_free
 from framework.kinematics.frames import frames_at
 from framework.singularity.jogging import drag_platform, loose_motion, move_motor, move_platform, pose_at
-from tests.locus.test_drawn_locus import LINK, MOTORS, elbows
+from tests.singularity.test_drawn_locus import LINK, MOTORS, elbows
 
 
 @pytest.fixture(scope="module")

@@ -8,10 +8,21 @@ import numpy as np
 import pytest
 
 import robots
-from framework import Arc, Line, ParallelRobot, Spline, assemble, locate_singularities
-from framework.crossing.scenes import scene_path
-from framework.errors import InvalidInput, NotAssembled, OutOfReach, SingularPath, Type1Singularity
-from framework.kinematics.continuation.tracking import track_path
+from framework import (
+    Arc,
+    InvalidInput,
+    Line,
+    NotAssembled,
+    OutOfReach,
+    ParallelRobot,
+    SingularPath,
+    Spline,
+    Type1Singularity,
+    assemble,
+    locate_singularities,
+    track_path,
+)
+from framework.planning.scenes import scene_path
 from framework.singularity.points_on_path import search_path
 from framework.singularity.type2 import singularity_measure
 from tests.oracles import five_bar as oracle

@@ -9,14 +9,12 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 import robots
-from framework import ParallelRobot, assemble, dynamics_at
-from framework.errors import InvalidInput
-from framework.singularity.pose_classes import classify
+from framework import InvalidInput, ParallelRobot, assemble, classify, dynamics_at
 from robots.generators import delta, gough_stewart
-from tests.locus.test_drawn_locus import LINK, MOTORS, elbows
 from tests.oracles import five_bar as oracle
 from tests.robots import test_n_four_bar as n_four_bar
 from tests.robots import test_three_upu as three_upu
+from tests.singularity.test_drawn_locus import LINK, MOTORS, elbows
 
 TOP = np.sqrt(0.06)  # [m] above the base: both rods of the 5R in line
 

@@ -9,8 +9,7 @@ import pytest
 from scipy.linalg import expm
 
 import robots
-from framework import Line
-from framework.errors import SingularPath
+from framework import Line, SingularPath
 from framework.singularity.bordered_system import Border, solve_bordered
 from framework.singularity.piecewise_measure import Measured, Samples, panels
 from framework.singularity.points_on_path import search_path

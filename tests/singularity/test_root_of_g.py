@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework import Line, locate_singularities, plan_crossing
-from framework.kinematics.continuation.tracking import track_path
+from framework import Line, locate_singularities, plan_crossing, track_path
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.loop_matrices import type2_matrix
 from framework.singularity.bordered_system import STENCIL_HALF_WIDTH, root_of_g, slope_of_g, stencil

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 import robots
-from framework import Arc, Line, ParallelRobot, locate_singularities, plan_scene
-from framework.crossing.scenes import scene_path
-from framework.kinematics.continuation.tracking import track_path
+from framework import Arc, Line, ParallelRobot, locate_singularities, plan_scene, track_path
+from framework.planning.scenes import scene_path
 from framework.singularity.spring_shift import spring_shift
 
 PATH = Line([0.1, 0.345], [-0.05, 0.195])

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 import robots
-from framework import Line
-from framework.crossing.scenes import scene_path
-from framework.kinematics.continuation.tracking import track_path
+from framework import Line, track_path
 from framework.kinematics.loop_matrices import type2_matrix
+from framework.planning.scenes import scene_path
 from framework.singularity.type2 import singularity_measure
 
 S = np.linspace(0.0, 1.0, 301)

@@ -15,7 +15,7 @@ from functools import cache
 import numpy as np
 
 from framework import UnboundedTorque, plan_crossing
-from framework.crossing.plan import uncertified_law
+from framework.planning.plan import uncertified_law
 from tests.oracles import naive
 from tests.oracles.planar import (
     CROSSING_SPEED,

@@ -15,9 +15,9 @@ import pytest
 
 import robots
 from framework import Condition, Law, Line, NoLaw, assemble, locate_singularities, plan_crossing
-from framework.crossing import timing
-from framework.crossing.request import Request
-from framework.crossing.timing import LAWS_PER_UNKNOWN, MAX_CROSSINGS, MAX_ROUNDS, choose_timing
+from framework.planning import timing
+from framework.planning.request import Request
+from framework.planning.timing import LAWS_PER_UNKNOWN, MAX_CROSSINGS, MAX_ROUNDS, choose_timing
 
 OPEN = Request(path=Line([0.0], [1.0]), duration=1.0)
 COUNTS = (1, 2, 4, 8, 16, 32)

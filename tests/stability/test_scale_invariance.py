@@ -22,14 +22,11 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework import ParallelRobot, inverse_dynamics, locate_singularities
-from framework.crossing.plan import plan_request
-from framework.crossing.scenes import scene_path, scene_request
-from framework.errors import NoAnswer
-from framework.kinematics.diagnostics.diagnosis import check_robot
+from framework import Law, Line, NoAnswer, ParallelRobot, check_robot, inverse_dynamics, locate_singularities
+from framework.laws.path import Path
 from framework.model.description import RobotDescription
-from framework.motion.law import Law
-from framework.motion.path import Line, Path
+from framework.planning.plan import plan_request
+from framework.planning.scenes import scene_path, scene_request
 from tests.robots.transformed import (
     can_turn,
     in_other_units,
@@ -128,7 +125,7 @@ class InUnits:
     """A path with each coordinate multiplied by its own factor, at the same s.
 
     With metres and radians mixed, a spline or an arc through points is not that through their multiples, see
-    `framework.motion.path`.
+    `framework.laws.path`.
     """
 
     path: Path

@@ -16,8 +16,15 @@ import numpy as np
 import pytest
 
 import robots
-from framework import Line, NoLaw, UnboundedTorque, locate_singularities, plan_crossing, simulate
-from framework.errors import UncontrolledMotions
+from framework import (
+    Line,
+    NoLaw,
+    UnboundedTorque,
+    UncontrolledMotions,
+    locate_singularities,
+    plan_crossing,
+    simulate,
+)
 from tests.oracles import naive
 from tests.robots.test_gough_stewart import PLATE, gradient, kinetic_energy, plucker, potential_energy
 

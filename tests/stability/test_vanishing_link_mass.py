@@ -18,9 +18,9 @@ import pinocchio as pin
 
 import robots
 from framework import ParallelRobot, plan_scene
-from tests.crossing.test_plan import scaled_legs
 from tests.oracles import five_bar as oracle
 from tests.oracles.forward_simulation import kinematics, point_rows
+from tests.planning.test_plan import scaled_legs
 
 MASSES = 10.0 ** -np.arange(0, 16, 1.0)  # [kg] of each rod
 TIMES = (0.3, 0.8, 0.9999, 1.0, 1.2)  # [s]

@@ -10,9 +10,9 @@ import numpy as np
 
 import robots
 from framework import CrossingPlan, plan_scene
-from framework.crossing.plan import uncertified_law
-from framework.crossing.scenes import scene_path
 from framework.dynamics.finite_differences import finite_difference_torques
+from framework.planning.plan import uncertified_law
+from framework.planning.scenes import scene_path
 
 ROBOTS = ("five_bar", "five_bar_heavy")
 DURATION = 1.5  # [s] of every scene of the 5R

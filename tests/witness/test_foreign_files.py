@@ -19,7 +19,7 @@ from framework import ParallelRobot, simulate
 from framework.kinematics.diagnostics.proposal import propose
 from framework.kinematics.idle_turns import idle_turns
 from framework.kinematics.linearised_loops import linearised_at_reference
-from framework.model.readers.recognise import parse_any
+from framework.model.readers import parse_any
 from tests.model.readers.foreign_files import (
     DATA,
     PLANNED,

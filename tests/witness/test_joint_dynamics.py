@@ -14,7 +14,7 @@ import pytest
 
 import robots
 from framework import Line, ParallelRobot, plan_crossing, plan_scene
-from framework.export.mjcf import mjcf_text, qpos_of
+from framework.files.mjcf import mjcf_text, qpos_of
 from framework.model.description import JointDynamics
 from tests.kinematics.test_couplings import URDF, YAML
 from tests.witness.installed import REQUIRED

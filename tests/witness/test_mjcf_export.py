@@ -10,9 +10,8 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework import ParallelRobot, assemble, plan_scene
-from framework.errors import InvalidInput
-from framework.export.mjcf import MIN_INERTIA, MIN_MASS, equality_axes, mjcf_text, qpos_of, ranges_left_out
+from framework import InvalidInput, ParallelRobot, assemble, plan_scene
+from framework.files.mjcf import MIN_INERTIA, MIN_MASS, equality_axes, mjcf_text, qpos_of, ranges_left_out
 from framework.simulation.accelerations import accelerations
 from framework.simulation.equations import EquationsOfMotion
 from tests.model.readers.leg import ankle

@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 
 import robots
-from framework import Line, plan_crossing
-from framework.crossing.optimal.peak_bound import bound_plan
-from framework.crossing.optimal.phase_plane import demand
-from framework.crossing.plan import plan_request
-from framework.crossing.request import Request
-from framework.kinematics.continuation.tracking import track_path
-from framework.motion.optimal_law import Smoothstep
+from framework import Line, plan_crossing, track_path
+from framework.laws.optimal_law import Smoothstep
+from framework.planning.optimal.peak_bound import bound_plan
+from framework.planning.optimal.phase_plane import demand
+from framework.planning.plan import plan_request
+from framework.planning.request import Request
 from framework.tolerances import SMOOTHNESS_COST
 
 toppra = pytest.importorskip("toppra", reason="the extra witness brings it")

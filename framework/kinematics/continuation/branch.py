@@ -14,7 +14,6 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
-from framework.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
 from framework.errors import NotAssembled
 from framework.kinematics.external_wrenches import NO_WRENCHES, ExternalWrenches
 from framework.kinematics.frames import difference, integrate, largest_motion
@@ -23,8 +22,9 @@ from framework.kinematics.linearised_loops import ClosedStack, linearised_at
 from framework.kinematics.loop_matrices import type1_matrix
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.motion.chebyshev import TimeFunction, TimeGrid, nodes, tail
-from framework.motion.path import Path
+from framework.laws.path import Path
+from framework.numerics.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
+from framework.numerics.chebyshev import TimeFunction, TimeGrid, nodes, tail
 from framework.tolerances import BRANCH_CORRECTION, CONTINUATION_ERROR, CONTINUATION_STEP
 
 HALF_WIDTHS = (0.16, 0.08, 0.04, 0.02, 0.01, 0.005)  # of a continuation, in s; the first that resolves

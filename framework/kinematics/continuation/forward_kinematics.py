@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike, freeze
 from framework.errors import InvalidInput, NotAssembled, Type2Singularity, finite_numbers, point
 from framework.kinematics.assembly import Configuration
 from framework.kinematics.continuation.motor_curves import MotorCurves, curves_at, follow_curves
@@ -24,6 +23,7 @@ from framework.kinematics.linearised_loops import (
 )
 from framework.kinematics.loop_matrices import clearance
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.numerics.arrays import Array, ArrayLike, freeze
 
 TYPE_2_END_RATIO = 0.05  # of the usual least singular value of P: a curve that ends below does so at Type 2
 

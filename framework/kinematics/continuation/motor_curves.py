@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, BoolArray, IntArray, assign, select
 from framework.kinematics.continuation.predictor_corrector import (
     BRANCH_GROWTH,
     END_ROUNDING,
@@ -36,6 +35,7 @@ from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.kinematics.loop_matrices import clearance, equation_sizes, independent_loops_matrix
 from framework.kinematics.modes import keeps_sign, passive_determinants
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.numerics.arrays import Array, BoolArray, IntArray, assign, select
 from framework.tolerances import BRANCHES_CROSS, BRANCHES_MEET, RANK_LOST
 
 MAX_SINGLE_STEP = 0.05  # [rad, lengths] that the joints may move by in a single step

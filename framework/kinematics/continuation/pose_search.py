@@ -21,7 +21,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.kinematics.assembly import Configuration
 from framework.kinematics.continuation.predictor_corrector import is_small
 from framework.kinematics.frames import difference, integrate, integrate_columns, largest_motion
@@ -30,7 +29,8 @@ from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.kinematics.modes import keeps_sign, keeps_working_mode, passive_determinants
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.single_pose import SinglePose
-from framework.linalg.ordered_sums import solve
+from framework.numerics.arrays import Array
+from framework.numerics.ordered_sums import solve
 from framework.tolerances import LEAST_TYPE1_SHARE, LEAST_TYPE2_SHARE, REACHED_PLATFORM
 
 LEAST_DETERMINANTS = np.array([LEAST_TYPE1_SHARE, LEAST_TYPE2_SHARE])

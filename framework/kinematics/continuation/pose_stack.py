@@ -11,7 +11,6 @@ from types import MappingProxyType
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike, ReadOnlyArrays, select
 from framework.errors import NotAssembled
 from framework.kinematics.assembly import Configuration
 from framework.kinematics.continuation.forward_kinematics import (
@@ -25,7 +24,8 @@ from framework.kinematics.continuation.forward_kinematics import (
 from framework.kinematics.continuation.motor_curves import follow_curves
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.linalg.rotations import whole_turns
+from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, select
+from framework.numerics.rotations import whole_turns
 
 
 @dataclass(frozen=True, eq=False)

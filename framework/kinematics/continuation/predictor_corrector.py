@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import LEAST_DIVISOR, Array, BoolArray
 from framework.kinematics.frames import largest_motion
 from framework.kinematics.mechanism import Mechanism
+from framework.numerics.arrays import LEAST_DIVISOR, Array, BoolArray
 from framework.tolerances import BRANCH_CORRECTION, BRANCH_STEP_SHARE, BRANCH_TURN
 
 MIN_STEP_RATIO = 1e-7  # of the curve: if shorter steps are refused too, the branch has ended

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, ArrayLike, BoolArray
 from framework.errors import (
     InvalidInput,
     NotAssembled,
@@ -47,7 +46,8 @@ from framework.kinematics.mistaken_units import remark_on_reach
 from framework.kinematics.modes import keeps_working_mode
 from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.motion.path import Line, Path, check_path
+from framework.laws.path import Line, Path, check_path
+from framework.numerics.arrays import Array, ArrayLike, BoolArray
 from framework.tolerances import BRANCHES_CROSS, FILE_ROUNDING, NEWTON_STEP
 
 TYPE_1_END_RATIO = 1e-4  # least singular value of the loop equations, below which Type 1 has ended a branch

@@ -21,11 +21,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, BoolArray, IntArray
 from framework.kinematics.frames import difference, integrate, largest_motion
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.linalg.ordered_sums import solve
+from framework.numerics.arrays import Array, BoolArray, IntArray
+from framework.numerics.ordered_sums import solve
 from framework.tolerances import NEWTON_STEP
 
 MAX_BEND, MAX_SKEW = 0.1, 0.25  # deviations from a parabola, of the chord and of the parameter's gain

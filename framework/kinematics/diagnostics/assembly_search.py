@@ -19,7 +19,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array, IntArray
 from framework.errors import NotAssembled
 from framework.kinematics.closures import (
     carried_between,
@@ -32,8 +31,9 @@ from framework.kinematics.closures import (
 )
 from framework.kinematics.frames import FrameStack, frames_at, integrate
 from framework.kinematics.mechanism import Mechanism
-from framework.linalg.rotations import wrap_angles
 from framework.model.loop_rows import LockedDirections, LoopRows
+from framework.numerics.arrays import Array, IntArray
+from framework.numerics.rotations import wrap_angles
 from framework.tolerances import LOOP_GAP
 
 MAX_STARTS = 32  # a group of loops, at most

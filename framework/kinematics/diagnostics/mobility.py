@@ -20,7 +20,6 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from framework.arrays import Array
 from framework.kinematics.assembly import all_loops_matrix, nearby_configurations
 from framework.kinematics.closures import scale_jacobian
 from framework.kinematics.frames import frames_at
@@ -28,6 +27,7 @@ from framework.kinematics.loop_structure import row_pivots
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import AXES
+from framework.numerics.arrays import Array
 from framework.tolerances import FILE_ROUNDING, NEARLY_AT_REST
 
 PROPOSED_AXES_CLEARANCE = 0.02  # least singular value of proposed axes [lengths of the robot, rad]

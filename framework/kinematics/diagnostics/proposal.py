@@ -21,7 +21,6 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import qr
 
-from framework.arrays import Array
 from framework.errors import FrameworkError, NotAssembled, RobotFileError, SingularReference
 from framework.kinematics.assembly import all_loops_matrix, nearby_configurations, residual_at
 from framework.kinematics.diagnostics.assembly_search import find_closed_pose
@@ -40,10 +39,11 @@ from framework.kinematics.mechanism import Mechanism, columns_of, frame_of
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.rounded_loops import assembled_mechanism, rounded_gap
 from framework.kinematics.tree_model import positions_beyond_limits
-from framework.linalg.ordered_sums import singular_values
 from framework.model.description import AXES, Actuator, Closure, Platform, RobotDescription
 from framework.model.readers.describe import Known, Options
 from framework.model.readers.urdf_tree import UrdfTree, merge_sharing
+from framework.numerics.arrays import Array
+from framework.numerics.ordered_sums import singular_values
 from framework.tolerances import ALIKE_CHOICES, FILE_ROUNDING, NEARLY_AT_REST
 
 MAX_TRIED = 12  # proposals of a platform, at most

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from framework.errors import FrameworkError, RobotFileError, check_name, check_unique, list_names
-from framework.fields import check_distinct
 from framework.model.description import (
     AXES,
     Actuator,
@@ -31,6 +30,7 @@ from framework.model.description import (
 from framework.model.readers.urdf_tree import MAX_LOOPS, UrdfTree
 from framework.model.robot_keys import joint_dynamics
 from framework.model.urdf_elements import declared_couplings, declared_dynamics
+from framework.numerics.fields import check_distinct
 
 # names that exporters give to every model
 _NO_NAMES = ("", "mjcf", "model", "mujoco", "mujoco model", "onshape", "robot", "scene", "urdf")

@@ -18,10 +18,10 @@ from pathlib import Path
 from typing import Any
 
 from framework.errors import RobotFileError, check_name, check_unique, short
-from framework.fields import Table, entries, list_of, one_of, optional, read_table, required, text
 from framework.model.description import Closure, ParsedRobot, locked_axes
 from framework.model.readers.describe import Options, Pull, describe
 from framework.model.readers.urdf_tree import UrdfTree
+from framework.numerics.fields import Table, entries, list_of, one_of, optional, read_table, required, text
 
 KEYS = ("closed_loop", "type", "name_mot", "joint_name", "joint_type")
 _KINDS = {"3d": "spherical", "3D": "spherical", "6d": "fixed", "6D": "fixed"}

@@ -18,7 +18,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from framework.arrays import Array
 from framework.errors import RobotFileError
 from framework.model.description import Closure, Coupling, JointDynamics, ParsedRobot, locked_axes
 from framework.model.placement import from_quaternion, inverse, placement
@@ -34,6 +33,7 @@ from framework.model.urdf_writing import (
     vector_text,
     visual_element,
 )
+from framework.numerics.arrays import Array
 
 WORLD = "world"
 _KINDS = ("floating", "spherical", "prismatic", "continuous")  # by mjtJoint

@@ -19,9 +19,9 @@ import numpy as np
 import pinocchio as pin
 
 from framework.errors import MissingPackage, RobotFileError
-from framework.input import read_text
 from framework.model.inertia import check_inertia, symmetric
 from framework.model.readers.describe import LeftOut
+from framework.numerics.input import read_text
 
 # [kg], [kg m^2] of bodies without mass, for MuJoCo, which refuses less than 1e-15
 STAND_IN_MASS, STAND_IN_INERTIA = 1e-12, 1e-14

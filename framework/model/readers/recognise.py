@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 from framework.errors import InvalidInput, MissingPackage, RobotFileError, check_name, short
-from framework.input import read_text
 from framework.model.description import ParsedRobot, RobotDescription
 from framework.model.documents import LEADING_BLANKS, naming, parse_xml, parse_yaml
 from framework.model.parameters import with_parameters
@@ -25,6 +24,7 @@ from framework.model.readers.describe import (
 )
 from framework.model.readers.urdf_tree import UrdfTree
 from framework.model.robot_file import parse_robot
+from framework.numerics.input import read_text
 
 DIALECTS = {
     "robot file": "our own YAML beside a URDF",

@@ -21,10 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.errors import RobotFileError, check_choice, check_name, choose_from
-from framework.fields import vector3
-from framework.input import read_text
 from framework.model.description import Closure, Coupling, JointDynamics, ParsedRobot
 from framework.model.documents import naming, parse_xml
 from framework.model.inertia import ENTRIES, symmetric
@@ -40,6 +37,9 @@ from framework.model.urdf_writing import (
     visual_element,
 )
 from framework.model.xml_reading import attribute, child_element, numbers
+from framework.numerics.arrays import Array
+from framework.numerics.fields import vector3
+from framework.numerics.input import read_text
 
 WORLD, MODEL = "world", "__model__"
 UNLIMITED = 1e15  # [rad, m] larger ones stand for no limit

@@ -46,10 +46,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.errors import RobotFileError, check_name
-from framework.fields import list_of, one_of, read_table, required, vector3
-from framework.input import read_text
 from framework.model.description import Closure, ParsedRobot, locked_axes
 from framework.model.documents import naming, parse_yaml
 from framework.model.placement import inverse, placement
@@ -58,6 +55,9 @@ from framework.model.readers.sdf import BALL_CONSTRAINT, WORLD, Scope, add_conte
 from framework.model.readers.urdf_tree import UrdfTree
 from framework.model.urdf_elements import MOVING
 from framework.model.xml_reading import attribute, axis_of, child_element, numbers, only, origin_of
+from framework.numerics.arrays import Array
+from framework.numerics.fields import list_of, one_of, read_table, required, vector3
+from framework.numerics.input import read_text
 from framework.tolerances import FILE_ROUNDING
 
 LOOP_CLOSURES = "loop_closures.yaml"

@@ -9,7 +9,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from framework.arrays import Array
 from framework.errors import RobotFileError, check_name, choose_from, nearest
 from framework.model.description import Closure, locked_axes
 from framework.model.placement import about, inverse, placement, to_rpy, turning
@@ -26,6 +25,7 @@ from framework.model.urdf_elements import (
 )
 from framework.model.urdf_writing import ChainJoint, chain_elements, remove_children
 from framework.model.xml_reading import attribute
+from framework.numerics.arrays import Array
 from framework.tolerances import FILE_ROUNDING
 
 MAX_LOOPS = 1000  # in a file

@@ -13,9 +13,9 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from framework import FrameworkError
 from framework.cli.console import Progress
-from framework.errors import FrameworkError
-from framework.output import written_together
+from framework.numerics.output import written_together
 from tests.benchmarks.chart import repeated, stages, table
 from tests.benchmarks.chart.figures import save_chart
 from tests.benchmarks.chart.measure import FULL, QUICK, Effort, Stage, rows_of

@@ -10,17 +10,16 @@ from functools import cache, cached_property
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from framework.arrays import Array
+from framework import Condition, Law, Line, ParallelRobot, inverse_dynamics, track_path
 from framework.dynamics.elasticity import solve_deflections
 from framework.dynamics.forces import motor_torque, tree_forces
-from framework.dynamics.inverse_dynamics import inverse_dynamics
-from framework.kinematics.continuation.tracking import Branch, track_path
+from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.motion_rates import Motion, motion_at
-from framework.kinematics.parallel_robot import ParallelRobot
-from framework.motion.chebyshev import TimeGrid
-from framework.motion.law import Condition, Law, MotionLaw
-from framework.motion.path import Line, time_derivatives
+from framework.laws.law import MotionLaw
+from framework.laws.path import time_derivatives
+from framework.numerics.arrays import Array
+from framework.numerics.chebyshev import TimeGrid
 from tests.benchmarks.chart import robot as given
 from tests.benchmarks.chart.bare import FLAT, IN_SPACE, BareRobot
 from tests.benchmarks.chart.bare import Motion as BareMotion

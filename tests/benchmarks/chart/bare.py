@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from framework.arrays import Array
-from framework.kinematics.parallel_robot import ParallelRobot
+from framework import ParallelRobot
+from framework.numerics.arrays import Array
 
 AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 SETTLED, MOST = 1e-8, 20  # a step of Newton's method whose successor is below rounding; steps at most

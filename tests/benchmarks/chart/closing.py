@@ -14,12 +14,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy import optimize
 
-from framework.arrays import Array, IntArray
-from framework.errors import FrameworkError
-from framework.kinematics.continuation.forward_kinematics import forward_kinematics
-from framework.kinematics.continuation.tracking import assemble
+from framework import FrameworkError, assemble, forward_kinematics
 from framework.kinematics.frames import frames_at
 from framework.kinematics.inverse_kinematics import close_each, close_loops
+from framework.numerics.arrays import Array, IntArray
 from tests.benchmarks.chart import closed_form
 from tests.benchmarks.chart import robot as given
 from tests.benchmarks.chart.measure import Judged, Method, Row, Setting, Stage, singles

@@ -13,11 +13,9 @@ from functools import cache, partial
 
 import numpy as np
 
-from framework.arrays import Array
-from framework.dynamics.dynamics_derivatives import dynamics_derivatives
-from framework.dynamics.pointwise_dynamics import dynamics_at
+from framework import ParallelRobot, dynamics_at, dynamics_derivatives
 from framework.kinematics.inverse_kinematics import close_loops
-from framework.kinematics.parallel_robot import ParallelRobot
+from framework.numerics.arrays import Array
 from tests.benchmarks.chart.along import crossing
 from tests.benchmarks.chart.measure import Judged, Method, Row, Setting, Stage, singles
 from tests.benchmarks.chart.reading import best, short

@@ -16,15 +16,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from framework.arrays import Array
-from framework.crossing.plan import plan_crossing
+from framework import Condition, Law, NotConverged, ParallelRobot, plan_crossing, track_path
 from framework.dynamics.elastic_pass import Pass, evaluate_pass
 from framework.dynamics.finite_differences import finite_difference_torques
-from framework.errors import NotConverged
-from framework.kinematics.continuation.tracking import Branch, track_path
-from framework.kinematics.parallel_robot import ParallelRobot
-from framework.motion.chebyshev import TimeFunction, TimeGrid
-from framework.motion.law import Condition, Law
+from framework.kinematics.continuation.tracking import Branch
+from framework.numerics.arrays import Array
+from framework.numerics.chebyshev import TimeFunction, TimeGrid
 from tests.benchmarks.chart import closed_form, elastic_form
 from tests.benchmarks.chart import robot as given
 from tests.benchmarks.chart.measure import Judged, Method, Row, Setting, Stage, relative_error, singles

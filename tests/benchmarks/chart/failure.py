@@ -17,12 +17,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from framework.arrays import Array
-from framework.crossing.plan import plan_crossing
-from framework.kinematics.continuation.tracking import assemble
+from framework import assemble, plan_crossing, simulate
 from framework.kinematics.frames import frames_at
-from framework.motion.path import time_derivatives
-from framework.simulation import simulate
+from framework.laws.path import time_derivatives
+from framework.numerics.arrays import Array
 from tests.benchmarks.chart import closed_form, integrators
 from tests.benchmarks.chart.bare import FLAT, BareRobot, Motion
 from tests.benchmarks.chart.integrators import Case, Prepared

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from framework.arrays import Array
+from framework.numerics.arrays import Array
 from tests.benchmarks.chart import closed_form
 
 _BASES = tuple(map(float, closed_form.BASES))

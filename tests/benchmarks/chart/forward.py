@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from framework.kinematics.continuation.tracking import assemble
+from framework import assemble
 from framework.kinematics.frames import frames_at
 from tests.benchmarks.chart import integrators, published
 from tests.benchmarks.chart import robot as given

@@ -21,12 +21,9 @@ import pinocchio as pin
 from scipy.sparse import coo_array
 from scipy.sparse.linalg import splu
 
-from framework.arrays import Array
-from framework.kinematics.continuation.tracking import track_path
-from framework.kinematics.parallel_robot import ParallelRobot
-from framework.linalg.banded_lu import Band
-from framework.motion.law import Law
-from framework.motion.path import Line
+from framework import Law, Line, ParallelRobot, track_path
+from framework.numerics.arrays import Array
+from framework.numerics.banded_lu import Band
 from robots.generators import n_four_bar
 from tests.benchmarks.chart.along import Along, Torque, crossing
 from tests.benchmarks.chart.bare import UPRIGHT, BareRobot, Motion, Target

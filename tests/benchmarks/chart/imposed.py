@@ -13,8 +13,8 @@ from functools import cache, partial
 
 import numpy as np
 
-from framework.arrays import Array
-from framework.motion.law import MotionLaw
+from framework.laws.law import MotionLaw
+from framework.numerics.arrays import Array
 from tests.benchmarks.chart import closed_form
 from tests.benchmarks.chart import robot as given
 from tests.benchmarks.chart.along import Torque, direct

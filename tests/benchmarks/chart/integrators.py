@@ -16,8 +16,9 @@ import numpy as np
 import pinocchio as pin
 from scipy.integrate import solve_ivp
 
-from framework.arrays import Array
-from framework.kinematics.parallel_robot import ParallelRobot
+from framework import ParallelRobot
+from framework.numerics.arrays import Array
+from framework.simulation import State, Stepper
 from framework.simulation.consistent import consistent_state
 from framework.simulation.contacts import ContactDynamics
 from framework.simulation.drive import Drive
@@ -28,8 +29,6 @@ from framework.simulation.methods import (
     explicit_steps,
     integrate_by_collocation,
 )
-from framework.simulation.schemes import State
-from framework.simulation.stepper import Stepper
 
 LOOKS = 151  # equidistant instants at which a continuous solution is read
 MOST_CALLS = 20_000  # of the right-hand side

@@ -18,14 +18,13 @@ import numpy as np
 from numpy.polynomial import polynomial
 from scipy.interpolate import KroghInterpolator
 
-from framework.arrays import Array, ArrayLike
-from framework.crossing.optimal.best_law import Best, find_best_law
-from framework.crossing.optimal.law_problem import LawProblem
-from framework.crossing.optimal.phase_plane import AffineInSpeed, Demand
-from framework.crossing.specification import Specification
-from framework.errors import NoLaw
-from framework.motion.law import Condition, Law
-from framework.motion.optimal_law import Smoothstep, Stretch
+from framework import Condition, Law, NoLaw
+from framework.laws.optimal_law import Smoothstep, Stretch
+from framework.numerics.arrays import Array, ArrayLike
+from framework.planning.optimal.best_law import Best, find_best_law
+from framework.planning.optimal.law_problem import LawProblem
+from framework.planning.optimal.phase_plane import AffineInSpeed, Demand
+from framework.planning.specification import Specification
 from tests.benchmarks.chart import closed_form
 from tests.benchmarks.chart.measure import Judged, Method, Row, Setting, Stage, relative_error, singles
 from tests.benchmarks.chart.reading import finite, short

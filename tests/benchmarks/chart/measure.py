@@ -18,8 +18,9 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array
-from framework.errors import FrameworkError, InvalidInput, choose_from
+from framework import FrameworkError, InvalidInput
+from framework.errors import choose_from
+from framework.numerics.arrays import Array
 
 Setting = tuple[float, ...]
 FINEST = 1e-13  # error, in the unit of the stage, below which no finer setting is tried

@@ -16,10 +16,9 @@ import numpy as np
 from scipy import optimize
 from scipy.interpolate import make_interp_spline
 
-from framework.arrays import Array
+from framework import Condition, Law, inverse_dynamics
 from framework.dynamics.finite_differences import finite_difference_torques
-from framework.dynamics.inverse_dynamics import inverse_dynamics
-from framework.motion.law import Condition, Law
+from framework.numerics.arrays import Array
 from tests.benchmarks.chart import closed_form, elastic_form
 from tests.benchmarks.chart import robot as given
 from tests.benchmarks.chart.elastic import (

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from framework.arrays import Array
-from framework.crossing.plan import plan_crossing
+from framework import plan_crossing
+from framework.numerics.arrays import Array
 from tests.benchmarks.chart import robot as given
 from tests.benchmarks.chart.formula import torques
 from tests.benchmarks.chart.measure import Judged, Method, Row, Setting, Stage, singles

@@ -9,8 +9,8 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 
-from framework.arrays import Array
-from framework.kinematics.parallel_robot import ParallelRobot
+from framework import ParallelRobot
+from framework.numerics.arrays import Array
 
 FILE = Path(__file__).parent / "data" / "andrews_squeezer" / "andrews_squeezer.yaml"
 TORQUE, DURATION = 0.033, 0.03  # [N m], [s]

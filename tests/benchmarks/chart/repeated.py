@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from itertools import combinations
 from pathlib import Path
 
-from framework.errors import InvalidInput
+from framework import InvalidInput
 from tests.benchmarks.chart import stages, table
 from tests.benchmarks.chart.measure import Row, Stage
 from tests.benchmarks.chart.reading import Time, finite, time_to

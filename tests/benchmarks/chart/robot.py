@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from functools import lru_cache
 
+from framework import Condition, Law, Line, ParallelRobot, track_path
 from framework.catalogue import robot_file
-from framework.kinematics.continuation.tracking import Branch, track_path
-from framework.kinematics.parallel_robot import ParallelRobot
-from framework.motion.law import Condition, Law
-from framework.motion.path import Line
+from framework.kinematics.continuation.tracking import Branch
 from tests.benchmarks.chart import closed_form
 from tests.benchmarks.chart.closed_form import ExactMotion
 

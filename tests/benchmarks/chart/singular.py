@@ -16,11 +16,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy import linalg, optimize
 
-from framework.arrays import Array
+from framework import locate_singularities
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.loop_matrices import passive_matrix, passive_motion
+from framework.numerics.arrays import Array
 from framework.singularity.bordered_system import Border, root_of_g, slope_of_g, solve_bordered, stencil
-from framework.singularity.points_on_path import locate_singularities
 from tests.benchmarks.chart import closed_form
 from tests.benchmarks.chart import robot as given
 from tests.benchmarks.chart.measure import Judged, Method, Row, Setting, Stage, singles

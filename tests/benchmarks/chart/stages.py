@@ -7,7 +7,8 @@ from importlib import import_module
 
 import numpy as np
 
-from framework.errors import InvalidInput, choose_from
+from framework import InvalidInput
+from framework.errors import choose_from
 from tests.benchmarks.chart.measure import Row, Stage, measured, read_setting
 
 NAMES = (

@@ -19,9 +19,9 @@ from numpy.polynomial import chebyshev
 from scipy import fft, optimize
 from scipy.interpolate import make_interp_spline
 
-from framework.arrays import Array, ArrayLike
-from framework.crossing.plan import plan_crossing
-from framework.motion.law import MotionLaw
+from framework import plan_crossing
+from framework.laws.law import MotionLaw
+from framework.numerics.arrays import Array, ArrayLike
 from tests.benchmarks.chart import closed_form
 from tests.benchmarks.chart import robot as given
 from tests.benchmarks.chart.along import Along, Solve, direct

@@ -13,9 +13,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from framework.arrays import Array, ArrayLike
-from framework.kinematics.parallel_robot import ParallelRobot
-from framework.motion.path import Line
+from framework import Line, ParallelRobot
+from framework.numerics.arrays import Array, ArrayLike
 from tests.benchmarks.chart import closed_form
 from tests.benchmarks.chart import robot as given
 from tests.benchmarks.chart.peers.five_bar import FiveBar

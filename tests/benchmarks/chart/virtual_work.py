@@ -18,7 +18,7 @@ import mpmath
 import numpy as np
 from mpmath import mp, mpf
 
-from framework.arrays import Array
+from framework.numerics.arrays import Array
 
 DIGITS = 40
 REST = 2  # derivatives of the law that vanish at both ends

@@ -11,8 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from framework import ParallelRobot
-from framework.errors import NoAnswer
+from framework import NoAnswer, ParallelRobot
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.frames import frames_at, integrate
 from framework.kinematics.linearised_loops import linearised_at

@@ -7,13 +7,18 @@ import pytest
 from scipy.optimize import brentq
 
 import robots
-from framework import Line, assemble, locate_singularities, track_path
-from framework.errors import InvalidInput, NotAssembled, Type2Singularity
-from framework.kinematics.closures import loop_equations
-from framework.kinematics.continuation.forward_kinematics import (
+from framework import (
+    InvalidInput,
+    Line,
+    NotAssembled,
+    Type2Singularity,
+    assemble,
     forward_kinematics,
-    motors_are_free,
+    locate_singularities,
+    track_path,
 )
+from framework.kinematics.closures import loop_equations
+from framework.kinematics.continuation.forward_kinematics import motors_are_free
 from framework.kinematics.frames import frames_at, integrate
 from framework.kinematics.linearised_loops import linearised_at
 from tests.oracles.closure_rows import closure_rows

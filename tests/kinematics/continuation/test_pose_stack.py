@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework import Type2Singularity, assemble, forward_kinematics, plan_scene
-from framework.errors import InvalidInput, NotAssembled
+from framework import InvalidInput, NotAssembled, Type2Singularity, assemble, forward_kinematics, plan_scene
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.continuation.pose_stack import (
     follow_motors,

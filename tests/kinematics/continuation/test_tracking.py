@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework import Arc, InvalidInput, Line, assemble, track_path
-from framework.errors import NoAnswer, OutOfReach, Type1Singularity
+from framework import Arc, InvalidInput, Line, NoAnswer, OutOfReach, Type1Singularity, assemble, track_path
 from framework.kinematics.continuation.tracking import follow_path
 from framework.kinematics.linearised_loops import linearised_at
 from tests.kinematics.continuation.small_steps import (

@@ -13,11 +13,9 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework import ParallelRobot, check_robot
+from framework import Mechanism, NotAssembled, ParallelRobot, check_robot
 from framework.cli import main
-from framework.errors import NotAssembled
 from framework.kinematics.diagnostics.assembly_search import find_closed_pose
-from framework.kinematics.mechanism import Mechanism
 from tests.kinematics.linkages import ball, frame, joint, linkage
 
 # arms, half rods and the second pivot [m]: a spatial four-bar whose rod is cut in its middle, both halves on

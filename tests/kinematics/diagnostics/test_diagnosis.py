@@ -8,10 +8,8 @@ from pathlib import Path
 import pytest
 
 import robots
-from framework import check_robot
+from framework import Mechanism, SingularReference, check_robot
 from framework.cli import main
-from framework.errors import SingularReference
-from framework.kinematics.mechanism import Mechanism
 from framework.model.readers import read_any
 
 GEPETTO = Path(__file__).parents[2] / "data" / "dialects" / "gepetto"

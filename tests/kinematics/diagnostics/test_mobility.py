@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 import robots
-from framework import ParallelRobot, check_robot
-from framework.errors import SingularReference
+from framework import ParallelRobot, SingularReference, assemble, check_robot
 from framework.kinematics.assembly import close_reference
-from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.diagnostics.mobility import mobility_of
 from framework.model.readers import read_any
 from tests.kinematics.linkages import frame, joint, linkage

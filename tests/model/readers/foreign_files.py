@@ -11,11 +11,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from framework import Line, ParallelRobot, plan_crossing
-from framework.crossing.result import CrossingPlan
+from framework import CrossingPlan, Line, ParallelRobot, plan_crossing
 from framework.kinematics.diagnostics.proposal import propose
 from framework.model.description import RobotDescription
-from framework.model.readers.recognise import parse_any
+from framework.model.readers import parse_any
 
 DATA = Path(__file__).parents[2] / "data" / "dialects"
 

@@ -12,9 +12,16 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework import Line, ParallelRobot, plan_crossing, plan_scene, simulate
-from framework.errors import LoadedJoint, RobotFileError
-from framework.kinematics.diagnostics.diagnosis import check_robot
+from framework import (
+    Line,
+    LoadedJoint,
+    ParallelRobot,
+    RobotFileError,
+    check_robot,
+    plan_crossing,
+    plan_scene,
+    simulate,
+)
 from framework.kinematics.frames import frames_at
 from framework.model.description import Closure, RobotDescription
 from framework.model.placement import to_rpy

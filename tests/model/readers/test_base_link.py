@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from framework import assemble, dynamics_at
-from framework.errors import RobotFileError
+from framework import RobotFileError, assemble, dynamics_at
 from framework.model.readers import read_any
 from tests.model.readers.leg import FILE, SAID, ankle, with_thin_rods
 

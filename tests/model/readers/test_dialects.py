@@ -11,14 +11,20 @@ import numpy as np
 import pytest
 
 import robots
-from framework import Line, assemble, dynamics_at, locate_singularities
-from framework.errors import OutputError, RobotFileError
-from framework.kinematics.diagnostics.diagnosis import check_robot
-from framework.kinematics.mechanism import Mechanism
-from framework.kinematics.parallel_robot import ParallelRobot
+from framework import (
+    Line,
+    Mechanism,
+    OutputError,
+    ParallelRobot,
+    RobotFileError,
+    assemble,
+    check_robot,
+    dynamics_at,
+    locate_singularities,
+)
+from framework.model import read_robot_file
 from framework.model.description import CLOSURE_KINDS, Coupling, locked_axes
 from framework.model.readers import DIALECTS, parse_any, read_any, write_robot_file
-from framework.model.robot_file import read_robot_file
 from tests.model.readers.leg import ankle
 
 DATA = Path(__file__).parents[2] / "data" / "dialects"

@@ -8,12 +8,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from framework import ParallelRobot, check_robot, simulate
-from framework.errors import LoadedJoint, RobotFileError
+from framework import LoadedJoint, Mechanism, ParallelRobot, RobotFileError, check_robot, simulate
 from framework.kinematics.diagnostics.proposal import propose
-from framework.kinematics.mechanism import Mechanism
 from framework.model.description import Closure
-from framework.model.readers.recognise import parse_any
+from framework.model.readers import parse_any
 from tests.model.readers.foreign_files import DATA, PLANNED, short_move, without_dry_friction
 
 PLATFORM = {"platform": "head", "axes": ["x", "y", "z", "rx", "ry", "rz"]}

@@ -13,8 +13,7 @@ from pathlib import Path
 import pytest
 
 import robots
-from framework.errors import RobotFileError
-from framework.kinematics.parallel_robot import ParallelRobot
+from framework import ParallelRobot, RobotFileError
 from framework.model.readers import read_any
 from tests.watchdog import bounded
 

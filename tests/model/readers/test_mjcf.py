@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from framework.errors import MissingPackage, RobotFileError
-from framework.kinematics.mechanism import Mechanism
+from framework import Mechanism, MissingPackage, RobotFileError
 from framework.model.description import JointDynamics, RobotDescription
 from framework.model.readers import read_any
 

@@ -8,11 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from framework import Line, ParallelRobot, check_robot, plan_crossing
-from framework.errors import RobotFileError
+from framework import Line, Mechanism, ParallelRobot, RobotFileError, check_robot, plan_crossing
 from framework.kinematics.diagnostics.proposal import propose
-from framework.kinematics.mechanism import Mechanism
-from framework.model.readers.recognise import parse_any
+from framework.model.readers import parse_any
 from tests.model.readers.foreign_files import short_move
 
 DATA = Path(__file__).parents[2] / "data" / "dialects"

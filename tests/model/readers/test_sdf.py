@@ -8,13 +8,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from framework import Line, ParallelRobot, locate_singularities, plan_crossing
-from framework.errors import RobotFileError
+from framework import Line, Mechanism, ParallelRobot, RobotFileError, locate_singularities, plan_crossing
 from framework.kinematics.diagnostics.proposal import propose
-from framework.kinematics.mechanism import Mechanism
 from framework.model.description import JointDynamics
-from framework.model.readers import read_any
-from framework.model.readers.recognise import parse_any
+from framework.model.readers import parse_any, read_any
 from tests.model.readers.foreign_files import short_move
 
 INERTIAL = (

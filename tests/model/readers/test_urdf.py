@@ -9,13 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from framework import ParallelRobot
-from framework.errors import RobotFileError
+from framework import ParallelRobot, RobotFileError
 from framework.kinematics.assembly import all_loops_matrix
 from framework.kinematics.diagnostics.proposal import propose
 from framework.model.description import locked_axes
-from framework.model.readers import read_any
-from framework.model.readers.recognise import parse_any
+from framework.model.readers import parse_any, read_any
 from tests.model.readers.foreign_files import short_move
 from tests.model.readers.test_sdf import five_bar_urdf
 

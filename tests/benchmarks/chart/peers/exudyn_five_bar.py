@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from framework.arrays import Array
+from framework.numerics.arrays import Array
 from tests.benchmarks.chart.peers.exudyn_parts import ANGLE, Body, Marker, Mechanism
 from tests.benchmarks.chart.peers.five_bar import GEAR_RATIO, FiveBar, Run, start_angles
 

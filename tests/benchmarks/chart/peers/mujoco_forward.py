@@ -18,7 +18,7 @@ import mujoco
 import numpy as np
 from mujoco import rollout
 
-from framework.arrays import Array
+from framework.numerics.arrays import Array
 from tests.benchmarks.chart.peers.five_bar import SIDES, FiveBar, Run, start_angles
 from tests.benchmarks.chart.peers.mujoco_five_bar import model_of
 

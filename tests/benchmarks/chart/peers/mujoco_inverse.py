@@ -19,7 +19,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from framework.arrays import Array
+from framework.numerics.arrays import Array
 from tests.benchmarks.chart.peers.five_bar import GEAR_RATIO, SIDES, FiveBar
 from tests.benchmarks.chart.peers.mujoco_five_bar import NEGLIGIBLE, model_of
 

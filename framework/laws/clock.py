@@ -1,0 +1,65 @@
+"""The parameter in which the functions that follow from a law are smooth, and its rate in time.
+
+With a polynomial in time that is time itself; with an optimal law s = phi(sigma(t)) it is xi(sigma), in which
+the squared speed is a Chebyshev series.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from framework.laws.law import MotionLaw
+from framework.laws.optimal_law import OptimalLaw
+from framework.numerics.arrays import Array
+
+
+@dataclass(frozen=True, eq=False)
+class InTime:
+    """A law whose parameter p is time, on panels between `edges` (panels + 1,) [s]."""
+
+    law: MotionLaw
+    edges: Array
+
+    def motion(self, p: Array) -> tuple[list[Array], Array, Array]:
+        """Compute s and two time derivatives at instants p (T,), and dp/dt = 1, d2p/dt2 = 0."""
+        return [np.asarray(self.law(p, order)) for order in range(3)], np.ones(len(p)), np.zeros(len(p))
+
+    def parameter(self, t: Array) -> Array:
+        """Return the instants."""
+        return t
+
+
+@dataclass(frozen=True, eq=False)
+class OnParameter:
+    """An optimal law whose parameter is xi(sigma); `knots` of the path (k,), as values of s."""
+
+    law: OptimalLaw
+    knots: Array
+
+    @cached_property
+    def edges(self) -> Array:
+        """xi (panels + 1,) of the knots, and both ends."""
+        inner = self.law.stretch(self.law.phi.inverse(self.knots)) if len(self.knots) else np.empty(0)
+        return np.concatenate([[-1.0], inner, [1.0]])
+
+    def motion(self, p: Array) -> tuple[list[Array], Array, Array]:
+        """Compute s and two time derivatives, dp/dt and d2p/dt2, at p (T,).
+
+        With p = xi(sigma), z = (d sigma/dt)^2 and u = z'/2: dp/dt = xi' sqrt(z), d2p/dt2 = xi" z + xi' u.
+        """
+        law = self.law
+        sigma = law.stretch.inverse(p)
+        s = [law.evaluate_at(sigma, order) for order in range(3)]
+        z, u = law.squared_speed(sigma), 0.5 * law.squared_speed(sigma, 1)
+        dxi, ddxi = law.stretch(sigma, 1), law.stretch(sigma, 2)
+        return s, np.asarray(dxi * np.sqrt(z)), np.asarray(ddxi * z + dxi * u)
+
+    def parameter(self, t: Array) -> Array:
+        """Compute xi at instants t (T,) [s]."""
+        return self.law.stretch(self.law.parameter(t))
+
+
+Clock = InTime | OnParameter  # a law with its parameter p, on panels between `edges` (panels + 1,) of p

@@ -1,0 +1,127 @@
+"""Functions on cells as Bernstein polynomials, whose coefficients bound all values.
+
+On a cell, scaled to u in [0, 1], a polynomial of degree n is the sum of c_i B_i(u) with the Bernstein
+polynomials B_i = binom(n, i) u^i (1 - u)^(n - i). It lies between its least and its largest coefficient. Its
+mean over the cell is the mean of the c_i, and its mean absolute value is at most the mean of the |c_i|.
+
+Source: Farouki, The Bernstein polynomial basis: a centennial retrospective, CAGD 29 (2012).
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from math import comb
+from typing import NamedTuple
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from framework.numerics.arrays import Array, BoolArray, read_only
+
+# degree of the polynomials; number of nodes of a cell, even so that none is in the middle
+DEGREE, NODES = 3, 6
+# sum of the last two Chebyshev coefficients over the largest coefficient, for a function to be resolved
+MAX_TAIL = 2.0 ** (1 - DEGREE - 2)
+VALUE_ROUNDING = 1e-11  # error of values at nodes, over the largest coefficient
+
+
+class Bernstein(NamedTuple):
+    """Functions on k cells: coefficients (k, DEGREE + 1, ...), and bounds (k, ...) of their error.
+
+    The bounds rest on the decay of Chebyshev coefficients, as the certificate of a plan does: where each is
+    at most half of the one before, those not computed change values by no more than the last two.
+    """
+
+    coefficients: Array
+    error: Array
+
+
+@lru_cache(maxsize=1)
+def cell_nodes() -> Array:
+    """Return the Chebyshev points (NODES,) of the first kind in (0, 1)."""
+    return read_only(0.5 - 0.5 * np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES))
+
+
+def fit_bernstein(values: Array) -> tuple[Bernstein, BoolArray]:
+    """Fit polynomials to values (k, NODES, ...) at `cell_nodes`; tell (k,) which cells are resolved.
+
+    The Chebyshev series through all nodes is cut after `DEGREE`. The bound of the error adds the coefficients
+    that are cut off, an estimate of those beyond the nodes (the last two, as in `Bernstein`), and rounding.
+    """
+    count, shape = len(values), values.shape[2:]
+    chebyshev_values = chebyshev.chebvander(2.0 * cell_nodes() - 1.0, NODES - 1)
+    series = np.linalg.inv(chebyshev_values) @ values.reshape(count, NODES, -1)
+    largest = np.abs(series).max(axis=1)
+    cut_off = np.abs(series[:, DEGREE + 1 :]).sum(axis=1)
+    last_two = np.abs(series[:, -2:]).sum(axis=1)
+    error = cut_off + last_two + VALUE_ROUNDING * largest
+    coefficients = _from_chebyshev() @ series[:, : DEGREE + 1]
+    function = Bernstein(coefficients.reshape(count, DEGREE + 1, *shape), error.reshape(count, *shape))
+    return function, np.asarray((last_two <= MAX_TAIL * largest).all(axis=1))
+
+
+@lru_cache(maxsize=1)
+def _from_chebyshev() -> Array:
+    """Return the matrix from Chebyshev to Bernstein coefficients of degree `DEGREE`.
+
+    Both bases have the same values at DEGREE + 1 points u: B c = T a, so c = B^-1 T a.
+    """
+    u, i = np.linspace(0.0, 1.0, DEGREE + 1)[:, None], np.arange(DEGREE + 1)
+    binomials = np.array([comb(DEGREE, k) for k in i])
+    bernstein_values = np.asarray(binomials * u**i * (1.0 - u) ** (DEGREE - i), dtype=float)
+    chebyshev_values = chebyshev.chebvander(2.0 * u[:, 0] - 1.0, DEGREE)
+    return read_only(np.linalg.solve(bernstein_values, chebyshev_values))
+
+
+@lru_cache(maxsize=8)
+def product_weights(m: int, n: int) -> Array:
+    """Return weights w (m + n + 1, m + 1, n + 1) of products of coefficients.
+
+    The product of polynomials of degrees m and n with coefficients a and b has the coefficients c_k = sum of
+    w_kij a_i b_j, where w_kij = binom(m, i) binom(n, j) / binom(m + n, k) for k = i + j, and 0 for other k.
+    """
+    weights = np.zeros((m + n + 1, m + 1, n + 1))
+    for i in range(m + 1):
+        for j in range(n + 1):
+            weights[i + j, i, j] = comb(m, i) * comb(n, j) / comb(m + n, i + j)
+    return read_only(weights)
+
+
+def multiply(first: Array, second: Array) -> Array:
+    """Return coefficients (k, m + n + 1, ...) of the products of polynomials of degrees m and n."""
+    weights = product_weights(first.shape[1] - 1, second.shape[1] - 1)
+    return np.asarray(np.einsum("jab,ka...,kb...->kj...", weights, first, second))
+
+
+def elevation_matrix(degree: int, to: int) -> Array:
+    """Return the matrix (to + 1, degree + 1) that raises the degree of coefficients.
+
+    It multiplies by the constant 1, whose coefficients are all 1.
+    """
+    return np.asarray(product_weights(to - degree, degree).sum(axis=1))
+
+
+def bound_mean_size(coefficients: Array, halvings: int) -> Array:
+    """Bound the means (k, ...) of absolute values of polynomials (k, degree + 1, ...) from above.
+
+    The bound is the mean of the absolute coefficients. Each halving of the cells makes it tighter.
+    """
+    count, shape = len(coefficients), coefficients.shape[2:]
+    for _ in range(halvings):
+        coefficients = _halve_cells(coefficients)
+    return np.asarray(np.abs(coefficients).reshape(count, -1, *shape).mean(axis=1))
+
+
+def _halve_cells(coefficients: Array) -> Array:
+    """Return the coefficients (2 k, degree + 1, ...) on the halves of k cells by de Casteljau's algorithm.
+
+    Neighbours are averaged until one number is left. The first numbers of all rounds are the coefficients of
+    the left half, the last ones, in reverse order, those of the right half.
+    """
+    averages, left, right = coefficients, [], []
+    while averages.shape[1]:
+        left.append(averages[:, 0])
+        right.append(averages[:, -1])
+        averages = 0.5 * (averages[:, 1:] + averages[:, :-1])
+    halves = np.stack([np.stack(left, axis=1), np.stack(right[::-1], axis=1)], axis=1)
+    return halves.reshape(-1, *coefficients.shape[1:])

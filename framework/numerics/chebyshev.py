@@ -1,0 +1,295 @@
+"""Functions of time as Chebyshev series, panel by panel.
+
+All functions of time of a plan are sampled on Chebyshev points and represented by their coefficients. A
+removable quotient 0/0 between two nodes is then no event. The decay of the coefficients tells whether the
+function is resolved: `TimeFunction.tail` is the certificate. A function with kinks, as at the knots of a
+spline, gets a panel on either side.
+
+Source: Trefethen, Approximation Theory and Approximation Practice, SIAM 2013, chapters 3, 8 and 21.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from numpy.typing import NDArray
+
+from framework.errors import InvalidInput, check_order
+from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
+from framework.tolerances import SAME_PLACE
+
+MIN_CLENSHAW_POINTS = 400  # from which a step of its recurrence costs less than the cosines it saves
+COEFFICIENT_ROUNDING = 1e-15  # of the largest coefficient of a series
+NOISE_FACTOR = 3.0  # times the largest coefficient of the last eighth: what may be rounding
+
+
+@lru_cache(maxsize=64)
+def nodes(size: int) -> Array:
+    """Return the Chebyshev points of the second kind on [-1, 1], ascending, ends included, shape (size,)."""
+    return read_only(-np.cos(np.pi * np.arange(size) / (size - 1)))
+
+
+@lru_cache(maxsize=64)
+def _transform(size: int) -> Array:
+    """Return the matrix (size, size) from values at `nodes(size)` to Chebyshev coefficients.
+
+    It is the discrete cosine transform of type I: a_k = 2 w_k / (size - 1) sum_j w_j cos(pi k j / (size - 1))
+    f(x_j), with the nodes x_j in descending order and w = 1/2 for the first and the last index.
+    """
+    k = np.arange(size)
+    matrix = np.cos(np.pi * np.outer(k, size - 1 - k) / (size - 1)) * (2.0 / (size - 1))
+    matrix[:, [0, -1]] *= 0.5
+    matrix[[0, -1], :] *= 0.5
+    return read_only(matrix)
+
+
+def coefficients(values: Array) -> Array:
+    """Compute the Chebyshev coefficients of values (..., size, k) sampled at `nodes(size)`, same shape."""
+    return _transform(values.shape[-2]) @ values
+
+
+def tail(series: Array) -> float:
+    """Return the largest of the last eighth of |coefficients| (..., size, k) over the largest of all.
+
+    0 for a series of zeros, infinity for one that is not finite.
+    """
+    largest = float(np.max(np.abs(series), initial=0.0))
+    if not np.isfinite(largest):
+        return float("inf")
+    count = max(2, series.shape[-2] // 8)
+    return float(np.max(np.abs(series[..., -count:, :]))) / largest if largest > 0 else 0.0
+
+
+def evaluate(x: Array, series: Array) -> Array:
+    """Compute the values (T, k) at x (T,) in [-1, 1] of Chebyshev series (size, k).
+
+    At a few points the polynomials are quicker all at once, as T_k(x) = cos(k arccos x), than by
+    Clenshaw's recurrence, which takes `size` steps in Python.
+    """
+    if x.size > MIN_CLENSHAW_POINTS:
+        return np.asarray(chebyshev.chebval(x, series).T)
+    return np.asarray(np.cos(np.arccos(x)[:, None] * np.arange(series.shape[0])) @ series)
+
+
+def extrema(series: Array) -> Array:
+    """Return the zeros in [-1, 1] of the derivative of one Chebyshev series (size,), ascending."""
+    return real_roots(derivative_matrix(len(series)) @ series)
+
+
+def real_roots(series: Array) -> Array:
+    """Return the real roots in [-1, 1] of one Chebyshev series (size,), ascending.
+
+    They are eigenvalues of the colleague matrix; of degree 2, as p' of a law through one crossing, in closed
+    form. Roots that rounding moves off the real axis or beyond an end, within SAME_PLACE, are accepted.
+    """
+    size = np.abs(series)
+    degree = int(np.flatnonzero(size > COEFFICIENT_ROUNDING * size.max(initial=0.0)).max(initial=0))
+    # Where roots are accepted |T_k| is at most base^k. A constant above the sum of all other terms has no
+    # root.
+    base = 1.0 + 2.0 * SAME_PLACE**0.25
+    if degree == 0 or size[0] > size[1 : degree + 1] @ base ** np.arange(1, degree + 1):
+        return np.empty(0)
+    roots = _quadratic_roots(series) if degree == 2 else _colleague_eigenvalues(series[: degree + 1])
+    real = np.real(roots[np.abs(np.imag(roots)) <= np.sqrt(SAME_PLACE)])
+    return np.sort(np.clip(real[np.abs(real) <= 1 + SAME_PLACE], -1.0, 1.0))
+
+
+def _quadratic_roots(series: Array) -> NDArray[Any]:
+    """Return both roots, complex, of c0 + c1 x + c2 (2 x^2 - 1) = 0.
+
+    The larger root is computed without cancellation, the other one from the product of both.
+    """
+    middle = -0.25 * series[1] / series[2]
+    product = 0.5 * (series[0] / series[2] - 1.0)
+    half_difference = np.sqrt(complex(middle**2 - product))
+    larger = middle + (half_difference if middle * half_difference.real > 0.0 else -half_difference)
+    return np.array([larger, product / larger if larger else 0.0])
+
+
+def _colleague_eigenvalues(series: Array) -> NDArray[Any]:
+    """Return all roots of one Chebyshev series (degree + 1,), complex or real."""
+    degree = len(series) - 1
+    matrix, weights = _colleague(degree)
+    matrix = matrix.copy()
+    matrix[:, 0] -= (series[:degree] / series[degree] * weights)[::-1]
+    return np.linalg.eigvals(matrix)
+
+
+@lru_cache(maxsize=64)
+def _colleague(degree: int) -> tuple[Array, Array]:
+    """Return the colleague matrix of T_degree and weights (degree,) of the lower coefficients in its column.
+
+    Rows and columns are in reverse order, which reduces rounding errors, as in numpy's `chebroots`.
+    """
+    weights = np.full(degree, 0.5)
+    weights[0] = np.sqrt(0.5) if degree > 1 else 1.0
+    return chebyshev.chebcompanion(np.eye(degree + 1)[degree])[::-1, ::-1], weights
+
+
+@dataclass(frozen=True, eq=False)
+class TimeFunction(ReadOnlyArrays):
+    """A vector function of time: `coefficients` (panels, size, k) between `edges` (panels + 1,) [s]."""
+
+    edges: Array
+    coefficients: Array
+
+    def __call__(self, t: ArrayLike, order: int = 0) -> Array:
+        """Return the value, or a time derivative, at t: a scalar gives (k,), (T,) gives (T, k).
+
+        Raises:
+            InvalidInput: t lies outside the interval, or is not finite.
+        """
+        check_order(order)
+        times = np.asarray(t, dtype=float)
+        start, end = self.edges[0], self.edges[-1]
+        slack = SAME_PLACE * (end - start)
+        if not np.all((times >= start - slack) & (times <= end + slack)):
+            raise InvalidInput(f"time {t!r} is outside [{start:g}, {end:g}] s")
+        flat = times.ravel()
+        if len(self.edges) == 2:
+            values = self._evaluate_panel(0, flat, order)
+        else:
+            panel = np.searchsorted(self.edges[1:-1], flat, side="right")
+            values = np.empty((flat.size, self.coefficients.shape[2]))
+            for p in np.unique(panel) if values.size else ():
+                inside = panel == p
+                values[inside] = self._evaluate_panel(p, flat[inside], order)
+        return values.reshape(*times.shape, self.coefficients.shape[2])
+
+    def _evaluate_panel(self, p: int, t: Array, order: int) -> Array:
+        """Compute values (T, k) of a derivative at t (T,) on one panel, from its series."""
+        half_width = 0.5 * (self.edges[p + 1] - self.edges[p])
+        local = (t - self.edges[p]) / half_width - 1.0
+        series = self.coefficients[p]
+        for _ in range(order):
+            series = derivative_matrix(len(series)) @ series / half_width
+        return evaluate(np.minimum(np.maximum(local, -1.0), 1.0), series)
+
+    @property
+    def tail(self) -> float:
+        """Relative size of the last coefficients: the certificate of resolution."""
+        return tail(self.coefficients)
+
+
+def evaluate_together(functions: Sequence[TimeFunction], t: Array) -> list[Array]:
+    """Evaluate functions of the same panels and size at t (T,): values (T, k) of each function.
+
+    One evaluation of all components takes less time than one for each function.
+    """
+    series = np.concatenate([function.coefficients for function in functions], axis=2)
+    starts = np.cumsum([function.coefficients.shape[2] for function in functions[:-1]])
+    return np.split(TimeFunction(functions[0].edges, series)(t), starts, axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class TimeGrid(ReadOnlyArrays):
+    """Chebyshev nodes of `size` points on each panel between `edges` (panels + 1,) [s]."""
+
+    edges: Array
+    size: int
+
+    @cached_property
+    def times(self) -> Array:
+        """All nodes, panel after panel (an inner edge appears twice), shape (panels * size,)."""
+        return read_only(_nodes_between(self.edges, self.size))
+
+    def fit(self, values: Array) -> TimeFunction:
+        """Return the function through values (panels * size, k) at `times`."""
+        return TimeFunction(self.edges, coefficients(self._stack_panels(values)))
+
+    def _stack_panels(self, values: Array) -> Array:
+        """Return values (panels * size, k) as (panels, size, k)."""
+        return values.reshape(len(self.edges) - 1, self.size, -1)
+
+    @property
+    def resolvable(self) -> int:
+        """Number of coefficients that values at the nodes resolve: all but the last eighth."""
+        return self.size - max(2, self.size // 8)
+
+    def fit_truncated(self, values: Array) -> TimeFunction:
+        """Fit the function through values (panels * size, k) with coefficients of rounding set to zero.
+
+        The last eighth of a resolved series is rounding and shows its size. Differentiating twice amplifies
+        a coefficient by up to size^4, so rounding would grow in an iteration on second derivatives.
+        """
+        series = coefficients(self._stack_panels(values))
+        rounding = NOISE_FACTOR * np.abs(series[:, self.resolvable :]).max(axis=1, keepdims=True)
+        series[np.abs(series) <= rounding] = 0.0
+        series[:, self.resolvable :] = 0.0
+        return TimeFunction(self.edges, series)
+
+    def values(self, function: TimeFunction) -> tuple[Array, Array, Array]:
+        """Compute a function and its first and second derivative at the nodes, each (panels * size, k).
+
+        The function has this grid's panels and size. Derivatives of its coefficients amplify the rounding of
+        each coefficient, however small; `differentiate` amplifies that of the largest value.
+        """
+        half_widths = 0.5 * np.diff(self.edges)[:, None, None]
+        series = function.coefficients
+        values, slopes, curvatures = (
+            (basis @ series / half_widths**order).reshape(series.shape[0] * self.size, series.shape[2])
+            for order, basis in enumerate(basis_values(self.size))
+        )
+        return values, slopes, curvatures
+
+    def differentiate(self, values: Array) -> tuple[Array, Array]:
+        """Compute first and second time derivatives, each (panels * size, k), of values at the nodes."""
+        first, second = _differentiation(self.size)
+        half_widths = 0.5 * np.diff(self.edges)[:, None, None]
+        stacked = self._stack_panels(values)
+        slopes, curvatures = first @ stacked / half_widths, second @ stacked / half_widths**2
+        return slopes.reshape(values.shape), curvatures.reshape(values.shape)
+
+    @staticmethod
+    def clear_of(instants: Array, edges: Array, size: int) -> TimeGrid:
+        """Return the grid of `size` to `size` + 5 nodes a panel whose nodes are farthest from `instants` [s].
+
+        Distances count in mean distances of nodes. A node at the instant of a crossing would divide 0 by 0.
+        """
+        best_size, best_distance = size, -1.0
+        for candidate in range(size, size + 6) if len(instants) else ():
+            times = _nodes_between(edges, candidate)
+            distance = float(np.abs(times - instants[:, None]).min()) * candidate
+            if distance > best_distance * 1.001:
+                best_size, best_distance = candidate, distance
+        return TimeGrid(edges, best_size)
+
+
+def _nodes_between(edges: Array, size: int) -> Array:
+    """Return Chebyshev nodes (panels * size,), `size` on each panel between edges (panels + 1,)."""
+    half_widths = 0.5 * (edges[1:] - edges[:-1])[:, None]
+    times = edges[:-1, None] + half_widths * (nodes(size) + 1.0)
+    times[:, -1] = edges[1:]  # to the last bit
+    return np.asarray(times.ravel())
+
+
+@lru_cache(maxsize=64)
+def derivative_matrix(size: int, order: int = 1) -> Array:
+    """Return the matrix (size, size) from coefficients of a series to coefficients of its derivative."""
+    matrix = np.eye(size)
+    count = max(size - order, 0)  # of coefficients of the derivative
+    matrix[:count] = chebyshev.chebder(matrix, order, axis=0)[:count]
+    matrix[count:] = 0.0
+    return read_only(matrix)
+
+
+@lru_cache(maxsize=16)
+def _differentiation(size: int) -> tuple[Array, Array]:
+    """Return matrices (size, size) that differentiate values at `nodes(size)` once and twice."""
+    _, first, second = basis_values(size)
+    return first @ _transform(size), second @ _transform(size)
+
+
+@lru_cache(maxsize=32)
+def basis_values(size: int) -> tuple[Array, Array, Array]:
+    """Return Chebyshev polynomials and their first two derivatives at `nodes(size)`, each (size, size)."""
+    derivative = derivative_matrix(size)
+    values = np.asarray(chebyshev.chebvander(nodes(size), size - 1), dtype=float)
+    first, second = values @ derivative, values @ (derivative @ derivative)
+    values.setflags(write=False)  # not a copy in another memory order: its products differ in the last bit
+    return values, read_only(first), read_only(second)

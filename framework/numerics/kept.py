@@ -1,0 +1,136 @@
+"""Finished chunks on disk, from which a stopped computation goes on.
+
+A folder beside the results is named by all that they depend on; each chunk is a file, whole or absent.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import zipfile
+import zlib
+from collections.abc import Callable, Collection, Iterable, Mapping
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from framework.numerics.output import written_together
+from framework.numerics.tasks import iterate_results
+
+PREFIX = ".crossing-kept-"
+WHY = "why"  # column of the reasons why a row has no numbers
+Arrays = Mapping[str, NDArray[Any]]
+K = TypeVar("K")
+
+
+class ArrayField(NamedTuple):
+    """An array of a chunk: the kind of its values (b, i, u, f, U, as numpy) and its shape."""
+
+    kind: str
+    shape: tuple[int, ...]
+
+
+def fits(arrays: Arrays | None, table: Mapping[str, ArrayField]) -> bool:
+    """Whether arrays have the names, kinds and shapes of a table; None never."""
+    return arrays is not None and table == {
+        name: ArrayField(array.dtype.kind, array.shape) for name, array in arrays.items()
+    }
+
+
+@dataclass(frozen=True)
+class KeptChunks:
+    """Arrays by the name of their chunk, in a folder."""
+
+    folder: Path
+
+    @staticmethod
+    def of(out: Path, document: Mapping[str, Any], *parts: str) -> KeptChunks:
+        """Return the store in the folder `out` for chunks of a computation, described by a document."""
+        text = json.dumps(document, sort_keys=True)
+        name = f"{PREFIX}{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+        return KeptChunks(out.joinpath(name, *parts))
+
+    def read(self) -> dict[str, Arrays]:
+        """Return the finished chunks, by name."""
+        chunks: dict[str, Arrays] = {}
+        for file in sorted(self.folder.glob("*.npz")):
+            try:
+                with open(file, "rb") as stream, np.load(stream) as archive:
+                    chunks[file.stem] = {name: archive[name] for name in archive.files}
+            except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile, zlib.error):
+                continue  # not one of ours: computed anew
+        return chunks
+
+    def keep(self, name: str, arrays: Arrays) -> None:
+        """Store a finished chunk.
+
+        Raises:
+            OutputError: the chunk cannot be written.
+        """
+        with written_together(self.folder) as temporary:
+            np.savez(temporary / name, allow_pickle=False, **arrays)
+
+
+def complete_chunks(
+    compute: Callable[[K], Arrays],
+    tasks: Mapping[str, K],
+    fields: Callable[[K], Mapping[str, ArrayField]],
+    *,
+    executor: Executor | None,
+    keeper: KeptChunks | None,
+    progress: Callable[[Collection[str]], None],
+) -> dict[str, NDArray[Any]]:
+    """Compute the chunks of all tasks that are not stored; return all arrays joined in order of the tasks.
+
+    Args:
+        compute: the arrays of a task, whose kinds and shapes are its `fields`.
+        executor: where chunks are computed; this process when None.
+        keeper: where finished chunks are stored, and taken from if stored already.
+        progress: called with the names of all finished chunks.
+    """
+    stored = {} if keeper is None else keeper.read()
+    chunks = {name: stored[name] for name, task in tasks.items() if fits(stored.get(name), fields(task))}
+    progress(chunks)
+    missing = [(name, task) for name, task in tasks.items() if name not in chunks]
+    for (name, _), chunk in iterate_results(partial(_compute_item, compute), missing, executor):
+        chunks[name] = chunk
+        if keeper is not None:
+            keeper.keep(name, chunk)
+        progress(chunks)
+    in_order = [chunks[name] for name in tasks]
+    return {key: np.concatenate([chunk[key] for chunk in in_order]) for key in in_order[0]}
+
+
+def compute_rows(
+    compute: Callable[[K], Mapping[str, float]],
+    columns: Iterable[str],
+    refusals: tuple[type[Exception], ...],
+    tasks: Iterable[K],
+) -> dict[str, NDArray[Any]]:
+    """Compute a chunk of tasks: numbers by column, NaN where one is refused, and the reasons as `why`."""
+    rows = []
+    for task in tasks:
+        row: dict[str, Any] = {**dict.fromkeys(columns, np.nan), WHY: ""}
+        try:
+            row |= compute(task)
+        except refusals as refusal:
+            row[WHY] = str(refusal)
+        rows.append(row)
+    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+
+
+def _compute_item(compute: Callable[[K], Arrays], item: tuple[str, K]) -> Arrays:
+    """Compute the arrays of a task with a name."""
+    return compute(item[1])
+
+
+def remove_stores(out: Path) -> None:
+    """Remove the stores of stopped computations from a folder."""
+    for store in out.glob(f"{PREFIX}*"):
+        shutil.rmtree(store, ignore_errors=True)

@@ -1,0 +1,193 @@
+"""Write files whole: together with the others, or not at all."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import math
+import os
+import shutil
+import tempfile
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from framework.errors import InvalidInput, OutputError
+from framework.numerics.input import read_text
+from framework.numerics.interruption import defer_signals
+
+PACKAGES = ("parallel-singularity-crossing", "pin", "numpy", "scipy")
+
+Document = dict[str, Any]  # a JSON object, or what becomes one
+UNFINISHED = ".crossing-unfinished-"  # a name that nobody else takes: what has it may be removed
+
+
+@contextmanager
+def written_together(
+    folder: Path,
+    *,
+    document: str | None = None,
+    option: str = "--out",
+    file: Path | None = None,
+    beside: Collection[str] = (),
+) -> Iterator[Path]:
+    """Yield a temporary folder whose files move into `folder` once the block has ended without an error.
+
+    That `folder` can be written, and holds no `document` of others, is found out before the block runs.
+
+    Args:
+        document: the JSON file among those written that tells them for ours, a robot's; files of these
+            names that are there without one are somebody else's and are kept.
+        beside: names of files about an earlier `document`; those that the block does not write go with it.
+        option: of the command line, that complaints name.
+        file: what complaints name, if it is one file and not the folder.
+
+    Raises:
+        OutputError: `folder` cannot be made or written, or holds files of others by the same names.
+    """
+    place = f"{option}: cannot write {f'into {folder}' if file is None else file}"
+    new = [above for above in (folder, *folder.parents) if not os.path.lexists(above)]
+    own: tuple[Path, int] | None = None
+    try:
+        try:
+            with defer_signals():  # an interruption meanwhile is raised at its end, where all is known
+                folder.mkdir(parents=True, exist_ok=True)
+                _remove_abandoned(folder)
+                temporary, _ = own = _own_folder(folder)
+        except ValueError as error:
+            raise OutputError(f"{place}: {error}") from None
+        if document is not None:
+            _check_overwritten(folder, [document], document, place)
+        yield temporary
+        files = sorted(temporary.iterdir())
+        _check_overwritten(folder, [written.name for written in files], document, place)
+        replaces = document is not None and os.path.lexists(folder / document)
+        with defer_signals():
+            for written in files:
+                os.replace(written, folder / written.name)
+            for name in set(beside) - {written.name for written in files} if replaces else ():
+                (folder / name).unlink(missing_ok=True)
+            _remove(own)
+            own = None
+    except OSError as error:
+        raise OutputError(f"{place}: {_reason(error)}") from None
+    finally:
+        with defer_signals():
+            if own is not None:
+                _remove(own)
+            _remove_empty(new)
+
+
+def _check_overwritten(folder: Path, names: list[str], document: str | None, place: str) -> None:
+    """Refuse to overwrite folders, or files that are not of this program, by their names."""
+    present = [name for name in names if os.path.lexists(folder / name)]
+    for name in present:
+        if (folder / name).is_dir():
+            raise OutputError(f"{place}: {name} is a folder there")
+    if document is not None and present and not _is_ours(folder / document):
+        foreign = document if document in present else present[0]
+        raise OutputError(
+            f"{place}: {foreign} is there already, and not of this program; give another folder, or move it"
+        )
+
+
+def _remove(own: tuple[Path, int]) -> None:
+    """Remove a temporary folder and its lock."""
+    temporary, lock = own
+    shutil.rmtree(temporary, ignore_errors=True)
+    os.close(lock)
+
+
+def _own_folder(folder: Path) -> tuple[Path, int]:
+    """Make a temporary folder, locked by a descriptor for as long as this process lives."""
+    while True:
+        temporary = Path(tempfile.mkdtemp(prefix=UNFINISHED, dir=folder))
+        with suppress(FileNotFoundError):  # taken for abandoned by another process before it was locked
+            lock = os.open(temporary, os.O_RDONLY | os.O_DIRECTORY)
+            with suppress(OSError):  # a file system without locks
+                fcntl.flock(lock, fcntl.LOCK_EX)
+            if temporary.exists():
+                return temporary, lock
+            os.close(lock)
+
+
+def _remove_abandoned(folder: Path) -> None:
+    """Remove the unlocked temporary folders of processes that were killed while writing."""
+    for place in folder.glob(f"{UNFINISHED}*"):
+        with suppress(OSError):  # it is locked, or another process has removed it
+            lock = os.open(place, os.O_RDONLY | os.O_DIRECTORY)
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                shutil.rmtree(place, ignore_errors=True)
+            finally:
+                os.close(lock)
+
+
+def plain(value: Any) -> Any:
+    """Convert a value for JSON: arrays to lists, numbers that are not finite to null."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {key: plain(part) for key, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(part) for part in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def json_text(document: Mapping[str, Any]) -> str:
+    """Return a `plain` document as the text of a file."""
+    return json.dumps(plain(document), indent=2, allow_nan=False) + "\n"
+
+
+def write_csv(file: Path, groups: Mapping[str, Iterable[str]], rows: np.ndarray) -> None:
+    """Write rows over time with their head: `time`, and GROUP_NAME of each name in a group."""
+    names = ["time", *(f"{group}_{name}" for group, members in groups.items() for name in members)]
+    np.savetxt(file, rows, fmt="%.17g", delimiter=",", header=",".join(names), comments="")
+
+
+def write_file(file: Path, content: str | bytes, *, option: str = "--html") -> None:
+    """Write one file whole: an existing file is replaced by the content, or left unchanged.
+
+    Letters that UTF-8 does not have, as in paths that are not UTF-8 themselves, become question marks.
+
+    Raises:
+        OutputError: the file cannot be written, or something that is no file has its name.
+    """
+    try:
+        target = Path(os.path.realpath(file))  # a link stays, the file that it leads to is replaced
+    except ValueError as error:
+        raise OutputError(f"{option}: cannot write {file}: {error}") from None
+    if os.path.lexists(target) and not os.path.isfile(target):
+        raise OutputError(f"{option}: cannot write {file}: not a regular file")
+    data = content if isinstance(content, bytes) else content.encode("utf-8", "replace")
+    with written_together(target.parent, option=option, file=file) as temporary:
+        (temporary / target.name).write_bytes(data)
+
+
+def _is_ours(document: Path) -> bool:
+    """Whether this is a JSON object about a robot."""
+    try:
+        content = json.loads(read_text(document, "", largest=1_000_000_000))
+    except (InvalidInput, ValueError, RecursionError):
+        return False
+    return isinstance(content, dict) and "robot" in content
+
+
+def _reason(error: Exception) -> str:
+    return getattr(error, "strerror", None) or str(error)
+
+
+def _remove_empty(folders: list[Path]) -> None:
+    """Remove folders made for nothing, the deepest first."""
+    for folder in folders:
+        if os.path.isdir(folder) and not any(folder.iterdir()):
+            folder.rmdir()
+
+
+def package_versions() -> dict[str, str]:
+    """Return the versions of packages on which the last bit of results depends."""
+    return {package: version(package) for package in PACKAGES}

@@ -1,0 +1,142 @@
+"""Convex polytopes of few dimensions that sums and bounds of linear maps make: zonotopes and slabs.
+
+Both are symmetric about a centre, and both come as half-spaces and as vertices, found by enumeration: for a
+robot's handful of motors that is exact and quick, and needs no hull. Facets of a zonotope are normal to n - 1
+of its generators (P. McMullen, On zonotopes, Trans. Amer. Math. Soc. 159, 1971).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations, product
+
+import numpy as np
+
+from framework.numerics.arrays import Array, BoolArray, ReadOnlyArrays
+from framework.numerics.ordered_sums import singular_values
+from framework.tolerances import RANK_ROUNDING, SAME_PLACE
+
+
+@dataclass(frozen=True, eq=False)
+class Polytope(ReadOnlyArrays):
+    """The points y (n,) with normals y <= offsets.
+
+    A flat polytope has pairs of opposite half-spaces. One without bound along `free` directions has the
+    vertices of its section orthogonal to them.
+    """
+
+    normals: Array  # (h, n) of unit size
+    offsets: Array  # (h,)
+    vertices: Array  # (k, n)
+    free: Array  # (f, n) orthonormal directions without bound
+
+    def contains(self, points: Array) -> BoolArray:
+        """Whether points (..., n) are inside, but for rounding."""
+        size = np.abs(self.offsets).max(initial=0.0)
+        return np.all(points @ self.normals.T <= self.offsets + SAME_PLACE * size, axis=-1)
+
+    def reach(self, direction: Array) -> tuple[float, float]:
+        """Compute the least and the largest t for which t direction (n,) is inside; (nan, nan) if none is."""
+        slope = self.normals @ direction
+        steep = np.abs(slope) > RANK_ROUNDING * np.linalg.norm(direction)
+        size = np.abs(self.offsets).max(initial=0.0)
+        if np.any(self.offsets[~steep] < -SAME_PLACE * size):
+            return np.nan, np.nan
+        ends = self.offsets[steep] / slope[steep]
+        low = float(ends[slope[steep] < 0].max(initial=-np.inf))
+        high = float(ends[slope[steep] > 0].min(initial=np.inf))
+        if low > high:
+            return (np.nan, np.nan) if low - high > SAME_PLACE * max(abs(low), abs(high)) else (high, high)
+        return low, high
+
+    def axis_ranges(self) -> Array:
+        """Compute the range (n, 2) of each coordinate when all others are zero, see `reach`."""
+        return np.array([self.reach(axis) for axis in np.eye(self.normals.shape[1])])
+
+    def bounds(self) -> Array:
+        """Compute the range (n, 2) of each coordinate over all values of the others."""
+        if not len(self.vertices):
+            return np.tile([-np.inf, np.inf], (self.normals.shape[1], 1))
+        ranges = np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)], axis=1)
+        unbounded = np.abs(self.free).max(axis=0, initial=0.0) > RANK_ROUNDING
+        ranges[unbounded] = [-np.inf, np.inf]
+        return ranges
+
+
+def zonotope(centre: Array, generators: Array) -> Polytope:
+    """Compute the sums of centre (n,) and generators (m, n), each times a factor in [-1, 1]."""
+    span, across, _ = _row_space(generators)
+    in_span = [normal[None] @ span for normal in _normals(generators @ span.T)]
+    normals = np.concatenate([across, *in_span])
+    normals = _remove_repeated(np.concatenate([normals, -normals]))
+    width = np.abs(normals @ generators.T).sum(axis=1)
+    is_across = np.abs(normals @ span.T).max(axis=1, initial=0.0) < RANK_ROUNDING
+    width[is_across] = 0.0  # but for rounding
+    offsets = normals @ centre + width
+    points = _remove_repeated(centre + _signs(len(generators)) @ generators)
+    return Polytope(normals, offsets, _vertices(points, normals, offsets), np.empty((0, len(centre))))
+
+
+def slabs(rows: Array, limits: Array) -> Polytope:
+    """Return the points y (n,) with |rows y| <= limits, rows (m, n) and positive limits (m,)."""
+    sizes = np.linalg.norm(rows, axis=1)
+    acting = sizes > 0
+    units = rows[acting] / sizes[acting][:, None]
+    span, free, largest = _row_space(rows)
+    inside = rows @ span.T  # (m, r) the rows in their own space
+    signs = _signs(len(span))  # (2^r, r)
+    points = [np.zeros((0, rows.shape[1]))]
+    for subset in map(list, combinations(range(len(rows)), len(span)) if len(span) else ()):
+        if singular_values(inside[subset])[-1] > RANK_ROUNDING * largest:
+            corners = np.linalg.solve(inside[subset], (signs * limits[subset]).T)  # (r, 2^r)
+            points.append(corners.T @ span)
+    vertices = np.concatenate(points)
+    vertices = vertices[np.all(np.abs(vertices @ rows.T) <= limits * (1 + SAME_PLACE), axis=1)]
+    return Polytope(
+        normals=np.concatenate([units, -units]),
+        offsets=np.tile(limits[acting] / sizes[acting], 2),
+        vertices=_remove_repeated(vertices),
+        free=free,
+    )
+
+
+def _row_space(rows: Array) -> tuple[Array, Array, float]:
+    """Compute orthonormal bases of the rows (m, n) and across, and the largest singular value."""
+    _, values, right = np.linalg.svd(rows)
+    largest = float(values.max(initial=0.0))
+    rank = int(np.sum(values > RANK_ROUNDING * largest))
+    return right[:rank], right[rank:], largest
+
+
+def _signs(count: int) -> Array:
+    """Return all combinations (2^count, count) of the signs -1 and 1."""
+    return np.array(list(product((-1.0, 1.0), repeat=count)))
+
+
+def _normals(generators: Array) -> list[Array]:
+    """Return the unit normals (n,) of every n - 1 independent generators (m, n)."""
+    n, normals = generators.shape[1], []
+    if n == 1:
+        return [np.ones(1)]
+    for subset in combinations(range(len(generators)), n - 1) if n else ():
+        _, values, right = np.linalg.svd(generators[list(subset)])
+        if values[-1] > RANK_ROUNDING * values[0]:
+            normals.append(right[n - 1])
+    return normals
+
+
+def _remove_repeated(points: Array) -> Array:
+    """Return the points (k, n) without repetitions, equal but for rounding."""
+    size = np.abs(points).max(initial=0.0)
+    if not size:
+        return points[:1]
+    _, first = np.unique(np.round(points / size, 9) + 0.0, axis=0, return_index=True)
+    return points[np.sort(first)]
+
+
+def _vertices(points: Array, normals: Array, offsets: Array) -> Array:
+    """Return the vertices among points (k, n), at which the touching half-spaces leave no freedom."""
+    size = np.abs(offsets).max(initial=0.0)
+    touching = points @ normals.T >= offsets - SAME_PLACE * size
+    n = points.shape[1]
+    return points[[np.linalg.matrix_rank(normals[touched], tol=RANK_ROUNDING) == n for touched in touching]]

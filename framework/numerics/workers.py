@@ -1,0 +1,166 @@
+"""Processes that compute for this one: they end when it ends, however it ends, and may be killed.
+
+`concurrent.futures.ProcessPoolExecutor` gives up all tasks when one of its processes is killed, and leaves
+its processes behind when the parent is killed. Here threads hand tasks to processes, each by a pipe of its
+own. A pipe that breaks tells which task was lost; that task starts again. A process whose parent is gone
+ends itself.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import threading
+import traceback
+from collections.abc import Callable
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from multiprocessing import get_context, parent_process, resource_tracker
+from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
+from typing import Any, NamedTuple, TypeVar
+
+from framework.errors import LostWorkers, whole_number
+from framework.numerics import MAX_WORKERS
+
+MAX_TRIES = 3  # processes that a task may cost
+PICKLING_ERRORS = (pickle.PicklingError, AttributeError, TypeError)
+T = TypeVar("T")
+
+
+class _Worker(NamedTuple):
+    process: SpawnProcess
+    pipe: Connection
+
+
+class Workers(Executor):
+    """An executor of `count` processes, 1 or more; tasks and results must be picklable.
+
+    Leaving the `with` block by an exception, Ctrl-C included, kills the processes and drops waiting tasks.
+
+    Raises:
+        InvalidInput: the count is no such number.
+    """
+
+    def __init__(self, count: int) -> None:
+        """Prepare one thread for each process; processes start with their first tasks."""
+        self._threads = ThreadPoolExecutor(whole_number("workers", count, 1, MAX_WORKERS))
+        self._lock = threading.Lock()
+        self._alive: set[SpawnProcess] = set()
+        self._idle: list[_Worker] = []
+        self._stopped = False  # no process is begun any more
+
+    def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
+        """Submit a call; its future fails with `LostWorkers` if each process tried is killed."""
+        return self._threads.submit(self._call, fn, args, kwargs)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Take no more tasks; wait for the tasks taken, or drop the ones not begun."""
+        self._threads.shutdown(wait, cancel_futures=cancel_futures)
+        while self._idle:
+            self._end_process(self._idle.pop())
+
+    def stop(self) -> None:
+        """Kill all processes and drop all tasks."""
+        self._threads.shutdown(wait=False, cancel_futures=True)
+        with self._lock:
+            self._stopped = True
+            for process in self._alive:
+                process.kill()
+        self.shutdown()
+
+    def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
+        """Wait for all tasks; after an error, also while waiting, stop the processes."""
+        if kind is not None:
+            self.stop()
+            return
+        try:
+            self.shutdown()
+        except BaseException:
+            self.stop()
+            raise
+
+    def _call(self, *call: Any) -> Any:
+        """Return the result of a call in an idle process or a new one; raise its error."""
+        message = pickle.dumps(call)
+        for _ in range(MAX_TRIES):
+            with self._lock:
+                idle = self._idle.pop() if self._idle else None
+            try:
+                worker = idle or self._start_process()
+            except OSError as error:
+                raise LostWorkers(f"no worker process can be started: {error}") from None
+            try:
+                worker.pipe.send_bytes(message)
+                answer = worker.pipe.recv_bytes()
+            except (EOFError, OSError):
+                self._end_process(worker)
+                continue
+            self._idle.append(worker)
+            fine, result = pickle.loads(answer)
+            if fine:
+                return result
+            raise result
+        raise LostWorkers(
+            f"{MAX_TRIES} worker processes were killed one after the other over the same task, for want "
+            f"of memory perhaps; take fewer --workers"
+        )
+
+    def _start_process(self) -> _Worker:
+        """Start a process; raise LostWorkers after `stop`."""
+        ours, theirs = get_context("spawn").Pipe()
+        process = get_context("spawn").Process(target=_work, args=(theirs,), daemon=True)
+        with self._lock:
+            if self._stopped:
+                raise LostWorkers("the worker processes were stopped")
+            resource_tracker.ensure_running()  # beginning it unblocks the signal
+            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # inherited: Ctrl-C is for us
+            process.start()
+            self._alive.add(process)
+        theirs.close()  # else a dead process would not break the pipe
+        return _Worker(process, ours)
+
+    def _end_process(self, worker: _Worker) -> None:
+        """End a process by closing its pipe, and wait for its end."""
+        worker.pipe.close()
+        worker.process.join()
+        with self._lock:
+            self._alive.discard(worker.process)
+
+
+def _work(pipe: Connection) -> None:
+    """Answer calls in a worker process until the pipe breaks."""
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    while True:
+        try:
+            call = pipe.recv_bytes()
+        except EOFError:
+            return
+        pipe.send_bytes(_answer(call))
+
+
+def _answer(call: bytes) -> bytes:
+    """Return, pickled, the result or the error of a pickled call, also of an unreadable one."""
+    try:
+        fn, args, kwargs = pickle.loads(call)
+        return pickle.dumps((True, fn(*args, **kwargs)))
+    except Exception as error:  # noqa: BLE001 - an executor passes on all errors of tasks
+        error.add_note(f"in a worker process:\n{traceback.format_exc()}")
+        return pickle.dumps((False, _portable(error)))
+
+
+def _portable(error: Exception) -> Exception:
+    """Return an error that can be pickled."""
+    try:
+        pickle.loads(pickle.dumps(error))
+    except PICKLING_ERRORS:
+        return RuntimeError(f"{type(error).__name__}: {error}")
+    return error
+
+
+def _end_with_parent() -> None:
+    """Wait for the end of the parent process, then end this one at once."""
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+    os._exit(1)

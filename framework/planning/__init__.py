@@ -1,0 +1,16 @@
+"""Condition (8) put to work: laws that carry a robot through its Type 2 singularities.
+
+Open `plan` first: `plan_crossing` in four steps, each a file.
+
+    1. options, request          what is asked: the options declared once, and the record that is checked
+    2. crossing_points           where on the path condition (8) is to hold, and
+       condition                 condition (8) there: alpha s" + beta s'^2 + gamma = 0
+    3. polynomial, timing        the paper's law: one polynomial through the crossings, when and how fast
+       optimal/, specification   the law of free shape: the cone program, and what it is best at
+    4. result                    a plan: law, crossings, torques (of `dynamics.inverse_dynamics`), certificate
+
+Beside them: `refusals/` has every reason to say no; `feasibility` and `durations` say what a singular point
+asks of any law, and the least duration of one; `path_modification` bends a path where nothing else helps;
+`scenes` plans the scenes of a robot file; `saved` and `motion_table` are plan.json and motion.csv;
+`plan_facts` is a plan in words; `motion_scales` has the sizes that errors are relative to.
+"""

@@ -1,0 +1,144 @@
+"""The points of the path at which condition (8) is to hold, and those that no law can cross."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from framework.dynamics.singularity_crossings import check_kind
+from framework.errors import InvalidInput, NoLaw
+from framework.kinematics.continuation.tracking import Branch
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.planning.condition import (
+    Condition8,
+    CrossingPoint,
+    coefficients_at,
+    imposed_point,
+    undeformed_crossing,
+)
+from framework.planning.refusals.refusal_proofs import UnmetCondition
+from framework.planning.request import Request
+from framework.singularity.points_on_path import SearchedPath, SingularPoint
+from framework.tolerances import SAME_PLACE
+
+
+@dataclass(frozen=True, eq=False)
+class PathToCross:
+    """A path with its singular points, and the points where condition (8) is to hold."""
+
+    searched: SearchedPath
+    crossing_points: Sequence[SingularPoint | CrossingPoint]
+
+    @property
+    def branch(self) -> Branch:
+        """The poses along the path."""
+        return self.searched.branch
+
+    @property
+    def points(self) -> tuple[SingularPoint, ...]:
+        """The singular points of the undeformed robot on the path."""
+        return self.searched.points
+
+    @cached_property
+    def undeformed_crossings(self) -> list[tuple[CrossingPoint, Condition8]]:
+        """The crossing points of the undeformed robot, each with its condition (8)."""
+        points = [undeformed_crossing(target) for target in self.crossing_points]
+        return [(point, coefficients_at(self.branch, point, deflection=None)) for point in points]
+
+
+def path_to_cross(searched: SearchedPath, request: Request) -> PathToCross:
+    """Choose the points of a searched path where a request asks for condition (8), under its wrenches.
+
+    Raises:
+        InvalidInput: times or speeds are not as many as these points.
+        NoLaw, UncontrolledMotions: no law can cross at one of the points.
+    """
+    searched = searched.under(request.external_wrenches)
+    return PathToCross(searched, _choose_points(searched.branch, searched.points, request))
+
+
+def _choose_points(
+    branch: Branch, points: tuple[SingularPoint, ...], request: Request
+) -> list[SingularPoint | CrossingPoint]:
+    """Choose the points where condition (8) is to hold: imposed ones, else the singular points.
+
+    An empty list of times asks for a law without crossing conditions. Singular points that no law can cross
+    are refused, imposed ones are not judged.
+    """
+    times, speeds, imposed = request.times, request.speeds, request.at
+    if imposed is None and times == ():
+        if speeds:
+            raise InvalidInput(f"speeds: got {len(speeds)}, but times is empty: no crossing is asked for")
+        return []
+    count = len(points) if imposed is None else len(imposed)
+    for name, values in (("times", times), ("speeds", speeds)):
+        if values is not None and len(values) != count:
+            listed, are = ", ".join(f"{value:g}" for value in values), "is" if count == 1 else "are"
+            raise InvalidInput(
+                f"{name}: got {len(values)} ({listed}), but there {are} {_count_points(points, imposed)}"
+            )
+    if imposed is not None:
+        return [imposed_point(branch, s) for s in imposed]
+    for singular in points:
+        check_crossable(branch, singular)
+    return [*points]
+
+
+def _count_points(points: tuple[SingularPoint, ...], imposed: Sequence[float] | None) -> str:
+    """Return the number of imposed or singular points in words, with s of singular ones."""
+    if imposed is not None:
+        return f"{len(imposed)} imposed by `at`"
+    text = f"{len(points)} singular point{'s' * (len(points) != 1)} on the path"
+    places = ", ".join(f"{point.s:.6g}" for point in points)
+    return f"{text} at s = {places}" if points else text
+
+
+def check_crossable(branch: Branch, singular: SingularPoint) -> None:
+    """Refuse a singular point that no law can cross.
+
+    Raises:
+        UncontrolledMotions, NoLaw: condition (8) does not apply there (see `check_kind`).
+        NoLaw: the path starts or ends there.
+    """
+    check_kind(branch.robot, singular)
+    if stops_at(singular):
+        end = "starts" if singular.s < 0.5 else "ends"
+        alpha, beta, gamma, _ = coefficients_at(branch, undeformed_crossing(singular), deflection=None)
+        unmet = UnmetCondition(singular.s, alpha, beta, gamma, stop=True)
+        raise NoLaw(
+            f"{branch.robot.name}: at s = {singular.s:.6g} the path {end} on a Type 2 singularity; a stop on "
+            f"the locus can never be crossed: move the path's end",
+            proof=unmet if gamma != 0.0 else None,
+        )
+
+
+def stops_at(singular: SingularPoint) -> bool:
+    """Return whether the path starts or ends at a singular point."""
+    return not SAME_PLACE < singular.s < 1.0 - SAME_PLACE
+
+
+def check_one_condition_each(robot: ParallelRobot, points: Sequence[SingularPoint | CrossingPoint]) -> None:
+    """Refuse a point with more than one condition for the polynomial law.
+
+    At a tangential touch these are condition (8) and its derivative; where several motions escape at once,
+    one for each.
+
+    Raises:
+        NoLaw: says where and what to do.
+    """
+    for singular in points:
+        if not isinstance(singular, SingularPoint):
+            continue
+        where = f"{robot.name}: at s = {singular.s:.6g}"
+        if singular.corank > 1:
+            raise NoLaw(
+                f"{where} {singular.corank} motions are uncontrolled at once, each with a condition (8) of "
+                f"its own, and the polynomial meets one, the optimal law each"
+            )
+        if singular.contact == "tangential":
+            raise NoLaw(
+                f"{where} the path touches the locus without crossing it; finite torques ask for condition "
+                f"(8) and its time derivative at once, and the polynomial meets the first, the optimal law "
+                f"both; or move the path off the locus or across it"
+            )

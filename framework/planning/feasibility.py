@@ -1,0 +1,218 @@
+"""Condition (8) of the undeformed robot at a singular point, before any law is sought.
+
+alpha s" + beta s'^2 + gamma + delta s' = 0 on the undeformed robot, each term a power in the uncontrolled
+motion: gamma of the weight, of the robot's own springs and of wrenches of the world, beta of the curvature of
+path and joints, delta of viscous damping, alpha of the acceleration s".
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from framework.dynamics.singularity_crossings import check_kind
+from framework.errors import NoLaw
+from framework.kinematics.continuation.tracking import Branch
+from framework.numerics.arrays import Array
+from framework.numerics.output import Document
+from framework.planning.condition import Condition8, coefficients_at, undeformed_crossing
+from framework.planning.crossing_points import stops_at
+from framework.planning.motion_scales import coordinate_sizes
+from framework.singularity.points_on_path import SearchedPath, SingularPoint
+
+VECTOR_ROUNDING = 1e-12  # of a motion of unit size along a path, in robot lengths and radians
+NOTABLE_CURVATURE = 4.0  # |s"| over s'^2 that is worth a word: what a polynomial has at its most
+
+
+@dataclass(frozen=True)
+class Feasibility:
+    """Condition (8) of the undeformed robot at the singular point `s`, and the origin of its terms.
+
+    weight_share: |cos| of the angle between gravity and the motion of the centre of mass in the uncontrolled
+    motion; on massless legs the share of the weight along t_s. tangent_share: |cos| of that between the
+    path's tangent and t_s, turns multiplied by the robot's length.
+    """
+
+    s: float
+    condition: Condition8
+    weight_share: float
+    tangent_share: float
+    wrenches: bool = False  # of the world act along the path
+
+    @property
+    def orthogonal(self) -> bool:
+        """Whether s" has no effect on t_s . W_p."""
+        return self.condition.alpha == 0.0
+
+    @property
+    def unmet_by_acceleration(self) -> bool:
+        """Whether no s" meets the condition: at best one s' does."""
+        return self.orthogonal and not self.condition.holds_anyway
+
+    def _balancing_acceleration(self, coefficient: float) -> float:
+        """Return the s" that balances a term, -coefficient / alpha; not a number where s" has no effect."""
+        return np.nan if self.orthogonal else 0.0 - coefficient / self.condition.alpha
+
+    @property
+    def constant(self) -> float:
+        """The s" [1/s^2] asked for at s' -> 0; not a number where s" has no effect."""
+        return self._balancing_acceleration(self.condition.gamma)
+
+    @property
+    def per_squared_speed(self) -> float:
+        """The s" asked for by s'^2, over s'^2 [-]; not a number where s" has no effect."""
+        return self._balancing_acceleration(self.condition.beta)
+
+    @property
+    def per_speed(self) -> float:
+        """The s" asked for by s', over s' [1/s]; not a number where s" has no effect."""
+        return self._balancing_acceleration(self.condition.delta)
+
+    @property
+    def weightless(self) -> bool:
+        """Whether no weight and no wrench enters the condition.
+
+        Without damping it then looks alike at all durations.
+        """
+        return self.condition.gamma == 0.0
+
+    @property
+    def damped(self) -> bool:
+        """Whether viscous damping enters the condition."""
+        return self.condition.delta != 0.0
+
+    @property
+    def steady_speed(self) -> float | None:
+        """The least s' > 0 [1/s] with beta s'^2 + delta s' + gamma = 0, or None."""
+        _, beta, gamma, delta = self.condition
+        if beta == 0.0:
+            roots = [-gamma / delta] if delta else []
+        else:
+            discriminant = delta**2 - 4.0 * beta * gamma
+            signs = (-1, 1) if discriminant > 0 else ()
+            roots = [(-delta + sign * np.sqrt(discriminant)) / (2.0 * beta) for sign in signs]
+        return min((float(root) for root in roots if root > 0), default=None)
+
+    @property
+    def pace(self) -> float | None:
+        """The time [s] in which the s" that the weight asks for covers the whole path from rest.
+
+        With a constant s" that is (2 / |s"|)^(1/2). None where s" has no effect, or without weight.
+        """
+        if self.orthogonal or self.weightless:
+            return None
+        return float(np.sqrt(2.0 / abs(self.constant)))
+
+    def to_dict(self) -> Document:
+        """Return the entry of `locate --json`, null for quantities that do not exist."""
+        return {
+            **self.condition._asdict(),
+            "acceleration": None if self.orthogonal else [self.constant, self.per_squared_speed],
+            "weight_share": self.weight_share,
+            "tangent_share": self.tangent_share,
+            "pace": self.pace,
+        }
+
+    @property
+    def sentence(self) -> str:
+        """The condition, the s" that is asked for, and consequences for path and speed, in one line."""
+        alpha, beta, gamma, delta = self.condition
+        damping = f", delta = {delta:.6g}" if self.damped else ""
+        return (
+            f"condition (8) at s = {self.s:.6g} has alpha = {alpha:.6g}, beta = {beta:.6g}, "
+            f"gamma = {gamma:.6g}{damping}, with "
+            f"{100 * self.weight_share:.3g} % of the weight and {100 * self.tangent_share:.3g} % of the "
+            f"path's tangent along t_s: {'; '.join([self._demand_text(), *self._consequence_texts()])}"
+        )
+
+    @property
+    def short_sentence(self) -> str:
+        """The acceleration that the condition asks for, in one clause."""
+        weight = "" if self.wrenches else f", with {100 * self.weight_share:.3g} % of the weight along t_s"
+        pace = "" if self.pace is None else f", the pace of {self.pace:.3g} s for the path at any duration"
+        return f"condition (8) at s = {self.s:.6g}{weight}: {self._demand_text()}{pace}"
+
+    def _demand_text(self) -> str:
+        """Return the s" that the condition asks for, in words."""
+        if self.condition.holds_anyway:
+            return "it holds whatever s' and s\" are"
+        if self.orthogonal:
+            only = (
+                "no law meets it" if self.steady_speed is None else f"only s' = {self.steady_speed:.4g} does"
+            )
+            return f's" has no effect, {only}; turn the path towards t_s'
+        demand = f's" = {self.constant:.6g}'
+        for coefficient, variable in ((self.per_squared_speed, "s'^2"), (self.per_speed, "s'")):
+            if coefficient:
+                demand += f" {'-' if coefficient < 0 else '+'} {abs(coefficient):.6g} {variable}"
+        return demand
+
+    def _consequence_texts(self) -> list[str]:
+        """Return clauses on speeds, pace and path that the condition suggests."""
+        if self.orthogonal:
+            return []
+        clauses = []
+        forces, s = ("weight and wrenches", "") if self.wrenches else ("weight", "s")
+        if self.steady_speed is not None:
+            clauses.append(f"s' = {self.steady_speed:.4g} 1/s needs no s\"")
+        if self.pace is None and self.damped:
+            clauses.append(f"no {forces} enter{s}, but damping does: the slower, the more it counts")
+        elif self.pace is None:
+            clauses.append(f"no {forces} enter{s}, so what it asks for looks alike at all durations")
+        else:
+            clauses.append(f"the {forces} set{s} the pace, {self.pace:.3g} s for the whole path from rest")
+        if abs(self.per_squared_speed) > NOTABLE_CURVATURE:
+            clauses.append(
+                f"s' changes e-fold over {1 / abs(self.per_squared_speed):.2g} of the path there: make it "
+                f"smoother (straighter), or nearer to t_s"
+            )
+        return clauses
+
+
+def feasibility_at(branch: Branch, singular: SingularPoint) -> Feasibility | None:
+    """Compute condition (8) at a singular point; None where one condition is not enough."""
+    if singular.corank > 1:
+        return None
+    try:
+        check_kind(branch.robot, singular)
+    except NoLaw:
+        return None
+    robot = branch.robot
+    crossing = undeformed_crossing(singular)
+    condition = coefficients_at(branch, crossing, deflection=None)
+    mass_jacobian = pin.jacobianCenterOfMass(robot.model, robot.model.createData(), crossing.q)
+    mass_velocity = mass_jacobian @ crossing.motion
+    size, tangent = coordinate_sizes(robot), robot.platform.path_twist(branch.path, crossing.s)
+    return Feasibility(
+        crossing.s,
+        condition,
+        weight_share=_cosine(robot.model.gravity.linear, mass_velocity / robot.length),
+        tangent_share=_cosine(tangent * size, crossing.twist * size),
+        wrenches=bool(branch.wrenches.entries),
+    )
+
+
+def feasibility_on_path(searched: SearchedPath) -> tuple[Feasibility | None, ...]:
+    """Compute condition (8) at all singular points of a path, as `feasibility_at`."""
+    return tuple(feasibility_at(searched.branch, singular) for singular in searched.points)
+
+
+def _cosine(a: Array, b: Array) -> float:
+    """Compute |cos| of the angle between two vectors; 0 if the first is zero or the second rounding."""
+    size_a, size_b = float(np.linalg.norm(a)), float(np.linalg.norm(b))
+    if size_a == 0.0 or size_b <= VECTOR_ROUNDING:
+        return 0.0
+    return abs(float(a @ b)) / (size_a * size_b)
+
+
+def is_crossable(searched: SearchedPath) -> bool:
+    """Return whether condition (8) forbids every law at none of the singular points."""
+    return not any(
+        feasibility is None
+        or singular.contact == "tangential"
+        or stops_at(singular)
+        or (feasibility.unmet_by_acceleration and feasibility.steady_speed is None)
+        for singular, feasibility in zip(searched.points, feasibility_on_path(searched), strict=True)
+    )

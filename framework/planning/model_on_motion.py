@@ -1,0 +1,267 @@
+"""The torques that another model of a robot needs for nearly the same motion.
+
+Another model has its own condition (8) and, with springs, its own singular point on the path. So the law is
+corrected by polynomials of least degree. They vanish at both ends, as smoothly as laws of elastic robots do
+if one of the two models has springs. They take the law through the singular points of the model at the same
+instants and speeds, with the accelerations of its condition (8). Then the torques are bounded, and the
+difference of the two models' torques is what one of them lacks. A polynomial law of the smoothness of the
+correction becomes the polynomial through the model's points; plans of that model have the same one if they
+cross at these instants and speeds.
+
+`resolve` computes the torques with their certificate. `torque` is an estimate of first order: in one pass,
+deflections are caused by the forces of the first model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from framework.dynamics.elastic_pass import Pass, evaluate_pass
+from framework.dynamics.forces import balanced_forces, motor_torque, tree_forces
+from framework.dynamics.inverse_dynamics import resolve
+from framework.dynamics.motor_friction import speed_signs
+from framework.dynamics.result import InverseDynamics, SingularityCrossing
+from framework.errors import NoLaw, NotConverged
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.laws.law import ExactLaw, Law, MotionLaw, conditions_at_instants, edges_of
+from framework.numerics.arrays import Array, ArrayLike
+from framework.numerics.chebyshev import TimeFunction, TimeGrid
+from framework.planning.condition import Deflection, condition_at, crossing_point
+from framework.planning.refusals.turning_back import check_advance
+from framework.planning.request import SMOOTHNESS
+from framework.singularity.points_on_path import SearchedPath, search_path
+from framework.tolerances import RESOLVABLE_TAIL, SAME_PLACE, TORQUE_TAIL
+
+CORRECTED_SHARE = 0.9  # of the time to the next crossing or end: what a local correction may change
+
+
+@dataclass(frozen=True)
+class CorrectedLaw(ExactLaw):
+    """A law plus polynomials that vanish at both ends, by their start [s]."""
+
+    law: MotionLaw
+    corrections: Mapping[float, Law]
+
+    @staticmethod
+    def of(law: MotionLaw, times: Array, changes: Array, smoothness: int) -> CorrectedLaw:
+        """Change s, s' and s" of a law at times (k,) [s] by `changes` (k, 3).
+
+        At the ends of the polynomials, derivatives up to order `smoothness` vanish.
+        """
+        corrections = {}
+        for start, end in _correction_intervals(law, times):
+            inside = (start < times) & (times < end)
+            inner = conditions_at_instants(times[inside] - start, changes[inside])
+            ends = conditions_at_instants([0.0, end - start], np.zeros((2, smoothness + 1)))
+            corrections[start] = Law.from_conditions([*ends, *inner], end - start)
+        return CorrectedLaw(law, corrections)
+
+    @property
+    def duration(self) -> float:
+        """The duration of the law [s]."""
+        return self.law.duration
+
+    @property
+    def edges(self) -> Array:
+        """Instants [s] between which the law is smooth, see `ExactLaw.edges`."""
+        edges = edges_of(self.law)
+        ends = [[start, start + polynomial.duration] for start, polynomial in self.corrections.items()]
+        return np.unique(np.concatenate([edges, *ends])) if len(edges) else edges
+
+    def __call__(self, t: ArrayLike, order: int = 0) -> Array:
+        """Return s(t) or its derivative [1/s^order], with the shape of t."""
+        values = np.array(self.law(t, order))
+        for start, polynomial in self.corrections.items():
+            local = np.asarray(t) - start
+            inside = (local >= 0.0) & (local <= polynomial.duration)
+            values[inside] += polynomial(local[inside], order)
+        return values
+
+
+@dataclass(frozen=True, eq=False)
+class ModelOnMotion:
+    """A motion with its torques, and its path searched with another model of the robot.
+
+    friction: dry friction (nv,) of the joints [N m or N] of that model, None without.
+    """
+
+    dynamics: InverseDynamics
+    searched: SearchedPath
+    friction: Array | None = None
+
+    @classmethod
+    def of(
+        cls, dynamics: InverseDynamics, robot: ParallelRobot, *, friction: Array | None = None
+    ) -> ModelOnMotion:
+        """Search the path of a motion with another model of its robot.
+
+        Raises:
+            NoAnswer: the robot cannot follow the path.
+        """
+        return cls(dynamics, search_path(robot, dynamics.path).under(dynamics.wrenches), friction)
+
+    @property
+    def robot(self) -> ParallelRobot:
+        """The other model."""
+        return self.searched.branch.robot
+
+    @property
+    def grid(self) -> TimeGrid:
+        """The nodes of the motion."""
+        torques = self.dynamics.torques
+        return TimeGrid(torques.edges, torques.coefficients.shape[1])
+
+    def known_deflections(self) -> Array:
+        """Return the deflections (T, n_e) of a fuller model at which the motion's forces were computed."""
+        dynamics, robot = self.dynamics, self.robot
+        deflections = np.zeros((len(self.grid.times), robot.n_e))
+        if dynamics.geometry == "deformed":
+            columns = [robot.elastic_names.index(name) for name in dynamics.robot.elastic_names]
+            deflections[:, columns] = dynamics.deflection(self.grid.times)
+        return deflections
+
+    @cached_property
+    def first_pass(self) -> Pass:
+        """The motion and forces with the deflections of the motion; raises NoAnswer as `compute_pass`."""
+        return self.compute_pass(self.known_deflections())
+
+    def resolve(self, geometry: str) -> InverseDynamics:
+        """Compute the model's torques under the corrected law, certified, without dry friction.
+
+        Raises:
+            NoAnswer: no correction of the law makes the torques bounded, or they cannot be resolved.
+        """
+        at_rest = self.grid.fit(np.zeros((len(self.grid.times), self.robot.n_e)))
+
+        def choose_law(deflections: TimeFunction | None, _: MotionLaw | None) -> CorrectedLaw:
+            """Correct the law for given deflections; for none in rigid geometry."""
+            if deflections is None or geometry == "rigid":
+                deflections = at_rest
+            return self._correct_law(deflections)
+
+        return resolve(self.searched, choose_law, geometry=geometry, tolerance=TORQUE_TAIL, friction="none")
+
+    @property
+    def planned_torque(self) -> Array:
+        """The motors' torques (T, n_a) [N m or N] of the motion on the nodes, without dry friction."""
+        return self.dynamics.torque_without_friction(self.grid.times)
+
+    def compute_pass(self, deflections: Array) -> Pass:
+        """Compute motion and forces on the nodes with deflections (T, n_e), under the corrected law.
+
+        Raises:
+            NoAnswer: no correction of the law makes the torques bounded.
+        """
+        function = self.grid.fit(deflections)
+        law = self._correct_law(function)
+        return evaluate_pass(self.searched.branch, self.grid, law, function, None)
+
+    def torque(self, evaluated: Pass) -> Array:
+        """Compute the motors' torques (T, n_a) [N m or N], motor side, on the nodes.
+
+        Torques with dry friction jump where a joint changes direction, and no tail tells a pole from a jump.
+        So a pole is looked for with smooth friction: of each joint, the polynomial through the signs of its
+        rate at the crossings. There it equals the friction, on which condition (8) depends.
+
+        Raises:
+            NotConverged: the torques have a pole.
+        """
+        robot, motion = self.robot, evaluated.motion
+        smooth = np.zeros_like(motion.v)
+        if self.friction is not None and self.dynamics.crossings:
+            from scipy.interpolate import KroghInterpolator  # takes time to import
+
+            times = np.array([crossing.time for crossing in self.dynamics.crossings])
+            smooth = self.friction * KroghInterpolator(times, self._rate_signs(times))(self.grid.times)
+        torque = self._torque_with_friction(evaluated, smooth)
+        tail = self.grid.fit(torque).tail
+        if not tail <= RESOLVABLE_TAIL:
+            raise NotConverged("the torques of the other model have a pole on this motion", residual=tail)
+        if self.friction is None:
+            return torque
+        return self._torque_with_friction(
+            evaluated, self.friction * speed_signs(motion.v / robot.column_scale)
+        )
+
+    def _torque_with_friction(self, evaluated: Pass, friction: Array) -> Array:
+        """Compute torques (T, n_a) with joint forces of friction (T, nv)."""
+        robot, motion = self.robot, evaluated.motion
+        if not friction.any():
+            return motor_torque(robot, motion, evaluated.forces.joint_torque)
+        forces = tree_forces(robot, motion) + friction
+        return motor_torque(robot, motion, balanced_forces(robot, motion.linearised, forces).joint_torque)
+
+    def _rate_signs(self, times: Array) -> Array:
+        """Compute the signs (k, nv) of the joints' rates at instants (k,) of the motion [s]."""
+        return speed_signs(self.dynamics.velocity(times) / self.robot.column_scale)
+
+    def _correct_law(self, function: TimeFunction) -> CorrectedLaw:
+        """Correct the law to meet condition (8) of the model with deflections in time.
+
+        At each crossing, s, s' and s" change from those planned to those of `_correct_crossing`.
+
+        Raises:
+            NoAnswer: as `_correct_crossing`; two crossings meet one singular point; the law turns back.
+        """
+        law = self.dynamics.law
+        times = np.array([crossing.time for crossing in self.dynamics.crossings])
+        planned = np.transpose([law(times, order) for order in range(3)])  # (k, 3)
+        pairs = zip(self.dynamics.crossings, planned, strict=True)
+        corrected = np.reshape([self._correct_crossing(*pair, function) for pair in pairs], (-1, 3))
+        if not np.all(np.diff(corrected[:, 0]) > SAME_PLACE):
+            raise NotConverged("crossings of the motion meet the same singular point of the model")
+        has_springs = self.robot.n_e + self.dynamics.robot.n_e > 0
+        changed = CorrectedLaw.of(law, times, corrected - planned, SMOOTHNESS[has_springs])
+        try:
+            check_advance(changed, list(corrected[:, 0]), self.robot.name)
+        except NoLaw as refusal:
+            raise NotConverged(f"the corrected law turns back: {refusal}") from None
+        return changed
+
+    def _correct_crossing(
+        self, crossing: SingularityCrossing, planned: Array, function: TimeFunction
+    ) -> tuple[float, float, float]:
+        """Compute s, s' and s" with which the model crosses at the instant of a crossing.
+
+        s' stays as planned. Dry friction adds its power in the uncontrolled motion to gamma of condition (8).
+
+        Args:
+            planned: s, s' and s" (3,) of the law.
+
+        Raises:
+            NoAnswer: the model has no such singular point, or no s" meets its condition (8).
+        """
+        branch, (_, speed, acceleration) = self.searched.branch, planned
+        singular = min(self.searched.points, key=lambda point: abs(point.s - crossing.s), default=None)
+        if singular is None or singular.corank > 1:
+            raise NotConverged("the model has no simple singular point at the crossing")
+        deflection = Deflection.evaluate(function, crossing.time)
+        point = crossing_point(branch, singular, deflection, crossing.s)
+        condition = condition_at(branch, point, deflection)
+        if self.friction is not None:
+            friction = self.friction * self._rate_signs(np.array([crossing.time]))[0]
+            power = float(friction @ point.motion)
+            condition = condition._replace(gamma=condition.gamma + power)
+        if not condition.holds_anyway:
+            if condition.alpha == 0.0:
+                raise NotConverged("no acceleration at the crossing makes up for it")
+            acceleration = condition.acceleration(speed)
+        return point.s, speed, acceleration
+
+
+def _correction_intervals(law: MotionLaw, times: Array) -> list[tuple[float, float]]:
+    """Return start and end [s] of each polynomial that corrects a law at its crossings at times (k,).
+
+    A law without panels, as the polynomial, has one over the whole motion, so that the sum is what the model
+    would be planned with. Another law has one about each crossing, up to the next crossing or end: a single
+    one would be large far from a crossing that is near an end.
+    """
+    if not len(edges_of(law)):
+        return [(0.0, law.duration)]
+    gaps = np.diff([0.0, *times, law.duration])
+    widths = CORRECTED_SHARE * np.minimum(gaps[:-1], gaps[1:])
+    return list(zip(times - widths, times + widths, strict=True))

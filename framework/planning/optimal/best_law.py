@@ -1,0 +1,164 @@
+"""The best law of a problem: the smoothest of those that cost hardly more than the least.
+
+The optimum is seldom unique, and the corner that a solver ends in is restless. So the least cost is found
+first (`least_cost`), with squared speeds that may come as near to zero as they like; then the smoothest law
+whose cost is within a share of that, within all limits (`smooth_search`).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from framework.errors import InvalidInput
+from framework.laws.optimal_law import OptimalLaw
+from framework.numerics.arrays import Array
+from framework.numerics.time_limit import SearchEnded
+from framework.planning.optimal.law_problem import LawProblem
+from framework.planning.optimal.least_cost import NoneFound, cost_of, find_least_cost, solve_least_cost
+from framework.planning.optimal.smooth_search import SmoothSearch, find_exceeded_places
+from framework.planning.optimal.speed_program import Speed, SpeedProgram
+from framework.tolerances import SMOOTHNESS_COST
+
+MAX_ROW_ROUNDS = 3  # of solving with rows where a limit was exceeded between the points
+LIMIT_TIGHTENING = 1e-5  # share of a limit that is left free when it was exceeded
+
+
+class Best(NamedTuple):
+    """The law of a squared speed, and the search that found that speed."""
+
+    law: OptimalLaw
+    search: SmoothSearch
+    speed: Speed
+
+    @property
+    def program(self) -> SpeedProgram:
+        return self.search.program
+
+    @property
+    def reference(self) -> Array:
+        """Torques (n_a,) [N m] that peak and energy are relative to."""
+        return self.program.problem.reference
+
+    @property
+    def peak(self) -> float:
+        """The largest torque over the reference at the rows of the program."""
+        return self.speed.peak
+
+    @property
+    def cost(self) -> float:
+        """The duration [s], the peak over the reference, or the energy over its square [s]."""
+        return cost_of(self.search.goal, self.speed)
+
+    @property
+    def gap(self) -> float:
+        """The cost over the least that the program found, of laws however restless, less 1."""
+        least = self.search.least
+        least_cost = least.value if self.search.goal == "time" else cost_of(self.search.goal, least)
+        return max(self.cost / least_cost - 1.0, 0.0)
+
+
+def find_best_law(
+    problem: LawProblem, cells: Array | None = None, *, share: float = SMOOTHNESS_COST
+) -> Best | NoneFound:
+    """Find the smoothest law whose cost is within a share of the least.
+
+    Args:
+        cells: (k + 1,) of xi, which are refined; uniform ones unless given.
+    """
+    goal = problem.specification.goal
+    least_cost = find_least_cost(problem, cells)
+    if isinstance(least_cost, NoneFound):
+        return least_cost if goal == "peak_torque" else _find_gentlest(problem, least_cost, share)
+    program, least, units = least_cost
+    longest = problem.specification.longest
+    if goal == "time" and longest is not None and least.value > longest:
+        return NoneFound(program, f"the quickest found takes {least.duration:.4g} s")
+    return _search_smooth(SmoothSearch(program, units, least, share))
+
+
+def resume_law(best: Best, problem: LawProblem) -> Best | NoneFound:
+    """Find the law of a problem that differs little from that of `best`, on the same cells."""
+    program = SpeedProgram.on_cells(problem, best.program.cells)
+    least_cost = solve_least_cost(program, best.search.units)
+    if isinstance(least_cost, NoneFound):
+        return least_cost
+    search = best.search._replace(program=program, least=least_cost.speed, units=least_cost.units)
+    return _search_smooth(search, best.speed)
+
+
+def adapt_law(best: Best, *, excess: float = 1.0, share: float | None = None) -> Best | NoneFound:
+    """Find a smooth law within limits divided by an excess, or at a larger share of the least cost."""
+    search = best.search._replace(share=share or best.search.share)
+    if excess > 1.0:
+        search = search._replace(limit_share=search.limit_share * (1.0 - LIMIT_TIGHTENING) / excess)
+    adapted = _search_smooth(search, best.speed)
+    if isinstance(adapted, Best) or search.goal == "peak_torque":
+        return adapted
+    return _find_gentlest(search.program.problem, adapted, search.share)
+
+
+def _find_gentlest(problem: LawProblem, none: NoneFound, share: float) -> Best | NoneFound:
+    """Find the law of least peak where another goal has none; return `none` where that exceeds limits."""
+    if not problem.specification.limited:
+        return none
+    gentlest = find_best_law(problem.with_goal("peak_torque"), share=share)
+    return gentlest if isinstance(gentlest, Best) and gentlest.peak <= 1.0 else none
+
+
+def _search_smooth(search: SmoothSearch, near: Speed | None = None) -> Best | NoneFound:
+    """Find the smooth law, with rows wherever a limit was exceeded between the points.
+
+    These rows, or tighter limits, may raise the least cost by more than the share that smoothness may take.
+    Then no smooth law is found, and the least cost is solved for again, once for each set of rows.
+
+    Args:
+        near: the speed of a similar law, from which the search begins.
+    """
+    duration = search.program.problem.specification.duration
+    program_solved_again: SpeedProgram | None = None
+    best: Best | None = None
+    try:
+        search = search.limit_duration()
+        for _ in range(MAX_ROW_ROUNDS + 1):
+            smooth = search.find_smoothest(near) if duration is None else search.find_lasting(duration, near)
+            if isinstance(smooth, Speed):
+                best, near = _make_best(search, smooth), smooth
+                exceeded = find_exceeded_places(search.program, smooth, search.bounds)
+                if not len(exceeded):
+                    return best
+                search = search._replace(program=search.program.extend(exceeded))
+                continue
+            if search.program is program_solved_again:
+                return best or smooth
+            least = solve_least_cost(search.program, search.units, limit_share=search.limit_share)
+            if isinstance(least, NoneFound):
+                return best or smooth
+            search = search._replace(least=least.speed, units=least.units).limit_duration()
+            near, program_solved_again = None, search.program
+    except SearchEnded:
+        if best is None:
+            raise
+        return best
+    except InvalidInput as reason:  # z comes too near to zero
+        return best or NoneFound(search.program, str(reason))
+    return best or NoneFound(search.program, "limits are exceeded between the points")
+
+
+def _make_best(search: SmoothSearch, speed: Speed) -> Best:
+    """Return the law of a speed, its coefficients adjusted to the exact duration if one is given.
+
+    Raises:
+        InvalidInput: the speed comes too near to zero.
+    """
+    program, specification = search.program, search.program.problem.specification
+    y = speed.y
+    if specification.duration is not None:
+        y = program.space.adjust(y, program.conditions, specification.duration)
+    law = OptimalLaw(
+        y,
+        specification.smoothness,
+        specification.duration or 0.0,
+        program.problem.task.stretch.at,
+        tuple(program.basis.cells),
+    )
+    return Best(law, search, program.speed(y)._replace(floor=speed.floor))

@@ -1,0 +1,238 @@
+"""The least cost of a problem, of laws however restless: on cells that follow the law, in units of its own.
+
+Non-negative B-splines on a cell of width h cannot come nearer to zero than h^2 z", nor follow a kink: cells
+are cut in two under coefficients that are nearly zero or bend sharply, until the cost changes no more.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from framework.numerics.arrays import Array, BoolArray
+from framework.numerics.cone_program import Unsolved
+from framework.planning.optimal.law_problem import LawProblem
+from framework.planning.optimal.speed_program import Bounds, Speed, SpeedProgram, Units
+from framework.tolerances import LIMIT_MARGIN
+
+FIRST_CELLS, MAX_CELLS = 60, 180
+MAX_REFINEMENTS, MIN_REFINEMENT_CHANGE = (
+    5,
+    2e-3,
+)  # of the cells; of the cost, below which it is not worth another
+LOW_COEFFICIENT = 1e-5  # of the median: lower ones would go on falling on smaller cells
+MAX_BEND = 0.1  # second difference of coefficients over the least of the three, above which cells are cut
+MAX_UNIT_CHANGES, MAX_UNIT_RATIO = (
+    8,
+    5.0,
+)  # of units that are corrected: of the optimum to its unit, or inverse
+
+
+class LeastCost(NamedTuple):
+    """The squared speed of least cost that a program found, and the units of that optimum."""
+
+    program: SpeedProgram
+    speed: Speed
+    units: Units
+
+
+class NoneFound(NamedTuple):
+    """No law was found: the program that has none, with the solver's status or the reason."""
+
+    program: SpeedProgram
+    status: str
+
+    @property
+    def infeasible(self) -> bool:
+        """Whether the rows of the program contradict each other, as the solver says."""
+        return self.status == "PrimalInfeasible"
+
+
+def cost_of(goal: str, speed: Speed) -> float:
+    """Return the cost of a speed by a goal.
+
+    "time": the duration [s]; "peak_torque": the peak over the reference; "energy": of torques over the
+    reference [s]; "peak_speed": the peak of motor speeds over their limits; "limits": the larger of the peaks
+    of torques and of squared speeds.
+    """
+    return {
+        "time": speed.duration,
+        "peak_torque": speed.peak,
+        "energy": speed.energy,
+        "peak_speed": speed.peak_speed,
+        "limits": max(speed.peak, speed.peak_speed**2),
+    }[goal]
+
+
+def first_cells(problem: LawProblem) -> Array:
+    """Return edges (k + 1,) of uniform cells in xi, shifted to have each condition in a middle.
+
+    The cell about a condition is as wide as the others, less near an end. Edges within that cell, or nearer
+    to its edges than 0.35 widths, are left out.
+    """
+    count = FIRST_CELLS if problem.degree is None else problem.degree
+    edges, width = np.linspace(-1.0, 1.0, count + 1), 2.0 / count
+    for condition in np.unique(problem.places):
+        half = min(0.5 * width, 0.7 * (1.0 - abs(condition)))
+        stays = (np.abs(edges - condition) > half + 0.35 * width) | (np.abs(edges) == 1.0)
+        edges = np.unique(np.concatenate([edges[stays], [condition - half, condition + half]]))
+    return edges
+
+
+def find_least_cost(
+    problem: LawProblem, cells: Array | None = None, *, torque_limits: bool = True
+) -> LeastCost | NoneFound:
+    """Find the least cost on cells that are cut where the coefficients of z are nearly zero, or bend sharply.
+
+    The least peak is sought without torque limits first. If all motors have one, no law keeps the limits
+    where this peak exceeds them; else the peak may be that of a motor without a limit.
+    """
+    goal, limited = problem.specification.goal, problem.specification.limited
+    cells = first_cells(problem) if cells is None else cells
+    if goal == "peak_torque" and limited and torque_limits:
+        unlimited = find_least_cost(problem, cells, torque_limits=False)
+        if isinstance(unlimited, NoneFound) or unlimited.speed.peak <= 1.0:
+            return unlimited
+        return solve_least_cost(SpeedProgram.on_cells(problem, unlimited.program.cells))
+    best: LeastCost | None = None
+    for _ in range(MAX_REFINEMENTS + 1):
+        program = SpeedProgram.on_cells(problem, cells)
+        solved = solve_least_cost(program, best and best.units, torque_limits=torque_limits)
+        if isinstance(solved, NoneFound):
+            return best or _solve_on_cells_of_least_peak(problem, cells, solved)
+        # a higher cost on smaller cells is right too: of more points, between which the limits were exceeded
+        change = np.inf
+        if best is not None:
+            change = abs(1.0 - cost_of(goal, solved.speed) / cost_of(goal, best.speed))
+        best = solved
+        cut = _cells_to_cut(program, solved.speed.y)
+        if change < MIN_REFINEMENT_CHANGE or not cut.any() or len(cells) > MAX_CELLS:
+            break
+        cells = _cut_cells(problem, cells, cut)
+    assert best is not None
+    return best
+
+
+def _solve_on_cells_of_least_peak(
+    problem: LawProblem, cells: Array, none: NoneFound
+) -> LeastCost | NoneFound:
+    """Find the least cost on the cells of the least peak; return `none` where that does not help.
+
+    Limits may have no law on the first cells and one on cells that follow it.
+    """
+    if problem.specification.goal == "peak_torque":
+        return none
+    gentlest = find_least_cost(problem.with_goal("peak_torque"), cells, torque_limits=False)
+    if isinstance(gentlest, NoneFound) or len(gentlest.program.cells) == len(cells):
+        return none
+    return solve_least_cost(SpeedProgram.on_cells(problem, gentlest.program.cells))
+
+
+def solve_least_cost(
+    program: SpeedProgram,
+    units: Units | None = None,
+    *,
+    torque_limits: bool = True,
+    limit_share: float = 1.0,
+) -> LeastCost | NoneFound:
+    """Solve for the goal within a share of the limits, in units that are corrected by the optimum.
+
+    A solver ends early or stalls where the optimum is far from 1: units are set to the optimum until the two
+    are within MAX_UNIT_RATIO, or to a quicker law where the solver gave up.
+    """
+    specification = program.problem.specification
+    goal = specification.goal
+    longest = None if goal == "time" else specification.max_duration  # the quickest law, whatever bounds it
+    share = limit_share * (1.0 if goal == "peak_torque" else 1.0 - LIMIT_MARGIN)
+    bounds = Bounds(longest, torque_limits=torque_limits, share=share)
+    units = units or _first_units(program)
+    for _ in range(MAX_UNIT_CHANGES):
+        speed = program.minimise(goal, bounds, units)
+        if isinstance(speed, Unsolved):
+            if speed.infeasible:
+                return NoneFound(program, speed.status)
+            units = (
+                units._replace(time=0.1 * units.time)
+                if goal == "time"
+                else Units(0.5 * units.time, 2.0 * units.torque)
+            )
+            continue
+        optimal = own_units(goal, speed, units)
+        new, old = (optimal.time, units.time) if goal == "time" else (optimal.torque, units.torque)
+        if max(new / old, old / new) < MAX_UNIT_RATIO:
+            return LeastCost(program, speed, optimal)
+        units = optimal if goal == "time" else units._replace(torque=optimal.torque)
+    if isinstance(speed, Unsolved):
+        return NoneFound(program, speed.status)
+    return LeastCost(program, speed, optimal)
+
+
+def own_units(goal: str, speed: Speed, units: Units) -> Units:
+    """Return the units in which a speed is near 1: its duration, and its peak or root mean square torque.
+
+    Args:
+        units: returned where the speed has no finite duration.
+    """
+    time = speed.value if np.isfinite(speed.value) else speed.duration
+    if not np.isfinite(time):
+        return units
+    if goal in ("limits", "peak_speed"):  # least multiples of squared speeds have no unit of torque
+        return Units(time, 1.0)
+    return Units(time, float(np.sqrt(speed.energy / time)) if goal == "energy" else speed.peak)
+
+
+def _first_units(program: SpeedProgram) -> Units:
+    """Estimate the time [s] and the torque (share of `reference`) of the optimum, before a law is known.
+
+    Condition (8), constant + per_z z + per_u u = 0, is met at z or u of about constant / per_z, and z = 1 /
+    time^2. If the constant vanishes at all crossings, the time is the longest that speed limits or inertia at
+    the reference torque allow: limit rows . z <= 1. The torque is the limit; without limits that of
+    weight, and without weight that of inertia at this time.
+    """
+    problem, specification = program.problem, program.problem.specification
+    constant, per_z, per_u, _ = np.abs(problem.conditions.T)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        condition_times = np.sqrt(np.maximum(per_z, per_u) / constant)  # infinite or NaN without a constant
+    time = min(specification.max_duration or np.inf, float(np.nanmin(condition_times, initial=np.inf)))
+    torques = list(zip(program.rows.torque, problem.reference, strict=True))
+    inertia = max(_median_largest(np.abs(torque.matrix)) / reference for torque, reference in torques)
+    if not 0.0 < time < np.inf:
+        speeds = [_median_largest(matrix) for matrix in program.rows.squared_speed]
+        time = float(np.sqrt(max([inertia, *speeds]))) or 1.0
+    if specification.limited:
+        return Units(time, 1.0)
+    weight = max(float(np.abs(torque.offset / reference).max()) for torque, reference in torques)
+    return Units(time, weight or inertia / time**2 or 1.0)
+
+
+def _median_largest(matrix: Any) -> float:
+    """Return the median over rows of the largest entry of each row."""
+    return float(np.median(matrix.max(axis=1).toarray()))
+
+
+def _cells_to_cut(program: SpeedProgram, y: Array) -> BoolArray:
+    """Return a mask (k,) of the cells under coefficients that are nearly zero, or bend sharply."""
+    basis = program.basis
+    if not basis.is_spline:
+        return np.zeros(len(program.cells) - 1, dtype=bool)
+    low = LOW_COEFFICIENT * np.median(y)
+    triples = np.lib.stride_tricks.sliding_window_view(np.maximum(y, low), 3)
+    bent = np.flatnonzero(np.abs(triples @ [1.0, -2.0, 1.0]) > MAX_BEND * triples.min(axis=1))
+    falling = np.flatnonzero(y <= low)
+    knots, degree = basis.knots, basis.degree
+    # the support of a low coefficient; of a bend, the support of the middle one but two cells at both ends
+    start = np.concatenate([knots[falling], knots[bent + 3]])
+    end = np.concatenate([knots[falling + degree + 1], knots[bent + degree]])
+    cells = basis.cells
+    return np.asarray(((cells[:-1, None] >= start) & (cells[1:, None] <= end)).any(axis=1))
+
+
+def _cut_cells(problem: LawProblem, cells: Array, cut: BoolArray) -> Array:
+    """Return the cells (k + 1,) after some, a mask, are cut in two, or in three about a condition."""
+    low, high = cells[:-1][cut], cells[1:][cut]
+    has_condition = ((low[:, None] < problem.places) & (problem.places < high[:, None])).any(axis=1)
+    middle, third = 0.5 * (low + high), (high - low) / 3.0
+    in_two, in_three = ~has_condition, has_condition
+    edges = [cells, middle[in_two], (low + third)[in_three], (high - third)[in_three]]
+    return np.unique(np.concatenate(edges))

@@ -1,0 +1,151 @@
+"""Curves over s of the speeds and accelerations along the path that the motors allow.
+
+At each s the limits |c + d s' + p s'^2 + q s"| <= limit of all motors leave a region of (s', s"), with dry
+friction of the motors in c and viscous damping in d. Where two of its edges meet is the highest s' (the
+maximum velocity curve of Pfeiffer and Johanni, IEEE J. Robotics and Automation 3, 1987), and the line
+s' = const through it is the range of s". At a Type 2 singularity d, p and q have poles along one direction:
+whatever the limits, the range closes to the one s" of condition (8).
+"""
+
+from __future__ import annotations
+
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.dynamics.motor_friction import motor_friction
+from framework.kinematics.continuation.tracking import track_path
+from framework.laws.optimal_law import Smoothstep
+from framework.numerics.arrays import Array
+from framework.planning.optimal.phase_plane import demand
+from framework.planning.result import CrossingPlan
+
+SPEED_SAMPLES = 241
+CROSSING_OFFSETS = np.geomspace(1e-5, 0.05, 25)  # of the duration, instants beside a crossing
+CORNER_ROUNDING = 1e-9  # of a limit, by which a corner of the region may exceed it
+
+
+class MotorDemand(NamedTuple):
+    """Torques constant + per_speed s' + per_z s'^2 + per_u s" of the motors at T places, each (T, n_a)."""
+
+    constant: Array
+    per_speed: Array
+    per_z: Array
+    per_u: Array
+    motor_speed: Array  # (T, n_a) over s', motor side
+
+
+class LimitCurves(NamedTuple):
+    """The law of a plan at T instants, none on a crossing, with the motors' limits of s' and s".
+
+    The limits are those of the undeformed robot. `highest_speed` is infinite where nothing limits s', and not
+    a number where the motors cannot even hold the robot.
+    """
+
+    s: Array  # (T,)
+    speed: Array  # (T,) s' of the law [1/s]
+    acceleration: Array  # (T,) s" of the law [1/s^2]
+    highest_speed: Array  # (T,) [1/s]
+    lowest_acceleration: Array  # (T,) [1/s^2] at the law's speed
+    highest_acceleration: Array  # (T,) [1/s^2]
+    torque_limit: Array  # (n_a,) [N m], motor side
+
+
+def limit_curves(plan: CrossingPlan) -> LimitCurves:
+    """Compute the limit curves of a plan for its limits, or without any for its own peak torque."""
+    torque_limit, speed_limit = _limits(plan)
+    times = _instants(plan)
+    s, speed, acceleration = (plan.law(times, order) for order in range(3))
+    s = np.clip(s, 0.0, 1.0)
+    required = _motor_demand(plan, s)
+    lowest, highest = _bound_acceleration(required, speed, torque_limit)
+    fastest = highest_speed(required, torque_limit, speed_limit)
+    return LimitCurves(s, speed, acceleration, fastest, lowest, highest, torque_limit)
+
+
+def _motor_demand(plan: CrossingPlan, s: Array) -> MotorDemand:
+    """Compute torques and speeds of the undeformed robot at s (T,), with damping and the planned friction."""
+    robot = plan.robot
+    branch = track_path(robot, plan.path).with_wrenches(plan.dynamics.wrenches)
+    asked = demand(branch, Smoothstep(0), s, None, "rigid")  # sigma = s; no deflections
+    constant, per_z, per_u = asked.torque
+    friction = asked.friction(motor_friction(robot, plan.request.friction))
+    return MotorDemand(constant + friction, asked.damping, per_z, per_u, np.abs(asked.speed))
+
+
+def _limits(plan: CrossingPlan) -> tuple[Array, Array]:
+    """Return limits (n_a,) of torque [N m] and speed [rad/s]; without any, the plan's peak torque."""
+    unlimited = np.full(plan.robot.n_a, max(plan.peak_torque.values()))
+    if plan.optimality is None:
+        return unlimited, np.full(plan.robot.n_a, np.inf)
+    specification = plan.optimality.specification
+    return (specification.torque_limit if specification.limited else unlimited), specification.speed_limit
+
+
+def _instants(plan: CrossingPlan) -> Array:
+    """Return instants (T,) from start to end [s], dense beside the crossings and never on one."""
+    times = 0.5 * plan.duration * (1.0 - np.cos(np.pi * np.linspace(0.0, 1.0, SPEED_SAMPLES)))
+    for crossing in plan.crossings:
+        times = times[np.abs(times - crossing.time) > CROSSING_OFFSETS[0] * plan.duration]
+        near = crossing.time + plan.duration * np.concatenate([-CROSSING_OFFSETS, CROSSING_OFFSETS])
+        times = np.concatenate([times, near[(near > 0) & (near < plan.duration)]])
+    return np.unique(times)
+
+
+def _bound_acceleration(required: MotorDemand, speed: Array, limit: Array) -> tuple[Array, Array]:
+    """Compute the least and the largest s" (T,) with which torques at s' (T,) keep their limits (n_a,)."""
+    constant, per_speed, per_z, per_u, _ = required
+    at_zero = constant + (per_speed + per_z * speed[:, None]) * speed[:, None]  # the torques where s" = 0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = np.sort(np.stack([(-limit - at_zero) / per_u, (limit - at_zero) / per_u]), axis=0)
+    return np.nanmax(ends[0], axis=1), np.nanmin(ends[1], axis=1)
+
+
+def highest_speed(required: MotorDemand, torque_limit: Array, speed_limit: Array) -> Array:
+    """Compute the largest s' (T,) at which some s" keeps all limits: a corner of their region."""
+    constant, per_speed, per_z, per_u, motor_speed = required
+    limited = np.isfinite(torque_limit)
+    # edges (T, m, 3) @ (s', s'^2, s") <= bound (T, m), one for each sign of a torque
+    edges = np.stack([per_speed, per_z, per_u], axis=-1)[:, limited] / torque_limit[limited, None]
+    share = constant[:, limited] / torque_limit[limited]
+    edges = np.concatenate([edges, -edges], axis=1)
+    bound = np.concatenate([1.0 - share, 1.0 + share], axis=1)
+    by_torque = _highest_corner(edges, bound) if limited.any() else np.full(len(constant), np.inf)
+    with np.errstate(divide="ignore"):
+        by_speed = (speed_limit / motor_speed).min(axis=1)
+    return np.minimum(np.where(by_torque < 0, np.nan, by_torque), by_speed)
+
+
+def _highest_corner(edges: Array, bound: Array) -> Array:
+    """Return the largest s' (T,) of all corners of edges (T, m, 3) that keep the bounds; -inf without any."""
+    highest = np.full(len(bound), -np.inf)
+    for i, j in combinations(range(bound.shape[1]), 2):
+        for corner in _intersect_edges(edges[:, (i, j)], bound[:, (i, j)]):
+            size = 1.0 + np.abs(edges * corner[:, None]).sum(axis=-1)  # of the terms that a row sums up
+            inside = np.all(np.einsum("tmk,tk->tm", edges, corner) <= bound + CORNER_ROUNDING * size, axis=1)
+            highest = np.where(inside & (corner[:, 0] > highest), corner[:, 0], highest)
+    return highest
+
+
+def _intersect_edges(edges: Array, bound: Array) -> list[Array]:
+    """Intersect pairs of edges (T, 2, 3) with bounds (T, 2): both corners (s', s'^2, s") (T, 3).
+
+    Without s" there remains a s'^2 + b s' = c, solved without cancellation. s" is that of the edge with the
+    larger coefficient. Not a number where the edges do not meet.
+    """
+    per_speed, per_z, per_u = np.moveaxis(edges, -1, 0)
+
+    def eliminate_u(part: Array) -> Array:
+        return np.asarray(part[:, 0] * per_u[:, 1] - part[:, 1] * per_u[:, 0])
+
+    a, b, c = eliminate_u(per_z), eliminate_u(per_speed), eliminate_u(bound)
+    steeper = np.arange(len(bound)), np.where(np.abs(per_u[:, 0]) > np.abs(per_u[:, 1]), 0, 1)
+    corners = []
+    with np.errstate(divide="ignore", invalid="ignore"):
+        half = -0.5 * (b + np.copysign(np.sqrt(b**2 + 4.0 * a * c), b))
+        for root in (half / a, -c / half):
+            speed = np.where(np.isfinite(root), root, np.nan)
+            rest = bound[steeper] - (per_speed[steeper] + per_z[steeper] * speed) * speed
+            corners.append(np.stack([speed, speed**2, rest / per_u[steeper]], axis=1))
+    return corners

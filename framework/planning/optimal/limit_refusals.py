@@ -1,0 +1,122 @@
+"""The refusal of a law within the limits, with limits and a duration within which one was found.
+
+A search on cells proves nothing. Two bounds of every law do: at rest at its ends the robot has to be held,
+and the peak of torque has a bound by duality (`peak_bound`). Limits and durations are planned before they are
+advised.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from framework.errors import NoLaw, NotConverged, format_distinct
+from framework.numerics.arrays import Array
+from framework.planning.optimal.best_law import Best, find_best_law
+from framework.planning.optimal.law_problem import LawProblem
+from framework.planning.optimal.least_cost import NoneFound, find_least_cost
+from framework.planning.optimal.peak_bound import prove_no_law
+from framework.planning.optimal.phase_plane import demand
+from framework.planning.refusals.refusal_proofs import HoldingTorque, LeastLimits, SearchEvidence, advice_of
+
+
+def refuse_law(problem: LawProblem, none: NoneFound) -> NoLaw | NotConverged:
+    """Return the reason why a problem has no law, by a proof or by numbers of the search."""
+    name, cells = problem.task.branch.robot.name, len(none.program.basis.cells) - 1
+    holding = _overloaded_at_rest(problem)
+    least = find_least_limits(problem)
+    if holding is None and not none.infeasible and least.torque_peak is None and least.speed_peak is None:
+        return NotConverged(
+            f"{name}: no optimal law was found on {cells} cells: {none.status}", residual=np.inf
+        )
+    specification, quickest = problem.specification, None
+    limited = specification.limited or specification.limited_speeds
+    if holding is None and specification.max_duration and limited:
+        quickest = _find_quickest(problem)
+    limits = next((raised for raised in least.options if _has_law(problem, raised)), None)
+    evidence = SearchEvidence(cells, least, quickest, limits)
+    if holding is not None:
+        return _refuse_holding(problem, holding, evidence)
+    proof = prove_no_law(problem)
+    reason = "no law of free shape was found"
+    if proof is not None:
+        peak, _ = format_distinct(proof.value, 1.0)
+        reason = f"no law is admissible: the torque of each peaks at {peak} times the limits or more"
+    advice = _limits_advice(problem, evidence)
+    return NoLaw(f"{name}: {reason}: {evidence.sentence}{advice}", proof=proof, evidence=evidence)
+
+
+def _refuse_holding(problem: LawProblem, holding: HoldingTorque, evidence: SearchEvidence) -> NoLaw:
+    """Return the refusal of a path at whose end a motor cannot hold the robot."""
+    robot = problem.task.branch.robot
+    end = "start" if holding.s == 0 else "end"
+    unit = robot.torque_units[list(robot.actuator_names).index(holding.joint)]
+    needed, allowed = format_distinct(holding.torque, holding.limit)
+    rubs = robot.joint_friction.any()
+    uncounted = " (dry friction, which may hold some of it, not counted)" if rubs else ""
+    return NoLaw(
+        f"{robot.name}: no law is admissible: at the {end} {holding.joint} must hold {needed} "
+        f"{unit} at rest{uncounted}, and may {allowed}{_limits_advice(problem, evidence)}",
+        proof=holding,
+        evidence=evidence,
+    )
+
+
+def _limits_advice(problem: LawProblem, evidence: SearchEvidence) -> str:
+    """Return the clause on limits within which a law was planned; empty without."""
+    limits = evidence.limits
+    return "" if limits is None else f"; {advice_of(problem.task.branch.robot, limits)}"
+
+
+def find_least_limits(problem: LawProblem) -> LeastLimits:
+    """Find limits with a law, in proportion to the limits of a problem without one.
+
+    Torques and speeds are tried alone, each within the limits of the other. Where neither is enough alone,
+    both are raised together.
+    """
+    specification = problem.specification
+    torque = _find_multiples(problem, "peak_torque")[0] if specification.limited else None
+    speed = _find_multiples(problem, "peak_speed")[1] if specification.limited_speeds else None
+    together = torque is None and speed is None and specification.limited and specification.limited_speeds
+    if together:
+        torque, speed = _find_multiples(problem, "limits")
+    return LeastLimits.of(specification, torque, speed, together=together and torque is not None)
+
+
+def _find_multiples(problem: LawProblem, goal: str) -> tuple[float | None, float | None]:
+    """Return the multiples of torque and speed limits that the law of least peaks needs; None without one."""
+    limit = problem.specification.torque_limit  # infinite of motors whose torque does not count
+    weighed = problem._replace(weighing=limit)
+    least = find_least_cost(weighed.with_goal(goal), torque_limits=goal != "peak_torque")
+    return (None, None) if isinstance(least, NoneFound) else (least.speed.peak, least.speed.peak_speed)
+
+
+def _has_law(problem: LawProblem, limits: dict[str, Array]) -> bool:
+    """Return whether a law is found within raised limits (n_a,), of which the margin is still to be taken."""
+    margin = 1.0 - problem.task.request.margin
+    within: dict[str, Any] = {name: margin * limit for name, limit in limits.items()}
+    raised = replace(problem.specification, **within)
+    return isinstance(find_best_law(problem._replace(task=problem.task._replace(specification=raised))), Best)
+
+
+def _find_quickest(problem: LawProblem) -> float | None:
+    """Find a duration [s] near the least of laws within the limits; None where no law was found."""
+    specification = replace(problem.specification, duration=None, longest=None)
+    free = problem._replace(task=problem.task._replace(specification=specification))
+    best = find_best_law(free.with_goal("time"))
+    return best.law.duration if isinstance(best, Best) else None
+
+
+def _overloaded_at_rest(problem: LawProblem) -> HoldingTorque | None:
+    """Return the holding torque of a motor above its limit at an end of the path; None without any."""
+    task, limit = problem.task, problem.specification.torque_limit
+    ends = np.array([0.0, 1.0])
+    weight = demand(task.branch, task.phi, ends, problem.deflections, task.geometry).torque.constant
+    over = np.argwhere(np.abs(weight) > limit)
+    if not len(over):
+        return None
+    end, motor = map(int, over[0])
+    joint = task.branch.robot.actuator_names[motor]
+    return HoldingTorque(joint, float(end), float(abs(weight[end, motor])), float(limit[motor]))

@@ -1,0 +1,157 @@
+"""The torques of all laws along a path, as functions of s that are polynomials on cells.
+
+Over their reference, torques are c + cz z + cu u + d sqrt(z), with z = s'^2 and u = z'/2. Multipliers nu (m,)
+of them are sought as the sum of x_i v_i, with x (m,) polynomials on each cell, and
+
+    v_0 = 2 cu / |cu|^2,     v_i = e_i - cu (cu . e_i) / |cu|^2,     e_i constant on the cell,
+
+so that nu . cu / 2 = x_0. At a crossing c, cz, cu and d have a pole along one and the same vector: there all
+v and their products with these are smooth, and condition (8) needs no multiplier. Where that is not so (the
+path touches the locus, runs orthogonal to t_s, or several motions escape at once) functions do not resolve.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.laws.optimal_law import Smoothstep, Stretch
+from framework.numerics.arrays import Array, BoolArray, IntArray
+from framework.numerics.bernstein import NODES, Bernstein, cell_nodes, fit_bernstein
+from framework.planning.optimal.optimal_task import Task
+from framework.planning.optimal.phase_plane import Demand, demand
+
+END_ORDER = 4  # of the smoothstep by which cells are narrower towards both ends of the path
+LEAST_WIDTH = 1e-6  # of a cell in s: an edge or a knot nearer to a crossing is taken to be at it
+MAX_CUTS = 14  # of cells on which functions do not resolve, or a motor with dry friction reverses
+
+
+class PathSeries(NamedTuple):
+    """The functions of m torques and n motor speeds on cells between edges (k + 1,) of s."""
+
+    edges: Array
+    directions: Array  # (k, m - 1, m) e_i
+    v: Bernstein  # (..., m, m) v_i by rows
+    constant: Bernstein  # (..., m) v_i . c
+    per_z: Bernstein  # (..., m) v_i . cz
+    damping: Bernstein  # (..., m) v_i . d
+    squared_speed: Bernstein  # (..., n) of motors with a limit, over its square and z
+
+    @property
+    def width(self) -> Array:
+        return np.diff(self.edges)
+
+
+def uniform_cells(task: Task, count: int) -> Array:
+    """Return edges (k + 1,) in s of about `count` cells, each crossing in the middle of one.
+
+    Cells are equal in the stretched parameter of optimal laws: narrow towards both ends and beside crossings.
+    Knots of the path and of wrenches are edges. The cell about a crossing reaches a third of the way to the
+    next edge or crossing.
+    """
+    branch, phi = task.branch, Smoothstep(END_ORDER)
+    crossings = _crossings(task)
+    stretch = Stretch(tuple(map(float, phi.inverse(crossings))))
+    edges = np.clip(phi(stretch.inverse(np.linspace(-1.0, 1.0, count + 1))), 0.0, 1.0)
+    edges = np.unique(np.concatenate([edges, branch.path.knots, branch.wrenches.knots]))
+    for s in crossings:
+        edges = edges[np.abs(edges - s) > LEAST_WIDTH]
+        others = np.append(edges, crossings[crossings != s])
+        third = np.abs(others - s).min() / 3.0
+        edges = np.append(edges, [s - third, s + third])
+    return np.sort(edges)
+
+
+def cut_cells(task: Task, edges: Array, parts: IntArray) -> Array:
+    """Return the edges after each cell is cut in `parts` (k,), an odd number about a crossing.
+
+    Then no edge is on a crossing, which stays in the middle of a cell.
+    """
+    crossings = _crossings(task)
+    has_crossing = ((edges[:-1, None] < crossings) & (crossings < edges[1:, None])).any(axis=1)
+    parts = parts + (has_crossing & (parts % 2 == 0))
+    width = np.repeat(np.diff(edges) / parts, parts)
+    number_in_cell = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
+    return np.append(np.repeat(edges[:-1], parts) + number_in_cell * width, edges[-1])
+
+
+def _crossings(task: Task) -> Array:
+    return np.array([point.s for point in task.to_cross.points if 0.0 < point.s < 1.0])
+
+
+def resolve_series(task: Task, reference: Array, edges: Array) -> PathSeries | None:
+    """Compute the functions on cells, cut in two until all functions resolve; None without success.
+
+    Args:
+        reference: (n_a,) of the torques; a motor where that is infinite is left out.
+        edges: (k + 1,) of s, with all knots.
+    """
+    for _ in range(MAX_CUTS):
+        series, resolved, reverses = _fit_series(task, reference, edges)
+        to_cut = ~resolved | reverses
+        if not to_cut.any():
+            break
+        edges = cut_cells(task, edges, np.where(to_cut, 2, 1))
+    return series if resolved.all() else None  # a reversal within a narrow cell counts as an error
+
+
+def _fit_series(task: Task, reference: Array, edges: Array) -> tuple[PathSeries, BoolArray, BoolArray]:
+    """Fit the functions on cells; return masks (k,), too: resolved, and where a rubbing motor reverses."""
+    (constant, per_z, damping, per_u), speed_ratio, friction_error = _sample_cells(task, reference, edges)
+    directions, v = _multiplier_basis(per_u)
+    products = [(v @ torque[..., None])[..., 0] for torque in (constant, per_z, damping)]
+    functions, masks = zip(*(fit_bernstein(values) for values in (v, *products, speed_ratio**2)), strict=True)
+    series = PathSeries(edges, directions, *functions)
+    error = (np.abs(v).max(axis=1) @ friction_error[..., None])[..., 0]
+    series = series._replace(constant=series.constant._replace(error=series.constant.error + error))
+    return series, np.asarray(np.all(masks, axis=0)), np.asarray(friction_error.any(axis=1))
+
+
+def _sample_cells(task: Task, reference: Array, edges: Array) -> tuple[list[Array], Array, Array]:
+    """Sample torques and speeds at the nodes of each cell, of the motors that count.
+
+    Returns:
+        Torques over the reference (k, NODES, m): constant, per z, per sqrt(z) and per u.
+        Speeds per s' over the limits (k, NODES, n) of motors with a limit.
+        The error (k, m) of dry friction in the constant.
+    """
+    specification, motors = task.specification, np.isfinite(reference)
+    s = (edges[:-1, None] + np.diff(edges)[:, None] * cell_nodes()).ravel()
+    required = demand(task.branch, Smoothstep(0), s, None, task.geometry)
+    friction, friction_error = _mean_friction(required, specification.friction)
+    torque = required.torque
+    parts = (torque.constant + friction, torque.per_z, required.damping, torque.per_u)
+    torques = [_split_by_cell(part / reference)[..., motors] for part in parts]
+    limited = np.isfinite(specification.speed_limit)
+    speed_ratio = _split_by_cell(required.speed / specification.speed_limit)[..., limited]
+    return torques, speed_ratio, (friction_error / reference)[:, motors]
+
+
+def _split_by_cell(values: Array) -> Array:
+    """Return values (k NODES, n) as (k, NODES, n)."""
+    return values.reshape(-1, NODES, values.shape[-1])
+
+
+def _mean_friction(required: Demand, size: Array) -> tuple[Array, Array]:
+    """Return the mean dry friction of each cell at its nodes (k NODES, n_a), and its error (k, n_a).
+
+    The error is 2 size where a motor reverses within a cell. A reversal and back between two nodes is not
+    seen, as in plans.
+    """
+    friction = _split_by_cell(required.friction(size))
+    mean = np.repeat(friction.mean(axis=1), NODES, axis=0)
+    return mean, np.where(np.ptp(friction, axis=1) > 0.0, 2.0 * size, 0.0)
+
+
+def _multiplier_basis(per_u: Array) -> tuple[Array, Array]:
+    """Return e (k, m - 1, m) and v (k, NODES, m, m) for torques per u (k, NODES, m).
+
+    The e_i are orthogonal to cu at a node beside the middle of the cell.
+    """
+    along = per_u / (per_u**2).sum(axis=2, keepdims=True)  # cu / |cu|^2
+    orthonormal = np.linalg.svd(per_u[:, NODES // 2, :, None])[0]  # its first column is along cu
+    e = orthonormal[:, :, 1:].swapaxes(1, 2)
+    share = per_u @ e.swapaxes(1, 2)  # (k, NODES, m - 1)
+    across = e[:, None] - share[..., None] * along[:, :, None]
+    return e, np.concatenate([2.0 * along[:, :, None], across], axis=2)

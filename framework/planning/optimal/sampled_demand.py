@@ -1,0 +1,86 @@
+"""The torques and speeds that a path asks of the motors, as Chebyshev series in s.
+
+A law takes dozens of cone programs with thousands of points; these series take the robot's equations at some
+hundred. At a crossing s_c all torques have a pole. So the series are those of torque (s - s_c).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.laws.optimal_law import Smoothstep
+from framework.numerics.arrays import Array
+from framework.numerics.chebyshev import TimeFunction, TimeGrid
+from framework.planning.optimal.optimal_task import Task
+from framework.planning.optimal.path_series import cut_cells, uniform_cells
+from framework.planning.optimal.phase_plane import AffineInSpeed, Demand, demand
+
+FIRST_CELLS, NODES = 4, 16  # an even number of nodes has none in the middle of a cell, where a crossing is
+MAX_CELLS = 60  # then the path is sampled at each point of a program
+SERIES_TAIL = 1e-9  # of the largest coefficient on a cell
+
+
+class SampledDemand(NamedTuple):
+    """Demand on the motors along a path as series in s.
+
+    poles: s of the crossings; twice where the pole is of second order.
+    series: (5 n_a,) of s: torques at rest, per s'^2, per s" and per s', each times all s - pole; and motor
+        speeds per s'.
+    rubs: whether dry friction acts on any motor.
+    """
+
+    poles: Array  # (k,)
+    series: TimeFunction
+    rubs: bool
+
+    def evaluate(self, phi: Smoothstep, sigma: Array) -> Demand:
+        """Compute the demand at sigma (M,), with s'^2 = phi'^2 z and s" = phi' u + phi" z."""
+        s, ds, dds = phi(sigma), phi(sigma, 1)[:, None], phi(sigma, 2)[:, None]
+        away = (s[:, None] - self.poles).prod(axis=1)[:, None]
+        *torques, speed = np.split(self.series(s), 5, axis=1)
+        constant, per_z, per_u, damping = (torque / away for torque in torques)
+        affine = AffineInSpeed(constant, per_z * ds**2 + per_u * dds, per_u * ds)
+        return Demand(affine, damping * ds, speed * ds, speed if self.rubs else None)
+
+
+def sample_demand(task: Task) -> SampledDemand | None:
+    """Compute Chebyshev series of the demand on the motors along a path.
+
+    Args:
+        task: of an undeformed robot.
+
+    Returns:
+        The series, or None where they do not resolve on MAX_CELLS cells.
+    """
+    points = task.to_cross.points
+    # where the path touches the locus, or several motions escape at once, the pole is of second order
+    pole_orders = [1 + (point.corank > 1 or point.contact == "tangential") for point in points]
+    poles = np.repeat([point.s for point in points], pole_orders)
+    edges = uniform_cells(task, FIRST_CELLS)
+    while len(edges) <= MAX_CELLS:
+        grid = TimeGrid(edges, NODES)
+        asked = demand(task.branch, Smoothstep(0), grid.times, None, task.geometry)
+        away = (grid.times[:, None] - poles).prod(axis=1)[:, None]
+        torques = [part * away for part in (*asked.torque, asked.damping)]
+        series = grid.fit(np.concatenate([*torques, asked.speed], axis=1))
+        unresolved = _find_unresolved(series, task.branch.robot.n_a)
+        if not unresolved.any():
+            return SampledDemand(poles, series, asked.direction is not None)
+        edges = cut_cells(task, edges, np.where(unresolved, 2, 1))
+    return None
+
+
+def _find_unresolved(series: TimeFunction, motors: int) -> Array:
+    """Return a mask (P,) of the panels with large last coefficients of any quantity, or values not finite.
+
+    Torques per s'^2 and per s" have one unit and one size: either may be rounding of the other.
+    """
+    panels, size, _ = series.coefficients.shape
+    by_quantity = np.abs(series.coefficients).reshape(panels, size, -1, motors).max(axis=3)
+    at_rest, per_z, per_u, *others = np.moveaxis(by_quantity, 2, 0)
+    sizes = np.stack([at_rest, np.maximum(per_z, per_u), *others], axis=2)  # (P, coefficients, quantities)
+    tail, largest = sizes[:, -2:].max(axis=1), sizes.max(axis=1)
+    resolved = tail <= SERIES_TAIL * largest  # not a number compares false
+    return np.asarray(~resolved.all(axis=1))

@@ -1,0 +1,287 @@
+"""The search for the smoothest law near the least cost, and for laws that take a given duration.
+
+The smoothest law has the least integral of (d2z/dsigma2)^2. A required duration D may be longer than that of
+the smoothest law. T(z) >= D is no convex constraint, but T(z) is convex: its tangent T_lin at a slow law is
+below T, and laws with T_lin(z) >= D take D or longer. A blend of such a law with a quick one takes D exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.numerics.arrays import Array, BoolArray
+from framework.numerics.cone_program import Unsolved
+from framework.planning.optimal.law_problem import motor_rows
+from framework.planning.optimal.least_cost import NoneFound, solve_least_cost
+from framework.planning.optimal.speed_program import Bounds, Speed, SpeedProgram, Units
+from framework.tolerances import LIMIT_MARGIN, SAME_PLACE, SQUARED_SPEED_FLOORS
+
+SAME_DURATION = 1e-6  # of a duration
+BLENDED_DURATION = 1e-4  # of a duration by which the tangent of T may fall short
+MAX_SLOW_STEPS, MAX_ENERGY_STEPS = 6, 6  # of the tangent of T(z), towards slow laws and little energy
+MIN_ENERGY_GAIN = 1e-3
+MAX_INNER_COST = 0.9  # of holding the robot inside its path, over that at an end, where a law may wait
+# in sigma, of stretches where a law may wait; the second where the first has no law
+WAITING_WIDTHS = (0.15, 0.05)
+BETWEEN = np.arange(1, 6) / 6  # places between two points, where a limit that is nearly reached is looked at
+NEARLY_REACHED = 0.98  # of what is allowed
+
+
+class SmoothSearch(NamedTuple):
+    """The search for a smooth law near the least cost of a program.
+
+    share: of the least cost, which smoothness may take.
+    limit_share: of the limits, to which the certificate has led.
+    pace: the longest duration [s] of a smooth law where none is given; None without a bound.
+    """
+
+    program: SpeedProgram
+    units: Units
+    least: Speed
+    share: float
+    limit_share: float = 1.0
+    pace: float | None = None
+
+    @property
+    def goal(self) -> str:
+        return self.program.problem.specification.goal
+
+    @property
+    def bounds(self) -> Bounds:
+        """The limits, and the least cost with the share that smoothness may take."""
+        specification, cost_share = self.program.problem.specification, 1.0 + self.share
+        limit_share = self.limit_share * (1.0 - LIMIT_MARGIN)
+        longest = specification.max_duration
+        if self.goal == "time":
+            return Bounds(min(cost_share * self.least.value, longest or np.inf), share=limit_share)
+        if longest is None:
+            longest = self.pace
+        else:
+            longest = min(longest * (1.0 - SAME_DURATION), self.pace or np.inf)
+        if self.goal == "energy":
+            return Bounds(longest, energy=cost_share * self.least.energy, share=limit_share)
+        within_limits = specification.limited and self.least.peak <= 1.0
+        largest_peak = min(cost_share * self.least.peak, 1.0 if within_limits else np.inf)
+        return Bounds(longest, self.limit_share * largest_peak, share=self.limit_share)
+
+    def limit_duration(self) -> SmoothSearch:
+        """Return the search for laws of at most twice the least duration, unless the duration is given."""
+        if self.goal == "time" or self.program.problem.specification.duration is not None:
+            return self
+        quick = self.program.minimise("time", self.bounds._replace(longest=None), self.units)
+        if isinstance(quick, Unsolved):
+            return self
+        pace = min(self.program.problem.specification.max_duration or np.inf, 2.0 * quick.duration)
+        return self._replace(pace=pace, units=self.units._replace(time=pace))
+
+    def find_smoothest(self, near: Speed | None = None) -> Speed | NoneFound:
+        """Find the smoothest law within the bounds, its floor at most that of the law `near`."""
+        return self._solve_above_floor(self.bounds, near=near)[0]
+
+    def find_lasting(self, duration: float, near: Speed | None = None) -> Speed | NoneFound:
+        """Find a smooth law within the bounds that takes a duration [s].
+
+        If the smoothest law is too quick, a law of this duration is improved by the tangent of T(z): once if
+        one is given, else twice, from a blend with a slow law.
+
+        Args:
+            near: a law of this duration, if one is known.
+        """
+        if self.goal == "energy":
+            return self._find_least_energy(duration, near)
+        smooth, floor = self._solve_above_floor(self.bounds, near=near)
+        if isinstance(smooth, NoneFound) or smooth.duration >= duration * (1.0 - 2.0 * SAME_DURATION):
+            return smooth
+        free = self.bounds._replace(longest=None)
+        if near is not None:
+            return self._improve("bend", near, smooth, free, floor)
+        slow = self._find_slow(duration, free, floor)
+        if isinstance(slow, NoneFound):
+            return slow
+        law = self._improve("bend", self._blend(smooth, slow, duration), smooth, free, floor)
+        return self._improve("bend", law, smooth, free, floor)
+
+    def _solve_above_floor(
+        self, bounds: Bounds, goal: str = "bend", near: Speed | None = None
+    ) -> tuple[Speed | NoneFound, float]:
+        """Solve with the highest floor under z that has a solution; return the law and the floor [1/s^2].
+
+        Floors far above that of a law `near` are not tried: they had no solution.
+        """
+        assert bounds.longest is not None
+        status = ""
+        floors = np.array(SQUARED_SPEED_FLOORS) / bounds.longest**2
+        if near is not None and near.floor > 0.0:
+            floors = floors[floors <= 10.0 * near.floor]
+        for floor in floors:  # the highest first
+            law = self.program.minimise(goal, bounds, self.units, floor=floor)
+            if isinstance(law, Speed) and np.isfinite(law.duration):
+                return law, floor
+            status = law.status if isinstance(law, Unsolved) else "z is not positive"
+        return NoneFound(self.program, status), 0.0
+
+    def _blend(self, quick: Speed, slow: Speed, duration: float) -> Speed:
+        """Blend a quick and a slow speed to a duration [s] between theirs; else return the slow one."""
+        if not quick.duration < duration < slow.duration:
+            return slow
+        blend = self.program.speed(self.program.space.blend(quick.y, slow.y, duration))
+        return blend._replace(floor=min(quick.floor, slow.floor))
+
+    def _find_slow(self, duration: float, bounds: Bounds, floor: float) -> Speed | NoneFound:
+        """Find a law that takes at least a duration [s]: smooth and waiting at its ends, or else any.
+
+        Any: z is made small by weights z^(-3/2) of the last law, to which the change of T is proportional.
+        """
+        sigma = self._places
+        for width in WAITING_WIDTHS:
+            cap = _cap_speed(np.minimum(sigma, 1.0 - sigma) < width, width, duration, floor)
+            slow = self.program.minimise("bend", bounds, self.units, floor=floor, cap=cap)
+            if isinstance(slow, Speed) and duration <= slow.duration < np.inf:
+                return slow
+        weights = np.ones(self.program.z.shape[0])
+        for _ in range(MAX_SLOW_STEPS):
+            slow = self.program.minimise("slowness", bounds, self.units, floor=floor, weights=weights)
+            if isinstance(slow, Unsolved):
+                return NoneFound(self.program, slow.status)
+            if duration <= slow.duration < np.inf:
+                return slow
+            z = self.program.z @ slow.y
+            weights = (z / z.max()) ** -1.5
+        return NoneFound(self.program, f"no law that takes {duration:.4g} s was found")
+
+    def _improve(self, goal: str, law: Speed, quick: Speed, bounds: Bounds, floor: float) -> Speed:
+        """Lower the cost of a law at its duration, by a tangent of T(z) and a blend.
+
+        Where the program has no solution, or one that is too quick all the same, the law itself is returned.
+        """
+        duration = law.duration
+        bounded = bounds._replace(longest=4.0 * duration)
+        slow = self.program.minimise(goal, bounded, self.units, floor=floor, about=(law.y, duration))
+        if isinstance(slow, Unsolved) or not duration * (1.0 - BLENDED_DURATION) <= slow.duration < np.inf:
+            return law
+        return self._blend(quick, slow, duration)
+
+    # -------------------------------------------------------------- energy at a duration
+
+    def _find_least_energy(self, duration: float, near: Speed | None) -> Speed | NoneFound:
+        """Find a law of little energy that takes a duration [s], then a smooth one of hardly more.
+
+        The law of least energy may be quicker than the duration. Then the best of several laws of the
+        duration is improved. Last, the smoothest law within a share of that energy is slowed to the duration.
+
+        Args:
+            near: a law of this duration, in place of these.
+        """
+        limits = Bounds(share=self.bounds.share)
+        quick, floor = self._solve_above_floor(limits._replace(longest=duration), "energy", near)
+        if isinstance(quick, NoneFound):
+            return quick
+        law = near or quick
+        if law.duration < duration * (1.0 - SAME_DURATION):
+            starts = list(self._find_starts(quick, duration, floor))
+            if not starts:
+                return NoneFound(self.program, f"no law that takes {duration:.4g} s was found")
+            law = self._descend(min(starts, key=_energy_of), quick, floor)
+        bounds = limits._replace(energy=(1.0 + self.share) * law.energy)
+        smooth = self.program.minimise("bend", bounds._replace(longest=duration), self.units, floor=floor)
+        if isinstance(smooth, Speed) and np.isfinite(smooth.duration):
+            if smooth.duration >= duration * (1.0 - SAME_DURATION):
+                return smooth
+            quick = smooth
+        return self._improve("bend", law, quick, bounds, floor)
+
+    def _descend(self, law: Speed, quick: Speed, floor: float) -> Speed:
+        """Lower the energy of a law step by step, as long as that pays.
+
+        No law of its duration has less energy than the quick one.
+        """
+        for _ in range(MAX_ENERGY_STEPS):
+            if law.energy <= (1.0 + 0.5 * self.share) * quick.energy:
+                break
+            better = self._improve("energy", law, quick, Bounds(share=self.bounds.share), floor)
+            gain = law.energy - better.energy
+            law = min(law, better, key=_energy_of)
+            if gain < MIN_ENERGY_GAIN * law.energy:
+                break
+        return law
+
+    def _find_starts(self, quick: Speed, duration: float, floor: float) -> Iterator[Speed]:
+        """Find laws of a duration [s] that wait where holding is cheap, and the law of least peak."""
+        for width in WAITING_WIDTHS:
+            laws = []
+            for waiting in self._choose_waits(width):
+                cap = _cap_speed(waiting, width, duration, floor)
+                slow = self.program.minimise(
+                    "energy", Bounds(share=self.bounds.share), self.units, floor=floor, cap=cap
+                )
+                if isinstance(slow, Speed) and duration <= slow.duration < np.inf:
+                    laws.append(self._blend(quick, slow, duration))
+            yield from laws
+            if laws:
+                break
+        gentle = replace(self.program, problem=self.program.problem.with_goal("peak_torque"))
+        least = solve_least_cost(gentle)
+        if not isinstance(least, NoneFound):
+            law = SmoothSearch(gentle, least.units, least.speed, self.share).find_lasting(duration)
+            if isinstance(law, Speed) and law.duration >= duration * (1.0 - SAME_DURATION):
+                yield law
+
+    @property
+    def _places(self) -> Array:
+        """Places sigma (m,) of the rows that keep z positive."""
+        return self.program.problem.task.stretch.inverse(np.clip(self.program.positive[1], -1.0, 1.0))
+
+    def _choose_waits(self, width: float) -> Iterator[BoolArray]:
+        """Yield masks (m,) of stretches to wait: at the cheaper end, and where inside holding costs less.
+
+        Holding costs the sum of (torque at rest over the reference)^2. Inside, its local minima count.
+        """
+        program, sigma = self.program, self._places
+        points = program.problem.task.stretch.inverse(program.xi)
+        offsets = np.stack([torque.offset[: len(points)] for torque in program.rows.torque], axis=1)
+        cost = np.interp(sigma, points, ((offsets / program.problem.reference) ** 2).sum(axis=1))
+        yield sigma < width if cost[0] < cost[-1] else sigma > 1.0 - width
+        minima = 1 + np.flatnonzero((cost[1:-1] <= cost[:-2]) & (cost[1:-1] <= cost[2:]))
+        for k in minima[cost[minima] < MAX_INNER_COST * min(cost[0], cost[-1])]:
+            yield np.abs(sigma - sigma[k]) < 0.5 * width
+
+
+def _cap_speed(waiting: BoolArray, width: float, duration: float, floor: float) -> Array:
+    """Return caps (m,) of z [1/s^2] with which a width in sigma takes longer than a duration [s].
+
+    They are above the floor, and infinite where the law does not wait, outside the mask (m,).
+    """
+    return np.where(waiting, max((0.7 * width / duration) ** 2, 1.01 * floor), np.inf)
+
+
+def _energy_of(speed: Speed) -> float:
+    return speed.energy
+
+
+def find_exceeded_places(program: SpeedProgram, speed: Speed, bounds: Bounds) -> Array:
+    """Find places in xi (R,) between the points where a limit or the bound of the peak is exceeded.
+
+    If any is, places where it is nearly reached are added: the next law would exceed it there. Of places side
+    by side only the local maxima are returned.
+    """
+    limit, reference = program.problem.specification.torque_limit, program.problem.reference
+    peak_bound = np.inf if bounds.peak is None else bounds.peak * (1.0 + LIMIT_MARGIN) * reference
+    allowed = np.minimum(limit, peak_bound)
+    at_points = program.rows.used_share(speed.y, allowed)[: len(program.xi)]
+    gaps = np.flatnonzero(np.maximum(at_points[1:], at_points[:-1]) > NEARLY_REACHED)
+    if not len(gaps):
+        return np.empty(0)
+    between = (program.xi[gaps, None] + np.diff(program.xi)[gaps, None] * BETWEEN).ravel()
+    on_crossing = np.abs(between[:, None] - program.problem.places).min(axis=1, initial=np.inf) <= SAME_PLACE
+    between = between[~on_crossing]
+    rows = motor_rows(program.problem, program.basis, program.conditions, between)
+    used = rows.used_share(speed.y, allowed)
+    if not used.max(initial=0.0) > 1.0:
+        return np.empty(0)
+    padded = np.pad(used, 1, constant_values=-np.inf)
+    highest = (used >= padded[:-2]) & (used >= padded[2:])
+    return between[highest & (used > NEARLY_REACHED)]

@@ -1,0 +1,282 @@
+"""The options of a plan, each declared once: its meaning, its valid values, its form on the command line.
+
+Made from this one declaration: the record that is planned (`request.Request`), the signature and the help of
+`plan_crossing` and its like (`takes_options`), the options of the command line (`TYPED`), the part of a scene
+that the robot file states (`scenes.scene_request`), and the request in plan.json. A new option is one more
+field of `PlanOptions`, and a line where planning uses it.
+"""
+
+from __future__ import annotations
+
+import inspect
+import textwrap
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, field, fields
+from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar
+
+import numpy as np
+
+from framework.dynamics.inverse_dynamics import GEOMETRIES, check_tolerance
+from framework.dynamics.motor_friction import FRICTIONS
+from framework.dynamics.motor_limits import Limit
+from framework.errors import InvalidInput, check_choice
+from framework.kinematics.external_wrenches import ExternalWrenches
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.laws.law import check_duration, is_number
+from framework.laws.path import Path
+from framework.model.description import GOALS
+from framework.tolerances import TORQUE_TAIL
+
+LAWS = ("auto", "polynomial", "optimal")
+MOTION, LAW, MODEL, LIMITS = "what to plan", "the law", "the model", "limits"  # topics
+OPTIMAL_LAW: dict[str, Any] = {"law": "optimal", "times": None, "speeds": None}  # a remedy
+Check = Callable[[str, Any], Any]  # (name, value) -> value in its final form; raises InvalidInput
+
+
+class Option(NamedTuple):
+    """The meaning of an option, its check and its form on the command line."""
+
+    name: str
+    summary: str  # with its unit; the help on the command line
+    details: str  # beside the summary in the help of Python
+    check: Check | None  # None where that takes the robot: `Request.of`
+    typed: Mapping[str, Any] | None  # arguments of argparse; None where it cannot be typed
+    topic: str  # under which the help on the command line has it
+
+    @property
+    def flag(self) -> str:
+        """The option's name on the command line."""
+        return "--" + self.name.replace("_", "-")
+
+    @property
+    def documentation(self) -> str:
+        """The paragraph on the option in a docstring."""
+        return textwrap.fill(
+            f"{self.name}: {self.summary}{self.details}.",
+            width=104,
+            initial_indent="    ",
+            subsequent_indent="        ",
+        )
+
+
+# ------------------------------------------------------------------ what may be a value
+
+
+def _seconds(name: str, value: Any) -> float:
+    check_duration(value)
+    return float(value)
+
+
+def _numbers(name: str, value: Any) -> tuple[float, ...]:
+    """Return a list of finite numbers as a tuple."""
+    if isinstance(value, str) or np.ndim(value) == 0:
+        raise InvalidInput(f"{name}: needs a list of numbers, got {value!r}")
+    for number in value:
+        if not is_number(number):
+            raise InvalidInput(f"{name}: must be finite numbers, got {number!r}")
+    return tuple(map(float, value))
+
+
+def _tolerance(name: str, value: Any) -> float:
+    check_tolerance(value)
+    return float(value)
+
+
+def _share(name: str, value: Any) -> float:
+    """Return a number in [0, 1)."""
+    if not (is_number(value) and 0 <= value < 1):
+        raise InvalidInput(f"{name}: must lie in [0, 1), got {value!r}")
+    return float(value)
+
+
+def _yes_or_no(name: str, value: Any) -> bool:
+    """Return true or false; refuse other values, such as 0 and 1."""
+    if not isinstance(value, bool | np.bool_):
+        raise InvalidInput(f"{name}: must be true or false, got {value!r}")
+    return bool(value)
+
+
+def _wrenches(name: str, value: Any) -> dict[str, Any] | None:
+    """Return wrenches by frame in plain numbers."""
+    return ExternalWrenches.of(value).document or None
+
+
+def _one_of(valid: Sequence[str]) -> Check:
+    """Return a check that a value is one of the valid names."""
+
+    def check(name: str, value: Any) -> str:
+        check_choice(name, value, valid)
+        return str(value)
+
+    return check
+
+
+# ------------------------------------------------------------------ the options
+
+
+def _option(
+    summary: str,
+    details: str = "",
+    *,
+    default: Any = None,
+    check: Check | None = None,
+    typed: Mapping[str, Any] | None = None,
+    topic: str = LAW,
+) -> Any:
+    """Return a field of `PlanOptions`: its default, its help, and the check of its values."""
+    meaning = {"summary": summary, "details": details, "check": check, "typed": typed, "topic": topic}
+    return field(default=default, metadata=meaning)
+
+
+@dataclass(frozen=True)
+class PlanOptions:
+    """All that may be said of a plan beside its robot and its path."""
+
+    _: KW_ONLY
+    duration: float | None = _option(
+        "how long the motion takes [s]",
+        '; not with optimize="time", which finds the least',
+        check=_seconds,
+        typed={"type": float, "metavar": "T"},
+        topic=MOTION,
+    )
+    times: Sequence[float] | None = _option(
+        "instants of the crossings [s]",
+        ", ascending, one for each singular point; chosen when None. An empty list asks for a law "
+        "without crossing conditions",
+        check=_numbers,
+        typed={"type": float, "nargs": "*", "metavar": "t"},
+    )
+    speeds: Sequence[float] | None = _option(
+        "speeds s' at the crossings [1/s]",
+        "; chosen when None",
+        check=_numbers,
+        typed={"type": float, "nargs": "*", "metavar": "v"},
+    )
+    at: Sequence[float] | None = _option(
+        "path coordinates to impose condition (8) at, instead of the located singular points",
+        check=_numbers,
+    )
+    geometry: str | None = _option(
+        "forces of the undeformed (rigid) or of the deformed robot (default: deformed when elastic)",
+        ". The first is the paper's hypothesis of small displacements; the deformed robot has its "
+        "singular points elsewhere",
+        check=_one_of(GEOMETRIES),
+        typed={"choices": GEOMETRIES},
+        topic=MODEL,
+    )
+    smoothness: int | None = _option(
+        "derivatives of s that vanish at both ends (default: 2 rigid, 4 elastic)",
+        typed={"type": int, "metavar": "R"},
+    )
+    tolerance: float = _option(
+        "tail of the torques that counts as resolved", check=_tolerance, default=TORQUE_TAIL
+    )
+    law: str = _option(
+        "polynomial through times and speeds, optimal, or auto: polynomial where it advances (default)",
+        " and keeps the limits, and else the optimal law; where the polynomial's largest torque stands "
+        "beside a near miss of the singular locus, that of lower peak. The plan's `reason` says which "
+        "and why",
+        check=_one_of(LAWS),
+        typed={"choices": LAWS},
+        default="auto",
+    )
+    optimize: str | None = _option(
+        "what the optimal law is best at (peak_torque)",
+        ': "time"; "peak_torque": the largest torque over its limit, or in N m if no motor has one; '
+        '"energy": the integral over the motion of the sum of (torque over limit)^2. There a motor '
+        "without a limit is weighed with the largest of the others, and never bounded by it. Of the laws "
+        "that cost at most 0.4 % more than the least found, the smoothest is taken",
+        check=_one_of(GOALS),
+        typed={"choices": GOALS},
+    )
+    time_limit: float | None = _option(
+        "time of the search for an optimal law, after which it ends with the best so far [s]",
+        ", or with `SearchEnded` if none was found yet. The plan's `reason` says that it was ended. It is "
+        "checked before each cone program and each step of deflections: what comes before the search, the "
+        "certificate and proofs take their time",
+        check=_seconds,
+        typed={"type": float, "metavar": "SECONDS"},
+    )
+    longest: float | None = _option(
+        "bound on a duration that is found [s]",
+        ", instead of `duration`; the quickest law is the same whatever it is",
+        check=_seconds,
+        typed={"type": float, "metavar": "T"},
+    )
+    torque_limit: Limit = _option(  # noqa: RUF009 - frozen
+        "largest torque [N m] of all motors, of each, or JOINT=N of some, motor side; none: no limit",
+        "; a force [N] where a motor slides. In Python a number, a list or a dict by joint; inf, or "
+        "None for one motor, is no limit. The robot file's by default; no law of a plan exceeds them",
+        typed={"nargs": "+", "metavar": "N"},
+        topic=LIMITS,
+    )
+    speed_limit: Limit = _option(  # noqa: RUF009 - frozen
+        "largest speed [rad/s] of all motors, of each, or JOINT=N of some, motor side; none: no limit",
+        "; as torque_limit",
+        typed={"nargs": "+", "metavar": "N"},
+        topic=LIMITS,
+    )
+    margin: float = _option(
+        "share of the limits left free, such as 10% or 0.1",
+        " (a number in Python), for the controllers",
+        check=_share,
+        typed={"metavar": "P"},
+        topic=LIMITS,
+        default=0.0,
+    )
+    friction: str = _option(
+        "dry friction of driven joints, by the sign of their speed (driven, the default), or none",
+        "; that of other joints is not planned with",
+        check=_one_of(FRICTIONS),
+        typed={"choices": FRICTIONS},
+        topic=MODEL,
+        default="driven",
+    )
+    wrenches: Mapping[str, Any] | None = _option(
+        "wrenches of the world by URDF link or joint, ON its body, at its origin, (force, moment) (6,)",
+        " [N, N m], base axes; or {wrench: (6,), axes: tool} on those of the frame, which turn with it; "
+        "or, in place of (6,), rows (s, force, moment) with s from 0 to 1, and a cubic spline between "
+        "them. They count as weight does; what depends on velocity is not among them",
+        check=_wrenches,
+    )
+    keep_limits: bool = _option(
+        "refuse a plan beyond the ranges of the URDF's joints, or beyond limits of motors that were lifted; "
+        "it is reported otherwise",
+        " (`CrossingPlan.exceeded`)",
+        check=_yes_or_no,
+        typed={"action": "store_true"},
+        topic=LIMITS,
+        default=False,
+    )
+
+
+OPTIONS = {one.name: Option(one.name, **one.metadata) for one in fields(PlanOptions)}
+TYPED = {name: option for name, option in OPTIONS.items() if option.typed is not None}
+
+
+# ------------------------------------------------------------------ functions that take them
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def _with_parameters_of(
+    _: Callable[P, PlanOptions],
+) -> Callable[[Callable[..., R]], Callable[Concatenate[ParallelRobot, Path, P], R]]:
+    """Return a decorator that gives **options the signature and the help of `PlanOptions`."""
+
+    def decorator(function: Callable[..., R]) -> Callable[Concatenate[ParallelRobot, Path, P], R]:
+        """Replace the last parameter by the options, and {options} in the docstring by their help."""
+        signature = inspect.signature(function)
+        *positional, _ = signature.parameters.values()
+        named = inspect.signature(PlanOptions).parameters.values()
+        function.__signature__ = signature.replace(parameters=[*positional, *named])  # type: ignore[attr-defined]
+        listed = "\n".join(option.documentation for option in OPTIONS.values())
+        function.__doc__ = (inspect.getdoc(function) or "").replace("    {options}", listed)
+        return function
+
+    return decorator
+
+
+takes_options = _with_parameters_of(PlanOptions)

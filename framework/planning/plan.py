@@ -1,0 +1,330 @@
+"""Plan a crossing: locate the singular points, meet condition (8) in each, prove the torques finite.
+
+Two laws are planned with, the polynomial and the optimal one; `_plan_best` chooses. A third is a `PlannedLaw`
+with a function like `_plan_polynomial`, its name in `LAWS` of `options`, and its reading from plan.json in
+`saved._law`.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from framework.dynamics.result import SingularityCrossing
+from framework.dynamics.singularity_crossings import rigid_crossings
+from framework.errors import NoAnswer, NoLaw, NotConverged, UnboundedTorque, UncontrolledMotions
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.laws.law import Law
+from framework.laws.path import Path
+from framework.numerics.arrays import Array
+from framework.numerics.time_limit import NONE_FOUND_YET, SearchEnded, limit_time
+from framework.planning.crossing_points import PathToCross, path_to_cross
+from framework.planning.optimal.optimal_motion import limit_excess, optimal_motion
+from framework.planning.optimal.optimal_task import Task
+from framework.planning.options import takes_options
+from framework.planning.polynomial import polynomial_motion, undeformed_polynomial
+from framework.planning.refusals.explanation import check_limits, with_explanation, with_remedy
+from framework.planning.request import Request
+from framework.planning.result import PEAK_SAMPLES, CrossingPlan, Optimality, certified_plan
+from framework.planning.specification import specification_of
+from framework.singularity.points_on_path import SearchedPath, check_of, search_path
+from framework.singularity.rank_deficiency import NearMiss
+from framework.tolerances import MIN_POLYNOMIAL_ADVANCE, NEAR_MISS_WIDTHS
+
+ADVANCES = "the polynomial advances"  # the reason to plan with one
+NEARLY_STOPS = "nearly stops"
+SAMPLES_BESIDE = 65  # places beside a near miss at which the torques are looked at
+
+
+@takes_options
+def plan_crossing(robot: ParallelRobot, path: Path, **options: Any) -> CrossingPlan:
+    """Plan a rest-to-rest motion along a path that crosses its singular points with finite torques.
+
+    Args:
+        robot: of `load_robot`; its `flexibility` says which springs exist.
+        path: of the platform, `Line`, `Arc`, `Spline` or `Polyline`, or your own: path(s, order) of shape
+            (T, n) for s in [0, 1] and derivatives up to order 4, with `n` and `knots`, the s inside (0, 1)
+            at which its pieces join (an empty array for one piece).
+        {options}
+
+    Returns:
+        The plan: its law s(t), the crossings, motor torques, motor angles and deflections as functions of
+        time, and the certificate that proves them (`CrossingPlan`).
+
+    Raises:
+        InvalidInput: arguments that cannot be right, for instance times for a number of crossings that the
+            path does not have.
+        NoLaw: no law can pass (its message says what would help), or none that advances was found.
+        UncontrolledMotions: the same, where several motions escape the motors at once.
+        UnboundedTorque: the law meets a singularity without condition (8); no torque is returned.
+        LimitsExceeded: only with `keep_limits`.
+        NotConverged, OutOfReach, Type1Singularity, SingularPath: see `inverse_dynamics`.
+        All reasons to say no, in the order in which they are asked: `framework.planning.refusals`.
+
+    Example:
+        >>> from framework import Line, load_robot, plan_crossing
+        >>> plan = plan_crossing(load_robot("five_bar"), Line([0.1, 0.345], [-0.05, 0.195]), duration=1.5)
+        >>> [round(crossing.s, 9) for crossing in plan.crossings], plan.torque(0.5).shape
+        ([0.667006875], (2,))
+
+    Source: Briot and Arakelian 2010, condition (8) and Eqs. (19)-(31).
+    """
+    return plan_request(robot, Request.of(robot, path, **options))
+
+
+def plan_request(
+    robot: ParallelRobot, request: Request, *, searched: SearchedPath | None = None
+) -> CrossingPlan:
+    """Plan a request of this robot; see `plan_crossing`.
+
+    Raises:
+        As `plan_crossing`.
+    """
+    started = time.perf_counter()
+    if searched is None:
+        searched = search_path(robot, request.path)
+    check_of(robot, request.path, searched.branch)
+    work = _Work(path_to_cross(searched, request), request, started)
+    try:
+        with limit_time(request.time_limit) as clock:
+            plan = _plan_best(work)
+    except SearchEnded as end:
+        raise SearchEnded(f"{robot.name}: {end}") from None
+    except UncontrolledMotions:  # a NoLaw to which one condition (8) and its durations say nothing
+        raise
+    except NoLaw as refusal:
+        raise with_explanation(refusal, work.to_cross.searched, request) from None
+    except UnboundedTorque as pole:
+        raise with_remedy(pole, work.to_cross.searched, request) from None
+    check_limits(plan)
+    if clock.has_ended and not plan.reason.endswith(NONE_FOUND_YET):
+        ended = f"the search was ended after {clock.seconds:g} s, there may be better laws"
+        return replace(plan, reason=f"{plan.reason}; {ended}")
+    return plan
+
+
+def _plan_best(work: _Work) -> CrossingPlan:
+    """Plan with the law of the request, or choose one.
+
+    A goal, or limits without a duration, ask for the optimal law; the polynomial replaces it where none is
+    found. Else the polynomial comes first. The optimal law replaces it where it is refused, exceeds the
+    limits, nearly stops, or has its largest torque beside a near miss of the locus.
+    """
+    request = work.request
+    if request.law == "optimal":
+        return _plan_optimal(work, "it was asked for")
+    if request.kind == "optimal":
+        try:
+            return _plan_optimal(work, "only the optimal law has a goal")
+        except (NoLaw, NotConverged, SearchEnded) as refusal:
+            with limit_time(None):
+                return _plan_polynomial_within_limits(work, refusal)
+    try:
+        plan, advance = _plan_polynomial(work)
+    except (NoLaw, NotConverged) as refusal:
+        if not request.may_be_optimal:
+            raise
+        return _plan_after_refusal(work, refusal)
+    excess = _limit_ratio(plan)
+    if excess > 1.0:
+        needs = f"the polynomial needs {excess:.4g} times the limits"
+        if request.may_be_optimal:
+            return _plan_optimal(work, needs)
+        raise NoLaw(
+            f"{plan.robot.name}: {needs}; torque_limit and speed_limit none (inf in Python) lift those of "
+            f"the robot file"
+        )
+    if not request.may_be_optimal or request.speeds is not None:
+        return plan
+    return _improve_polynomial(work, plan, advance)
+
+
+def _improve_polynomial(work: _Work, plan: CrossingPlan, advance: float) -> CrossingPlan:
+    """Return the optimal plan where a polynomial nearly stops or peaks beside a near miss, else the plan."""
+    if plan.crossings and advance < MIN_POLYNOMIAL_ADVANCE:
+        nearly_stops = (
+            f"the polynomial {NEARLY_STOPS}: its least speed is {advance:.2g} of its mean, its largest "
+            f"torque {_peak_text(plan)}"
+        )
+        try:
+            return _plan_optimal(work, nearly_stops)
+        except NoAnswer as refusal:
+            return replace(plan, reason=f"{nearly_stops}; the optimal law is not found: {refusal}")
+    miss = miss_of_peak(plan, work.to_cross.searched.near_misses)
+    return plan if miss is None else _plan_lower_peak(work, plan, miss)
+
+
+def _plan_after_refusal(work: _Work, refusal: NoLaw | NotConverged) -> CrossingPlan:
+    """Plan with the optimal law where the polynomial was refused; refuse with both reasons if need be."""
+    polynomial = (
+        "the polynomial is not resolved" if isinstance(refusal, NotConverged) else "there is no polynomial"
+    )
+    # the first clause, which says what was not found, without the advice behind it
+    why = str(refusal).removeprefix(f"{work.to_cross.branch.robot.name}: ").partition("; ")[0]
+    try:
+        return _plan_optimal(work, f"optimal, as {polynomial} over {work.request.fixed_duration:g} s: {why}")
+    except UncontrolledMotions:
+        raise
+    except SearchEnded as end:
+        raise SearchEnded(f"{why}; {end}") from None
+    except (NoLaw, NotConverged) as second:
+        both = f"{refusal}; nor does the optimal law help: {second}"
+        if isinstance(refusal, NotConverged):
+            raise NotConverged(
+                both, residual=refusal.residual, s=refusal.s, platform=refusal.platform
+            ) from None
+        raise NoLaw(
+            both,
+            proof=refusal.proof or getattr(second, "proof", None),
+            evidence=getattr(second, "evidence", None),
+        ) from None
+
+
+def _plan_polynomial_within_limits(work: _Work, refusal: NoAnswer) -> CrossingPlan:
+    """Plan with the polynomial where the optimal law was refused; raise that refusal beyond the limits."""
+    if work.request.duration is None:
+        raise refusal
+    try:
+        plan, _ = _plan_polynomial(work)
+    except NoAnswer:
+        raise refusal from None
+    if _limit_ratio(plan) > 1.0:
+        raise refusal
+    return replace(plan, reason=f"the polynomial, as the optimal law is not found: {refusal}")
+
+
+def _limit_ratio(plan: CrossingPlan) -> float:
+    """Return the largest torque or speed of a plan over the limits of its request."""
+    return limit_excess(plan.dynamics, specification_of(plan.robot, plan.request))
+
+
+def _plan_lower_peak(work: _Work, polynomial: CrossingPlan, miss: NearMiss) -> CrossingPlan:
+    """Plan with the law of lower peak torque where the polynomial's peak stands beside a near miss."""
+    why = (
+        f"the polynomial's largest torque, {_peak_text(polynomial)}, is beside s = {miss.s:.6g}, where "
+        f"the path misses a singularity by |g| = {abs(miss.g):.2g}"
+    )
+    try:
+        optimal = _plan_optimal(work, f"{why}; this one's is lower")
+    except NoAnswer as refusal:
+        return replace(polynomial, reason=f"{why}; the optimal law is not found: {refusal}")
+    assert optimal.optimality is not None
+    reference = optimal.optimality.reference
+    if max_torque_ratio(optimal, reference) < max_torque_ratio(polynomial, reference):
+        return optimal
+    return replace(polynomial, reason=f"{why}; the optimal law's is {_peak_text(optimal)}")
+
+
+def miss_of_peak(plan: CrossingPlan, near_misses: Sequence[NearMiss]) -> NearMiss | None:
+    """Return the near miss beside which the largest torque of a plan stands; None without one.
+
+    The torque is that of the motor with the largest over its limit, or in N m or N. Beside a near miss |g| is
+    about g0 (1 + x^2) with x = (s - s0) / width, and motors need (c + d x) / |g|: the demand along t_s to
+    first order, over the measure. That is largest within |x| <= 1, whatever c and d are. Other torques on top
+    move the largest outwards, so that NEAR_MISS_WIDTHS are looked at.
+    """
+    if not near_misses:
+        return None
+    sampled_times = np.linspace(0.0, plan.duration, PEAK_SAMPLES)
+    sampled_s = plan.law(sampled_times)
+    x = NEAR_MISS_WIDTHS * np.linspace(-1.0, 1.0, SAMPLES_BESIDE)
+    times_beside = [np.interp(miss.s + miss.width * x, sampled_s, sampled_times) for miss in near_misses]
+    times = np.concatenate([sampled_times, *times_beside])
+    limits = [motor.torque_limit for motor in plan.robot.description.actuators]
+    reference = 1.0 if None in limits else np.array(limits, dtype=float)
+    largest = (np.abs(plan.torque(times)) / reference).max(axis=1)  # (T,)
+    s_peak = float(plan.law(times[np.argmax(largest)]))
+    for miss in near_misses:
+        if abs(s_peak - miss.s) <= NEAR_MISS_WIDTHS * miss.width:
+            return miss
+    return None
+
+
+def max_torque_ratio(plan: CrossingPlan, reference: Array) -> float:
+    """Return the largest torque of a plan over reference (n_a,) [N m, N]."""
+    return float((np.array(list(plan.peak_torque.values())) / reference).max())
+
+
+def _peak_text(plan: CrossingPlan) -> str:
+    """Return the largest torque of turning and of sliding motors, in words with the unit."""
+    largest: dict[str, float] = {}
+    for torque, unit in zip(plan.peak_torque.values(), plan.robot.torque_units, strict=True):
+        largest[unit] = max(torque, largest.get(unit, 0.0))
+    return ", ".join(f"{torque:.4g} {unit}" for unit, torque in largest.items())
+
+
+class _Work(NamedTuple):
+    """The input of planning with either law; started: by the clock of `time.perf_counter` [s]."""
+
+    to_cross: PathToCross
+    request: Request
+    started: float
+
+
+def _plan_polynomial(work: _Work) -> tuple[CrossingPlan, float]:
+    """Plan with the polynomial law; return the plan and `Law.advance` of its law."""
+    request = work.request
+    motion = polynomial_motion(work.to_cross, request)
+    advance = motion.law.advance(request.smoothness)
+    reason = ADVANCES if advance > 0 else "the polynomial, though it overshoots its ends"
+    if request.kind == "polynomial":
+        reason = "it was asked for" if request.law == "polynomial" else "times of the crossings are given"
+        if 0 < advance < MIN_POLYNOMIAL_ADVANCE:
+            reason += f"; it {NEARLY_STOPS}, at {advance:.2g} of its mean speed: try --law optimal"
+    plan = certified_plan(
+        work.to_cross,
+        request,
+        motion.dynamics,
+        motion.law,
+        motion.timing,
+        seconds=time.perf_counter() - work.started,
+        reason=reason,
+        conditions=motion.conditions,
+    )
+    return plan, advance
+
+
+def _plan_optimal(work: _Work, reason: str) -> CrossingPlan:
+    """Plan with the optimal law, for a reason that the plan states."""
+    specification = specification_of(work.to_cross.branch.robot, work.request)
+    dynamics, law, best = optimal_motion(Task(work.to_cross, work.request, specification))
+    return certified_plan(
+        work.to_cross,
+        work.request,
+        dynamics,
+        law,
+        timing=(),
+        seconds=time.perf_counter() - work.started,
+        reason=reason,
+        optimality=Optimality(specification, best.reference, best.gap),
+    )
+
+
+@takes_options
+def uncertified_law(
+    robot: ParallelRobot, path: Path, **options: Any
+) -> tuple[Law, tuple[SingularityCrossing, ...]]:
+    """Compute the law of `plan_crossing` on the undeformed robot before its proof, for raw sampling.
+
+    Returns:
+        The law, and its crossings: the instants at singular points, with t_s . W_p whether zero or not.
+
+    Raises:
+        As `plan_crossing`, but no UnboundedTorque and no NotConverged.
+    """
+    return law_before_proof(search_path(robot, path), Request.of(robot, path, **options))
+
+
+def law_before_proof(searched: SearchedPath, request: Request) -> tuple[Law, tuple[SingularityCrossing, ...]]:
+    """Compute `uncertified_law` of a request, on a path that has been searched.
+
+    Raises:
+        As `uncertified_law`.
+    """
+    to_cross = path_to_cross(searched, request)
+    law = undeformed_polynomial(to_cross, request)
+    return law, rigid_crossings(to_cross.branch, to_cross.points, law)

@@ -1,0 +1,182 @@
+"""The crossing of a planar robot as functions of the path coordinate, apart from the motion law.
+
+With ds/dt = v and d2s/dt2 = a the motor torques and t_s . W_p are
+
+    torque = (c0 + cv v^2 + ca a) / g,     t_s . W_p = d0 + dv v^2 + da a,
+
+whose numerators are smooth through the singular point, where the measure g vanishes. So a page can evaluate
+any law.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from framework.dynamics.forces import inertial_forces, static_forces
+from framework.dynamics.platform_wrench import motor_speeds
+from framework.errors import InvalidInput, NoAnswer
+from framework.kinematics.inverse_kinematics import close_loops
+from framework.kinematics.linearised_loops import ClosedStack
+from framework.kinematics.motion_rates import motion_at
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.laws.optimal_law import Smoothstep
+from framework.laws.path import Path
+from framework.numerics.arrays import Array
+from framework.planning.optimal.phase_plane import demand
+from framework.planning.plan import plan_crossing
+from framework.planning.result import CrossingPlan
+from framework.singularity.points_on_path import SearchedPath, SingularPoint, search_path
+from framework.singularity.type2 import SingularityMeasure, sign_along, singularity_measure, twist_norm
+
+UPRIGHT_GRAVITY = 9.81  # [m/s^2] as robot files have it by default
+PATH_SMOOTHNESS = 2  # derivatives of s that vanish at both ends of the best laws
+STEP_ASIDE = 1e-3  # [robot lengths] of the platform, for how the robot follows it
+
+
+class RequiredForces(NamedTuple):
+    """Torques times g and t_s . W_p at M places: constant, per (ds/dt)^2 and per d2s/dt2."""
+
+    torque: Array  # (M, 3, n_a) [N m], [N m s^2] and [N m s^2]
+    power: Array  # (M, 3) [N], [N s^2] and [N s^2]
+
+
+class CrossingSamples(NamedTuple):
+    """The crossing at places s (M,)."""
+
+    q: Array  # (M, nq)
+    q_aside: Array  # (n, 2, M, nq) the platform one STEP_ASIDE forward and back along each of its axes
+    g: Array  # (M,) measure of singularity, 0 at the crossing
+    t_s: Array  # (M, n) of unit speed at the crossing, pointing along the path there
+    motor_speed: Array  # (M, n_a, n) G, as in `PlatformWrench`
+    torque_of_force: Array  # (M, n_a, n) g times the torques that hold a force on the platform
+    forces: dict[str, RequiredForces]  # by "off" and "on" of gravity
+
+
+class PlanarCrossing(NamedTuple):
+    """A path of a planar robot across its locus, with gravity off and on, and its best law for each."""
+
+    searched: SearchedPath
+    robots: dict[str, ParallelRobot]  # by "off" and "on"
+    plans: dict[str, CrossingPlan]  # of least peak torque in the duration
+
+    @property
+    def point(self) -> SingularPoint:
+        return self.searched.points[0]
+
+    def sample(self, s: Array) -> CrossingSamples:
+        """Sample the crossing at s (M,), ascending, none the crossing itself.
+
+        Twists and motions are divided by one number: the norm of the twist at the crossing, with the sign
+        that makes t_s point along the path. Motor speeds are G v for a twist v of the platform. So a force f
+        on the platform is held by the torques (G')^-1 f, which have a pole where g vanishes. Gravity changes
+        neither poses nor twists.
+        """
+        robot, branch = self.robots["off"], self.searched.branch
+        closed = branch.close(s)
+        measure, twist = _measure_with_twist(robot, closed)
+        scale = self._twist_scale(twist[np.argmin(np.abs(measure.g))])
+        G = motor_speeds(robot, closed.linearised)[0]  # (M, n_a, n)
+        g, motion = measure.g[:, None, None], measure.motion / scale
+        return CrossingSamples(
+            q=closed.q,
+            q_aside=_close_aside(robot, closed),
+            g=measure.g,
+            t_s=twist / scale,
+            motor_speed=G,
+            torque_of_force=g * np.linalg.inv(G.transpose(0, 2, 1)),
+            forces={gravity: self._forces(one, s, g, motion) for gravity, one in self.robots.items()},
+        )
+
+    def _twist_scale(self, nearest: Array) -> float:
+        """Return the norm of the twist at the crossing, negative if `nearest` (n,) points backwards."""
+        robot, branch, s = self.robots["off"], self.searched.branch, self.point.s
+        _, twist = _measure_with_twist(robot, branch.close(np.array([s])))
+        return twist_norm(robot, twist[0]) * sign_along(nearest, branch.path(s, 1))
+
+    def _forces(self, robot: ParallelRobot, s: Array, g: Array, motion: Array) -> RequiredForces:
+        """Compute torques times g and t_s . W_p of a robot at s (M,).
+
+        t_s . W_p is the power of the forces of the open tree in the uncontrolled motion (M, nv): of weight,
+        of inertia at ds/dt = 1 and at d2s/dt2 = 1.
+        """
+        branch = self.searched.branch
+        closed = branch.close(s)
+        slope, bend = branch.path(s, 1), branch.path(s, 2)
+        parts = (
+            static_forces(robot, closed.q),
+            inertial_forces(robot, motion_at(robot, closed, slope, bend)),
+            inertial_forces(robot, motion_at(robot, closed, 0.0 * slope, slope)),
+        )
+        torque = demand(replace(branch, robot=robot), Smoothstep(0), s, None, "rigid").torque
+        return RequiredForces(
+            g * np.stack([torque.constant, torque.per_z, torque.per_u], axis=1),
+            np.stack([np.sum(part * motion, axis=1) for part in parts], axis=1),
+        )
+
+
+def _close_aside(robot: ParallelRobot, closed: ClosedStack) -> Array:
+    """Close the loops (n, 2, M, nq) with the platform one STEP_ASIDE along and against each axis."""
+    poses = []
+    for step in STEP_ASIDE * robot.length * np.eye(robot.n):  # (n,), along one axis
+        poses.append([close_loops(robot, closed.x + side, closed.q).q for side in (step, -step)])
+    return np.array(poses)
+
+
+def _measure_with_twist(robot: ParallelRobot, closed: ClosedStack) -> tuple[SingularityMeasure, Array]:
+    """Compute the measure of singularity, and the twist (M, n) of its motion."""
+    measure = singularity_measure(robot, closed.linearised)
+    return measure, np.einsum("tnv,tv->tn", closed.linearised.platform, measure.motion)
+
+
+def planar_crossing(robot: ParallelRobot, path: Path, duration: float, upwards: Array) -> PlanarCrossing:
+    """Search the path, and plan the laws of least peak torque with gravity off and on.
+
+    Args:
+        robot: rigid, without damping; its platform shifts in a plane, by as many motors as axes.
+        path: crosses the singular locus once.
+        duration: of the motion [s].
+        upwards: (3,) against gravity, where it is on.
+
+    Raises:
+        InvalidInput: the robot is not of this kind.
+        NoAnswer: the path does not cross the singular locus once.
+        As `plan_crossing` with law "optimal".
+    """
+    needed = {
+        "a rigid robot": robot.n_e == 0,
+        "no damping": not robot.is_damped,
+        "a platform with two translations and no turn": robot.n == 2 and bool(robot.translations.all()),
+        "as many motors as the platform has axes": robot.n_a == robot.n,
+        "passive joints": len(robot.passive) > 0,
+    }
+    missing = [reason for reason, holds in needed.items() if not holds]
+    if missing:
+        raise InvalidInput(f"{robot.name}, {robot.flexibility}: a lesson needs {', '.join(missing)}")
+    searched = search_path(robot, path)
+    if [point.contact for point in searched.points] != ["transversal"]:
+        met = [f"at s = {point.s:.6g} ({point.contact})" for point in searched.points]
+        raise NoAnswer(
+            f"{robot.name}: a lesson needs a path that crosses the singular locus once (transversal); this "
+            f"one meets it {', '.join(met) or 'nowhere'}"
+        )
+    robots = {
+        name: _with_gravity(robot, -size * upwards) for name, size in (("off", 0.0), ("on", UPRIGHT_GRAVITY))
+    }
+    options: dict[str, Any] = {
+        "law": "optimal",
+        "optimize": "peak_torque",
+        "smoothness": PATH_SMOOTHNESS,
+        "torque_limit": np.inf,  # whatever the file says: the reader of a lesson sets the limits
+        "speed_limit": np.inf,
+    }
+    plans = {name: plan_crossing(one, path, duration=duration, **options) for name, one in robots.items()}
+    return PlanarCrossing(searched, robots, plans)
+
+
+def _with_gravity(robot: ParallelRobot, gravity: Array) -> ParallelRobot:
+    """Return the robot under another gravity (3,) [m/s^2]."""
+    x, y, z = map(float, gravity)
+    return ParallelRobot.from_description(replace(robot.description, gravity=(x, y, z)))

@@ -1,0 +1,180 @@
+"""The paper's law: one polynomial through the times, speeds and accelerations of its crossings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.dynamics.inverse_dynamics import resolve
+from framework.dynamics.result import InverseDynamics, SingularityCrossing
+from framework.errors import InvalidInput, NoLaw
+from framework.laws.law import Law, MotionLaw, advances_and_peaks, conditions_at_instants
+from framework.numerics.arrays import Array
+from framework.numerics.chebyshev import TimeFunction
+from framework.planning.condition import (
+    Condition8,
+    CrossingPoint,
+    Deflection,
+    condition_at,
+    crossing_point,
+    require_effect,
+)
+from framework.planning.crossing_points import PathToCross, check_one_condition_each
+from framework.planning.options import OPTIMAL_LAW
+from framework.planning.refusals.turning_back import check_advance
+from framework.planning.request import Request
+from framework.planning.timing import CrossingTime, choose_timing
+from framework.singularity.points_on_path import SingularPoint
+
+OF_A_SCENE = (
+    "times and speeds of a scene belong to its own duration: give others for this one, or take law optimal, "
+    "which finds its own"
+)
+
+
+class PolynomialMotion(NamedTuple):
+    """The certified motion, its law, and the timing and conditions of its crossings."""
+
+    dynamics: InverseDynamics
+    law: Law
+    timing: tuple[CrossingTime, ...]
+    conditions: list[Condition8]
+
+
+def polynomial_motion(to_cross: PathToCross, request: Request) -> PolynomialMotion:
+    """Certify the motion with the polynomial of least degree; choose an open timing.
+
+    Deflections move the crossing points: then a law is solved for in each pass, and the last one is checked
+    again.
+
+    Raises:
+        As `plan_crossing`.
+    """
+    name, timing = to_cross.branch.robot.name, timing_of(to_cross, request)
+    conditions_of: dict[MotionLaw, list[Condition8]] = {}  # of the laws of all passes, the last one included
+
+    def choose_law(deflections: TimeFunction | None, previous: MotionLaw | None) -> Law:
+        """Solve for the law at given deflections; check the first one."""
+        if deflections is None or request.geometry != "deformed":
+            crossings = _undeformed_crossings(to_cross)
+        else:
+            crossings = _deformed_crossings(to_cross, timing, deflections, previous)
+        law = _solve_law(crossings, timing, request, name)
+        if previous is None:
+            _check_advance(law, request, to_cross.points, name)
+        conditions_of[law] = [condition for _, condition in crossings]
+        return law
+
+    dynamics = resolve(
+        to_cross.searched,
+        choose_law,
+        geometry=request.geometry,
+        tolerance=request.tolerance,
+        friction=request.friction,
+    )
+    law = dynamics.law
+    assert isinstance(law, Law)
+    if len(conditions_of) > 1:  # else it is the first law, which has been checked
+        _check_advance(law, request, dynamics.crossings, name)
+    return PolynomialMotion(dynamics, law, timing, conditions_of[law])
+
+
+def undeformed_polynomial(to_cross: PathToCross, request: Request) -> Law:
+    """Compute the law of the undeformed robot before anything is proved.
+
+    Raises:
+        As `plan_crossing`, but no UnboundedTorque and no NotConverged.
+    """
+    name = to_cross.branch.robot.name
+    law = _solve_law(_undeformed_crossings(to_cross), timing_of(to_cross, request), request, name)
+    _check_advance(law, request, to_cross.points, name)
+    return law
+
+
+def _check_advance(
+    law: Law, request: Request, crossings: Sequence[SingularPoint | SingularityCrossing], name: str
+) -> None:
+    """Refuse a law as `check_advance` does; pass one that always advances without sampling."""
+    if law.advance(request.smoothness) <= 0:
+        check_advance(law, [crossing.s for crossing in crossings], name)
+
+
+def _undeformed_crossings(to_cross: PathToCross) -> list[tuple[CrossingPoint, Condition8]]:
+    """Return the undeformed robot's crossing points with conditions (8); refuse as `condition_at`."""
+    return [
+        (point, require_effect(to_cross.branch, point, condition, deflection=None))
+        for point, condition in to_cross.undeformed_crossings
+    ]
+
+
+def _deformed_crossings(
+    to_cross: PathToCross,
+    timing: Sequence[CrossingTime],
+    deflections: TimeFunction,
+    law: MotionLaw | None,
+) -> list[tuple[CrossingPoint, Condition8]]:
+    """Compute crossing points and conditions (8) of the deflected robot, near the points of `law`."""
+    branch, crossings = to_cross.branch, []
+    for target, (time, _) in zip(to_cross.crossing_points, timing, strict=True):
+        deflection = Deflection.evaluate(deflections, time)
+        s_guess = target.s if law is None else float(law(time))
+        point = crossing_point(branch, target, deflection, s_guess)
+        crossings.append((point, condition_at(branch, point, deflection)))
+    return crossings
+
+
+def _solve_law(
+    crossings: list[tuple[CrossingPoint, Condition8]],
+    timing: Sequence[CrossingTime],
+    request: Request,
+    name: str,
+) -> Law:
+    """Solve for the polynomial through the crossings with their speeds and accelerations.
+
+    Raises:
+        NoLaw, InvalidInput: there is none; times of the user are an input, chosen ones are not.
+    """
+    duration = request.fixed_duration
+    values = [
+        (point.s, speed, condition.acceleration(speed))
+        for (point, condition), (_, speed) in zip(crossings, timing, strict=True)
+    ]
+    inner = conditions_at_instants([time for time, _ in timing], values)
+    try:
+        return Law.rest_to_rest(duration, request.smoothness, inner)
+    except InvalidInput as problem:
+        through = ", ".join(f"t = {time:g} s (s' = {speed:g} 1/s)" for time, speed in timing)
+        why = (
+            f"no polynomial over {duration:g} s through {through or 'the ends'} could be computed: {problem}"
+        )
+        if request.times is None:
+            raise NoLaw(f"{name}: {why}") from None
+        raise InvalidInput(f"times: {why}; {OF_A_SCENE}").advising(OPTIMAL_LAW) from None
+
+
+def timing_of(to_cross: PathToCross, request: Request) -> tuple[CrossingTime, ...]:
+    """Return times and speeds of the undeformed robot's crossings; choose the open ones."""
+    duration = request.fixed_duration
+    if not to_cross.crossing_points:
+        return ()
+    check_one_condition_each(to_cross.branch.robot, to_cross.crossing_points)
+    for t in request.times or ():
+        if not 0 < t < duration:
+            raise InvalidInput(
+                f"times: a crossing at t = {t:g} s must lie inside the motion, (0, {duration:g}) s; "
+                f"{OF_A_SCENE}"
+            ).advising(OPTIMAL_LAW)
+    crossings = _undeformed_crossings(to_cross)
+    s = [point.s for point, _ in crossings]
+
+    def measure(times: Array, speeds: Array) -> tuple[Array, Array]:
+        """Measure the laws through times and speeds (m, k), accelerations by condition (8)."""
+        accelerations = [
+            condition.acceleration(v) for (_, condition), v in zip(crossings, speeds.T, strict=True)
+        ]
+        values = np.stack(np.broadcast_arrays(s, speeds, np.transpose(accelerations)), axis=2)
+        return advances_and_peaks(duration, request.smoothness, times, values)
+
+    return choose_timing(s, request, measure, to_cross.branch.robot.name)

@@ -1,0 +1,188 @@
+"""The request of a plan: one record, checked when it is made, from a scene, a command line or a call."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from framework.dynamics.inverse_dynamics import checked_geometry
+from framework.dynamics.motor_limits import is_limited, motor_limits, shortest_form
+from framework.errors import InvalidInput
+from framework.kinematics.external_wrenches import ExternalWrenches
+from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.laws.optimal_law import HIGHEST_SMOOTHNESS
+from framework.laws.path import Path, expect_path
+from framework.planning.options import OPTIONS, PlanOptions, takes_options
+
+MAX_PATHS_PER_DURATION = 1e6  # s' at a crossing times the duration; what a law can keep is a few
+SMOOTHNESS = {True: 4, False: 2}  # derivatives of s that vanish at both ends: elastic, rigid
+MAX_SMOOTHNESS = 12
+
+
+@dataclass(frozen=True, kw_only=True)
+class Request(PlanOptions):
+    """A path and the options of its plan (`options.PlanOptions`), checked and completed for one robot.
+
+    `Request.of` makes one. What was left open and depends on the robot alone is filled in: geometry and
+    smoothness. What planning has to choose is None: the duration, times and speeds of crossings, `at` where
+    the singular points are to be located, and `optimize`. Limits are those stated, in their
+    shortest form (`motor_limits.shortest_form`); None leaves them to the robot file.
+
+    Raises:
+        InvalidInput: numbers or options that cannot be right, or that contradict each other.
+    """
+
+    path: Path
+    geometry: str = "rigid"  # filled in
+    smoothness: int = SMOOTHNESS[False]  # filled in
+
+    @staticmethod
+    @takes_options
+    def of(robot: ParallelRobot, path: Path, **options: Any) -> Request:
+        """Return the checked request of a path and options of `plan_crossing`.
+
+        Raises:
+            InvalidInput: an option that cannot be right; lists valid ones.
+        """
+        expect_robot(robot)
+        expect_path(path)
+        filled_in = {
+            "geometry": checked_geometry(robot, options.get("geometry")),
+            "smoothness": checked_smoothness(robot, options.get("smoothness")),
+        }
+        for name in ("torque_limit", "speed_limit"):
+            if options.get(name) is not None:
+                filled_in[name] = shortest_form(motor_limits(robot, name, options[name]))
+        request = Request(path=path, **{**options, **filled_in})
+        request.external_wrenches.check_frames(robot)
+        request.check_limited(robot)
+        return request
+
+    def __post_init__(self) -> None:
+        """Check each option, then the options of the law against each other."""
+        expect_path(self.path)
+        for option in OPTIONS.values():
+            value = getattr(self, option.name)
+            left_open = value is None and getattr(PlanOptions, option.name) is None
+            if option.check is not None and not left_open:
+                object.__setattr__(self, option.name, option.check(option.name, value))
+        self._check_crossings()
+        if self.bounded and self.law == "polynomial":
+            raise InvalidInput(
+                "optimize, longest, limits and margin are for the optimal law, not the polynomial"
+            ).advising({"law": None})
+        if self.kind == "optimal":
+            self._check_optimal()
+        elif self.duration is None:
+            raise InvalidInput("duration: needed, unless optimize time finds the least, or longest bounds it")
+
+    @property
+    def kind(self) -> str:
+        """The kind of law: polynomial, optimal, or auto: polynomial where that advances and keeps limits.
+
+        A goal or a bound of the duration ask for the optimal law. So do limits without a duration, and limits
+        beside times, which are then refused.
+        """
+        chosen = self.law == "optimal" or self.optimize is not None or self.longest is not None
+        if chosen or (self.bounded and (self.duration is None or self.times is not None)):
+            return "optimal"
+        return "polynomial" if self.times is not None else self.law
+
+    @property
+    def external_wrenches(self) -> ExternalWrenches:
+        """The wrenches of the world along the path."""
+        return ExternalWrenches.of(self.wrenches)
+
+    @property
+    def goal(self) -> str:
+        """The goal of an optimal law."""
+        return "peak_torque" if self.optimize is None else self.optimize
+
+    @property
+    def may_be_optimal(self) -> bool:
+        """Whether an optimal law would do."""
+        return self.kind == "optimal" or (self.kind == "auto" and self.smoothness <= HIGHEST_SMOOTHNESS)
+
+    @property
+    def fixed_duration(self) -> float:
+        """The duration [s] of a law that cannot choose its own; raises InvalidInput if open."""
+        if self.duration is None:
+            raise InvalidInput("duration: a polynomial law needs one; only the optimal law can find its own")
+        return self.duration
+
+    @property
+    def bounded(self) -> bool:
+        """Whether limits, a bound of the duration or a goal are asked for."""
+        limits = is_limited(self.torque_limit) or is_limited(self.speed_limit) or self.margin > 0
+        return limits or self.optimize is not None or self.longest is not None
+
+    def check_limited(self, robot: ParallelRobot) -> None:
+        """Raise InvalidInput where the least time is asked of motors without any limit."""
+        limits = [motor_limits(robot, name, getattr(self, name)) for name in ("torque_limit", "speed_limit")]
+        if self.goal == "time" and np.isinf(limits).all():
+            raise InvalidInput(
+                "torque_limit or speed_limit is needed, given or in the robot file: without limits no law is "
+                "the quickest"
+            )
+
+    def _check_crossings(self) -> None:
+        """Check speeds [1/s], times [s] and path coordinates of crossings."""
+        for speed in self.speeds or ():
+            if speed <= 0:
+                raise InvalidInput(f"speeds: s' at a crossing must be greater than zero, got {speed:g}")
+            if self.duration is not None and speed > MAX_PATHS_PER_DURATION / self.duration:
+                raise InvalidInput(
+                    f"speeds: s' at a crossing must be at most {MAX_PATHS_PER_DURATION / self.duration:g} "
+                    f"1/s, a million paths in the duration, got {speed:g}"
+                )
+        for name, values in (("times", self.times), ("at", self.at)):
+            if values is not None and np.any(np.diff(values) <= 0):
+                raise InvalidInput(f"{name}: must ascend, got {list(values)}")
+        for s in self.at or ():
+            if not 0 < s < 1:
+                raise InvalidInput(f"at: path coordinates must lie in (0, 1), got {s:g}")
+
+    def _check_optimal(self) -> None:
+        """Refuse options that contradict the optimal law, with the change that mends the request."""
+        if self.times is not None:
+            raise InvalidInput("times: belong to the polynomial; the optimal law finds its own").advising(
+                {"times": None, "speeds": None}
+            )
+        if self.longest is not None and self.duration is not None:
+            raise InvalidInput("longest: bounds a duration that is open; give either, not both").advising(
+                {"duration": None}
+            )
+        if self.goal == "time" and self.duration is not None:
+            raise InvalidInput("duration: with optimize time it is found; give longest to bound it").advising(
+                {"duration": None}
+            )
+        if self.goal != "time" and self.duration is None and self.longest is None:
+            raise InvalidInput(
+                f"duration: optimize {self.goal} needs one, or longest: without, slower is always better"
+            )
+        if self.smoothness > HIGHEST_SMOOTHNESS:
+            raise InvalidInput(
+                f"smoothness: got {self.smoothness}, the optimal law has at most {HIGHEST_SMOOTHNESS}"
+            ).advising({"smoothness": HIGHEST_SMOOTHNESS})
+
+
+def checked_smoothness(robot: ParallelRobot, smoothness: int | None) -> int:
+    """Return how many derivatives of s vanish at both ends: by default as many as the torque contains.
+
+    Raises:
+        InvalidInput: no whole number, or one of them would make the torque jump at the ends.
+    """
+    least = SMOOTHNESS[robot.n_e > 0]
+    if smoothness is None:
+        return least
+    if isinstance(smoothness, bool) or not isinstance(smoothness, int | np.integer):
+        raise InvalidInput(f"smoothness: needs a whole number, got {smoothness!r}")
+    if not least <= smoothness <= MAX_SMOOTHNESS:
+        raise InvalidInput(
+            f"smoothness: got {smoothness}, valid: {least} .. {MAX_SMOOTHNESS} (the torque of a "
+            f"{robot.flexibility} robot contains derivatives of s up to order {least} at least; fewer zeros "
+            f"make it jump there)"
+        ).advising({"smoothness": None})
+    return int(smoothness)

@@ -1,0 +1,314 @@
+"""The result of planning: the crossings, the law with its torques, and its proof."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from os import PathLike
+from pathlib import Path as FilePath
+from typing import IO
+
+import numpy as np
+
+from framework.dynamics.loaded_measure import LoadedPoint, loaded_point
+from framework.dynamics.result import Certificate, InverseDynamics, SingularityCrossing
+from framework.errors import format_distinct
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.tree_model import positions_beyond_limits, shares_beyond_limits
+from framework.laws.law import PlannedLaw
+from framework.laws.path import Path
+from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.numerics.peaks import peak_sizes
+from framework.planning.condition import Condition8, Deflection, coefficients_at, crossing_point
+from framework.planning.crossing_points import PathToCross
+from framework.planning.motion_table import DEFAULT_ROWS, MotionTable, motion_table, sample_times
+from framework.planning.neglected_effects import NeglectedEffect, neglected_effects
+from framework.planning.request import Request
+from framework.planning.specification import Specification
+from framework.planning.timing import CrossingTime
+from framework.singularity.points_on_path import SingularPoint
+from framework.tolerances import SAME_PLACE
+
+PEAK_SAMPLES = 2001  # equidistant instants at which positions, and places of peaks, are looked at
+
+
+@dataclass(frozen=True, eq=False)
+class Crossing(ReadOnlyArrays):
+    """A crossing of a Type 2 singularity, measured on the finished motion.
+
+    The law has s(time) = `s`, s'(time) = `speed` and s"(time) = `acceleration`. `condition` holds the
+    coefficients of condition (8) there where the law was made to meet it, None when nothing was asked and
+    it holds all the same. `residual` is |t_s . W_p| over the largest sum of its terms along the motion.
+    """
+
+    s: float
+    time: float
+    speed: float
+    acceleration: float
+    kind: str
+    twist: Array  # (n,) t_s
+    platform: Array  # (n,)
+    residual: float
+    condition: Condition8 | None
+
+
+@dataclass(frozen=True, eq=False)
+class Optimality(ReadOnlyArrays):
+    """The specification of an optimal law, and how good the law is.
+
+    reference: torques (n_a,) [N m] that its peak and energy are relative to.
+    gap: its cost over the least one found, less 1: of laws however restless, on the same cells, in at most
+        the same duration. That is no bound of all laws.
+    """
+
+    specification: Specification
+    reference: Array
+    gap: float
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class CrossingPlan:
+    """A motion law with its torques and its certificate. Times are in [s]; t (T,) gives (T, n_a)."""
+
+    robot: ParallelRobot
+    request: Request
+    law: PlannedLaw
+    crossings: tuple[Crossing, ...]
+    dynamics: InverseDynamics
+    certificate: Certificate
+    seconds: float  # time that planning took
+    reason: str = ""  # why the law is of its kind
+    optimality: Optimality | None = None  # of an optimal law
+
+    @property
+    def path(self) -> Path:
+        return self.request.path
+
+    @cached_property
+    def loaded_points(self) -> tuple[LoadedPoint | None, ...]:
+        """The singular points of the loaded robot, one beside each of `crossings`.
+
+        None for rigid robots and rigid geometry; see `framework.dynamics.loaded_measure`.
+        """
+        return tuple(loaded_point(self.dynamics, crossing.time) for crossing in self.crossings)
+
+    @property
+    def duration(self) -> float:
+        return self.law.duration
+
+    @property
+    def geometry(self) -> str:
+        return self.dynamics.geometry
+
+    def torque(self, t: ArrayLike, order: int = 0) -> Array:
+        """Evaluate motor torques [N m], motor side, or their time derivatives."""
+        return self.dynamics.torque(t, order)
+
+    def motor_angle(self, t: ArrayLike, order: int = 0) -> Array:
+        """Evaluate motor angles [rad], motor side (gear ratio times joint angle), or their derivatives."""
+        return self.dynamics.motor_angle(t, order)
+
+    def deflection(self, t: ArrayLike, order: int = 0) -> Array:
+        """Evaluate deflections (T, n_e) of the springs [m, rad], or their derivatives."""
+        return self.dynamics.deflection(t, order)
+
+    def platform(self, t: ArrayLike, order: int = 0) -> Array:
+        """Evaluate platform coordinates (T, n) [m, rad], or their derivatives up to order 4."""
+        return self.dynamics.platform(t, order)
+
+    def configuration(self, t: ArrayLike) -> Array:
+        """Evaluate all joint coordinates q (T, nq), a scalar t (nq,); passive and elastic ones too."""
+        q = self.dynamics.configuration(t)
+        return q if np.ndim(t) else q[0]
+
+    def velocity(self, t: ArrayLike, order: int = 1) -> Array:
+        """Evaluate joint velocities (order 1) or accelerations (order 2), (T, nv), a scalar t (nv,)."""
+        v = self.dynamics.velocity(t, order)
+        return v if np.ndim(t) else v[0]
+
+    @property
+    def _times(self) -> Array:
+        """Instants (PEAK_SAMPLES,) [s] at which limits are looked at."""
+        return np.linspace(0.0, self.duration, PEAK_SAMPLES)
+
+    @cached_property
+    def peak_torque(self) -> dict[str, float]:
+        """Largest |torque| [N m] of each motor, by joint."""
+        peaks = self._peak_sizes(self.torque)
+        return dict(zip(self.robot.actuator_names, map(float, peaks), strict=True))
+
+    @property
+    def neglected_friction(self) -> str:
+        """Dry friction that the plan does not count with, its size by joint; empty without any."""
+        robot = self.robot
+        if self.request.friction == "driven":
+            return robot.friction_sizes(robot.passive)
+        return robot.friction_sizes(np.concatenate([robot.actuated, robot.passive]))
+
+    @cached_property
+    def neglected(self) -> tuple[NeglectedEffect, ...]:
+        """Effects that the plan leaves out, each with its torque, the largest first."""
+        return neglected_effects(self.dynamics)
+
+    @property
+    def exceeded(self) -> dict[str, str]:
+        """Exceeded limits by joint, in words, each with the s of the largest excess.
+
+        Torques and speeds of motors by the robot file, positions of joints by the URDF.
+        """
+        joints = [motor.joint for motor in self.robot.description.actuators]
+        exceeded: dict[str, list[str]] = {joint: [] for joint in joints}
+        for joint, excess in [*self._motor_excesses(), *self._position_excesses()]:
+            exceeded.setdefault(joint, []).append(excess)
+        return {joint: ", ".join(excesses) for joint, excesses in exceeded.items() if excesses}
+
+    def _peak_sizes(self, values: Callable[[Array], Array]) -> Array:
+        """Compute the largest |value| (n_a,) of functions of time, (T,) to (T, n_a), between samples too.
+
+        Each is taken as a series on the panels of the torques, with as many coefficients.
+        """
+        torques = self.dynamics.torques
+        return peak_sizes(values, torques.edges, torques.coefficients.shape[1])
+
+    def _motor_excesses(self) -> Iterator[tuple[str, str]]:
+        """Yield joints of motors with a torque or a speed beyond its limit, in words."""
+        yield from self._excesses_of("torque", self.torque, self.robot.torque_units)
+        yield from self._excesses_of("speed", partial(self.motor_angle, order=1), self.robot.speed_units)
+
+    def _excesses_of(
+        self, quantity: str, values: Callable[[Array], Array], units: Sequence[str]
+    ) -> Iterator[tuple[str, str]]:
+        """Yield joints of motors with values, (T,) to (T, n_a), beyond their limit, in words."""
+        times, motors = self._times, self.robot.description.actuators
+        s_peak = self.law(times[np.abs(values(times)).argmax(axis=0)])
+        for motor, peak, unit, s in zip(motors, self._peak_sizes(values), units, s_peak, strict=True):
+            limit = getattr(motor, f"{quantity}_limit")
+            if limit is not None and peak > limit:
+                size, bound = format_distinct(peak, limit)
+                yield motor.joint, f"{quantity} {size} {unit} of {bound} at s = {s:.4g}"
+
+    def _position_excesses(self) -> Iterator[tuple[str, str]]:
+        """Yield joints with a position beyond the limits of the URDF, in words."""
+        times, limits = self._times, self.robot.limits
+        q = self.dynamics.configuration(times)
+        s_worst = self.law(times[shares_beyond_limits(limits, q).argmax(axis=0)])
+        s_of_joint = dict(zip([limit.joint for limit in limits], s_worst, strict=True))
+        for joint, excess in positions_beyond_limits(limits, q).items():
+            yield joint, f"{excess} at s = {s_of_joint[joint]:.4g}"
+
+    def __repr__(self) -> str:
+        """Return robot, law, crossings and tail in one line."""
+        where = ", ".join(f"s = {crossing.s:.9f} at {crossing.time:.6g} s" for crossing in self.crossings)
+        return (
+            f"CrossingPlan({self.robot.name}, {self.robot.flexibility}, {self.geometry}: {self.law.kind} "
+            f"law, degree {self.law.degree} over {self.duration:g} s, crossings: {where or 'none'}, tail "
+            f"{self.certificate.tail:.1e})"
+        )
+
+    def samples(
+        self, count: int = DEFAULT_ROWS, *, period: float | None = None, columns: Sequence[str] | None = None
+    ) -> MotionTable:
+        """Sample the motion at equidistant instants: the columns and rows of motion.csv.
+
+        Args:
+            count: of the instants, unless a `period` is given [s]; the last row is at the end all the same.
+            columns: names of columns, or the beginnings that several share, such as torque; all by default.
+        """
+        return motion_table(self.dynamics, sample_times(self.duration, count, period), columns)
+
+    def to_csv(
+        self,
+        file: str | PathLike[str] | IO[str],
+        samples: int = DEFAULT_ROWS,
+        *,
+        period: float | None = None,
+        columns: Sequence[str] | None = None,
+    ) -> None:
+        """Write motion.csv to a path or an open text file; options of `samples`."""
+        text = self.samples(samples, period=period, columns=columns).as_csv()
+        if isinstance(file, str | PathLike):
+            FilePath(file).write_text(text, encoding="utf-8")
+        else:
+            file.write(text)
+
+
+def certified_plan(
+    to_cross: PathToCross,
+    request: Request,
+    dynamics: InverseDynamics,
+    law: PlannedLaw,
+    timing: Sequence[CrossingTime],
+    *,
+    seconds: float,
+    reason: str,
+    optimality: Optimality | None = None,
+    conditions: Sequence[Condition8] = (),
+) -> CrossingPlan:
+    """Return the plan of a motion that has its torques.
+
+    Args:
+        timing: of the crossings that the law was made for. A crossing measured there, but for rounding, is
+            given these numbers; any other has its own.
+        seconds, reason, optimality: of the plan.
+        conditions: those that the law was made to meet, one for each crossing point; measured if not at hand.
+    """
+    crossings = []
+    matches = _match_points(to_cross, dynamics.crossings)
+    for measured, index in zip(dynamics.crossings, matches, strict=True):
+        time, speed = _crossing_time(measured.time, law, timing)
+        if index is None:  # condition (8) was not asked for
+            condition = None
+        elif conditions:
+            condition = conditions[index]
+        else:
+            condition = _find_condition(to_cross, request, dynamics, index, time)
+        acceleration = float(law(time, 2))
+        shared = {key: getattr(measured, key) for key in ("s", "kind", "twist", "platform", "residual")}
+        crossings.append(
+            Crossing(time=time, speed=speed, acceleration=acceleration, condition=condition, **shared)
+        )
+    certificate = replace(dynamics.certificate, monotone=law.advance(request.smoothness) > 0)
+    return CrossingPlan(
+        dynamics.robot, request, law, tuple(crossings), dynamics, certificate, seconds, reason, optimality
+    )
+
+
+def _crossing_time(measured: float, law: PlannedLaw, timing: Sequence[CrossingTime]) -> CrossingTime:
+    """Return the time and speed of the crossing at a measured instant [s], as intended but for rounding."""
+    for intended in timing:
+        if abs(intended.time - measured) < SAME_PLACE * law.duration:
+            speed = float(law(intended.time, 1))
+            if abs(intended.speed - speed) < SAME_PLACE * speed:
+                return intended
+            return intended._replace(speed=speed)
+    return CrossingTime(measured, float(law(measured, 1)))
+
+
+def _match_points(to_cross: PathToCross, crossings: Sequence[SingularityCrossing]) -> list[int | None]:
+    """Return the index of the crossing point of each crossing; None where condition (8) was not asked for.
+
+    Singular points and crossings have the order of the path, and are matched by it where they are as many:
+    springs may have moved the crossings. Imposed points are matched by s.
+    """
+    points = to_cross.crossing_points
+    are_located = all(isinstance(point, SingularPoint) for point in points)
+    if are_located and len(points) == len(crossings):
+        return list(range(len(points)))
+    matches: list[int | None] = []
+    for crossing in crossings:
+        near = [k for k, point in enumerate(points) if abs(point.s - crossing.s) < SAME_PLACE]
+        matches.append(near[0] if near else None)
+    return matches
+
+
+def _find_condition(
+    to_cross: PathToCross, request: Request, dynamics: InverseDynamics, k: int, time: float
+) -> Condition8:
+    """Find condition (8) at the crossing point k with the deflections of the motion at that time [s]."""
+    if request.geometry != "deformed" or not dynamics.robot.n_e:
+        _, condition = to_cross.undeformed_crossings[k]
+        return condition
+    deflection, s_guess = Deflection.evaluate(dynamics.deflection, time), float(dynamics.law(np.array(time)))
+    point = crossing_point(to_cross.branch, to_cross.crossing_points[k], deflection, s_guess)
+    return coefficients_at(to_cross.branch, point, deflection)

@@ -1,0 +1,87 @@
+"""Scenes of a robot file: their path, their request and their plan."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from framework.dynamics.motor_limits import is_limited
+from framework.errors import InvalidInput, choose_from, short
+from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.laws.path import Arc, Line, Path, Polyline, Spline
+from framework.model.description import Scene
+from framework.model.documents import naming
+from framework.planning.options import OPTIONS
+from framework.planning.plan import plan_request
+from framework.planning.request import Request
+from framework.planning.result import CrossingPlan
+
+
+def scene(robot: ParallelRobot, name: str) -> Scene:
+    """Return the scene of that name.
+
+    Raises:
+        InvalidInput: the robot has no such scene; lists those it has.
+        RobotFileError: its path is none.
+    """
+    expect_robot(robot)
+    scenes = robot.description.scenes
+    if not scenes:
+        raise InvalidInput(f"{robot.name}: unknown scene {short(name)}: it has no scenes")
+    if name not in scenes:
+        raise InvalidInput(f"{robot.name}: {choose_from('scene', name, scenes)}")
+    with naming(f"{robot.description.file}: scenes.{name}"):
+        scene_path(scenes[name])
+    return scenes[name]
+
+
+def scene_path(scene: Scene) -> Path:
+    """Return the path of a scene."""
+    return path_of(scene.kind, scene.points, scene.blend)
+
+
+def path_of(kind: str, points: Sequence[Sequence[float]], blend: float | None = None) -> Path:
+    """Return a line (start, end), an arc (start, via, end), a spline or a polyline through points (m, n).
+
+    Raises:
+        InvalidInput: another kind, or points that do not make such a path.
+    """
+    if kind == Spline.kind:
+        return Spline(points)
+    if kind == Polyline.kind:
+        return Polyline(points, blend)
+    if kind not in (Line.kind, Arc.kind):
+        raise InvalidInput(choose_from("path", kind, [Line.kind, Arc.kind, Spline.kind, Polyline.kind]))
+    count = 2 if kind == Line.kind else 3
+    if len(points) != count:
+        raise InvalidInput(f"{kind}: needs {count} points, got {len(points)}")
+    return Line(*points) if kind == Line.kind else Arc(*points)
+
+
+def plan_scene(robot: ParallelRobot, name: str, **options: Any) -> CrossingPlan:
+    """Plan the request of a scene; keyword options of `plan_crossing` override the scene's."""
+    return plan_request(robot, scene_request(robot, name, **options))
+
+
+def scene_request(robot: ParallelRobot, name: str, **options: Any) -> Request:
+    """Return the request of a scene; keyword options of `plan_crossing` override the scene's.
+
+    A scene's times and speeds of crossings belong to the polynomial. They are left out where the options ask
+    for an optimal law, and the duration where they ask for a law that finds its own.
+
+    Raises:
+        InvalidInput: the robot has no such scene, or see `Request.of`.
+    """
+    chosen = scene(robot, name)
+    stated = {key: getattr(chosen, key) for key in OPTIONS if hasattr(chosen, key)}
+    given = {key for key, value in options.items() if value is not None}
+    fixes_duration = "duration" in given and chosen.optimize == "time"
+    if fixes_duration or options.get("law") == "polynomial" or "times" in given:
+        stated["optimize"] = None
+    wants_limits = any(is_limited(options.get(key)) for key in ("torque_limit", "speed_limit"))
+    has_goal = any({**stated, **options}.get(key) is not None for key in ("optimize", "longest", "margin"))
+    if options.get("law") == "optimal" or has_goal or wants_limits:
+        stated.update(times=None, speeds=None)
+    if options.get("optimize") == "time" or "longest" in given:
+        stated["duration"] = None
+    return Request.of(robot, scene_path(chosen), **{**stated, **options})

@@ -1,0 +1,82 @@
+"""The goal of an optimal law, and the limits asked for or in the robot file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from framework.dynamics.motor_friction import motor_friction
+from framework.dynamics.motor_limits import motor_limits
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.numerics.arrays import Array, BoolArray, ReadOnlyArrays
+from framework.planning.request import Request
+
+
+@dataclass(frozen=True, eq=False)
+class Specification(ReadOnlyArrays):
+    """The goal of an optimal law, and its limits.
+
+    goal: "time", "peak_torque": the largest torque over its limit, or "energy": the integral of the sum of
+        (torque over limit)^2. There motors without a limit are weighed with the largest of the others, or,
+        if there is none, all with the same number; that does not bound them.
+    duration: to be met exactly [s]; `longest`: not to be exceeded [s].
+    torque_limit, speed_limit: (n_a,) [N m], [rad/s], motor side; infinite where there is none.
+    friction: (n_a,) dry friction of the motors that counts among their torques [N m], motor side.
+    """
+
+    goal: str
+    duration: float | None
+    longest: float | None
+    torque_limit: Array
+    speed_limit: Array
+    smoothness: int
+    friction: Array
+
+    def scale_limits(self, share: float) -> Specification:
+        """Return the specification with its limits multiplied by `share`."""
+        return replace(self, torque_limit=self.torque_limit * share, speed_limit=self.speed_limit * share)
+
+    @property
+    def limited(self) -> bool:
+        """Whether any torque has a limit."""
+        return bool(self.limited_motors.any())
+
+    @property
+    def limited_motors(self) -> BoolArray:
+        """A mask (n_a,) of the motors whose torque has a limit."""
+        return np.isfinite(self.torque_limit)
+
+    @property
+    def limited_speeds(self) -> bool:
+        """Whether any speed has a limit."""
+        return bool(np.isfinite(self.speed_limit).any())
+
+    @property
+    def max_duration(self) -> float | None:
+        """The duration not to be exceeded [s], if any."""
+        return self.duration if self.duration is not None else self.longest
+
+
+def limits_within_margin(robot: ParallelRobot, request: Request) -> tuple[Array, Array]:
+    """Return the limits of torques [N m] and speeds [rad/s] (n_a,), motor side, the margin taken off.
+
+    Infinite where neither the request nor the robot file has a limit.
+    """
+    share = 1.0 - request.margin
+    torque = motor_limits(robot, "torque_limit", request.torque_limit)
+    speed = motor_limits(robot, "speed_limit", request.speed_limit)
+    return torque * share, speed * share
+
+
+def specification_of(robot: ParallelRobot, request: Request) -> Specification:
+    """Return the goal of an optimal law for a request, with the limits of the motors."""
+    limits = limits_within_margin(robot, request)
+    return Specification(
+        request.goal,
+        request.duration,
+        request.longest,
+        *limits,
+        request.smoothness,
+        motor_friction(robot, request.friction),
+    )

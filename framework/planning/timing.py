@@ -1,0 +1,152 @@
+"""Times and speeds of the crossings where the user leaves them open: those of a law that always advances."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.dynamics.singularity_crossings import find_instants
+from framework.errors import NoLaw
+from framework.laws.law import Law
+from framework.numerics.arrays import Array
+from framework.planning.request import Request
+
+# Least slope of s (the ends' zeros divided out) over its mean that a law of our own choice should keep.
+COMFORTABLE_ADVANCE = 0.2
+MAX_CROSSINGS = 8  # through more, one polynomial has so many turns that none that advances is found
+LAWS_PER_UNKNOWN, MAX_ROUNDS = 64, 25  # laws drawn in a round of the search, for each open time or speed
+BEST_SHARE = 8  # one in so many laws of a round survives; the next ones are drawn around the survivors
+FIRST_SPREAD = 0.1  # of times over the duration, of logarithms of speeds, around the starts of the search
+NO_GAIN = 1e-4  # of `Law.advance`, between the survivors: the search has arrived
+MIN_SEPARATION = 1e-3  # of the duration, between crossings and from them to the ends, in a search
+
+Measure = Callable[[Array, Array], tuple[Array, Array]]
+
+
+class CrossingTime(NamedTuple):
+    """The law is to cross a singular point at `time` [s] with s' = `speed` [1/s]."""
+
+    time: float
+    speed: float
+
+
+def choose_timing(
+    s: Sequence[float], request: Request, measure: Measure, name: str
+) -> tuple[CrossingTime, ...]:
+    """Choose the timing of the crossings at path coordinates s (k,), ascending.
+
+    Times or speeds of the request are kept. Open ones are tried in turn: those of the law without crossing
+    conditions, then of faster ones. The first whose law advances comfortably is chosen. Without one, times
+    and speeds are searched.
+
+    Args:
+        measure: computes `Law.advance` (m,) of laws that cross at times (m, k) with speeds (m, k), and the
+            peaks of their s" [1/s^2] (m,), as `advances_and_peaks` does.
+
+    Raises:
+        NoLaw: no law that always advances was found.
+    """
+    if request.times is not None and request.speeds is not None:
+        # `check_advance` judges such a law
+        return _crossing_times(np.array([request.times, request.speeds]))
+    if len(s) > MAX_CROSSINGS:
+        raise NoLaw(
+            f"{name}: the path meets {len(s)} singular points, the first at s = {s[0]:.6g}; a law through "
+            f"more than {MAX_CROSSINGS} is not searched for: cut the path, or give all times and speeds"
+        )
+    starts = _first_timings(s, request)
+    scores = _score_laws(starts, request, measure)
+    comfortable = np.flatnonzero(scores >= COMFORTABLE_ADVANCE)
+    if len(comfortable):
+        return _crossing_times(starts[comfortable[0]])
+    best, score = _search_timings(starts[np.argsort(-scores, kind="stable")], request, measure)
+    timing = _crossing_times(best)
+    if score <= 0:
+        raise NoLaw(
+            f"{name}: no law that always advances found through s = "
+            f"{', '.join(f'{value:.6g}' for value in s)}, tried t = "
+            f"{', '.join(f'{m.time:.6g}' for m in timing)} s, s' = "
+            f"{', '.join(f'{m.speed:.6g}' for m in timing)} 1/s; give other times, speeds or another duration"
+        )
+    return timing
+
+
+def _first_timings(s: Sequence[float], request: Request) -> Array:
+    """Return times and speeds (m, 2, k) of laws to try first.
+
+    The first are those of the law without crossing conditions. The others have one speed at all crossings,
+    1.2 to 2.4 paths in the duration, and pass s = 1/2 at half of it.
+    """
+    duration, count = request.fixed_duration, len(s)
+    plain = Law.rest_to_rest(duration, request.smoothness)
+    ends = np.array([0.0, duration])
+    plain_times = np.array([find_instants(plain, ends, value)[0] for value in s])
+    constant_speeds = np.linspace(1.2, 2.4, 7)[:, None] / duration  # (7, 1)
+    times = np.vstack([plain_times, 0.5 * duration + (np.array(s) - 0.5) / constant_speeds])
+    if request.times is not None:
+        times[:] = plain_times = np.array(request.times)
+    speeds = np.vstack([plain(plain_times, 1), np.repeat(constant_speeds, count, axis=1)])
+    if request.speeds is not None:
+        speeds[:] = request.speeds
+    return np.stack([times, speeds], axis=1)
+
+
+def _crossing_times(timing: Array) -> tuple[CrossingTime, ...]:
+    """Return times and speeds (2, k) as crossing times."""
+    return tuple(CrossingTime(float(t), float(v)) for t, v in timing.T)
+
+
+def _score_laws(timings: Array, request: Request, measure: Measure) -> Array:
+    """Score laws (m,) through times and speeds (m, 2, k) by their advance; negative infinity without a law.
+
+    A law that advances comfortably scores by its peak of s" instead: the lower, the better.
+    """
+    duration, (times, speeds) = request.fixed_duration, timings.swapaxes(0, 1)
+    separation = np.diff(times, axis=1, prepend=0.0, append=duration).min(axis=1)
+    possible = (separation >= MIN_SEPARATION * duration) & (speeds > 0).all(axis=1)
+    scores = np.full(len(timings), -np.inf)
+    advances, peaks = measure(times[possible], speeds[possible])
+    by_peak = COMFORTABLE_ADVANCE + 1.0 / (peaks * duration**2)
+    scores[possible] = np.where(advances < COMFORTABLE_ADVANCE, advances, by_peak)
+    return scores
+
+
+def _search_timings(starts: Array, request: Request, measure: Measure) -> tuple[Array, float]:
+    """Search the open times and speeds until laws advance comfortably; return the best (2, k) and its score.
+
+    An evolution of random laws, each as times over the duration and logarithms of speeds. In the first round
+    laws are drawn around all starts. In each further one they are drawn around the mean of the survivors,
+    with the covariance of the survivors about the last mean: it stretches along a descent and shrinks at its
+    end.
+
+    Args:
+        starts: times and speeds (m, 2, k), best first.
+    """
+    duration = request.fixed_duration
+    is_open = np.array([[request.times is None], [request.speeds is None]])
+
+    def to_timings(laws: Array) -> Array:
+        """Return times [s] and speeds [1/s] (m, 2, k) of laws, or of the request where not open."""
+        physical = np.stack([duration * laws[:, 0], np.exp(laws[:, 1])], axis=1)
+        return np.where(is_open, physical, starts[0])
+
+    random = np.random.default_rng(0)
+    started = np.stack([starts[:, 0] / duration, np.log(starts[:, 1])], axis=1)  # (m, 2, k)
+    count = LAWS_PER_UNKNOWN * int(is_open.sum()) * starts.shape[2]
+    centres = started[random.integers(len(starts), size=count)]
+    drawn = centres + is_open * FIRST_SPREAD * random.standard_normal(centres.shape)
+    laws, scores, mean = started[:1], _score_laws(starts[:1], request, measure), started[0]
+    for _ in range(MAX_ROUNDS):
+        laws = np.concatenate([laws, drawn])
+        scores = np.concatenate([scores, _score_laws(to_timings(drawn), request, measure)])
+        survivors = np.argsort(-scores, kind="stable")[: count // BEST_SHARE]
+        laws, scores = laws[survivors], scores[survivors]
+        if scores[-1] >= COMFORTABLE_ADVANCE or scores[-1] > scores[0] - NO_GAIN:
+            break
+        weights = random.standard_normal((count, len(laws))) / np.sqrt(len(laws))
+        steps = np.tensordot(weights, laws - mean, axes=1)  # of the survivors' covariance about the last mean
+        mean = laws.mean(axis=0)
+        drawn = mean + steps
+    return to_timings(laws[:1])[0], float(scores[0])

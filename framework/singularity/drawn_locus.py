@@ -1,0 +1,122 @@
+"""The singular locus as something to draw: traced curves, or a patch of surface, near where the robot moves.
+
+A robot whose platform has two free translations gets curves over its workspace (all its other coordinates
+held), see `trace_locus`; one with three a patch of surface about a singular instant, as coarse as a picture
+may be, with its points pulled onto the locus itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.kinematics.inverse_kinematics import close_each
+from framework.kinematics.loop_matrices import type2_matrix
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.numerics.arrays import Array
+from framework.singularity.traced_locus import REGION_REACH, trace_locus
+from framework.singularity.type2 import has_signed_measure
+from framework.tolerances import SAME_PLACE
+
+NEWTON_STEPS = 10  # Newton steps to a neighbouring point
+MAX_JOINT_STEP = 0.5  # [rad, lengths] that a step may move a joint by
+PATCH_POINTS = 11  # points along an edge of the patch
+PATCH_SIZE = 0.12  # half an edge of the patch, in lengths of the robot
+MAX_PATCH_HEIGHT = 0.2  # [robot lengths] over its plane: a steeper patch is left out
+DIFFERENCE_STEP = 1e-4  # [robot lengths] for the slope of g
+SECANT_STEPS, MIN_SECANT_STEP = 5, 1e-9  # of points pulled onto the locus; over the largest height
+
+
+class LocusCurves(NamedTuple):
+    """Curves of the locus over a plane of the workspace, in one working mode."""
+
+    curves: list[Array]  # (m, 2) platform coordinates each
+    axes: tuple[int, int]  # which platform coordinates
+    about: Array  # (n,) platform coordinates of the centre; those not among `axes` are held
+    reach: float  # [m] half an edge of the square that was searched
+
+    def serves(self, x: Array) -> bool:
+        """Whether x (T, n) has the same fixed coordinates and lies well inside."""
+        offset = np.abs(x - self.about)
+        fixed = np.delete(offset, self.axes, axis=1)
+        is_same = fixed.max(initial=0.0) < SAME_PLACE * self.reach
+        return bool(is_same and offset[:, self.axes].max() < 0.5 * self.reach)
+
+
+def locus_curves(robot: ParallelRobot, q: Array, x: Array) -> LocusCurves | None:
+    """Trace the locus about an assembled configuration q (nq,), platform at x (n,), in its working mode.
+
+    None for a robot without exactly two translations, without passive joints, or with redundant motors (whose
+    g has no sign).
+    """
+    straight = robot.platform.sliding.tolist()
+    if len(straight) != 2 or not has_signed_measure(robot):
+        return None
+    traced = trace_locus(robot, q, one_mode=True)
+    return LocusCurves(
+        curves=[curve.x[:, straight] for curve in traced.curves if curve.kind != "joints_only"],
+        axes=(straight[0], straight[1]),
+        about=x.copy(),
+        reach=REGION_REACH * robot.length,
+    )
+
+
+def locus_patch(robot: ParallelRobot, q: Array, x: Array) -> Array | None:
+    """Compute the singular surface (m, m, 3), m = PATCH_POINTS, about a singular pose, orientation held.
+
+    None for a robot without exactly three translations, or where the surface cannot be followed.
+    """
+    straight = robot.platform.sliding.tolist()
+    if len(straight) != 3 or not has_signed_measure(robot):
+        return None
+
+    def measure(shift: Array) -> Array:
+        """Compute det P (T,) at shifts (T, 3) of x; NaN where the loops do not close.
+
+        It changes its sign where g does, and needs no border.
+        """
+        targets = np.repeat(x[None], len(shift), axis=0)
+        targets[:, straight] += shift
+        guess = np.repeat(q[None], len(shift), axis=0)
+        _, linearised, closed = close_each(
+            robot, targets, guess, iterations=NEWTON_STEPS, farthest=MAX_JOINT_STEP
+        )
+        return np.where(closed, np.linalg.det(type2_matrix(robot, linearised)), np.nan)
+
+    step = DIFFERENCE_STEP * robot.length
+    ahead, back = measure(step * np.eye(3)), measure(-step * np.eye(3))
+    slope = (ahead - back) / (2 * step)  # (3,) along the axes
+    size = float(np.linalg.norm(slope))
+    if not (np.isfinite(size) and size > 0):
+        return None
+    normal = slope / size
+    span = np.linspace(-PATCH_SIZE, PATCH_SIZE, PATCH_POINTS) * robot.length
+    grid = np.stack(np.meshgrid(span, span, indexing="ij"), axis=-1).reshape(-1, 2)
+    flat = grid @ np.linalg.svd(normal[None])[2][1:]  # (m m, 3) on the tangent plane
+    points = _pull_onto(measure, flat, normal, size, MAX_PATCH_HEIGHT * robot.length)
+    if np.isnan(points).any():
+        return None
+    return (points + x[straight]).reshape(PATCH_POINTS, PATCH_POINTS, 3)
+
+
+def _pull_onto(
+    measure: Callable[[Array], Array], start: Array, normal: Array, slope: float, farthest: float
+) -> Array:
+    """Move points (T, k) along a normal (k,) to where the measure vanishes, by the secant method.
+
+    Not a number for a point that would have to go farther than `farthest`, or whose loops do not close.
+    """
+    height, value = np.zeros(len(start)), measure(start)
+    rate = np.full(len(start), slope)  # of the measure along the normal
+    for _ in range(SECANT_STEPS):
+        step = np.clip(-value / rate, -0.2 * farthest, 0.2 * farthest)
+        step = np.where(np.isfinite(step), step, 0.0)
+        height = height + step
+        new_value = measure(start + height[:, None] * normal)
+        is_step = np.abs(step) > MIN_SECANT_STEP * farthest
+        rate = np.where(is_step, (new_value - value) / np.where(is_step, step, 1.0), rate)
+        value = new_value
+    good = np.isfinite(value) & (np.abs(height) < farthest)
+    return np.where(good[:, None], start + height[:, None] * normal, np.nan)

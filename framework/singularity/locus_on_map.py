@@ -1,0 +1,268 @@
+"""The singular locus within a map: traced curves of the map's own branch, held against the map's signs of g.
+
+Starts of the tracing are the poses beside which g changes its sign, and those where |g| is least among its
+neighbours. A traced curve belongs to the map where a step of inverse kinematics from the nearest pose leads
+to the curve's own configuration. So each point is singular, and of the poses' own branch. That the locus is
+complete is not claimed: a curve may lie between the poses, so small that no sign of g tells. But each change
+of sign between neighbours that no curve explains is told.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.errors import InvalidInput
+from framework.kinematics.frames import frames_at
+from framework.kinematics.linearised_loops import linearised_at
+from framework.kinematics.modes import leg_signs
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.numerics.arrays import Array, BoolArray, IntArray, ReadOnlyArrays, select
+from framework.singularity.curve_tracing import chord_offsets
+from framework.singularity.locus_equations import LocusEquations
+from framework.singularity.traced_locus import LocusCurve, trace_locus
+from framework.tolerances import DISTINCT_SOLUTIONS
+
+STARTS_PER_ROUND = 24  # sign changes of a round that tracing starts from, evenly chosen
+MAX_ROUNDS = 4  # each from further sign changes, which the curves so far do not pass
+# cells between curves that are one: on one branch of the map they have the same joints
+SAME_CURVE_CELLS = 0.25
+MAX_TOUCHES = 16  # least |g| that it starts from: curves along which g keeps its sign
+STEPS_PER_REACH = 16.0  # of a curve along half an edge of the window, at least
+REGION_MARGIN = 1.05  # half the edge of the region followed, to the window's farthest side
+EXPLAINED_CELLS = 1.0  # between a change of sign and the curve that explains it
+AROUND = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)])  # cells about one, which is the one at 4
+MAX_ANGLE_STEP = 3.0  # [rad] between neighbours: the angle has been counted on from pi to -pi
+
+
+class MapPoses(NamedTuple):
+    """The grid of poses of a map over two platform coordinates, on one branch."""
+
+    axes: tuple[int, int]  # the two platform coordinates
+    lower: Array  # (2,) their least values [m, rad]
+    upper: Array  # (2,)
+    cell: Array  # (2,) distance of neighbours along either axis
+    x: Array  # (I, J, n)
+    q: Array  # (I, J, nq)
+    reached: BoolArray  # (I, J)
+    g: Array  # (I, J) NaN where a pose is not reached
+    # q (T, nq) at x (T, n) led to other x: configurations there, and which of them are on the same branch
+    lead: Callable[[Array, Array, Array], tuple[Array, BoolArray]]
+
+
+@dataclass(frozen=True, eq=False)
+class MapCurve(ReadOnlyArrays):
+    """A curve of the locus through m points."""
+
+    x: Array  # (m, 2) the map's two coordinates
+    q: Array  # (m, nq)
+
+
+@dataclass(frozen=True, eq=False)
+class MapLocus(ReadOnlyArrays):
+    """The locus on the branch of a map, or the reason why none is traced."""
+
+    curves: tuple[MapCurve, ...]
+    sign_changes: int  # of g between neighbouring poses
+    unexplained: Array  # (u, 2) where g changes its sign and no curve passes within a cell
+    why_not: str  # empty if it was traced
+    seconds: float
+
+    @property
+    def sentence(self) -> str:
+        """The result in words."""
+        if self.why_not:
+            return f"not traced: {self.why_not}"
+        count, missed = len(self.curves), len(self.unexplained)
+        curves = {0: "no curve", 1: "1 curve"}.get(count, f"{count} curves")
+        rest = "all explained" if not missed else f"at {missed} no curve passes"
+        signs = f"g changes its sign between {self.sign_changes} neighbours, {rest}"
+        if not self.sign_changes:
+            signs = "g does not change its sign"
+        return f"{curves} traced; {signs}; completeness is not claimed"
+
+
+def locus_on_map(robot: ParallelRobot, poses: MapPoses) -> MapLocus:
+    """Trace the locus over the window of a map, on the branch of its poses."""
+    started = time.perf_counter()
+    first = tuple(np.argwhere(poses.reached)[0])
+    try:
+        equations = LocusEquations.of(robot, poses.q[first], poses.x[first], _free(robot, poses))
+    except InvalidInput as error:
+        return MapLocus((), 0, np.zeros((0, 2)), str(error), 0.0)
+    changes = _sign_changes(poses.g)
+    curves, unexplained = _trace_modes(equations, poses, changes)
+    seconds = time.perf_counter() - started
+    return MapLocus(tuple(curves), len(changes), _middles(poses, changes[unexplained]), "", seconds)
+
+
+def _trace_modes(
+    equations: LocusEquations, poses: MapPoses, changes: IntArray
+) -> tuple[list[MapCurve], BoolArray]:
+    """Trace the curves of all working modes; return which changes (e, 4) of sign none explains, (e,).
+
+    Modes with most starts come first.
+    """
+    least = _least(poses.g)
+    curves, unexplained = list[MapCurve](), np.ones(len(changes), dtype=bool)
+    change_modes, least_modes = (_modes(equations.robot, poses, ij) for ij in (changes[:, :2], least))
+    modes, counts = np.unique(np.concatenate([change_modes, least_modes]), axis=0, return_counts=True)
+    for mode in modes[np.argsort(-counts, kind="stable")]:
+        of_mode = (change_modes == mode).all(axis=1)
+        starts = [poses.q[tuple(ij)] for ij in least[(least_modes == mode).all(axis=1)]]
+        for _ in range(MAX_ROUNDS):
+            todo = np.flatnonzero(unexplained & of_mode)
+            starts += [poses.q[tuple(ij)] for ij in changes[_choose_evenly(todo), :2]]
+            if not starts:
+                break
+            for curve in _trace_near(equations.robot, poses, starts):
+                for part in _parts(equations, poses, curve):
+                    if _is_apart(poses, part.x, curves, SAME_CURVE_CELLS).any():  # repeats no other
+                        curves.append(part)
+            unexplained = _is_apart(poses, _middles(poses, changes), curves, EXPLAINED_CELLS)
+            if np.count_nonzero(unexplained & of_mode) in (0, len(todo)) or len(todo) <= STARTS_PER_ROUND:
+                break
+            starts = []
+    return curves, unexplained
+
+
+def _choose_evenly(indices: IntArray) -> IntArray:
+    """Return up to `STARTS_PER_ROUND` of the indices, evenly chosen."""
+    count = min(len(indices), STARTS_PER_ROUND)
+    return indices[np.linspace(0, len(indices) - 1, count).round().astype(np.intp)]
+
+
+def _free(robot: ParallelRobot, poses: MapPoses) -> tuple[str, str]:
+    """Return the names of the map's axes."""
+    return robot.axis_names[poses.axes[0]], robot.axis_names[poses.axes[1]]
+
+
+def _modes(robot: ParallelRobot, poses: MapPoses, places: IntArray) -> Array:
+    """Return the sign of each leg (e, legs) at some poses of the map."""
+    i, j = places.T
+    return leg_signs(robot, linearised_at(robot, poses.q[i, j], None))
+
+
+def _trace_near(robot: ParallelRobot, poses: MapPoses, starts: list[Array]) -> list[LocusCurve]:
+    """Trace the curves near starts, all in the mode of the first, as far as the map goes."""
+    axes = list(poses.axes)
+    centre = robot.platform.coordinates(frames_at(robot, starts[0][None]))[0, axes]
+    lengths = robot.platform_scale[axes]
+    reach = REGION_MARGIN * float((np.abs(np.stack([poses.lower, poses.upper]) - centre) / lengths).max())
+    traced = trace_locus(
+        robot,
+        starts[0],
+        free=_free(robot, poses),
+        reach=reach,
+        starts=0,
+        one_mode=True,
+        near=starts,
+        longest=reach / STEPS_PER_REACH,
+    )
+    return [curve for curve in traced.curves if curve.kind != "joints_only"]
+
+
+# ------------------------------------------------------------------ the map's signs
+
+
+def _sign_changes(g: Array) -> IntArray:
+    """Find neighbours between which g changes its sign: (e, 4), indices of the first and the second."""
+    changes = []
+    for down, right in ((1, 0), (0, 1)):
+        first, second = g[: len(g) - down, : g.shape[1] - right], g[down:, right:]
+        indices = np.argwhere(first * second < 0)
+        changes.append(np.concatenate([indices, indices + np.array([down, right])], axis=1))
+    return np.concatenate(changes)
+
+
+def _least(g: Array) -> IntArray:
+    """Find the indices (t, 2) at which |g| is less than at all of eight neighbours."""
+    from scipy.ndimage import minimum_filter
+
+    size = np.where(np.isfinite(g), np.abs(g), np.inf)
+    around = np.ones((3, 3), dtype=bool)
+    around[1, 1] = False
+    neighbours = minimum_filter(size, footprint=around, mode="constant", cval=np.inf)
+    minima = np.argwhere(size < neighbours)
+    return minima[np.argsort(size[tuple(minima.T)], kind="stable")[:MAX_TOUCHES]]
+
+
+def _middles(poses: MapPoses, changes: IntArray) -> Array:
+    """Return the middles (e, 2) of neighbours."""
+    return poses.lower + 0.5 * (changes[:, :2] + changes[:, 2:]) * poses.cell
+
+
+def _is_apart(poses: MapPoses, x: Array, curves: list[MapCurve], cells: float) -> BoolArray:
+    """Whether points x (e, 2) are more than `cells` cells away from all curves, (e,)."""
+    is_apart, scaled = np.ones(len(x), dtype=bool), x / poses.cell
+    for curve in curves:
+        points = curve.x / poses.cell
+        start, chord = points[:-1], np.diff(points, axis=0)
+        for k in np.flatnonzero(is_apart).tolist():
+            is_apart[k] = np.abs(chord_offsets(scaled[k] - start, chord)).max(axis=1).min() > cells
+    return is_apart
+
+
+# ------------------------------------------------------------------ the curves
+
+
+def _parts(equations: LocusEquations, poses: MapPoses, curve: LocusCurve) -> list[MapCurve]:
+    """Return the parts of a curve on the map's branch, cut where an angle jumps by a turn."""
+    axes = list(poses.axes)
+    x = curve.x[:, axes]
+    is_on, is_off = _compare_branches(equations, poses, curve, x)
+    jumps = (np.abs(np.diff(x, axis=0)) > MAX_ANGLE_STEP) & ~equations.robot.translations[axes]
+    breaks = np.flatnonzero(jumps.any(axis=1) | (is_off[1:] != is_off[:-1])) + 1
+    parts = np.split(np.arange(len(x)), breaks)
+    return [MapCurve(x[part], curve.q[part]) for part in parts if len(part) > 1 and is_on[part].any()]
+
+
+class _Neighbours(NamedTuple):
+    """The map's poses about m points: the nearest one and its eight neighbours, in the order of `AROUND`."""
+
+    cells: IntArray  # (m, 9, 2) indices, 0 where there is none
+    reached: BoolArray  # (m, 9) whether there is a pose
+    q: Array  # (m, 9, nq)
+
+
+def _neighbours(poses: MapPoses, x: Array) -> _Neighbours:
+    """Return the poses about points x (m, 2)."""
+    nearest = np.round((x - poses.lower) / poses.cell).astype(int)
+    cells = nearest[:, None] + AROUND
+    on_map = ((cells >= 0) & (cells < np.array(poses.g.shape))).all(axis=2)
+    cells = np.where(on_map[:, :, None], cells, 0)
+    rows, columns = cells[..., 0], cells[..., 1]
+    return _Neighbours(cells, on_map & poses.reached[rows, columns], poses.q[rows, columns])
+
+
+def _compare_branches(
+    equations: LocusEquations, poses: MapPoses, curve: LocusCurve, x: Array
+) -> tuple[BoolArray, BoolArray]:
+    """Return which points x (m, 2) of a curve surely are on the map's branch, and which surely are not.
+
+    A step of inverse kinematics from the nearest pose leads to the point's own configuration, or elsewhere.
+    Where the inverse kinematics is singular too no step leads to a point: it then counts as on the branch if
+    it is no farther from the nearest pose than the farthest of the neighbours. Points at and beyond the rim
+    of the reached poses may be neither.
+    """
+    is_on, is_off = np.zeros((2, len(x)), dtype=bool)
+    about = _neighbours(poses, x)
+    inside = np.flatnonzero(about.reached[:, 4])
+    if not len(inside):
+        return is_on, is_off
+    about, q = select(about, inside), curve.q[inside]
+    own_q = about.q[:, 4]
+    own_x = poses.x[about.cells[:, 4, 0], about.cells[:, 4, 1]]
+    ends, arrives = poses.lead(own_q, own_x, curve.x[inside])
+    with np.errstate(invalid="ignore"):  # poses that are not reached
+        gap = np.abs(equations.offsets(q, ends)).max(axis=1)
+        to_neighbours = np.abs(equations.offsets(own_q[:, None], about.q)).max(axis=2)
+        to_point = np.abs(equations.offsets(own_q, q)).max(axis=1)
+    is_among = to_point <= np.where(about.reached, to_neighbours, 0.0).max(axis=1)
+    is_on[inside] = np.where(arrives, gap < DISTINCT_SOLUTIONS, is_among)
+    is_off[inside] = ~is_on[inside] & (arrives | about.reached.all(axis=1))
+    return is_on, is_off

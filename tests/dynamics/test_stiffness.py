@@ -1,0 +1,123 @@
+"""Stiffness and vibrations: closed forms of the 5R, energies written anew, differences of the simulator."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import robots
+from framework import InvalidInput, NotConverged, assemble
+from framework.dynamics.stiffness import platform_stiffness
+from framework.simulation.equations import EquationsOfMotion
+from tests.oracles import five_bar_pose
+
+POINTS = [(0.1, 0.345), (-0.05, 0.15), (0.03, -0.2)]
+SINGULAR = (0.0, np.sqrt(0.06))
+
+
+@pytest.mark.parametrize("x", [*POINTS, SINGULAR])
+@pytest.mark.parametrize("flexibility", ["flexible_joints", "flexible_links"])
+def test_the_stiffness_of_the_5r_is_that_of_its_legs(x, flexibility):
+    robot = robots.load("five_bar", flexibility=flexibility)
+    found = platform_stiffness(robot, assemble(robot, x))
+    at = five_bar_pose.pose(np.array([x]))
+    K = five_bar_pose.stiffness(at, rods=flexibility == "flexible_links")[0]
+    np.testing.assert_allclose(found.stiffness, K, rtol=0, atol=1e-10 * np.abs(K).max())
+    squares = np.linalg.eigvalsh(K) / five_bar_pose.PAYLOAD
+    np.testing.assert_allclose(found.squares, squares, rtol=0, atol=1e-10 * squares.max())
+
+
+def test_at_type_2_stiffness_and_compliance_across_stay_finite_and_along_t_s_nothing_holds():
+    robot = robots.load("five_bar", flexibility="flexible_links")
+    found = platform_stiffness(robot, assemble(robot, SINGULAR))  # rods in line along x: t_s is along y
+    assert np.isfinite(found.stiffness).all()
+    assert abs(found.stiffness[1, 1]) < 1e-12 * found.stiffness[0, 0]
+    assert found.compliance[1, 1] == np.inf
+    assert found.compliance[0, 0] == pytest.approx(1 / found.stiffness[0, 0], rel=1e-9)
+    np.testing.assert_allclose(
+        np.abs(found.platform_modes[0] / found.platform_modes[0, 1]), [0, 1], atol=1e-6
+    )
+    assert found.frequencies[0] == 0.0
+    assert found.frequencies[1] > 1.0
+    assert platform_stiffness(robot, assemble(robot, [0.0, 0.35])).is_stable
+
+
+@pytest.mark.parametrize("x", [*POINTS, SINGULAR])
+def test_under_load_the_payload_rests_where_an_energy_written_anew_is_least(x):
+    robot = robots.load("five_bar", flexibility="flexible_links")
+    w = np.array([300.0, 20.0])
+    reference = assemble(robot, x)
+    found = platform_stiffness(robot, reference, loaded=True, wrench=w)
+    start, h = five_bar_pose.pose(np.array([x])), 1e-5
+    steps = np.array([[0, 0], [h, 0], [-h, 0], [0, h], [0, -h], [h, h], [-h, -h], [h, -h], [-h, h]])
+    V = five_bar_pose.energy(found.x + steps, start) - steps @ w
+    scale = np.abs(found.stiffness).max()
+    # at rest to a nanometre; the third derivative of V weighs h^3
+    np.testing.assert_allclose([V[1] - V[2], V[3] - V[4]], 0.0, rtol=0, atol=2 * h * scale * 1e-9)
+    mixed = (V[5] + V[6] - V[7] - V[8]) / (4 * h * h)
+    hessian = [[(V[1] + V[2] - 2 * V[0]) / h**2, mixed], [mixed, (V[3] + V[4] - 2 * V[0]) / h**2]]
+    np.testing.assert_allclose(found.stiffness, hessian, rtol=0, atol=1e-5 * scale)
+
+
+@pytest.mark.parametrize(
+    ("name", "flexibility"),
+    [("five_bar", "flexible_links"), ("delta", "flexible_joints"), ("biglide", "flexible_links")],
+)
+def test_compliance_is_the_difference_of_two_equilibria(name, flexibility):
+    robot = robots.load(name, flexibility=flexibility)
+    reference = robot.reference
+    rest = platform_stiffness(robot, reference, loaded=True)
+    for k in range(robot.n):
+        if not robot.translations[k]:
+            continue
+        w = np.zeros(robot.n)
+        w[k] = 1e-6 * np.abs(np.diag(rest.stiffness)).min() * robot.length
+        ends = [platform_stiffness(robot, reference, loaded=True, wrench=side * w).x for side in (1, -1)]
+        moved = (ends[0] - ends[1]) / (2 * w[k])
+        expected = rest.compliance[:, k]
+        np.testing.assert_allclose(moved, expected, rtol=0, atol=1e-4 * np.abs(expected).max())
+
+
+def simulated_acceleration(robot, q):
+    """Joint accelerations (nv,) from rest in q (nq,) with rotors too heavy to move, by the simulator."""
+    nothing = np.zeros((1, robot.model.nv))
+    stuck = replace(robot, rotor_inertia=np.full(robot.n_a, 1e12))
+    at = EquationsOfMotion.of(stuck).tangent(q[None], nothing, nothing)
+    count = at.jacobian.shape[1]
+    whole = np.block([[at.mass[0], -at.jacobian[0].T], [at.jacobian[0], np.zeros((count, count))]])
+    return np.linalg.solve(whole, np.concatenate([-at.force[0], np.zeros(count)]))[: robot.model.nv]
+
+
+@pytest.mark.parametrize(
+    ("name", "flexibility", "loaded"),
+    [
+        ("five_bar_heavy", "flexible_links", False),
+        ("five_bar_heavy", "flexible_links", True),
+        ("delta", "flexible_joints", True),
+    ],
+)
+def test_every_mode_of_a_robot_with_masses_swings_in_the_simulator(name, flexibility, loaded):
+    robot = robots.load(name, flexibility=flexibility)
+    if not loaded:
+        robot.model.gravity.linear = np.zeros(3)
+    found = platform_stiffness(robot, robot.reference, loaded=loaded)
+    assert len(found.squares) >= robot.n
+    for square, mode in zip(found.squares, found.modes, strict=True):
+        h = 1e-5 / np.abs(mode / robot.column_scale).max()
+        ahead, behind = (simulated_acceleration(robot, found.q + side * h * mode) for side in (1, -1))
+        np.testing.assert_allclose(
+            (ahead - behind) / (2 * h), -square * mode, rtol=0, atol=1e-5 * square * np.abs(mode).max()
+        )
+
+
+def test_a_robot_without_springs_or_without_equilibrium_is_told_so():
+    with pytest.raises(InvalidInput, match="no springs"):
+        platform_stiffness(robots.load("five_bar"), robots.load("five_bar").reference)
+    robot = robots.load("five_bar", flexibility="flexible_joints")
+    with pytest.raises(InvalidInput, match="wrench"):
+        platform_stiffness(robot, robot.reference, wrench=[1.0, 0.0])
+    robot = robots.load("five_bar", flexibility="flexible_links")
+    with pytest.raises(NotConverged, match="no equilibrium"):  # it would stretch the rods by a kilometre
+        platform_stiffness(robot, robot.reference, loaded=True, wrench=[0.0, 1e9])

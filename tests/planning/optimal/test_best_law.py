@@ -1,0 +1,312 @@
+"""The optimal law: what it is best at, its limits, and the motions that only it makes possible."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import robots
+from framework import (
+    InvalidInput,
+    Line,
+    NoAnswer,
+    NoLaw,
+    ParallelRobot,
+    assemble,
+    inverse_dynamics,
+    locate_singularities,
+    plan_crossing,
+    simulate,
+)
+from framework.laws.optimal_law import HIGHEST_SMOOTHNESS, least_value
+from framework.planning.optimal import least_cost
+from framework.planning.optimal.peak_bound import bound_plan
+from framework.planning.saved import plan_document
+from framework.planning.scenes import scene_path
+from framework.tolerances import SQUARED_SPEED_FLOORS
+
+LINE = Line([0.1, 0.345], [-0.05, 0.195])
+PAPERS = 0.164918  # [N m] peak torque of the paper's law in scene C, rigid robot
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return robots.load("five_bar")
+
+
+@pytest.fixture(scope="module")
+def quickest(robot):
+    return plan_crossing(robot, LINE, optimize="time", torque_limit=PAPERS)
+
+
+def peak(plan) -> float:
+    """Largest torque [N m], between the nodes too."""
+    t = np.linspace(0.0, plan.duration, 20011)
+    return float(np.abs(plan.torque(t)).max())
+
+
+def test_the_quickest_law_takes_half_of_the_papers_time_at_its_torque(quickest):
+    assert 0.7340 <= quickest.duration <= 0.7380  # the paper takes 1.5 s
+    assert 0.995 * PAPERS < peak(quickest) <= PAPERS
+    assert quickest.law.kind == "optimal"
+    assert quickest.certificate.tail < 1e-10
+    assert quickest.certificate.monotone
+
+
+def test_the_crossing_is_certified_and_brings_the_robot_along_the_path(robot, quickest):
+    (crossing,) = quickest.crossings
+    assert crossing.residual < 1e-11
+    assert simulate(robot, quickest).tracking_error < 1e-8
+
+
+def test_the_quickest_law_is_within_a_percent_of_the_bound_of_all(quickest):
+    bound = bound_plan(quickest).value
+    assert 0.998 * LEAST_TIME < bound < LEAST_TIME
+    assert 1.0 < quickest.duration / bound < 1.01
+
+
+# Without smoothness at the ends, by the phase plane (Verscheure et al. 2009) on ever finer cells.
+LEAST_TIME, LEAST_PEAK = 0.73395, 0.039482  # [s] at PAPERS N m, [N m] in 1.5 s
+
+
+@pytest.mark.parametrize("smoothness", [2, 3, 4, 6])
+def test_smoothness_at_the_ends_costs_almost_nothing(robot, smoothness):
+    quick = plan_crossing(robot, LINE, optimize="time", torque_limit=PAPERS, smoothness=smoothness)
+    assert LEAST_TIME < quick.duration < 1.015 * LEAST_TIME
+    gentle = plan_crossing(
+        robot, LINE, duration=1.5, optimize="peak_torque", law="optimal", smoothness=smoothness
+    )
+    assert LEAST_PEAK < peak(gentle) < 1.015 * LEAST_PEAK
+
+
+def test_there_is_no_bound_for_a_polynomial(robot):
+    assert bound_plan(plan_crossing(robot, LINE, duration=1.5)) is None
+
+
+def test_the_least_peak_at_the_papers_duration_is_a_quarter_of_its_own(robot):
+    plan = plan_crossing(robot, LINE, duration=1.5, law="optimal")
+    assert plan.duration == 1.5 == plan.law.duration
+    assert peak(plan) <= 0.0405
+
+
+def test_any_user_would_find_the_same_torques_for_that_law(robot, quickest):
+    again = inverse_dynamics(robot, LINE, quickest.law)
+    t = np.linspace(0.0, quickest.duration, 301)
+    np.testing.assert_allclose(again.torque(t), quickest.torque(t), rtol=0, atol=1e-9 * PAPERS)
+
+
+@pytest.mark.slow
+def test_energy_is_least_where_it_is_asked_for(robot):
+    def energy(plan) -> float:
+        t, weights = np.polynomial.legendre.leggauss(400)
+        at = 0.5 * plan.duration * (t + 1)
+        return float(0.5 * plan.duration * weights @ (plan.torque(at) ** 2).sum(axis=1))
+
+    frugal = plan_crossing(robot, LINE, duration=1.5, optimize="energy")
+    for other in (
+        plan_crossing(robot, LINE, duration=1.5, law="optimal"),
+        plan_crossing(robot, LINE, duration=1.5),
+    ):
+        assert energy(frugal) < 0.99 * energy(other)
+
+
+def test_a_margin_is_left_of_every_limit_and_costs_time(robot, quickest):
+    careful = plan_crossing(robot, LINE, optimize="time", torque_limit=PAPERS, margin=0.1)
+    assert peak(careful) <= 0.9 * PAPERS
+    assert careful.duration > quickest.duration
+
+
+def test_a_speed_limit_is_kept(robot, quickest):
+    t = np.linspace(0.0, quickest.duration, 4001)
+    free = np.abs(quickest.motor_angle(t, 1)).max()
+    slower = plan_crossing(
+        robot, LINE, optimize="time", torque_limit=PAPERS, speed_limit=[0.7 * free, 0.8 * free]
+    )
+    t = np.linspace(0.0, slower.duration, 4001)
+    speeds = np.abs(slower.motor_angle(t, 1)).max(axis=0)
+    assert np.all(speeds <= np.array([0.7, 0.8]) * free)
+    assert slower.duration > quickest.duration
+
+
+def test_a_bounded_duration_is_kept(robot):
+    plan = plan_crossing(robot, LINE, optimize="energy", longest=1.2)
+    assert plan.duration <= 1.2 * (1 + 1e-6)
+
+
+def test_a_speed_at_the_crossing_is_met(robot):
+    plan = plan_crossing(robot, LINE, duration=1.5, law="optimal", speeds=[1.5])
+    (crossing,) = plan.crossings
+    assert crossing.speed == pytest.approx(1.5, rel=1e-9)
+
+
+def test_more_cells_gain_little(robot, quickest, monkeypatch):
+    monkeypatch.setattr(least_cost, "FIRST_CELLS", 180)
+    fine = plan_crossing(robot, LINE, optimize="time", torque_limit=PAPERS)
+    assert len(fine.law.cells) > 1.9 * len(quickest.law.cells)
+    assert abs(quickest.duration / fine.duration - 1) < 0.003
+
+
+def test_the_plan_says_which_law_it_took_and_why(robot, quickest):
+    plain = plan_crossing(robot, LINE, duration=1.5)
+    assert (plain.law.kind, plain.reason) == ("polynomial", "the polynomial advances")
+    assert quickest.reason == "only the optimal law has a goal"
+    assert plan_document(quickest)["law"]["kind"] == "optimal"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("flexibility", ["flexible_joints", "flexible_links"])
+def test_deformed_robots_cross_by_their_own_best_law(flexibility):
+    robot = robots.load("five_bar", flexibility=flexibility)
+    plan = plan_crossing(robot, LINE, duration=1.5, law="optimal")
+    assert plan.duration == 1.5
+    assert peak(plan) <= 0.046
+    assert simulate(robot, plan).tracking_error < 1e-8
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"law": "best", "duration": 1.5}, "unknown law 'best'"),
+        ({"optimize": "speed", "duration": 1.5}, "unknown optimize 'speed'"),
+        ({"law": "polynomial", "duration": 1.5, "margin": 0.1}, "for the optimal law"),
+        ({"law": "optimal", "duration": 1.5, "times": [1.0]}, "times: belong to the polynomial"),
+        ({"optimize": "time", "duration": 1.5, "torque_limit": 1.0}, "duration: with optimize time"),
+        ({"optimize": "time"}, "torque_limit or speed_limit is needed"),
+        ({"optimize": "energy"}, "duration: optimize energy needs one"),
+        ({}, "duration: needed"),
+        ({"duration": 1.5, "torque_limit": -1.0}, "torque_limit: needs one positive number"),
+        ({"duration": 1.5, "torque_limit": [1.0, 1.0, 1.0]}, "torque_limit: needs one positive number"),
+        ({"duration": 1.5, "margin": 1.0}, r"margin: must lie in \[0, 1\)"),
+        ({"duration": 1.5, "longest": 2.0}, "longest: bounds a duration that is open"),
+    ],
+)
+def test_what_cannot_be_asked_is_told(robot, options, words):
+    with pytest.raises(InvalidInput, match=words):
+        plan_crossing(robot, LINE, **options)
+
+
+def test_limits_that_are_too_low_are_an_answer(robot):
+    with pytest.raises(NoLaw, match=r"least peak of torque found is .* times the limits"):
+        plan_crossing(robot, LINE, duration=1.0, torque_limit=0.01)
+
+
+@pytest.mark.slow
+def test_twelve_crossings_on_one_path():
+    robot = robots.load("three_rpr")
+    start = assemble(robot).x
+    path = Line(start, start + np.array([0.0, 0.0, 6 * np.pi]))
+    plan = plan_crossing(robot, path, duration=10.0)
+    assert len(plan.crossings) == len(locate_singularities(robot, path)) >= 10
+    assert plan.law.kind == "optimal"
+    assert plan.duration == 10.0
+    assert max(crossing.residual for crossing in plan.crossings) < 1e-11
+
+
+# ------------------------------------------------------------------ under gravity
+
+
+def hanging() -> ParallelRobot:
+    """The five-bar with 1 kg rods and geared motors, standing upright: gravity pulls across its locus."""
+    description = robots.load("five_bar_heavy").description
+    return ParallelRobot.from_description(replace(description, gravity=(0.0, -9.81, 0.0)))
+
+
+def random_motions(count: int, seed: int) -> list[tuple[Line, float]]:
+    """Lines from above the locus to below it, with durations [s] of 1 to 3."""
+    rng = np.random.default_rng(seed)
+    robot, found = hanging(), []
+    while len(found) < count:
+        ends = rng.uniform([-0.1, 0.28], [0.1, 0.36]), rng.uniform([-0.1, 0.12], [0.1, 0.22])
+        duration = float(rng.uniform(1.0, 3.0))
+        try:
+            crosses = len(locate_singularities(robot, Line(*ends))) == 1
+        except NoAnswer:
+            continue
+        if crosses:
+            found.append((Line(*ends), duration))
+    return found
+
+
+def power_balance(plan) -> float:
+    """Work of the motors less the gain of potential energy, from rest to rest, over the largest of both [-].
+
+    The open tree's masses and the path are all that it needs; nothing of how the torques were found.
+    """
+    robot = plan.robot
+    edges = plan.dynamics.torques.edges
+    points, weights = np.polynomial.legendre.leggauss(48)
+    half = 0.5 * np.diff(edges)[:, None]
+    t = (edges[:-1, None] + half * (points + 1)).ravel()
+    work = np.sum((half * weights).ravel()[:, None] * plan.torque(t) * plan.motor_angle(t, 1))
+    data = robot.model.createData()
+    low, high = (
+        pin.computePotentialEnergy(robot.model, data, q)
+        for q in plan.dynamics.configuration(np.array([0.0, plan.duration]))
+    )
+    return float(abs(work - (high - low)) / abs(high - low))
+
+
+def check_under_gravity(line: Line, duration: float) -> None:
+    robot = hanging()
+    with pytest.raises(NoLaw):
+        plan_crossing(robot, line, duration=duration, law="polynomial")
+    plan = plan_crossing(robot, line, duration=duration, law="optimal")
+    assert plan.duration == duration
+    assert plan.certificate.monotone
+    assert plan.certificate.tail < 1e-10
+    assert max(crossing.residual for crossing in plan.crossings) < 1e-11
+    t = np.linspace(0.0, duration, 3001)
+    assert np.all(np.diff(plan.law(t)) > 0)
+    assert power_balance(plan) < 1e-8
+    bound = bound_plan(plan).value
+    assert 1.0 < float((np.abs(plan.torque(t)) / plan.optimality.reference).max()) / bound < 1.02
+
+
+def test_a_robot_under_gravity_crosses_where_no_polynomial_advances():
+    check_under_gravity(*random_motions(1, seed=11)[0])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("k", range(1, 12))
+def test_random_lines_under_gravity(k):
+    check_under_gravity(*random_motions(12, seed=11)[k])
+
+
+def beside_the_locus(robot, distance: float) -> Line:
+    """LINE up to this distance [m] beyond its singular point."""
+    along = LINE.end - LINE.start
+    (singular,) = locate_singularities(robot, LINE)
+    return Line(LINE.start, singular.platform + distance * along / np.linalg.norm(along))
+
+
+@pytest.mark.parametrize("distance", [-1e-6, 1e-5, 3e-6])
+def test_paths_that_end_beside_a_singular_point_keep_the_least_speed_between_all_points(robot, distance):
+    plan = plan_crossing(robot, beside_the_locus(robot, distance), duration=1.5)
+    assert (plan.law.kind, len(plan.crossings)) == ("optimal", distance > 0)
+    assert least_value(plan.law.series) * plan.duration**2 > 0.99 * SQUARED_SPEED_FLOORS[-1]
+
+
+def test_a_path_that_ends_just_short_of_a_singular_point_takes_a_hundredth_of_the_polynomials_torque(robot):
+    path = beside_the_locus(robot, -1e-6)
+    plans = [plan_crossing(robot, path, duration=1.5, law=law) for law in ("auto", "polynomial")]
+    assert peak(plans[0]) < 0.01 * peak(plans[1])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("flexibility", "limit"), [("flexible_joints", 5.0), ("flexible_links", 2.0)])
+def test_the_quickest_law_of_an_elastic_robot_is_nearly_that_of_the_rigid_one_whatever_longest(
+    flexibility, limit
+):
+    path = scene_path(robots.load("five_bar").description.scenes["C"])
+    rigid = plan_crossing(
+        robots.load("five_bar"), path, optimize="time", torque_limit=limit, smoothness=HIGHEST_SMOOTHNESS
+    )
+    elastic = robots.load("five_bar", flexibility=flexibility)
+    for longest in (None, 0.3, 1.0):
+        plan = plan_crossing(elastic, path, optimize="time", torque_limit=limit, longest=longest)
+        # springs of the catalogue are stiff: their motion asks for some percent of time
+        assert rigid.duration < plan.duration < 1.05 * rigid.duration
+        assert 0.97 * limit < max(plan.peak_torque.values()) <= limit

@@ -1,0 +1,286 @@
+"""What laws and refusals of one robot say against each other: each law is a counterexample to a worse one.
+
+The robots are those of `tests.planning.optimal.random_crossings` and of the catalogue, all rigid and under
+gravity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+import robots
+from framework import NoLaw, ParallelRobot, plan_crossing
+from framework.model.description import RobotDescription, Scene
+from framework.planning.scenes import path_of, scene_path
+from tests.planning.optimal.law_contradictions import Answer, Asked, answer, contradictions, faults
+from tests.planning.optimal.random_crossings import RandomCrossing
+from tests.planning.optimal.random_crossings import random_crossing as draw_crossing
+from tests.robots.transformed import in_other_units, mirrored, permuted_joints, reversed_joints
+
+SLOW = range(40)  # some of them in each test; `tests.benchmarks.optimal_laws` has them all
+CATALOGUE = (
+    ("five_bar", "C"),
+    ("five_bar_heavy", "C"),
+    ("three_rrr", "crossing"),
+    ("three_rpr", "crossing"),
+    ("delta", "cross"),
+    ("orthoglide", "cross"),
+    ("par4", "cross"),
+    ("gough_stewart", "turn"),
+)
+LONGEST = (1.0, 20.0, 1000.0)  # times the duration
+SAME = 0.01  # share of a value by which two laws of the same request may differ
+NO_WORSE = 1.01  # what more freedom may cost all the same: shares for smoothness, and limits between points
+TIGHT, LOOSE = 1.05, 1.5  # of limits over the least peak
+
+
+random_crossing = cache(draw_crossing)
+
+
+def with_cheapest(robots: range, cheapest: int) -> list:
+    """Return numbers of random robots as parameters, all but the cheapest for the slow tests."""
+    return [pytest.param(k, marks=() if k == cheapest else pytest.mark.slow) for k in robots]
+
+
+@cache
+def answer_of(one: RandomCrossing, asked: Asked) -> Answer:
+    """The answer to a request, which several tests ask."""
+    return answer(*one.plan_arguments(), asked)
+
+
+def requests(duration: float, least: float) -> list[Asked]:
+    """Return all goals with each bound on the duration; `least` is the least peak [N m] within it."""
+    bounds = [duration * ratio for ratio in LONGEST]
+    asked = [Asked(goal, duration=duration) for goal in ("peak_torque", "energy")]
+    asked += [Asked(goal, longest=bound) for goal in ("peak_torque", "energy") for bound in bounds]
+    asked += [Asked("time", longest=bound, torque_limit=1.25 * least) for bound in bounds]
+    return [*asked, Asked("time", torque_limit=1.002 * least)]
+
+
+def least_peak(one: RandomCrossing) -> Answer:
+    """The law of least peak within the duration."""
+    law = answer_of(one, Asked("peak_torque", longest=one.duration))
+    assert law.plan is not None, law.refusal or law.failure
+    return law
+
+
+def check_dominance(one: RandomCrossing) -> None:
+    least = least_peak(one)
+    answers = [answer_of(one, asked) for asked in requests(one.duration, least.peak)]
+    assert contradictions([least, *answers]) == []
+
+
+def value(one: RandomCrossing, asked: Asked) -> float:
+    """What the goal counts of the law found."""
+    law = answer_of(one, asked)
+    assert law.plan is not None, f"{one.name}, {asked}: {law.refusal or law.failure}"
+    assert faults(law) == [], one.name
+    return law.value
+
+
+# ------------------------------------------------------------------ dominance
+
+
+@pytest.mark.parametrize("k", [0])
+def test_no_law_is_beaten_in_its_own_goal_and_none_is_refused_that_another_request_finds(k):
+    check_dominance(random_crossing(k))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("k", SLOW[::4])
+def test_no_law_of_ten_robots_is_beaten_in_its_own_goal(k):
+    check_dominance(random_crossing(k))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "which"), CATALOGUE)
+def test_no_law_of_the_catalogue_is_beaten_in_its_own_goal(name, which):
+    check_dominance(scene_of(name, which))
+
+
+def scene_of(name: str, which: str) -> RandomCrossing:
+    """A scene of the catalogue as a robot with a path and a duration."""
+    robot = robots.load(name)
+    scene = robot.description.scenes[which]
+    return RandomCrossing(f"{name} {which}", robot, scene_path(scene), scene.duration, 1)
+
+
+# ------------------------------------------------------------------ more freedom is no worse
+
+
+def check_monotone(one: RandomCrossing) -> None:
+    """Less time for higher limits, less peak and energy for more time, and no bend the wrong way.
+
+    All three are convex in what is allowed: the laws in between two are allowed between both.
+    """
+    free = least_peak(one)
+    limits = free.peak * np.array([TIGHT, 0.5 * (TIGHT + LOOSE), LOOSE])
+    times = [value(one, Asked("time", torque_limit=float(limit))) for limit in limits]
+    bounds = one.duration * np.array([1.0, 1.5, 2.0])
+    peaks = [value(one, Asked("peak_torque", longest=float(bound))) for bound in bounds]
+    energies = [value(one, Asked("energy", longest=float(bound))) for bound in bounds]
+    for low, middle, high in (times, peaks, energies):
+        assert high <= NO_WORSE * middle, one.name
+        assert middle <= NO_WORSE * low, one.name
+        assert middle <= NO_WORSE * 0.5 * (low + high), one.name
+
+
+def check_loads(one: RandomCrossing) -> None:
+    """Least peak, time and energy are convex in the multiple of a load; the largest load is consistent."""
+    frame = one.robot.description.platform.frame
+    free = least_peak(one)
+    weight = 0.3 * free.peak * float(np.mean(one.robot.gear_ratio)) / one.robot.length  # a force of that size
+    limit = LOOSE * free.peak
+    for asked in (
+        Asked("peak_torque", longest=one.duration),
+        Asked("energy", longest=one.duration),
+        Asked("time", torque_limit=limit),
+    ):
+        found = [value(one, asked)]
+        for multiple in (0.5, 1.0):
+            wrench = [0.0, -multiple * weight, 0.0, 0.0, 0.0, 0.0]
+            law = answer(*one.plan_arguments(), asked, wrenches={frame: wrench})
+            found.append(law.value if law.plan is not None else np.inf)
+            assert law.failure is None
+        low, middle, high = found
+        assert middle <= NO_WORSE * 0.5 * (low + high), f"{one.name}, {asked}: {found}"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("k", [15])
+def test_more_torque_or_time_is_no_worse_and_half_a_load_is_between(k):
+    check_monotone(random_crossing(k))
+    check_loads(random_crossing(k))
+
+
+@pytest.mark.parametrize("k", with_cheapest(SLOW[1::8], 33))
+def test_more_torque_or_time_is_no_worse_for_five_robots(k):
+    check_monotone(random_crossing(k))
+
+
+@pytest.mark.parametrize("k", with_cheapest(SLOW[2::8], 18))
+def test_half_a_load_is_between_for_five_robots(k):
+    check_loads(random_crossing(k))
+
+
+# ------------------------------------------------------------------ the same robot in other words
+
+
+def reversed_path(one: RandomCrossing) -> RandomCrossing:
+    """The way back: the same laws, run backwards."""
+    path = path_of(one.path.kind, one.path.points[::-1])
+    return one._replace(name=f"{one.name} reversed", path=path)
+
+
+def with_description(
+    one: RandomCrossing, change: Callable[[RobotDescription], RobotDescription]
+) -> RandomCrossing:
+    """The robot with its description changed, and the path with it, as a scene of the robot."""
+    own = Scene("own", one.path.kind, tuple(map(tuple, one.path.points.tolist())), one.duration)
+    changed = change(replace(one.robot.description, scenes={"own": own}))
+    scene = changed.scenes["own"]
+    robot = ParallelRobot.from_description(changed)
+    return RandomCrossing(f"{one.name} changed", robot, scene_path(scene), scene.duration, one.crossings)
+
+
+def check_same(one: RandomCrossing, other: RandomCrossing, *, time: float = 1.0, torque: float = 1.0) -> None:
+    """Assert that two robots have the same best laws, in units `time` and `torque` of the second."""
+    first, second = least_peak(one), least_peak(other)
+    assert second.peak == pytest.approx(torque * first.peak, rel=SAME), other.name
+    for asked, scale in (
+        (Asked("time", torque_limit=1.25 * first.peak), time),
+        (Asked("energy", longest=one.duration), torque**2 * time),
+        (Asked("peak_torque", duration=one.duration), torque),
+    ):
+        same = replace(
+            asked,
+            duration=None if asked.duration is None else asked.duration * time,
+            longest=None if asked.longest is None else asked.longest * time,
+            torque_limit=None if asked.torque_limit is None else asked.torque_limit * torque,
+        )
+        assert value(other, same) == pytest.approx(scale * value(one, asked), rel=SAME), (
+            f"{other.name}, {asked}"
+        )
+
+
+def check_direction(one: RandomCrossing) -> None:
+    check_same(one, reversed_path(one))
+
+
+def check_names(one: RandomCrossing) -> None:
+    rng = np.random.default_rng(one.crossings)
+    check_same(one, with_description(one, lambda robot: permuted_joints(reversed_joints(robot), rng)))
+
+
+def check_units(one: RandomCrossing) -> None:
+    length, mass, time = 10.0 ** np.random.default_rng(one.crossings).uniform(-1, 1, 3)
+    if any(axis.startswith("r") for axis in one.robot.axis_names):
+        length = 1.0  # on curves a radian counts as a metre: in other lengths they are others
+    other = with_description(one, lambda robot: in_other_units(robot, length=length, mass=mass, time=time))
+    check_same(one, other, time=time, torque=mass * length**2 / time**2)
+
+
+def check_mirror(one: RandomCrossing) -> None:
+    check_same(one, with_description(one, lambda robot: mirrored(robot, "x")))
+
+
+@pytest.mark.parametrize("check", [check_direction, check_names, check_units, check_mirror])
+def test_direction_names_units_and_mirror_change_no_law(check):
+    check(random_crossing(0))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("k", SLOW[3::8])
+def test_direction_names_units_and_mirror_change_no_law_of_five_robots(k):
+    checks = [check_direction, check_names, check_units, check_mirror]
+    checks[k // 4 % 4](random_crossing(k))
+
+
+# ------------------------------------------------------------------ own limits
+
+
+def check_idempotence(one: RandomCrossing) -> None:
+    """Assert that limits set to a law's own peak change nothing, and that less is refused or as good."""
+    least = least_peak(one)
+    for asked in (
+        Asked("peak_torque", duration=one.duration),
+        Asked("energy", longest=one.duration),
+        Asked("time", torque_limit=1.25 * least.peak),
+    ):
+        law = answer_of(one, asked)
+        assert law.plan is not None, law.refusal or law.failure
+        limited = answer(*one.plan_arguments(), replace(asked, torque_limit=(1.0 + 1e-5) * law.peak))
+        assert limited.plan is not None, f"{one.name}, {asked}: {limited.refusal or limited.failure}"
+        assert limited.value <= NO_WORSE * law.value, f"{one.name}, {asked}"
+        assert law.value <= NO_WORSE * limited.value, f"{one.name}, {asked}"
+
+
+def check_refusal(one: RandomCrossing) -> None:
+    """Assert that a refusal names limits that would do, and that these are planned."""
+    least = least_peak(one)
+    asked = Asked("peak_torque", longest=one.duration, torque_limit=0.9 * least.peak)
+    with pytest.raises(NoLaw) as refused:
+        plan_crossing(*one.plan_arguments(), **asked.options())
+    evidence = refused.value.evidence
+    assert refused.value.proof is not None or evidence is not None
+    if evidence is not None and evidence.limits is not None:
+        plan_crossing(*one.plan_arguments(), **{**asked.options(), **evidence.limits})
+        assert np.all(evidence.limits["torque_limit"] <= NO_WORSE * least.peak)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("k", [3])
+def test_limits_of_a_law_of_its_own_change_nothing_and_lower_ones_name_what_would_do(k):
+    check_idempotence(random_crossing(k))
+    check_refusal(random_crossing(k))
+
+
+@pytest.mark.parametrize("k", with_cheapest(SLOW[::8], 0))
+def test_limits_of_a_law_of_its_own_change_nothing_for_five_robots(k):
+    check_idempotence(random_crossing(k))
+    check_refusal(random_crossing(k))

@@ -1,0 +1,118 @@
+"""Where the polynomial is not resolved the optimal law is tried, and is right there."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import robots
+from framework import Line, NoAnswer, NotConverged, UnboundedTorque, plan_crossing
+from tests.oracles.equations_of_motion import defects
+
+TOP = float(np.sqrt(0.06))  # [m] of the locus of the 5R on its axis of symmetry
+
+
+@pytest.mark.parametrize("gap", [1e-5, 1e-6])
+def test_a_path_beside_the_locus_is_planned_by_the_law_that_resolves_it(gap):
+    robot, path = robots.load("five_bar"), Line([0.06, TOP + gap], [-0.06, TOP + gap])
+    with pytest.raises(NotConverged, match="misses a singularity"):
+        plan_crossing(robot, path, duration=1.5, law="polynomial")
+    plan = plan_crossing(robot, path, duration=1.5)
+    assert plan.law.kind == "optimal"
+    assert plan.reason.startswith("optimal, as the polynomial is not resolved over 1.5 s: ")
+    times = np.linspace(0.0, plan.duration, 1001)
+    middle = float(np.interp(0.5, plan.law(times), times))
+    t = np.concatenate([times[::50], middle + np.array([0.0, 1e-3, -1e-3, 1e-5, -1e-5, 1e-7, -1e-7])])
+    motion = plan.dynamics.motion(t)
+    found = defects(robot, q=motion.q, v=motion.v, a=motion.a, torque=plan.torque(t), x=plan.platform(t))
+    assert found.open < 1e-12
+    assert found.force < 1e-8  # beside the locus |g| is 1e-5 and less, and the torques are rounded by as much
+
+
+def peaks(plan) -> float:
+    return max(plan.peak_torque.values())
+
+
+@pytest.mark.parametrize(("start", "end"), [(0.08, -0.04), (0.1, -0.02)])
+def test_beside_the_locus_the_law_of_lower_peak_torque_is_taken(start, end):
+    robot, path = robots.load("five_bar"), Line([start, TOP + 1e-4], [end, TOP + 1e-4])
+    polynomial, optimal = (
+        plan_crossing(robot, path, duration=1.5, law=law) for law in ("polynomial", "optimal")
+    )
+    plan = plan_crossing(robot, path, duration=1.5)
+    assert (plan.law.kind, peaks(plan)) == ("optimal", peaks(optimal))
+    assert peaks(plan) < 0.5 * peaks(polynomial)
+    assert f"largest torque, {peaks(polynomial):.4g} N m, is beside s = " in plan.reason
+
+
+A, B, S = (
+    np.array([0.1, 0.345]),
+    np.array([-0.05, 0.195]),
+    0.667006874764,
+)  # of the paper, and where it crosses
+
+
+def ending(off: float) -> Line:
+    """The paper's line, ended this far [m] before the locus."""
+    return Line(A, A + S * (B - A) - off * (B - A) / np.linalg.norm(B - A))
+
+
+@pytest.mark.parametrize("off", [1e-3, 1e-4])
+def test_a_path_that_ends_before_the_locus_is_planned_with_the_law_of_lower_peak(off):
+    robot = robots.load("five_bar")
+    polynomial = plan_crossing(robot, ending(off), duration=1.5, law="polynomial")
+    plan = plan_crossing(robot, ending(off), duration=1.5)
+    assert plan.law.kind == "optimal"
+    assert "is beside s = 1, where the path misses a singularity" in plan.reason
+    assert peaks(plan) < 0.2 * peaks(polynomial)
+    t = np.linspace(0.0, plan.duration, 101)
+    motion = plan.dynamics.motion(t)
+    left = defects(robot, q=motion.q, v=motion.v, a=motion.a, torque=plan.torque(t), x=plan.platform(t))
+    assert left.force < 1e-9
+
+
+def test_what_was_tried_is_not_advised():
+    with pytest.raises(NoAnswer) as refusal:
+        plan_crossing(robots.load("five_bar"), Line(A + (S - 1e-5) * (B - A), B), duration=1.5, speeds=[1.5])
+    assert "nor does the optimal law help" in str(refusal.value)
+    assert "use the optimal law" not in str(refusal.value)
+    assert "use law" not in str(refusal.value)
+
+
+def test_a_polynomial_whose_peak_is_lower_is_kept_and_says_what_the_other_costs(monkeypatch):
+    from framework.planning import plan as planning
+
+    robot, path = robots.load("five_bar"), Line([0.1, TOP + 1e-4], [-0.02, TOP + 1e-4])
+    optimal = plan_crossing(robot, path, duration=1.5, law="optimal")
+    monkeypatch.setattr(planning, "max_torque_ratio", lambda plan, _: float(plan.law.kind == "optimal"))
+    plan = plan_crossing(robot, path, duration=1.5)
+    assert plan.law.kind == "polynomial"
+    assert plan.reason.endswith(f"; the optimal law's is {peaks(optimal):.4g} N m")
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        NotConverged("no", residual=1.0),
+        UnboundedTorque("no", time=1.0, s=0.5, platform=np.zeros(2), wrench=1.0),
+    ],
+)
+def test_a_polynomial_is_kept_where_the_other_law_is_not_found(error, monkeypatch):
+    from framework.planning import plan as planning
+
+    def refused(*_):
+        raise error
+
+    monkeypatch.setattr(planning, "optimal_motion", refused)
+    plan = plan_crossing(robots.load("five_bar"), Line([0.1, TOP + 1e-4], [-0.02, TOP + 1e-4]), duration=1.5)
+    assert plan.law.kind == "polynomial"
+    assert plan.reason.endswith("; the optimal law is not found: no")
+
+
+@pytest.mark.parametrize("height", [TOP + 1e-3, TOP + 3e-2])
+def test_away_from_the_locus_no_other_law_is_tried(height, monkeypatch):
+    from framework.planning import plan as planning
+
+    monkeypatch.setattr(planning, "optimal_motion", None)
+    plan = plan_crossing(robots.load("five_bar"), Line([0.1, height], [-0.02, height]), duration=1.5)
+    assert (plan.law.kind, plan.reason) == ("polynomial", "the polynomial advances")

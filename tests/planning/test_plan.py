@@ -1,0 +1,286 @@
+"""Planning: what is chosen, what is refused, and what a plan promises."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import robots
+from framework import (
+    Arc,
+    Condition,
+    InvalidInput,
+    Law,
+    Line,
+    NoLaw,
+    NotConverged,
+    Spline,
+    UnboundedTorque,
+    inverse_dynamics,
+    locate_singularities,
+    plan_crossing,
+    plan_scene,
+    track_path,
+)
+from framework.dynamics.forces import tree_forces
+from framework.kinematics.motion_rates import motion_at
+from framework.planning import condition as condition_module
+from tests.oracles import five_bar as oracle
+from tests.singularity.test_points_on_path import locus, locus_tangent
+
+LINE = Line([0.1, 0.345], [-0.05, 0.195])
+CLEAR = Line([0.1, 0.345], [-0.05, 0.295])
+TWICE = Line([0.1, 0.345], [-0.2, -0.2])
+CURVED = [
+    Arc([0.1, 0.345], [0.02, 0.27], [-0.05, 0.16]),
+    Spline(
+        [[0.1, 0.345], [0.05, 0.3], [0.01, 0.27], [-0.02, 0.23], [-0.04, 0.2], [-0.05, 0.15], [-0.05, 0.1]]
+    ),
+]
+VARIANTS = [("rigid", "rigid"), ("flexible_joints", "deformed"), ("flexible_links", "deformed")]
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return robots.load("five_bar")
+
+
+@pytest.mark.parametrize(
+    ("flexibility", "with_crossing", "without"),
+    [("rigid", 8, 5), ("flexible_joints", 12, 9), ("flexible_links", 12, 9)],
+)
+def test_the_degree_is_counted(flexibility, with_crossing, without):
+    robot = robots.load("five_bar", flexibility=flexibility)
+    assert plan_crossing(robot, LINE, duration=1.5).law.degree == with_crossing
+    assert plan_crossing(robot, CLEAR, duration=1.5).law.degree == without
+
+
+@pytest.mark.parametrize("name", ["five_bar", "five_bar_heavy"])
+@pytest.mark.parametrize(("flexibility", "geometry"), VARIANTS)
+@pytest.mark.parametrize("path", [LINE, TWICE, *CURVED], ids=["line", "twice", "arc", "spline"])
+def test_times_and_speeds_left_open_give_a_law_that_always_advances(name, flexibility, geometry, path):
+    plan = plan_crossing(robots.load(name, flexibility=flexibility), path, duration=2.0)
+    t = np.linspace(0.0, 2.0, 2001)
+    assert plan.geometry == geometry
+    assert plan.certificate.monotone
+    assert np.diff(plan.law(t)).min() > -1e-15
+    assert plan.certificate.tail < 1e-10
+    for crossing in plan.crossings:
+        law = [float(plan.law(crossing.time, order)) for order in range(3)]
+        np.testing.assert_allclose(
+            law, [crossing.s, crossing.speed, crossing.acceleration], rtol=1e-9, atol=1e-9
+        )
+        assert crossing.residual < 1e-10
+        assert crossing.condition.alpha != 0
+
+
+def test_a_curved_path_needs_an_acceleration_at_the_crossing(robot):
+    plan = plan_crossing(robot, CURVED[0], duration=2.0)
+    (crossing,) = plan.crossings
+    # payload on massless legs: t_s . m (x' s" + x'' s'^2) = 0, in closed form
+    first, second = (plan.path(crossing.s, order) for order in (1, 2))
+    expected = -(crossing.twist @ second) * crossing.speed**2 / (crossing.twist @ first)
+    assert abs(expected) > 1e-2
+    assert crossing.acceleration == pytest.approx(expected, rel=1e-10)
+    assert crossing.condition.alpha == pytest.approx(10.0 * crossing.twist @ first, rel=1e-10)
+    assert crossing.condition.gamma == pytest.approx(0.0, abs=1e-12)  # gravity leaves the plane alone
+
+
+def test_the_dominant_payload_and_all_bodies_give_the_same_condition(robot):
+    """t_s . W_p with W_p of the platform alone tends to eta . r_p as the legs get lighter."""
+    heavy = robots.load("five_bar_heavy")
+    text = heavy.description.urdf_text
+    errors = []
+    for factor in (1.0, 1e-2, 1e-4):
+        light = type(heavy).from_description(replace(heavy.description, urdf_text=scaled_legs(text, factor)))
+        (crossing,) = plan_crossing(light, CURVED[0], duration=2.0, times=[1.0], speeds=[0.8]).crossings
+        first, second = (CURVED[0](crossing.s, order) for order in (1, 2))
+        payload_only = -(crossing.twist @ second) * 0.8**2 / (crossing.twist @ first)
+        errors.append(abs(crossing.acceleration - payload_only))
+    assert errors[0] > 1e-3
+    assert errors[0] / errors[1] == pytest.approx(1e2, rel=0.2)
+    assert errors[1] / errors[2] == pytest.approx(1e2, rel=0.02)
+
+
+def scaled_legs(urdf: str, factor: float) -> str:
+    """The URDF with the inertia of the four rods multiplied by a factor."""
+    root = ElementTree.fromstring(urdf)
+    for link in root.findall("link"):
+        inertial = link.find("inertial")
+        if inertial is None or link.get("name") == "left_tip":
+            continue
+        inertial.find("mass").set("value", repr(factor * float(inertial.find("mass").get("value"))))
+        inertia = inertial.find("inertia")
+        for key in list(inertia.attrib):
+            inertia.set(key, repr(factor * float(inertia.get(key))))
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def test_a_law_of_the_users_own_is_judged_by_condition_8(robot):
+    (point,) = locate_singularities(robot, LINE)
+    right = Law.rest_to_rest(
+        1.5, 4, [Condition(0.9, 0, point.s), Condition(0.9, 1, 1.3), Condition(0.9, 2, 0.0)]
+    )
+    result = inverse_dynamics(robot, LINE, right)
+    assert result.certificate.tail < 1e-10
+    assert [crossing.time for crossing in result.crossings] == [pytest.approx(0.9, abs=1e-12)]
+    with pytest.raises(UnboundedTorque) as caught:
+        inverse_dynamics(robot, LINE, Law.rest_to_rest(1.5, 4))
+    assert 0 < caught.value.time < 1.5
+
+
+class SineLaw:
+    """Not a polynomial: s = (t - sin(2 pi t / T) T / 2 pi) / T."""
+
+    duration = 1.2
+
+    def __call__(self, t, order=0):
+        w = 2 * np.pi / self.duration
+        t = np.asarray(t, dtype=float)
+        if order == 0:
+            return t / self.duration - np.sin(w * t) / (w * self.duration)
+        wave = -np.sin(w * t + order * np.pi / 2) * w**order / (w * self.duration)
+        return wave + (1 / self.duration if order == 1 else 0.0)
+
+
+def test_any_smooth_law_will_do_on_a_clear_path(robot):
+    result = inverse_dynamics(robot, CLEAR, SineLaw())
+    assert result.certificate.tail < 1e-10
+    with pytest.raises(UnboundedTorque):
+        inverse_dynamics(robot, LINE, SineLaw())
+
+
+def test_a_plan_of_the_deformed_robot_satisfies_inverse_dynamics_of_its_law():
+    robot = robots.load("five_bar", flexibility="flexible_links")
+    plan = plan_scene(robot, "C")
+    again = inverse_dynamics(robot, LINE, plan.law)
+    t = np.linspace(0.0, 1.5, 301)
+    # the law is given here, not adapted: the deflections see it as exactly as s_c is known, 1e-15
+    exact = oracle.torques(oracle.solve("C", "flexible_links", "deformed"), t)
+    np.testing.assert_allclose(again.torque(t), exact, rtol=0, atol=1e-9)
+
+
+def test_a_law_that_runs_backwards_on_the_way_is_refused(robot):
+    with pytest.raises(NoLaw, match="runs backwards at t = "):
+        plan_crossing(robot, LINE, duration=1.5, times=[1.2], speeds=[2.0])
+
+
+@pytest.mark.parametrize("beside", [1e-8, 1e-11])
+def test_a_pole_is_a_pole_however_narrow(robot, beside):
+    (point,) = locate_singularities(robot, LINE)
+    with pytest.raises(UnboundedTorque):
+        plan_crossing(
+            robot, LINE, duration=1.5, times=[1.0], speeds=[1.5], at=[point.s + beside], tolerance=1e-6
+        )
+
+
+def test_points_imposed_where_nothing_is_singular_are_no_crossings(robot):
+    (point,) = locate_singularities(robot, LINE)
+    plan = plan_crossing(robot, LINE, duration=1.5, at=[0.3, point.s])
+    assert [crossing.s for crossing in plan.crossings] == [pytest.approx(point.s, abs=1e-14)]
+
+
+REFUSED = [
+    (dict(duration=1.5, tolerance=np.nan), r"tolerance: must lie in \(0, 1e-06\], got nan"),
+    (dict(duration=1.5, tolerance=2.0), "tolerance: must lie in"),
+    (dict(duration=1.5, times=[], speeds=[1.0]), "speeds: got 1, but times is empty"),
+    (dict(duration=1.5, at=[0.6, 0.3]), "at: must ascend"),
+    (dict(duration=0.0), "duration: must be a positive"),
+    (dict(duration=-1.0), "duration: must be a positive"),
+    (dict(duration=np.nan), "duration: must be a positive"),
+    (dict(duration=1.5, times=[0.0]), r"t = 0 s must lie inside the motion, \(0, 1.5\) s"),
+    (dict(duration=1.5, times=[1.5]), "must lie inside the motion"),
+    (dict(duration=1.5, times=[2.0]), "must lie inside the motion"),
+    (dict(duration=1.5, times=[np.inf]), "times: must be finite"),
+    (dict(duration=1.5, times=[0.5, 1.0]), "times: got 2 .* there is 1 singular point"),
+    (dict(duration=1.5, speeds=[0.0]), "speeds: .* greater than zero, got 0"),
+    (dict(duration=1.5, speeds=[-1.0]), "greater than zero, got -1"),
+    (dict(duration=1.5, speeds=[1.0, 1.0]), "speeds: got 2"),
+    (dict(duration=1.5, at=[1.5]), r"at: path coordinates must lie in \(0, 1\), got 1.5"),
+    (dict(duration=1.5, geometry="bent"), "unknown geometry 'bent'.*valid: deformed, rigid"),
+    (dict(duration=1.5, smoothness=1), "smoothness: got 1, valid: 2 .. 12"),
+    (dict(duration=1.5, smoothness=2.5), "smoothness: needs a whole number"),
+]
+
+
+@pytest.mark.parametrize(("options", "message"), REFUSED)
+def test_bad_options_get_one_clear_error(robot, options, message):
+    with pytest.raises(InvalidInput, match=message):
+        plan_crossing(robot, LINE, **options)
+
+
+def test_times_for_a_path_without_a_crossing_are_refused(robot):
+    with pytest.raises(InvalidInput, match=r"times: got 1 .* there are 0 singular points"):
+        plan_crossing(robot, CLEAR, duration=1.5, times=[1.0])
+
+
+def test_a_stop_on_the_locus_is_refused(robot):
+    ends_there = Line([0.1, 0.345], locus(float(np.arccos(-0.2))))
+    with pytest.raises(NoLaw, match="ends on a Type 2 singularity"):
+        plan_crossing(robot, ends_there, duration=1.5)
+
+
+def test_a_tangential_touch_is_no_case_for_the_polynomial(robot):
+    middle, tangent = locus(1.7), locus_tangent(1.7)
+    reach = 0.06 * tangent / np.linalg.norm(tangent)
+    path = Line(middle - reach, middle + reach)
+    for options in ({}, {"times": [0.7]}, {"times": [0.7], "speeds": [1.0]}):
+        with pytest.raises(NoLaw, match="touches the locus without crossing"):
+            plan_crossing(robot, path, duration=1.5, law="polynomial", **options)
+    with pytest.raises(
+        NotConverged, match="torques are not resolved"
+    ):  # nor does a law without conditions pass
+        plan_crossing(robot, path, duration=1.5, times=[])
+
+
+def test_a_path_orthogonal_to_the_twist_is_refused(robot):
+    # away from the axis of symmetry the locus is not orthogonal to t_s: the path crosses it and yet
+    # gives s" no hold
+    place, steep = locus(1.6), np.array([0.03, 0.06])
+    twist = locate_singularities(robot, Line(place + steep, place - steep))[0].twist
+    across = 0.05 * np.array([-twist[1], twist[0]])
+    # bent there, it asks for a force along t_s that s" cannot give
+    bent = Arc(place - across - 0.02 * twist, place, place + across - 0.02 * twist)
+    with pytest.raises(NoLaw, match="orthogonal to t_s"):
+        plan_crossing(robot, bent, duration=1.5)
+    # straight, it asks for none: any law passes, and in particular one without conditions
+    straight = Line(place - across, place + across)
+    for times in (None, []):
+        plan = plan_crossing(robot, straight, duration=1.5, times=times)
+        (crossing,) = plan.crossings
+        assert plan.certificate.tail < 1e-10
+        assert crossing.residual < 1e-11
+
+
+def test_a_law_that_meets_the_locus_again_is_refused(robot):
+    with pytest.raises(NoLaw, match="does not always advance"):
+        plan_crossing(robot, LINE, duration=1.5, times=[0.15], speeds=[0.2])
+
+
+def test_duration_only_rescales_a_rigid_plan(robot):
+    """Without gravity in the plane torques scale as 1 / T^2 when crossings keep their share of T."""
+    one = plan_crossing(robot, LINE, duration=1.5, times=[0.9], speeds=[1.2])
+    for factor in (1e-3, 1e3):
+        other = plan_crossing(robot, LINE, duration=1.5 * factor, times=[0.9 * factor], speeds=[1.2 / factor])
+        t = np.linspace(0.0, 1.5, 101)
+        np.testing.assert_allclose(other.torque(factor * t) * factor**2, one.torque(t), rtol=0, atol=1e-12)
+
+
+def test_condition_8_is_affine_in_the_acceleration_and_quadratic_in_the_speed():
+    """alpha, beta, gamma come from four evaluations; any other evaluation must agree with them."""
+    robot = robots.load("five_bar_heavy")
+    branch = track_path(robot, CURVED[0])
+    (point,) = locate_singularities(robot, CURVED[0])
+    place = condition_module.crossing_point(branch, point, None, point.s)
+    found = condition_module.condition_at(branch, place, None)
+    for speed, acceleration in ((0.7, -2.0), (3.0, 11.0)):
+        first, second = CURVED[0](np.array([point.s]), 1), CURVED[0](np.array([point.s]), 2)
+        motion = motion_at(
+            robot, branch.close(point.s), first * speed, first * acceleration + second * speed**2
+        )
+        direct = tree_forces(robot, motion)[0] @ point.motion
+        formula = found.alpha * acceleration + found.beta * speed**2 + found.delta * speed + found.gamma
+        assert direct == pytest.approx(formula, rel=1e-12)

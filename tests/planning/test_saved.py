@@ -1,0 +1,368 @@
+"""A plan read back from its folder is the plan that was written."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import robots
+from framework import (
+    Arc,
+    InvalidInput,
+    Law,
+    Line,
+    ParallelRobot,
+    Polyline,
+    RobotFileError,
+    Spline,
+    load_plan,
+    plan_crossing,
+    plan_scene,
+)
+from framework.cli import main
+from framework.planning.saved import plan_document, save_plan
+from framework.planning.scenes import path_of
+from framework.show.report import command_line
+
+LINE = Line([0.1, 0.345], [-0.05, 0.195])
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """plan.json of scene C, on the deformed robot."""
+    folder = tmp_path_factory.mktemp("saved")
+    robot = robots.load("five_bar", flexibility="flexible_links")
+    plan = plan_crossing(robot, LINE, duration=1.5, times=[1.0], speeds=[1.5])
+    save_plan(plan, folder)
+    return plan, folder
+
+
+def edited(plan, folder, change):
+    """plan.json of the plan with other values at some keys, `a.b` being key b of what stands at a."""
+    saved = json.loads(json.dumps(plan_document(plan)))
+    for key, value in change.items():
+        *way, last = [int(step) if step.isdigit() else step for step in key.split(".")]
+        there = saved
+        for step in way:
+            there = there[step]
+        there[last] = value
+    (folder / "plan.json").write_text(json.dumps(saved))
+    return folder
+
+
+def test_the_law_comes_back_as_it_was_and_so_do_the_torques(written):
+    plan, folder = written
+    again = load_plan(folder)
+    times = np.linspace(0.0, plan.duration, 301)
+    np.testing.assert_array_equal(again.law(times), plan.law(times))
+    np.testing.assert_allclose(again.torque(times), plan.torque(times), atol=1e-11)  # N m
+    np.testing.assert_allclose(again.platform(times), plan.platform(times), atol=1e-15)
+    assert again.robot.flexibility == "flexible_links"
+    assert again.geometry == "deformed"
+    assert [c.kind for c in again.crossings] == ["type_2"]
+    np.testing.assert_allclose(again.crossings[0].time, 1.0, atol=1e-9)
+    np.testing.assert_allclose(again.crossings[0].speed, 1.5, atol=1e-7)
+
+
+def test_an_optimal_law_comes_back_with_what_it_was_best_at(tmp_path):
+    plan = plan_crossing(robots.load("five_bar"), LINE, optimize="time", torque_limit=0.165, margin=0.1)
+    save_plan(plan, tmp_path)
+    again = load_plan(tmp_path)
+    times = np.linspace(0.0, plan.duration, 301)
+    assert again.duration == plan.duration
+    np.testing.assert_array_equal(again.law(times), plan.law(times))
+    np.testing.assert_allclose(again.torque(times), plan.torque(times), atol=1e-11)  # N m
+    assert again.reason == plan.reason
+    assert again.request == plan.request
+    assert again.optimality.specification.goal == "time"
+    np.testing.assert_array_equal(again.optimality.reference, plan.optimality.reference)
+    np.testing.assert_allclose(again.optimality.specification.torque_limit, 0.9 * 0.165)
+
+
+def test_an_optimal_law_on_springs_comes_back(tmp_path):
+    robot = robots.load("five_bar", flexibility="flexible_joints")
+    plan = plan_crossing(robot, LINE, duration=1.5, law="optimal")
+    save_plan(plan, tmp_path)
+    again = load_plan(tmp_path)
+    times = np.linspace(0.0, plan.duration, 301)
+    np.testing.assert_array_equal(again.law(times), plan.law(times))
+    # torques hold two derivatives of deflections, in which rounding grows at the ends: 1e-9 of the peak
+    # there, more or less with the processor, and a hundredth of that elsewhere
+    torque, peak = plan.torque(times), np.abs(plan.torque(times)).max()
+    np.testing.assert_allclose(again.torque(times), torque, rtol=0, atol=1e-8 * peak)
+    np.testing.assert_allclose(again.torque(times)[3:-3], torque[3:-3], rtol=0, atol=1e-10 * peak)
+    np.testing.assert_allclose(again.deflection(times), plan.deflection(times), atol=1e-12)
+
+
+def test_the_table_of_an_optimal_law_agrees_with_itself(tmp_path):
+    """motion.csv: s from 0 to 1, its derivatives those of its columns, torques within the limit."""
+    path = Line([0.1, 0.345], [-0.05, 0.195])
+    plan = plan_crossing(robots.load("five_bar"), path, optimize="time", torque_limit=0.165)
+    plan.to_csv(tmp_path / "motion.csv", 3001)
+    table = np.genfromtxt(tmp_path / "motion.csv", delimiter=",", names=True)
+    assert (table["s"][0], table["s"][-1]) == pytest.approx((0.0, 1.0), abs=1e-12)
+    for value, slope in (("s", "ds"), ("ds", "dds")):
+        gained = np.trapezoid(table[slope], table["time"])
+        jump = 0.5 * table["time"][1] * np.ptp(table[slope])  # the most that one steep step can hide
+        assert gained == pytest.approx(table[value][-1] - table[value][0], abs=jump)
+    expected = path(table["s"])
+    np.testing.assert_allclose(table["platform_x"], expected[:, 0], atol=1e-12)
+    np.testing.assert_allclose(table["platform_y"], expected[:, 1], atol=1e-12)
+    for joint in plan.robot.actuator_names:
+        assert np.abs(table[f"torque_{joint}"]).max() <= 0.165
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        Line([0.1, 0.345], [-0.05, 0.195]),
+        Arc([0.0, 0.0], [1.0, 1.0], [2.0, 0.0]),
+        Spline([[0.0, 0.0], [1.0, 1.0], [2.0, 0.5]]),
+        Polyline([[0.0, 0.0], [1.0, 1.0], [2.0, 0.5]], blend=0.1),
+    ],
+    ids=["line", "arc", "spline", "polyline"],
+)
+def test_each_kind_of_path_comes_back(path):
+    assert path_of(path.kind, json.loads(json.dumps(path.points.tolist())), path.blend) == path
+
+
+def test_a_plan_along_a_polyline_comes_back_and_says_how_it_is_made_again(tmp_path):
+    robot = robots.load("five_bar")
+    path = Polyline([[0.1, 0.345], [0.0, 0.32], [0.0, 0.3]], blend=0.01)
+    plan = plan_crossing(robot, path, duration=1.0)
+    save_plan(plan, tmp_path)
+    assert load_plan(tmp_path).path == path
+    words = command_line(plan, "again").replace("\\\n", " ")
+    assert "--from 0.1 0.345" in words
+    assert "--via 0.0 0.32" in words
+    assert "--blend 0.01" in words
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"law": {"degree": 8}}, "law.chebyshev: missing"),
+        ({"law.degree": 8}, "law.degree: the file says 8, the robot now needs 12"),
+        ({"law.domain": [0.0, 2.0]}, "law.domain"),
+        ({"law.chebyshev": [0.5, float("nan")]}, "finite"),
+        ({"law.chebyshev": "abc"}, "law.chebyshev: needs a list"),
+        ({"law.kind": "spline"}, "spline"),
+        ({"robot_file": "no_such_robot"}, "there is no .*no_such_robot; if it has moved, name it again"),
+        ({"request": None}, "request: needs a mapping"),
+        ({"request.path": None}, "request.path: needs a mapping"),
+        ({"request.path": {"circle": [[0, 0]]}}, "circle"),
+        ({"request.path": {"line": [[0, 0]]}}, "2 points"),
+        ({"request.path": []}, "request.path: needs a mapping"),
+        ({"request.colour": "red"}, "colour"),
+        ({"request.torque_limit": [[]]}, "torque_limit: needs one positive number"),
+        ({"request.speed_limit": [[1.0, 1.0]]}, "speed_limit: needs one positive number"),
+        ({"request.times": 1.0}, "times: needs a list"),
+        ({"request.smoothness": 3.5}, "smoothness"),
+        ({"request.law": "cubic"}, "cubic"),
+        ({"flexibility": "soft"}, "soft"),
+        ({"geometry": "bent"}, "bent"),
+        ({"request.geometry": "bent"}, "bent"),
+        ({"duration": -1.0}, "duration"),
+        ({"duration": 2.0}, "the request says 1.5"),
+        ({"duration": None}, "duration: needs a number, got None"),
+        ({"version": 2}, "this program reads plans of version 3, got 2; plan again"),
+        ({"version": 1}, "this program reads plans of version 3, got 1; plan again"),
+    ],
+)
+def test_what_is_not_a_plan_is_refused_by_name(written, tmp_path, change, says):
+    with pytest.raises(InvalidInput, match=says):
+        load_plan(edited(written[0], tmp_path, change))
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"peak_torque": {"left_motor": 1.0, "right_motor": 1.0}}, "peak_torque.left_motor"),
+        ({"crossings": []}, "crossings: the file says 0"),
+        ({"peak_torque": {}}, "peak_torque.left_motor: the file says 'nothing'"),
+        ({"crossings.0.kind": "leg_passive"}, "kind"),
+        ({"crossings.0.time": 0.9}, "time"),
+        ({"crossings.0.speed": 1.51}, "speed"),
+        ({"crossings.0.acceleration": 1.0}, "acceleration"),
+        ({"crossings.0.twist": [1.0, 0.0]}, "twist"),
+        ({"crossings.0.platform": [0.0, 0.0]}, "platform"),
+        ({"crossings.0.condition": None}, "condition"),
+        ({"crossings.0.condition.alpha": 1.0}, "alpha"),
+        ({"certificate.monotone": False}, "monotone"),
+        ({"request.path": {"line": [[0.1, 0.345], [-0.04, 0.195]]}}, "has changed since"),
+    ],
+)
+def test_a_plan_that_says_other_than_its_law_does_is_refused_by_name(written, tmp_path, change, says):
+    with pytest.raises(InvalidInput, match=says) as caught:
+        load_plan(edited(written[0], tmp_path, change))
+    assert "has changed since" in str(caught.value)
+
+
+# values that a leaf of plan.json may be edited to, by hand or by another program
+EDITS = [None, "text", [], [1.0], float("nan"), -1.0, 1e300, True, {"key": 1}]
+
+
+def leaves(value, way=()):
+    """The places of values in a document that are no mapping and no list: of a list the first; empty ones."""
+    steps = (
+        value.items()
+        if isinstance(value, dict)
+        else list(enumerate(value))[:1]
+        if isinstance(value, list)
+        else ()
+    )
+    below = [leaf for key, within in steps for leaf in leaves(within, (*way, key))]
+    return below or [way]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "options",
+    [{"times": [1.0], "speeds": [1.5]}, {"optimize": "peak_torque"}],
+    ids=["polynomial", "optimal"],
+)
+def test_no_edit_of_a_plan_is_a_fault_of_the_program(tmp_path, options):
+    """Read back, or refused by its key, or as a law that is no more that of the robot and the path."""
+    plan = plan_crossing(robots.load("five_bar"), LINE, duration=1.5, **options)
+    document = json.loads(json.dumps(plan_document(plan)))
+    refused = 0
+    for way in leaves(document):
+        for value in EDITS:
+            change = {".".join(map(str, way)): value}
+            try:
+                load_plan(edited(plan, tmp_path, change))
+            except InvalidInput as error:  # anything else would be exit code 70 of the command line
+                refused += 1
+                message = str(error).removeprefix(f"{tmp_path / 'plan.json'}: ")
+                names = [key for key in way if isinstance(key, str)]
+                assert "plan again" in message or any(name in message for name in names), (change, message)
+                assert "\n" not in message
+    assert refused > 5 * len(leaves(document))
+
+
+@pytest.mark.parametrize("value", [None, "text", [1.0], -1.0])
+@pytest.mark.parametrize("key", ["tail", "nodes", "monotone"])
+def test_a_report_on_an_edited_certificate_names_its_key(written, tmp_path, capsys, key, value):
+    edited(written[0], tmp_path, {f"certificate.{key}": value})
+    assert main(["report", str(tmp_path)]) == 2
+    assert f"plan.json: certificate.{key}: " in capsys.readouterr().err
+
+
+def test_a_plan_of_an_older_program_is_refused_by_its_version_in_one_line(written, tmp_path):
+    saved = plan_document(written[0])
+    del saved["version"]
+    (tmp_path / "plan.json").write_text(json.dumps(saved))
+    with pytest.raises(InvalidInput, match="got none, as before version 2; plan again") as caught:
+        load_plan(tmp_path)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("text", "says"), [("", "not JSON"), ("[]", "one JSON object"), ("{}", "version")])
+def test_a_file_that_is_no_plan_is_refused(tmp_path, text, says):
+    (tmp_path / "plan.json").write_text(text)
+    with pytest.raises(InvalidInput, match=says):
+        load_plan(tmp_path)
+
+
+class Bow:
+    """A path of one's own making."""
+
+    n, knots = 2, np.empty(0)
+
+    def __call__(self, s, order=0):
+        return LINE(s, order)
+
+
+class OwnLaw(Law):
+    """A law of one's own making, which can be written down as the polynomial that it is."""
+
+
+class SecretLaw(Law):
+    """A law of one's own making that plan.json knows nothing of."""
+
+    kind = "secret"
+
+    def to_dict(self):
+        return {"kind": self.kind}
+
+
+def test_what_a_user_made_is_saved_where_it_can_be_and_refused_where_it_cannot(tmp_path):
+    robot = robots.load("five_bar")
+    plan = plan_crossing(robot, LINE, duration=1.5)
+    own = replace(plan, law=OwnLaw(plan.law.coefficients, plan.duration))
+    save_plan(own, tmp_path / "own")
+    assert load_plan(tmp_path / "own").law.to_dict() == plan.law.to_dict()
+    secret = replace(plan, law=SecretLaw(plan.law.coefficients, plan.duration))
+    with pytest.raises(InvalidInput, match=r"'secret' \(valid: optimal, polynomial\).*to_csv"):
+        save_plan(secret, tmp_path / "secret")
+    with pytest.raises(InvalidInput, match=r"path: only lines, arcs, splines and polylines.*not Bow"):
+        save_plan(plan_crossing(robot, Bow(), duration=1.5), tmp_path / "bow")
+    assert [file.name for file in tmp_path.iterdir()] == ["own"]
+
+
+def test_a_plan_that_overshoots_says_so_once_more(tmp_path):
+    """The paper's case C with degree 8 on the deformed robot needs smoothness 4; the rigid one overshoots."""
+    plan = plan_scene(robots.load("five_bar"), "C")
+    save_plan(plan, tmp_path)
+    assert load_plan(tmp_path).certificate == plan.certificate
+
+
+def test_a_folder_without_a_plan_is_refused(tmp_path):
+    with pytest.raises(InvalidInput, match="No such file"):
+        load_plan(tmp_path)
+
+
+def test_a_robot_outside_the_catalogue_is_found_by_its_file(write_robot, tmp_path, capsys):
+    file = write_robot()
+    assert main(["plan", str(file), "--scene", "C", "--json"]) == 0
+    saved = json.loads(capsys.readouterr().out)
+    assert saved["robot_file"] == str(file)
+    (tmp_path / "plan.json").write_text(json.dumps(saved))
+    assert load_plan(tmp_path).robot.description.file == file
+
+
+@pytest.fixture
+def project(write_robot, tmp_path):
+    """A folder with a robot file in it, and a plan of that in a folder below."""
+    file = write_robot()
+    home = tmp_path / "home"
+    home.mkdir()
+    moved = home / file.name
+    file.rename(moved)
+    (tmp_path / "five_bar.urdf").rename(home / "five_bar.urdf")
+    save_plan(plan_scene(ParallelRobot.from_file(moved), "C"), home / "plans" / "C")
+    return home
+
+
+def test_a_plan_and_its_robot_move_together(project):
+    """The path of the robot file is relative to plan.json."""
+    saved = json.loads((project / "plans" / "C" / "plan.json").read_text())
+    assert Path(saved["robot_file"]) == Path("..", "..", "my_robot.yaml")
+    moved = project.rename(project.with_name("elsewhere"))
+    again = load_plan(moved / "plans" / "C")
+    assert again.robot.description.file.resolve() == moved / "my_robot.yaml"
+
+
+def test_a_robot_file_that_has_moved_can_be_named_again(project, capsys):
+    out, moved = project / "plans" / "C", project / "renamed.yaml"
+    (project / "my_robot.yaml").rename(moved)
+    with pytest.raises(RobotFileError, match="name it again"):
+        load_plan(out)
+    assert load_plan(out, robot_file=moved).robot.description.file == moved
+    for command in ("report", "simulate", "show", "robustness"):
+        assert main([command, str(out)]) == 2
+        assert "--robot-file" in capsys.readouterr().err
+    assert main(["simulate", str(out), "--robot-file", str(moved)]) == 0
+    assert main(["simulate", "five_bar", "--scene", "C", "--robot-file", str(moved)]) == 2
+    assert "goes with a folder" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("smoothness", [-1, 0, 1.5, True, 10**40, "2"])
+def test_an_optimal_law_without_a_smoothness_is_refused_by_name(tmp_path, smoothness):
+    plan = plan_scene(robots.load("five_bar"), "A", duration=None, optimize="time", torque_limit=0.3)
+    with pytest.raises(InvalidInput, match="smoothness"):
+        load_plan(edited(plan, tmp_path, {"law.smoothness": smoothness}))
