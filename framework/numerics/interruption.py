@@ -6,6 +6,7 @@ Further signals are dropped meanwhile: a program is often signalled twice.
 
 from __future__ import annotations
 
+import _thread
 import signal
 import sys
 import threading
@@ -68,12 +69,15 @@ def interruptible() -> Iterator[Heard]:
             return
         number = signal.SIGTERM if isinstance(unraisable.exc_value, Terminated) else signal.SIGINT
         signal.signal(number, stop)
-        timers.append(threading.Timer(REPEAT_INTERVAL, signal.pthread_kill, [main_thread.ident, number]))
-        timers[-1].daemon = True
-        timers[-1].start()
+        _thread.start_new_thread(repeat, (number,))  # `Thread.start` would wait, and be interrupted itself
 
-    main_thread = threading.main_thread()
-    timers: list[threading.Timer] = []
+    def repeat(number: int) -> None:
+        """Signal the main thread once more, unless the block has ended."""
+        if not ended.wait(REPEAT_INTERVAL):
+            signal.pthread_kill(main_thread, number)
+
+    main_thread = threading.get_ident()
+    ended = threading.Event()
     for number in handlers:
         signal.signal(number, stop)
     hook, sys.unraisablehook = sys.unraisablehook, lost
@@ -82,8 +86,7 @@ def interruptible() -> Iterator[Heard]:
             yield heard
     finally:
         sys.unraisablehook = hook
-        for timer in timers:
-            timer.cancel()
+        ended.set()
         for number, handler in handlers.items():
             signal.signal(number, handler)
 
