@@ -150,8 +150,8 @@ def _from_yaml(
         if dialect == "loop_closures":
             return read_urdf(urdf, root, options, content)
         tree = UrdfTree(root)
-    tree.impossible = [(name, f"{urdf.name}: {what}") for name, what in tree.impossible]
-    return gepetto.read_pair(path, content, tree, options)._replace(dialect=dialect)
+    tree.left_out = [item._replace(what=f"{urdf.name}: {item.what}") for item in tree.left_out]
+    return gepetto.read_pair(path, content, tree, options)
 
 
 def _urdf_beside(path: Path) -> Path:

@@ -22,12 +22,12 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.errors import RobotFileError, check_choice, check_name, choose_from
-from framework.model.description import Closure, Coupling, JointDynamics, ParsedRobot
+from framework.model.description import Coupling, JointDynamics, ParsedRobot
 from framework.model.documents import naming, parse_xml
 from framework.model.inertia import ENTRIES, symmetric
 from framework.model.placement import from_quaternion, from_rpy, inverse, placement
-from framework.model.readers.describe import LeftOut, Options, describe
-from framework.model.readers.urdf_tree import UrdfTree, merge_sharing
+from framework.model.readers.describe import Options, describe
+from framework.model.readers.urdf_tree import LeftOut, UrdfTree, merge_sharing
 from framework.model.urdf_elements import local_name
 from framework.model.urdf_writing import (
     ChainJoint,
@@ -100,31 +100,23 @@ class Scope:
 
 
 class _Joint(NamedTuple):
-    """A joint, with its placements and axes in both links, of the parent first."""
+    """A joint, its motions from parent to child, what acts along each, and its placement in both links."""
 
     name: str
     element: ElementTree.Element
     kind: str
-    links: tuple[str, str]
+    links: tuple[str, str]  # of the parent first
     places: tuple[Array, Array]
-    axes: tuple[Array, ...]
+    motions: tuple[ChainJoint, ...]  # in the joint's frame
+    dynamics: dict[str, JointDynamics]  # by motion, none where nothing acts
 
-    def motions(self) -> list[tuple[str, str, Array | None, str]]:
-        """Return name, kind, axis and the axis' tag of each motion of one freedom, from the parent."""
-        if not self.axes:
-            return [(self.name, self.kind, None, "")]
-        axes = 2 * self.axes if self.kind == "screw" else self.axes
-        motions = zip(_MOTIONS[self.kind], axes, strict=True)
-        return [(self.name + suffix, kind, axis, tag) for (suffix, kind, tag), axis in motions]
-
-    def dynamics(self) -> dict[str, JointDynamics]:
-        """Return damping, friction and spring of each motion that has some."""
-        acting = {}
-        for name, _, _, tag in self.motions() if self.axes else ():
-            paths = {f"{tag}/dynamics/{key}": "0" for key in _DYNAMICS.values()}
-            values = dict(zip(_DYNAMICS, _values(self.element, f"joint {self.name!r}", paths), strict=True))
-            acting[name] = JointDynamics(**values | ({} if values["stiffness"] else {"rest": 0.0}))
-        return {name: joint for name, joint in acting.items() if joint != JointDynamics()}
+    def chain(self, step: int) -> list[ChainJoint]:
+        """Return the joints of the URDF, from parent to child for step 1, else for -1."""
+        places = [self.places[::step][0], np.eye(4)]
+        return [
+            motion._replace(place=place, axis=None if motion.axis is None else step * motion.axis)
+            for motion, place in zip(self.motions[::step], places, strict=False)
+        ]
 
 
 def read_sdf(file: Path, root: ElementTree.Element, options: Options) -> ParsedRobot:
@@ -139,52 +131,41 @@ def read_sdf(file: Path, root: ElementTree.Element, options: Options) -> ParsedR
         _add_models(scope, parent, file.parent, "", WORLD)
     joints = _joints_of_largest_part(scope)
     names = _tree_joints(scope, joints)
-    cut = [joint for joint in joints if joint.name not in names]
-    within = [joint for joint in joints if joint.name in names or joint.kind == "screw"]
     tree = UrdfTree(_urdf(scope, joints, names, file.stem))
     tree.unused += {f"<{tag}>": len(list(root.iter(tag))) for tag in _UNUSED}
+    tree.gravity = vector3("<gravity>", root.findtext("world/gravity", "0 0 -9.81").split())
     plugged = [element.text or "" for element in root.iter("joint_name")]
-    return describe(
-        tree,
-        file,
-        options,
-        [_closure(tree, joint) for joint in cut],
-        couplings=[coupling for joint in within for coupling in _couplings(joint, names)],
-        likely_motors=[name for name in names if name.rsplit("::", 1)[-1] in plugged],
-        joints={name: acting for joint in within for name, acting in joint.dynamics().items()},
-        gravity=vector3("<gravity>", root.findtext("world/gravity", "0 0 -9.81").split()),
-        left_out=list(_left_out(scope, cut)),
-        remarks=_remarks(scope, joints),
-    )._replace(dialect="sdf")
+    tree.likely_motors = [name for name in names if name.rsplit("::", 1)[-1] in plugged]
+    _name_unread_parts(scope, tree, joints)
+    for joint in joints:
+        if joint.name not in names:
+            _close(tree, joint)
+        if joint.name in names or joint.kind == "screw":
+            tree.couplings += _couplings(joint, names)
+            tree.dynamics |= joint.dynamics
+            continue
+        for part, is_there in (("dynamics", joint.dynamics), ("mimic", _has(joint.element, "mimic"))):
+            if is_there:
+                text = f"joint {joint.name!r}: its {part}, where the loop is cut"
+                tree.left_out.append(LeftOut(text, (joint.links[1],)))
+    return describe(tree, file, options, "sdf")
 
 
-def _remarks(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
-    """Return a remark on links beside the mechanism of some joints, if any."""
-    part = {link for joint in joints for link in joint.links}
-    apart = [f"{name} of {_mass(link)} kg" for name, link in scope.links.items() if name not in part]
-    return [f"not read: {', '.join(apart)}, which no joint joins with the mechanism"] if apart else []
-
-
-def _left_out(scope: Scope, cut: Sequence[_Joint]) -> Iterator[LeftOut]:
-    """Yield elements with motion or force that the records do not hold."""
+def _name_unread_parts(scope: Scope, tree: UrdfTree, joints: Sequence[_Joint]) -> None:
+    """Leave out gearboxes and links without gravity; remark on links beside the mechanism of some joints."""
     for name, element in scope.joints.items():
         if element.get("type") in _NOT_READ:
             text = f"joint {name!r}: {element.get('type')}: not read"
-            yield LeftOut(text, (name, *_ends(scope, name)), is_decisive=True)
+            tree.left_out.insert(0, LeftOut(text, (name, *_ends(scope, name)), is_decisive=True))
+    part, apart = {link for joint in joints for link in joint.links}, []
     for name, link in scope.links.items():
+        mass = link.findtext("inertial/mass", "1").strip()
         if link.findtext("gravity", "1").strip() in ("0", "false"):
-            yield LeftOut(f"link {name!r}: <gravity> off, {_mass(link)} kg", (name,))
-    for joint in cut:
-        if joint.kind == "screw":
-            continue
-        for part, is_there in (("dynamics", joint.dynamics()), ("mimic", _has(joint.element, "mimic"))):
-            if is_there:
-                text = f"joint {joint.name!r}: its {part}, where the loop is cut"
-                yield LeftOut(text, (joint.links[1],))
-
-
-def _mass(link: ElementTree.Element) -> str:
-    return link.findtext("inertial/mass", "1").strip()
+            tree.left_out.append(LeftOut(f"link {name!r}: <gravity> off, {mass} kg", (name,)))
+        if name not in part:
+            apart.append(f"{name} of {mass} kg")
+    if apart:
+        tree.remarks.append(f"not read: {', '.join(apart)}, which no joint joins with the mechanism")
 
 
 def _scope_name(prefix: str, name: str) -> str:
@@ -340,18 +321,30 @@ def _ends(scope: Scope, name: str) -> tuple[str, str]:
 
 
 def _joint(scope: Scope, name: str, links: tuple[str, str]) -> _Joint:
-    """Return a joint with placements and axes; a parent frame places its parent's end."""
+    """Return a joint with placements and motions; a parent frame places its parent's end."""
     element = scope.joints[name]
     kind = _KINDS.get(element.get("type", ""), "fixed")
     in_child = scope.place(f"joint {name}")
     parent = _end_name(element, "parent")
     in_parent = scope.place(parent) if parent in scope.attached and parent not in scope.links else in_child
-    first, second = (
-        inverse(scope.place(link)) @ place for link, place in zip(links, (in_parent, in_child), strict=True)
-    )
-    tags = [tag for _, _, tag in _MOTIONS.get(kind, ()) if tag != "slide"]
-    axes = tuple(_axis(scope, name, tag) for tag in tags)
-    return _Joint(name, element, kind, links, (first, second), axes)
+    places = [
+        inverse(scope.place(link)) @ end for link, end in zip(links, (in_parent, in_child), strict=True)
+    ]
+    motions, dynamics = [], dict[str, JointDynamics]()
+    for suffix, motion, tag in _MOTIONS.get(kind, ()):
+        axis = _axis(scope, name, "axis" if tag == "slide" else tag)
+        motions.append(ChainJoint(name + suffix, motion, np.eye(4), axis, _limits(element, name, tag)))
+        if (acting := _dynamics(element, name, tag)) != JointDynamics():
+            dynamics[name + suffix] = acting
+    motions = motions or [ChainJoint(name, kind, np.eye(4))]
+    return _Joint(name, element, kind, links, (places[0], places[1]), tuple(motions), dynamics)
+
+
+def _dynamics(joint: ElementTree.Element, name: str, tag: str) -> JointDynamics:
+    """Return damping, friction and spring along an axis of a joint."""
+    paths = {f"{tag}/dynamics/{key}": "0" for key in _DYNAMICS.values()}
+    values = dict(zip(_DYNAMICS, _values(joint, f"joint {name!r}", paths), strict=True))
+    return JointDynamics(**values | ({} if values["stiffness"] else {"rest": 0.0}))
 
 
 def _axis(scope: Scope, name: str, tag: str) -> Array:
@@ -460,13 +453,13 @@ def _urdf(scope: Scope, joints: Sequence[_Joint], chosen: Sequence[str], name: s
             if link != near or far in waiting:
                 continue
             end = inverse(joint.places[::step][1])
-            root.extend(chain_elements(link, _motions(joint, step), far, end, taken))
+            root.extend(chain_elements(link, joint.chain(step), far, end, taken))
             waiting.append(far)
     for joint in joints:
         if joint.kind == "screw" and joint.name not in chosen:
             stub = f"{joint.name}_stub"
             ElementTree.SubElement(root, "link", name=stub)
-            root.extend(chain_elements(joint.links[0], _motions(joint, 1), stub, np.eye(4), taken))
+            root.extend(chain_elements(joint.links[0], joint.chain(1), stub, np.eye(4), taken))
     return root
 
 
@@ -497,22 +490,11 @@ def _inertial(inertial: ElementTree.Element | None, where: str) -> ElementTree.E
     return inertial_element(mass, place[:3, 3], turn @ symmetric(*moments) @ turn.T)
 
 
-def _motions(joint: _Joint, step: int) -> list[ChainJoint]:
-    """Return the joints of the URDF for a joint, from parent to child for step 1, else for -1."""
-    places = [joint.places[::step][0], np.eye(4)]
-    return [
-        ChainJoint(
-            name, kind, place, axis if axis is None else step * axis, _limits(joint, tag) if tag else None
-        )
-        for (name, kind, axis, tag), place in zip(joint.motions()[::step], places, strict=False)
-    ]
-
-
-def _limits(joint: _Joint, tag: str) -> tuple[float, float] | None:
+def _limits(joint: ElementTree.Element, name: str, tag: str) -> tuple[float, float] | None:
     """Return lower and upper limit [rad, m]; infinity is written in words or as a large number."""
-    where, ends = f"joint {joint.name!r}", list[float]()
+    where, ends = f"joint {name!r}", list[float]()
     for end, default in (("lower", "-inf"), ("upper", "inf")):
-        text = joint.element.findtext(f"{tag}/limit/{end}", default).lower()
+        text = joint.findtext(f"{tag}/limit/{end}", default).lower()
         ends += numbers(f"{where}: <{end}>", text.replace("inf", f"{UNLIMITED:g}"), 1)
     lower, upper = ends
     if max(abs(lower), abs(upper)) >= UNLIMITED:
@@ -522,8 +504,8 @@ def _limits(joint: _Joint, tag: str) -> tuple[float, float] | None:
     return lower, upper
 
 
-def cut_joint(scope: Scope, tree: UrdfTree, name: str) -> Closure:
-    """Return the closure of a joint of `scope` between links of a tree.
+def close_joint(scope: Scope, tree: UrdfTree, name: str) -> None:
+    """Close the loop of a joint of `scope` between links of a tree.
 
     Raises:
         RobotFileError: names the joint.
@@ -531,13 +513,15 @@ def cut_joint(scope: Scope, tree: UrdfTree, name: str) -> Closure:
     ends, kind = _ends(scope, name), scope.joints[name].get("type")
     if kind in (*_NOT_READ, "screw"):
         raise RobotFileError(f"joint {name!r}: {kind}: not read")
-    return _closure(tree, _joint(scope, name, ends))
+    _close(tree, _joint(scope, name, ends))
 
 
-def _closure(tree: UrdfTree, joint: _Joint) -> Closure:
-    """Return the closure of a cut joint, of its own kind; the stub of a screw is fixed."""
+def _close(tree: UrdfTree, joint: _Joint) -> None:
+    """Close the loop of a cut joint by its own kind; the stub of a screw is fixed."""
     if joint.kind == "screw":
-        pair = (("1", f"{joint.name}_stub", np.eye(4)), ("2", joint.links[1], joint.places[1]))
-        return tree.close(f"{joint.name}_end", "fixed", pair)
+        stub = ("1", f"{joint.name}_stub", np.eye(4))
+        tree.close(f"{joint.name}_end", "fixed", [stub, ("2", joint.links[1], joint.places[1])])
+        return
     ends = zip("12", joint.links, joint.places, strict=True)
-    return tree.close(joint.name, joint.kind, list(ends), joint.axes)
+    axes = [motion.axis for motion in joint.motions if motion.axis is not None]
+    tree.close(joint.name, joint.kind, ends, axes)

@@ -47,11 +47,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from framework.errors import RobotFileError, check_name
-from framework.model.description import Closure, ParsedRobot, locked_axes
+from framework.model.description import ParsedRobot
 from framework.model.documents import naming, parse_yaml
 from framework.model.placement import inverse, placement
-from framework.model.readers.describe import Options, Pull, describe
-from framework.model.readers.sdf import BALL_CONSTRAINT, WORLD, Scope, add_content, cut_joint
+from framework.model.readers.describe import Options, describe
+from framework.model.readers.sdf import BALL_CONSTRAINT, WORLD, Scope, add_content, close_joint
 from framework.model.readers.urdf_tree import UrdfTree
 from framework.model.urdf_elements import MOVING
 from framework.model.xml_reading import attribute, axis_of, child_element, numbers, only, origin_of
@@ -88,7 +88,7 @@ def _element_name(element: ElementTree.Element) -> tuple[str, str]:
     return name, f"{element.tag} {name!r}"
 
 
-def _read_loop(tree: UrdfTree, element: ElementTree.Element) -> Closure:
+def _read_loop(tree: UrdfTree, element: ElementTree.Element) -> None:
     """Read the closure of an element in `_LOOPS`."""
     syntax = _LOOPS[element.tag]
     if element.tag == "loop_joint":  # its ends are in the order of the document, and may have one tag
@@ -102,7 +102,7 @@ def _read_loop(tree: UrdfTree, element: ElementTree.Element) -> Closure:
     kind = syntax.kinds[given]
     axes = _axes(element, where, kind, syntax.axes)
     ends = [(end.removeprefix("link"), *_end(tree, element, where, end)) for end in syntax.ends]
-    return tree.close(name, kind, ends, axes)
+    tree.close(name, kind, ends, axes)
 
 
 def _axes(element: ElementTree.Element, where: str, kind: str, tags: Sequence[str]) -> list[Array]:
@@ -136,8 +136,8 @@ def _end(tree: UrdfTree, element: ElementTree.Element, where: str, end: str) -> 
     return link, origin_of(origin, f"{place}: <{origin.tag}>")
 
 
-def _read_coupling(tree: UrdfTree, element: ElementTree.Element) -> Closure | None:
-    """Read the closure of a `<coupling>`; None where a joint is fixed or mimics another instead."""
+def _read_coupling(tree: UrdfTree, element: ElementTree.Element) -> None:
+    """Read a `<coupling>`: a joint that is held, equal turns of links, or a joint that mimics another."""
     name, where = _element_name(element)
     ends = _LOOPS["loop"].ends
     only(element, where, (*ends, "ratio"), ("name", "type"))
@@ -151,10 +151,9 @@ def _read_coupling(tree: UrdfTree, element: ElementTree.Element) -> Closure | No
     held, others = (driven, drivers) if ratio == 0.0 or not drivers else (drivers, driven)
     if len(held) == 1 and held[0].kind in MOVING and (ratio == 0.0 or not others):
         tree.fix(held[0])
-        return None
-    closure = tree.same_turning(name, first, second) if ratio == 1.0 else None
-    if closure is not None:
-        return closure
+        return
+    if ratio == 1.0 and tree.close_turns(name, first, second):
+        return
     if [joint.kind in MOVING for joint in (*drivers, *driven)] != [True, True] or not drivers or not driven:
         listed = ", ".join(joint.name for joint in (*drivers, *driven))
         raise RobotFileError(
@@ -162,7 +161,6 @@ def _read_coupling(tree: UrdfTree, element: ElementTree.Element) -> Closure | No
             f"parallel axes"
         )
     ElementTree.SubElement(driven[0].element, "mimic", joint=drivers[0].name, multiplier=repr(ratio))
-    return None
 
 
 def _read_fixed_frame(tree: UrdfTree, element: ElementTree.Element) -> None:
@@ -173,8 +171,8 @@ def _read_fixed_frame(tree: UrdfTree, element: ElementTree.Element) -> None:
     tree.add_frame(name, tree.link(f"{where}: <parent>", parent), origin)
 
 
-# by element: the dialect and its reader, which returns None if it adds no closure
-_ELEMENTS: dict[str, tuple[str, Callable[[UrdfTree, ElementTree.Element], Closure | None]]] = {
+# by element: the dialect and its reader
+_ELEMENTS: dict[str, tuple[str, Callable[[UrdfTree, ElementTree.Element], None]]] = {
     "loop": ("urdf+", _read_loop),
     "coupling": ("urdf+", _read_coupling),
     "constraint": ("ros", _read_loop),
@@ -191,54 +189,52 @@ def read_urdf(
     Raises:
         RobotFileError: names the element.
     """
+    beside = _loop_closures_beside(file) if beside is None else beside
     independent = [
         joint.get("name", "")
         for joint in root.findall("joint")
         if joint.get("independent", "").lower() in ("true", "1")
     ]
     tree = UrdfTree(root, (*_ELEMENTS, BALL_CONSTRAINT))
+    tree.likely_motors = [*independent, *beside.get("independent", [])]
     elements = [element for element in tree.extra if element.tag in _ELEMENTS]
-    closures = [_ELEMENTS[element.tag][1](tree, element) for element in elements]
-    closures += _joints_of_other_programs(tree)
-    framed = _closing_frames(tree)
-    beside = _loop_closures_beside(file) if beside is None else beside
-    closures += [*framed, *_yaml_closures(tree, beside)]
-    if not closures and root.find("joint/mimic") is None:
+    for element in elements:
+        _ELEMENTS[element.tag][1](tree, element)
+    _close_joints_of_other_programs(tree)
+    has_closing_frames = _close_frames(tree)
+    _close_hinges(tree, beside)
+    if not tree.closures and root.find("joint/mimic") is None:
         raise RobotFileError(
             "a URDF without loops: declare them in it (<loop> of URDF+, <constraint> of ROS, <loop_joint> of "
             "Isaac Sim, <mimic>, links closing_X_1 and closing_X_2 of onshape-to-robot) or in a YAML file "
             "beside it (ours, or Gepetto's with closed_loop), and give that file"
         )
-    dialect = _ELEMENTS[elements[0].tag][0] if elements else "onshape" if framed else "urdf"
-    for name in tree.motors if dialect == "ros" else ():
-        check_name("transmission", "movable joint", name, tree.movable)
-    return describe(
-        tree,
-        file,
-        options,
-        [closure for closure in closures if closure is not None],
-        pulls=[Pull.motor_on(name) for name in tree.motors if name in tree.movable],
-        likely_motors=[*independent, *beside.get("independent", [])],
-    )._replace(dialect=dialect)
+    dialect = _ELEMENTS[elements[0].tag][0] if elements else "onshape" if has_closing_frames else "urdf"
+    for name in tree.motors:
+        if dialect == "ros":
+            check_name("transmission", "movable joint", name, tree.movable)
+        if name in tree.movable:
+            tree.add_motor(name)
+    return describe(tree, file, options, dialect)
 
 
-def _closing_frames(tree: UrdfTree) -> list[Closure]:
-    """Return the closures of pairs of links that end loops by their names."""
+def _close_frames(tree: UrdfTree) -> bool:
+    """Close loops at pairs of links that end them by their names; return whether there are any."""
     pairs: dict[str, dict[str, str]] = {}
     for link in tree.links:
         if match := _CLOSING.fullmatch(link):
             pairs.setdefault(match["name"] + (match["second"] or ""), {})[match["end"]] = link
-    for ends in pairs.values():
+    for name, ends in pairs.items():
         if len(ends) < 2:
             ((end, link),) = ends.items()
             missing = re.sub(rf"_{end}(_z)?$", rf"_{3 - int(end)}\1", link)
             raise RobotFileError(f"link {link!r}: the other end of its loop, {missing!r}, is missing")
-    axes = locked_axes("spherical")
-    return [Closure(name, (ends["1"], ends["2"]), axes) for name, ends in pairs.items()]
+        tree.close(name, "spherical", [(end, ends[end], np.eye(4)) for end in "12"])
+    return bool(pairs)
 
 
-def _joints_of_other_programs(tree: UrdfTree) -> list[Closure]:
-    """Return the closures of joints of Gazebo and constraints of Drake."""
+def _close_joints_of_other_programs(tree: UrdfTree) -> None:
+    """Close the loops of joints of Gazebo and constraints of Drake."""
     scope, model = Scope(version=np.inf), ElementTree.Element("model")
     for link in tree.links:
         scope.links[link] = ElementTree.Element("link")
@@ -246,7 +242,8 @@ def _joints_of_other_programs(tree: UrdfTree) -> list[Closure]:
     model.extend(joint for joint in tree.root.findall("gazebo/joint") if joint.find("child") is not None)
     model.extend(element for element in tree.extra if element.tag == BALL_CONSTRAINT)
     add_content(scope, model, Path(), "", WORLD)
-    return [cut_joint(scope, tree, name) for name in scope.joints]
+    for name in scope.joints:
+        close_joint(scope, tree, name)
 
 
 def _loop_closures_beside(file: Path) -> Mapping[str, Any]:
@@ -260,17 +257,15 @@ def _loop_closures_beside(file: Path) -> Mapping[str, Any]:
     return {}
 
 
-def _yaml_closures(tree: UrdfTree, content: Mapping[str, Any]) -> list[Closure]:
-    """Return the hinges of a loop_closures.yaml: point and axis in the frame of the root link at zero."""
+def _close_hinges(tree: UrdfTree, content: Mapping[str, Any]) -> None:
+    """Close the hinges of a loop_closures.yaml: point and axis in the frame of the root link at zero."""
     link = required(one_of("link", tree.links))
     hinge = {"link_a": link, "link_b": link, "point": required(vector3), "axis": required(vector3)}
     read = list_of(lambda where, given: read_table(where, given, hinge, others=None))
-    closures = []
     for i, entry in enumerate(read(f"{LOOP_CLOSURES}: closures", content.get("closures", []))):
         axis, point = np.array(entry["axis"]), placement(None, entry["point"])
         if not axis.any():
             raise RobotFileError(f"{LOOP_CLOSURES}: closures[{i}].axis: the axis is zero")
         ends = [(end, entry[f"link_{end}"]) for end in "ab"]
         places = [(end, name, inverse(tree.zero_pose(name)) @ point) for end, name in ends]
-        closures.append(tree.close(f"loop_{i + 1}", "revolute", places, [axis]))
-    return closures
+        tree.close(f"loop_{i + 1}", "revolute", places, [axis])

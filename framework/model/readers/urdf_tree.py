@@ -1,4 +1,8 @@
-"""The URDF part of the dialects that extend it: an open tree, checked, edited and written out again."""
+"""What the readers of all dialects write into: an open URDF, and what a file says beside its tree.
+
+`UrdfTree` holds the tree, checked and open to edits, with loops, motors and forces in lists; `describe` makes
+the records of them.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +10,12 @@ import xml.etree.ElementTree as ElementTree
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from framework.errors import RobotFileError, check_name, choose_from, nearest
-from framework.model.description import Closure, locked_axes
+from framework.model.description import Closure, Coupling, JointDynamics, locked_axes
 from framework.model.placement import about, inverse, placement, to_rpy, turning
 from framework.model.urdf_edits import add_frame, fix_joint
 from framework.model.urdf_elements import (
@@ -35,6 +40,29 @@ _USED = {
     "link": ("inertial", "visual", "collision"),
     "joint": ("parent", "child", "origin", "axis", "limit", "dynamics", "mimic"),
 }
+
+
+class LeftOut(NamedTuple):
+    """An element that is not read, with the joints and links under its action.
+
+    Without the force of most elements a robot is still the same mechanism; where one decides how the
+    mechanism moves (`is_decisive`), it cannot be left out of parts that move.
+    """
+
+    what: str
+    acts_on: tuple[str, ...]
+    is_decisive: bool = False
+
+
+class Pull(NamedTuple):
+    """A motor or tendon along a length of joints, each with a share in the length."""
+
+    name: str  # with its kind
+    shares: Mapping[str, float]
+    gear: float = 1.0
+    dynamics: JointDynamics = JointDynamics()  # before the gear; a motor's whether or not it is chosen
+    torque_limit: float | None = None  # motor side [N m]
+    is_motor: bool = True
 
 
 def _remove_other_programs(root: ElementTree.Element, valid: Sequence[str]) -> Counter[str]:
@@ -94,7 +122,7 @@ def merge_sharing(groups: Iterable[Iterable[str]]) -> list[list[str]]:
 
 
 class UrdfTree(Tree):
-    """A URDF whose names, joints and numbers were checked, open to small edits.
+    """A checked URDF, open to small edits, with the loops, motors and forces that its file has beside it.
 
     `extra` are the top-level elements of the dialect; they are taken out of the URDF. Complaints name
     the element; the caller puts the file in front.
@@ -116,8 +144,8 @@ class UrdfTree(Tree):
             root.remove(element)
             for part in element.iter():
                 part.tag = local_name(part.tag)  # its dialect has no namespace, or another program's
-        self.impossible: list[tuple[str, str]] = []  # links and joints, and what is wrong with each
-        tree = read_tree(root, self.impossible)
+        impossible: list[tuple[str, str]] = []  # links and joints, and what is wrong with each
+        tree = read_tree(root, impossible)
         super().__init__(tree.links, tree.joints, tree.base)
         if len(self.extra) > MAX_LOOPS:
             raise RobotFileError(f"<robot>: {len(self.extra)} loops; at most {MAX_LOOPS} are read")
@@ -127,8 +155,16 @@ class UrdfTree(Tree):
             )
         self.held: dict[str, tuple[float, ...]] = {}  # joints that were fixed, and where [rad, m]
         self._added: dict[str, str] = {}  # the link that carries each frame
-
-    # -------------------------------------------------------------- what is there
+        # what a dialect says beside the tree
+        self.closures: list[Closure] = []
+        self.couplings: list[Coupling] = []
+        self.pulls: list[Pull] = []
+        self.likely_motors: list[str] = []
+        self.dynamics: dict[str, JointDynamics] = {}  # by coordinate
+        self.gravity = (0.0, 0.0, -9.81)
+        self.reference: dict[str, float] = {}  # by coordinate
+        self.left_out = [LeftOut(text, (name,), is_decisive=True) for name, text in impossible]
+        self.remarks: list[str] = []
 
     @property
     def frames(self) -> list[str]:
@@ -182,8 +218,8 @@ class UrdfTree(Tree):
 
     def close(
         self, name: str, kind: str, ends: Iterable[tuple[str, str, Array]], axes: Sequence[Array] = ()
-    ) -> Closure:
-        """Return a closure of two ends (suffix of the frame, link, placement), with `axes` (3,) in both.
+    ) -> None:
+        """Add a closure of two ends (suffix of the frame, link, placement), with `axes` (3,) in both.
 
         Of a universal joint the first axis is x of the first frame, the second is y of the second frame. Of
         other kinds they are z, one may stand for both, and a kind without an axis needs none.
@@ -195,7 +231,11 @@ class UrdfTree(Tree):
             where = place @ placement(turn)
             is_own = np.array_equal(where, np.eye(4))
             frames.append(link if is_own else self.add_frame(f"{name}_{suffix}", link, where))
-        return Closure(name, (frames[0], frames[1]), locked_axes(kind))
+        self.closures.append(Closure(name, (frames[0], frames[1]), locked_axes(kind)))
+
+    def add_motor(self, joint: str) -> None:
+        """Add a motor straight on a joint."""
+        self.pulls.append(Pull(f"motor {joint!r}", {joint: 1.0}))
 
     def add_frame(self, name: str, link: str, where: Array) -> str:
         """Return a frame added to a link; its name, with underscores behind where that was taken."""
@@ -278,18 +318,19 @@ class UrdfTree(Tree):
                 turn = read_joint(element, set(self.links))
                 self.joints[turn.name] = self.parent_joint[turn.child] = turn
 
-    def same_turning(self, name: str, first: str, second: str) -> Closure | None:
-        """Return a closure that keeps two links turned as at zero, if all joints between turn in parallel.
+    def close_turns(self, name: str, first: str, second: str) -> bool:
+        """Add a closure that keeps two links turned as at zero, if all joints between turn in parallel.
 
         Then the turn of each link is the sum of its joints' angles, and "the sums are equal" is a loop
-        equation; None where it is none.
+        equation; False where it is none.
         """
-        of_first, of_second = self.moving_chains(first, second)
-        axes = [self.axis_at_zero(joint) for joint in (*of_first, *of_second)]
-        if not axes or any(joint.kind in ("prismatic", *SEVERAL) for joint in (*of_first, *of_second)):
-            return None
+        joints = [joint for chain in self.moving_chains(first, second) for joint in chain]
+        axes = [self.axis_at_zero(joint) for joint in joints]
+        if not axes or any(joint.kind in ("prismatic", *SEVERAL) for joint in joints):
+            return False
         if any(np.linalg.norm(axis - axes[0]) > FILE_ROUNDING for axis in axes):
-            return None
+            return False
         turns = [placement(inverse(self.zero_pose(link))[:3, :3]) for link in (first, second)]
-        ends = zip(("first", "second"), (first, second), turns, strict=True)
-        return replace(self.close(name, "planar", ends, [axes[0], axes[0]]), axes=("rz",))
+        self.close(name, "planar", zip(("first", "second"), (first, second), turns, strict=True), axes[:1])
+        self.closures[-1] = replace(self.closures[-1], axes=("rz",))
+        return True
