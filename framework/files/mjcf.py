@@ -36,7 +36,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import is_ball, positions_beyond_limits
 from framework.model.description import Closure, locked_axes
 from framework.model.loop_rows import loop_rows
-from framework.model.urdf_writing import AXIS, vector_text
+from framework.model.urdf_edits import AXIS, vector_text
 from framework.numerics.arrays import Array
 
 MIN_MASS, MIN_INERTIA = 1e-9, 1e-12  # [kg], [kg m^2] of bodies without; MuJoCo refuses less than 1e-15

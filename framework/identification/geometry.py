@@ -18,7 +18,7 @@ from framework.errors import check_choice
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import AXES, RobotDescription, Spring
 from framework.model.placement import about, placement
-from framework.model.urdf_writing import joint_element, origin_element
+from framework.model.urdf_edits import joint_element, origin_element
 from framework.model.xml_reading import origin_of
 from framework.numerics.arrays import Array, ReadOnlyArrays
 

@@ -31,7 +31,7 @@ from framework.errors import InvalidInput, check_name, finite_numbers, point
 from framework.model.description import AXES, Spring
 from framework.model.placement import inverse, placement
 from framework.model.robot_file_writer import record_entry as spring_entry
-from framework.model.urdf_writing import joint_element, origin_element
+from framework.model.urdf_edits import joint_element, origin_element
 from framework.model.xml_reading import origin_of
 from framework.numerics.arrays import Array, ArrayLike
 from framework.numerics.fields import check_distinct

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from framework.model.description import RobotDescription
 from framework.model.urdf_elements import check_urdf
-from framework.model.urdf_writing import remove_children
+from framework.model.xml_reading import remove_children
 
 BODIES = ("none", "payload", "all")
 

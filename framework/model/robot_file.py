@@ -7,7 +7,7 @@ key, says what was given and what is valid.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +16,13 @@ import numpy as np
 from framework.errors import RobotFileError, check_unique
 from framework.model.description import ParsedRobot, RobotDescription, Spring, locked_by_couplings
 from framework.model.documents import LEADING_BLANKS, naming, parse_xml, parse_yaml
-from framework.model.inertia import check_inertia
 from framework.model.parameters import fill_placeholders, with_parameters
 from framework.model.robot_keys import joint_dynamics, robot_table
 from framework.model.urdf_edits import add_frame, free_root, lock_joints, virtual_link
 from framework.model.urdf_elements import (
     MOVING,
     Tree,
+    check_inertia,
     check_urdf,
     declared_couplings,
     declared_dynamics,
@@ -35,13 +35,13 @@ from framework.numerics.fields import (
     entries,
     integer,
     list_of,
-    mapping,
     mapping_of,
     number,
     one_of,
     optional,
     positive,
     read_table,
+    record,
     required,
     text,
     vector3,
@@ -82,16 +82,16 @@ def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> Pa
     robot["couplings"] += tuple(coupling for coupling in mimicked if coupling.joint not in coupled)
     if further := locked_by_couplings(robot["couplings"], locked):
         return parse_robot(path, {**content, "locked": {**locked, **further}}, parameters)
-    _drop_locked(robot, locked)
-    springs, joints = robot.pop("springs"), robot.pop("joints")
-    for spring in springs:
-        if not isinstance(spring, Spring):
-            _add_spring(joints, **spring)
+    joints = robot.pop("joints")
+    springs = _separate_springs(robot.pop("springs"), joints)
+    robot["couplings"] = tuple(coupling for coupling in robot["couplings"] if coupling.joint not in locked)
+    robot["reference"] = {name: q for name, q in robot["reference"].items() if name not in locked}
+    joints = {name: entry for name, entry in joints.items() if name not in locked}
     description = RobotDescription(
         name=path.stem,
         file=path,
         urdf_text=urdf_text,
-        springs=tuple(spring for spring in springs if isinstance(spring, Spring)),
+        springs=tuple(spring for spring in springs if spring.motion or spring.after not in locked),
         joints=joint_dynamics(declared_dynamics(root), joints),
         parameters=dict(parameters),
         **robot,
@@ -101,33 +101,24 @@ def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> Pa
     return ParsedRobot(description, root)
 
 
-def _drop_locked(robot: dict[str, Any], locked: Mapping[str, float]) -> None:
-    """Drop couplings, springs and numbers of locked joints from the values of the keys."""
-    robot["couplings"] = tuple(coupling for coupling in robot["couplings"] if coupling.joint not in locked)
-    robot["springs"] = tuple(spring for spring in robot["springs"] if not _is_locked(spring, locked))
-    for key in ("reference", "joints"):
-        robot[key] = {name: value for name, value in robot[key].items() if name not in locked}
-
-
-def _is_locked(spring: Spring | Mapping[str, Any], locked: Mapping[str, float]) -> bool:
-    """Whether a spring is along the motion of a locked joint."""
-    if isinstance(spring, Spring):
-        return spring.after in locked and not spring.motion
-    return spring["joint"] in locked
-
-
-def _add_spring(
-    joints: dict[str, dict[str, float]], name: str, joint: str, stiffness: float, rest: float
-) -> None:
-    """Put a spring on a real joint into the entry of the joint.
+def _separate_springs(
+    springs: Sequence[Spring | Mapping[str, Any]], joints: dict[str, dict[str, float]]
+) -> list[Spring]:
+    """Return the virtual joints among the springs; put a spring on a URDF joint into the joint's entry.
 
     Raises:
         RobotFileError: the joint has a spring already.
     """
-    entry = joints.setdefault(joint, {})
-    if "stiffness" in entry or "rest" in entry:
-        raise RobotFileError(f"springs: joint {joint!r} has two springs of its own; add them up")
-    entry.update(stiffness=stiffness, rest=rest)
+    for spring in springs:
+        if isinstance(spring, Spring):
+            continue
+        entry = joints.setdefault(spring["joint"], {})
+        if "stiffness" in entry or "rest" in entry:
+            raise RobotFileError(
+                f"springs: joint {spring['joint']!r} has two springs of its own; add them up"
+            )
+        entry.update(stiffness=spring["stiffness"], rest=spring["rest"])
+    return [spring for spring in springs if isinstance(spring, Spring)]
 
 
 # ------------------------------------------------------------------ the tree
@@ -179,17 +170,17 @@ def _added_frame(urdf: Tree) -> Reader[dict[str, Any]]:
         "parent": required(one_of("link", urdf.links)),
         "xyz": optional(vector3, (0.0, 0.0, 0.0)),
         "rpy": optional(vector3, (0.0, 0.0, 0.0)),
+        "mass": optional(positive),
+        "inertia": optional(_moments),
     }
-    body = {"mass": required(positive), "inertia": optional(_moments, (0.0, 0.0, 0.0))}
 
-    def read(where: str, given: Any) -> dict[str, Any]:
-        """Read a frame; a body's inertia needs its mass."""
-        content = mapping(where, given)
-        if "inertia" in content and "mass" not in content:
+    def make(where: str, values: dict[str, Any]) -> dict[str, Any]:
+        """Return the stated values; a body's inertia needs its mass."""
+        if values["inertia"] is not None and values["mass"] is None:
             raise RobotFileError(f"{where}.inertia: needs a mass beside it")
-        return read_table(where, given, table | body if "mass" in content else table)
+        return {key: value for key, value in values.items() if value is not None}
 
-    return read
+    return record(table, make)
 
 
 def _moments(where: str, given: Any) -> tuple[float, float, float]:

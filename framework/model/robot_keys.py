@@ -80,11 +80,7 @@ _axes = distinct("axis", AXES)
 
 def _frame(urdf: Tree) -> Reader[str]:
     """Return a reader of frames as links: a joint stands for its child, behind any spring."""
-
-    def read(where: str, given: Any) -> str:
-        return urdf.link_of(one_of("frame", urdf.frames)(where, given))
-
-    return read
+    return lambda where, given: urdf.link_of(one_of("frame", urdf.frames)(where, given))
 
 
 def _platform(urdf: Tree) -> Reader[Platform]:
@@ -148,10 +144,9 @@ def _closure(urdf: Tree) -> Reader[Closure]:
 
 
 def _pair(urdf: Tree) -> Reader[tuple[str, str]]:
-    """Return a reader of two frames of different bodies."""
+    """Return a reader of two frames of different bodies; frames of one leave nothing to close."""
 
     def read(where: str, given: Any) -> tuple[str, str]:
-        """Read two frames; refuse frames of one rigid body, which leave nothing to close."""
         pair = list_of(_frame(urdf))(where, given)
         if len(pair) != 2 or pair[0] == pair[1]:
             raise RobotFileError(f"{where}: needs two different frames, got {list(pair)}")
@@ -200,15 +195,13 @@ def _joints(urdf: Tree, names: Sequence[str]) -> Reader[dict[str, dict[str, floa
 
         An entry under the name of a ball counts for its three coordinates, unless one has its own.
         """
-        read_entries = mapping_of(record(_JOINT, _given_only), one_of("joint", [*names, *whole_joints]))
-        entries = read_entries(where, given)
+        stated = mapping_of(record(_JOINT), one_of("joint", [*names, *whole_joints]))(where, given)
         values: dict[str, dict[str, float]] = {}
         # whole joints first: what is given for one of their coordinates replaces what is given for all
-        for name in sorted(entries, key=lambda name: name not in whole_joints):
-            entry = entries[name]
+        for name in sorted(stated, key=lambda name: name not in whole_joints):
+            entry = {key: value for key, value in stated[name].items() if value is not None}
             coordinates = urdf.joints[name].coordinates if name in whole_joints else (name,)
-            is_part_of_ball = name not in urdf.joints
-            if is_part_of_ball and "armature" in entry:
+            if name not in urdf.joints and "armature" in entry:
                 raise RobotFileError(
                     f"{below(below(where, name), 'armature')}: a ball has one for all directions; give it "
                     f"under the name of the joint"
@@ -218,10 +211,6 @@ def _joints(urdf: Tree, names: Sequence[str]) -> Reader[dict[str, dict[str, floa
         return values
 
     return read
-
-
-def _given_only(_: str, values: dict[str, Any]) -> dict[str, float]:
-    return {key: value for key, value in values.items() if value is not None}
 
 
 def joint_dynamics(
@@ -277,6 +266,7 @@ PATHS: Table = {
     **{kind: optional(list_of(list_of(number))) for kind in PATH_KINDS},
     "blend": optional(positive),
 }
+_FIDELITY: Table = {"level": required(one_of("level", LEVELS_BY_NAME)), "tolerance": required(positive)}
 _MOTION: Table = {
     **PATHS,
     "duration": optional(positive),
@@ -284,21 +274,16 @@ _MOTION: Table = {
     "times": optional(list_of(number)),
     "speeds": optional(one_or_list_of(positive)),
     "at": optional(list_of(number)),
-    "fidelity": optional(
-        record(
-            {"level": required(one_of("level", LEVELS_BY_NAME)), "tolerance": required(positive)},
-            lambda _, values: KeptLevel(values["level"], values["tolerance"]),
-        )
-    ),
+    "fidelity": optional(record(_FIDELITY, lambda _, values: KeptLevel(**values))),
 }
 
 
 def one_path(where: str, paths: Mapping[str, Any]) -> tuple[str, tuple[tuple[float, ...], ...], float | None]:
-    """Return the kind, the points and the blend of the one path out of the values of PATHS.
+    """Return kind, points and blend [m] of the one path in the values of PATHS.
 
     Raises:
-        InvalidInput: none is there, or several, or it has too few points or too many, or a blend where it
-            has no corners or none where it has.
+        InvalidInput: no path, or several; too few or too many points; a blend where the path has no corners,
+            or none where it has.
     """
     kinds = [kind for kind in PATH_KINDS if paths[kind] is not None]
     if len(kinds) != 1:

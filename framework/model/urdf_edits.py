@@ -1,4 +1,4 @@
-"""Changes of a URDF: by a robot file, by springs, and for pinocchio's parser.
+"""Elements of a URDF; its changes by a robot file, by springs, and for pinocchio's parser.
 
 A robot file adds frames and bodies to links, locks joints and frees the root. A spring is a virtual joint,
 
@@ -12,29 +12,27 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from framework.errors import check_name
 from framework.model.description import Spring
-from framework.model.inertia import ENTRIES
-from framework.model.placement import about, placement
-from framework.model.urdf_elements import JOINT_TYPES, MOVING, SEVERAL, Joint, read_tree
-from framework.model.urdf_writing import (
-    AXIS,
-    ChainJoint,
-    chain_elements,
-    inertial_element,
-    joint_element,
-    no_limit,
-    origin_element,
-    remove_children,
-    vector_text,
-    visual_element,
+from framework.model.placement import about, placement, to_rpy
+from framework.model.urdf_elements import (
+    ENTRIES,
+    JOINT_TYPES,
+    MOVING,
+    SEVERAL,
+    Joint,
+    add_endless_limit,
+    read_tree,
 )
-from framework.model.xml_reading import child_element
+from framework.model.xml_reading import child_element, remove_children
+from framework.numerics.arrays import Array
 
+AXIS = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
 GROUND = "ground"
 ROOT_JOINTS = ("root_x", "root_y", "root_z", "root_rz", "root_ry", "root_rx")
 # children that pinocchio reads, by tag and by type of joint
@@ -49,6 +47,116 @@ _NUMBERS = {
     "axis": ("xyz",),
     "limit": ("lower", "upper", "effort", "velocity"),
 }
+
+
+def vector_text(values: Iterable[float]) -> str:
+    """Write numbers to their last digit, and zero without a sign."""
+    return " ".join(repr(float(value) + 0.0) for value in values)
+
+
+def origin_element(matrix: Array) -> ElementTree.Element:
+    """Return the `<origin>` of a placement (4, 4)."""
+    return ElementTree.Element(
+        "origin", xyz=vector_text(matrix[:3, 3]), rpy=vector_text(to_rpy(matrix[:3, :3]))
+    )
+
+
+def joint_element(
+    name: str,
+    kind: str,
+    parent: str,
+    child: str,
+    *,
+    origin: ElementTree.Element | None = None,
+    axis: str | None = None,
+    limits: Sequence[float] | None = None,
+) -> ElementTree.Element:
+    """Return a `<joint>`, with limits that nothing reaches if URDF requires some.
+
+    A continuous joint with limits is a revolute one.
+    """
+    kind = "revolute" if limits and kind == "continuous" else kind
+    element = ElementTree.Element("joint", name=name, type=kind)
+    ElementTree.SubElement(element, "parent", link=parent)
+    ElementTree.SubElement(element, "child", link=child)
+    if origin is not None:
+        element.append(origin)
+    if axis is not None:
+        ElementTree.SubElement(element, "axis", xyz=axis)
+    if kind in ("revolute", "prismatic"):
+        limit = add_endless_limit(element)
+        if limits:
+            limit.attrib |= zip(("lower", "upper"), map(repr, limits), strict=True)
+    return element
+
+
+class ChainJoint(NamedTuple):
+    """A joint of a chain: `place` (4, 4) is its origin in the link before."""
+
+    name: str
+    kind: str
+    place: Array
+    axis: Array | None = None
+    limits: Sequence[float] | None = None
+
+
+def chain_elements(
+    parent: str, motions: Sequence[ChainJoint], body: str, end: Array, taken: set[str]
+) -> Iterator[ElementTree.Element]:
+    """Yield the joints between two links, and a link without mass behind each but the last.
+
+    Args:
+        end: (4, 4) placement of the body behind the last joint; a fixed joint where it is none.
+        taken: names of links, which grow by those of the chain.
+    """
+    for motion in motions:
+        is_last = motion is motions[-1] and np.array_equal(end, np.eye(4))
+        child = body if is_last else free_name(f"{motion.name}_link", taken)
+        if not is_last:
+            yield ElementTree.Element("link", name=child)
+        yield joint_element(
+            motion.name,
+            motion.kind,
+            parent,
+            child,
+            origin=origin_element(motion.place),
+            axis=None if motion.axis is None else vector_text(motion.axis),
+            limits=motion.limits,
+        )
+        parent = child
+    if parent != body:
+        mount = free_name(f"{body}_mount", taken)
+        yield joint_element(mount, "fixed", parent, body, origin=origin_element(end))
+
+
+def free_name(wanted: str, taken: set[str]) -> str:
+    """Return the wanted name with underscores until free, and mark the name as taken."""
+    while wanted in taken:
+        wanted += "_"
+    taken.add(wanted)
+    return wanted
+
+
+def visual_element(shape: str, words: dict[str, str], place: Array) -> ElementTree.Element:
+    """Return the `<visual>` of a primitive shape at a placement (4, 4)."""
+    visual = ElementTree.Element("visual")
+    visual.append(origin_element(place))
+    ElementTree.SubElement(ElementTree.SubElement(visual, "geometry"), shape, words)
+    return visual
+
+
+def inertial_element(mass: float, centre: Array, inertia: Array) -> ElementTree.Element:
+    """Return the `<inertial>` of a body: mass [kg], centre (3,) [m], central inertia (3, 3) [kg m^2]."""
+    inertial = ElementTree.Element("inertial")
+    ElementTree.SubElement(inertial, "origin", xyz=vector_text(centre), rpy="0 0 0")
+    ElementTree.SubElement(inertial, "mass", value=repr(float(mass)))
+    names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    pairs = zip(names, inertia[np.triu_indices(3)].tolist(), strict=True)
+    ElementTree.SubElement(inertial, "inertia", {name: repr(value) for name, value in pairs})
+    return inertial
+
+
+# ------------------------------------------------------------------ for robot files
 
 
 def add_frame(
@@ -166,7 +274,7 @@ def make_continuous_joints_revolute(root: ElementTree.Element) -> None:
         if joint.get("type") == "continuous":
             joint.set("type", "revolute")
             remove_children(joint, "limit")
-            joint.append(no_limit())
+            add_endless_limit(joint)
 
 
 # ------------------------------------------------------------------ springs

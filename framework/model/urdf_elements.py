@@ -17,14 +17,20 @@ from pathlib import Path
 
 import numpy as np
 
-from framework.errors import MissingPackage, RobotFileError, check_name, short
+from framework.errors import MissingPackage, RobotFileError, check_name
 from framework.model.description import Coupling
 from framework.model.documents import naming
-from framework.model.inertia import ENTRIES, check_inertia, symmetric
-from framework.model.urdf_writing import no_limit, remove_children
-from framework.model.xml_reading import attribute, axis_of, child_element, numbers, origin_numbers, origin_of
-from framework.numerics.arrays import Array
-from framework.tolerances import POINT_BODY_GYRATION
+from framework.model.xml_reading import (
+    attribute,
+    axis_of,
+    child_element,
+    number_of,
+    origin_numbers,
+    origin_of,
+    remove_children,
+)
+from framework.numerics.arrays import Array, ArrayLike
+from framework.tolerances import INERTIA_ROUNDING, POINT_BODY_GYRATION
 
 MOVING = ("revolute", "continuous", "prismatic")  # types of joints with one degree of freedom
 # Types of joints with several, by the suffixes of their coordinates: metres along and a rotation vector about
@@ -34,7 +40,7 @@ JOINT_TYPES = ("fixed", *MOVING, *SEVERAL)
 MAX_TREE_ELEMENTS = 5000  # links or joints; more is no robot
 MAX_TREE_DEPTH = 1000  # joints from the root to a link: pinocchio's parser calls itself once for each
 PACKAGE = "package://"
-_LIMIT = ("lower", "upper", "effort", "velocity")
+ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")  # of an inertia
 
 
 @dataclass
@@ -258,10 +264,16 @@ def read_joint(
             raise
         impossible.append((name, str(error)))
         remove_children(element, "limit")
-        element.append(no_limit())
+        add_endless_limit(element)
     element.attrib.pop("independent", None)  # a URDF+ hint, read before
     origin = origin_of(element.find("origin"), f"{where}: <origin>")
     return Joint(element, name, kind, ends[0], ends[1], origin, direction)
+
+
+def add_endless_limit(joint: ElementTree.Element) -> ElementTree.Element:
+    """Add a `<limit>` that nothing reaches."""
+    words = {"lower": "-1e9", "upper": "1e9", "effort": "1e9", "velocity": "1e9"}
+    return ElementTree.SubElement(joint, "limit", words)
 
 
 def _check_limit(joint: ElementTree.Element, where: str, *, is_needed: bool) -> None:
@@ -273,8 +285,8 @@ def _check_limit(joint: ElementTree.Element, where: str, *, is_needed: bool) -> 
     for limit in joint.findall("limit")[:1]:
         lower, upper, effort, velocity = (
             # some files mean no limit by 1.8e308
-            numbers(f"{where}: <limit> {key}", limit.get(key, "0"), 1, largest=math.inf)[0]
-            for key in _LIMIT
+            number_of(limit, f"{where}: <limit>", key, "0", largest=math.inf)
+            for key in ("lower", "upper", "effort", "velocity")
         )
         if is_needed and (lower > upper or effort < 0 or velocity < 0):
             raise RobotFileError(
@@ -293,17 +305,48 @@ def check_inertial(link: ElementTree.Element, extent: float) -> None:
     if inertial is None:
         return
     origin_numbers(inertial.find("origin"), f"{where}: <inertial> <origin>")
-    mass = child_element(inertial, f"{where}: <inertial>", "mass")
-    (kilograms,) = numbers(f"{where}: <mass>", attribute(mass, f"{where}: <mass>", "value"), 1)
-    if kilograms < 0:
-        raise RobotFileError(f"{where}: <mass>: must not be negative, got {short(mass.get('value'))}")
+    mass = number_of(child_element(inertial, f"{where}: <inertial>", "mass"), f"{where}: <mass>", "value")
+    if mass < 0:
+        raise RobotFileError(f"{where}: <mass>: must not be negative, got {mass:g}")
     inertia = child_element(inertial, f"{where}: <inertial>", "inertia")
-    values = [
-        numbers(f"{where}: <inertia> {key}", attribute(inertia, f"{where}: <inertia>", key), 1)[0]
-        for key in ENTRIES
-    ]
-    negligible = kilograms * (POINT_BODY_GYRATION * extent) ** 2
+    values = [number_of(inertia, f"{where}: <inertia>", key) for key in ENTRIES]
+    negligible = mass * (POINT_BODY_GYRATION * extent) ** 2
     check_inertia(f"{where}: <inertia>", symmetric(*values), negligible=negligible)
+
+
+def symmetric(xx: float, yy: float, zz: float, xy: float, xz: float, yz: float) -> Array:
+    """Return the matrix (3, 3) of six ENTRIES."""
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def check_inertia(where: str, matrix: ArrayLike, *, negligible: float = 0.0) -> None:
+    """Refuse an inertia that no body has; `where` starts the complaint.
+
+    The inertia about the centre of mass is the integral of (r.r 1 - r r') dm over the body. Its principal
+    moments are I1 = b + c, I2 = a + c, I3 = a + b with a, b, c >= 0 the second moments of mass along its
+    axes: none is negative, and none is above the sum of the other two (Wensing, Kim and Slotine, IEEE
+    Robotics and Automation Letters 3(1), 2018). Others make kinetic energy negative or are of no body.
+
+    Args:
+        matrix: (3, 3) [kg m^2] about the centre of mass, symmetric, finite.
+        negligible: [kg m^2] what the body is a point with, if no entry is larger: nothing is asked of it.
+
+    Raises:
+        RobotFileError: a principal moment is negative, or exceeds the sum of the other two.
+    """
+    entries = np.asarray(matrix, dtype=float)
+    size = float(np.abs(entries).max())
+    if size <= negligible:
+        return
+    moments = np.linalg.eigvalsh(entries / size)  # without overflow
+    rounding = INERTIA_ROUNDING * float(np.abs(moments).max())
+    if moments[0] < -rounding or moments[2] - moments[1] - moments[0] > rounding:
+        with np.errstate(over="ignore"):
+            shown = ", ".join(f"{moment:.4g}" for moment in size * moments)
+        raise RobotFileError(
+            f"{where}: has the principal moments {shown} kg m^2, as no body has: none may be negative, none "
+            f"above the sum of the other two"
+        )
 
 
 def declared_motors(root: ElementTree.Element) -> list[str]:
@@ -327,7 +370,7 @@ def declared_dynamics(root: ElementTree.Element) -> dict[str, dict[str, float]]:
             continue
         values = {}
         for key in ("damping", "friction"):
-            (value,) = numbers(f"joint {name!r}: <dynamics> {key}", element.get(key, "0"), 1)
+            value = number_of(element, f"joint {name!r}: <dynamics>", key, "0")
             if value < 0:
                 raise RobotFileError(f"joint {name!r}: <dynamics> {key}: must not be negative, got {value:g}")
             if value:
@@ -358,8 +401,7 @@ def declared_couplings(root: ElementTree.Element, locked: Iterable[str] = ()) ->
         where = f"joint {name!r}: <mimic>"
         leader = mimic.get("joint", "")
         check_name(where, "movable joint", leader, [other for other in followed if other != name])
-        (ratio,) = numbers(f"{where} multiplier", mimic.get("multiplier", "1"), 1)
-        (offset,) = numbers(f"{where} offset", mimic.get("offset", "0"), 1)
+        ratio, offset = (number_of(mimic, where, *pair) for pair in (("multiplier", "1"), ("offset", "0")))
         couplings.append(Coupling(name, leader, ratio, offset))
     return couplings
 

@@ -42,6 +42,23 @@ def numbers(
     return values
 
 
+def number_of(
+    element: ElementTree.Element,
+    where: str,
+    key: str,
+    default: str | None = None,
+    *,
+    largest: float = LARGEST_NUMBER,
+) -> float:
+    """Return the number of an attribute, needed if it has no default.
+
+    Raises:
+        RobotFileError: as `attribute` and `numbers` do.
+    """
+    text = attribute(element, where, key) if default is None else element.get(key, default)
+    return numbers(f"{where} {key}", text, 1, largest=largest)[0]
+
+
 def only(
     element: ElementTree.Element, where: str, children: Collection[str], attributes: Collection[str]
 ) -> None:
@@ -72,6 +89,13 @@ def attribute(element: ElementTree.Element, where: str, key: str) -> str:
         given = ", ".join(element.attrib) or "nothing"
         raise RobotFileError(f"{where}: attribute {key!r} is missing or empty (given: {given})")
     return value
+
+
+def remove_children(element: ElementTree.Element, *tags: str) -> None:
+    """Remove all children with some tags."""
+    for tag in tags:
+        for child in element.findall(tag):
+            element.remove(child)
 
 
 def origin_of(element: ElementTree.Element | None, where: str) -> Array:

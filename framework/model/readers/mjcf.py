@@ -24,8 +24,7 @@ from framework.model.placement import from_quaternion, inverse, placement
 from framework.model.readers.describe import Options, describe
 from framework.model.readers.mujoco_model import mujoco_model
 from framework.model.readers.urdf_tree import MAX_LOOPS, LeftOut, Pull, UrdfTree
-from framework.model.urdf_elements import SEVERAL, coordinates_of
-from framework.model.urdf_writing import (
+from framework.model.urdf_edits import (
     ChainJoint,
     chain_elements,
     free_name,
@@ -33,6 +32,7 @@ from framework.model.urdf_writing import (
     vector_text,
     visual_element,
 )
+from framework.model.urdf_elements import SEVERAL, coordinates_of
 from framework.numerics.arrays import Array
 
 WORLD = "world"

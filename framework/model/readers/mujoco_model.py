@@ -19,8 +19,8 @@ import numpy as np
 import pinocchio as pin
 
 from framework.errors import MissingPackage, RobotFileError
-from framework.model.inertia import check_inertia, symmetric
 from framework.model.readers.urdf_tree import LeftOut
+from framework.model.urdf_elements import check_inertia, symmetric
 from framework.numerics.input import read_text
 
 # [kg], [kg m^2] of bodies without mass, for MuJoCo, which refuses less than 1e-15

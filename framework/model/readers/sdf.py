@@ -24,19 +24,17 @@ import numpy as np
 from framework.errors import RobotFileError, check_choice, check_name, choose_from
 from framework.model.description import Coupling, JointDynamics, ParsedRobot
 from framework.model.documents import naming, parse_xml
-from framework.model.inertia import ENTRIES, symmetric
 from framework.model.placement import from_quaternion, from_rpy, inverse, placement
 from framework.model.readers.describe import Options, describe
 from framework.model.readers.urdf_tree import LeftOut, UrdfTree, merge_sharing
-from framework.model.urdf_elements import local_name
-from framework.model.urdf_writing import (
+from framework.model.urdf_edits import (
     ChainJoint,
     chain_elements,
     inertial_element,
-    remove_children,
     visual_element,
 )
-from framework.model.xml_reading import attribute, child_element, numbers
+from framework.model.urdf_elements import ENTRIES, local_name, symmetric
+from framework.model.xml_reading import attribute, child_element, numbers, remove_children
 from framework.numerics.arrays import Array
 from framework.numerics.fields import vector3
 from framework.numerics.input import read_text

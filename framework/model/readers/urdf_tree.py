@@ -17,7 +17,7 @@ import numpy as np
 from framework.errors import RobotFileError, check_name, choose_from, nearest
 from framework.model.description import Closure, Coupling, JointDynamics, locked_axes
 from framework.model.placement import about, inverse, placement, to_rpy, turning
-from framework.model.urdf_edits import add_frame, fix_joint
+from framework.model.urdf_edits import ChainJoint, add_frame, chain_elements, fix_joint
 from framework.model.urdf_elements import (
     MAX_TREE_ELEMENTS,
     SEVERAL,
@@ -28,8 +28,7 @@ from framework.model.urdf_elements import (
     read_joint,
     read_tree,
 )
-from framework.model.urdf_writing import ChainJoint, chain_elements, remove_children
-from framework.model.xml_reading import attribute
+from framework.model.xml_reading import attribute, remove_children
 from framework.numerics.arrays import Array
 from framework.tolerances import FILE_ROUNDING
 

@@ -26,7 +26,7 @@ from framework.kinematics.frames import frames_at
 from framework.model.description import Closure, RobotDescription
 from framework.model.placement import to_rpy
 from framework.model.readers import read_any
-from framework.model.urdf_writing import joint_element, vector_text
+from framework.model.urdf_edits import joint_element, vector_text
 from framework.proofs.working_modes import working_modes
 from robots.generators.gough_stewart import platform_joints
 from tests.model.readers.leg import FILE, ankle, with_thin_rods
