@@ -123,8 +123,8 @@ def _body(
     """Return the body behind joint j, in that of its parent."""
     model, inertia = robot.model, robot.model.inertias[j]
     is_split = hinges and is_ball(model.joints[j])
-    place = _placement_attributes(data.liMi[j] if is_split else model.jointPlacements[j])
-    body = ElementTree.SubElement(parent, "body", {"name": f"{model.names[j]}_body"} | place)
+    attributes = _placement_attributes(data.liMi[j] if is_split else model.jointPlacements[j])
+    body = ElementTree.SubElement(parent, "body", {"name": f"{model.names[j]}_body"} | attributes)
     _add_joints(robot, body, np.asarray(data.joints[j].S), j, is_split=is_split)
     moments = _correct_inertia(inertia.inertia)
     ElementTree.SubElement(

@@ -16,7 +16,7 @@ The URDF
     urdf_elements       where it is; its joints, links and inertias, read and checked
     urdf_edits          its elements, written; changes by a robot file, by springs, and for pinocchio
     visuals             the solids that it shows
-    documents, xml_reading  XML and YAML within limits; attributes of an element
+    documents           XML and YAML within limits; attributes of an element
 
 Springs
     beams               stiffness of a link from its section and material

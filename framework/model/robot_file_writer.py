@@ -12,14 +12,9 @@ from typing import Any
 import yaml
 
 from framework.errors import OutputError, RobotFileError
-from framework.model.description import (
-    Closure,
-    RobotDescription,
-    Scene,
-    locked_axes,
-    measured_kinds,
-)
-from framework.model.robot_file import VERSION, read_robot_file
+from framework.model.description import Closure, RobotDescription, Scene, locked_axes, measured_kinds
+from framework.model.robot_file import read_robot_file
+from framework.model.robot_keys import VERSION
 from framework.model.urdf_elements import read_tree
 from framework.numerics.output import written_together
 

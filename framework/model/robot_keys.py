@@ -1,4 +1,4 @@
-"""The keys of a robot file, below those of its tree: one table for each mapping, key to reader."""
+"""The keys of a robot file: one table for each mapping, key to reader."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
+
+import numpy as np
 
 from framework.errors import InvalidInput, RobotFileError
 from framework.model.description import (
@@ -25,7 +27,7 @@ from framework.model.description import (
 )
 from framework.model.fidelity_levels import LEVELS_BY_NAME
 from framework.model.frame_wrench import FrameWrench
-from framework.model.urdf_elements import SEVERAL, Tree
+from framework.model.urdf_elements import SEVERAL, Tree, check_inertia
 from framework.numerics.fields import (
     Reader,
     Table,
@@ -33,6 +35,7 @@ from framework.numerics.fields import (
     below,
     distinct,
     entries,
+    integer,
     list_of,
     mapping,
     mapping_of,
@@ -49,8 +52,57 @@ from framework.numerics.fields import (
     vector3,
 )
 
+VERSION = 1
 PATH_KINDS = {"line": 2, "arc": 3, "spline": 2, "polyline": 3}  # least number of points
 _OPEN_KINDS = ("spline", "polyline")  # which may have more
+
+
+def _version(where: str, given: Any) -> int:
+    """Read the version of a robot file; refuse all but `VERSION`."""
+    version = integer(where, given)
+    if version != VERSION:
+        raise RobotFileError(f"{where}: got {version}, this program reads version {VERSION}")
+    return version
+
+
+TREE: Table = {
+    "version": required(_version),
+    "urdf": required(text),
+    "parameters": optional(anything, {}),  # read before the file is, see `parameters`
+    "locked": optional(mapping_of(number), {}),
+    "root": optional(one_of("root", ("fixed", "free")), "fixed"),
+    "frames": optional(entries(anything), ()),
+}
+
+
+def frame_on_link(urdf: Tree) -> Reader[dict[str, Any]]:
+    """Return a reader of a frame on a link, with a body of mass [kg] and inertia if stated."""
+    table = {
+        "name": required(text),
+        "parent": required(one_of("link", urdf.links)),
+        "xyz": optional(vector3, (0.0, 0.0, 0.0)),
+        "rpy": optional(vector3, (0.0, 0.0, 0.0)),
+        "mass": optional(positive),
+        "inertia": optional(_moments),
+    }
+
+    def make(where: str, values: dict[str, Any]) -> dict[str, Any]:
+        """Return the stated values; a body's inertia needs its mass."""
+        if values["inertia"] is not None and values["mass"] is None:
+            raise RobotFileError(f"{where}.inertia: needs a mass beside it")
+        return {key: value for key, value in values.items() if value is not None}
+
+    return record(table, make)
+
+
+def _moments(where: str, given: Any) -> tuple[float, float, float]:
+    """Read principal moments of inertia (3,) [kg m^2] that a body can have."""
+    moments = vector3(where, given)
+    check_inertia(where, np.diag(moments))
+    return moments
+
+
+# ------------------------------------------------------------------ the robot on its tree
 
 
 def robot_table(urdf: Tree, *, is_coupled: bool = False, locked: Sequence[str] = ()) -> Table:
@@ -89,7 +141,6 @@ def _platform(urdf: Tree) -> Reader[Platform]:
     of_joints = {"joints": required(distinct("joint", urdf.movable)), "frame": optional(_frame(urdf))}
 
     def read(where: str, given: Any) -> Platform:
-        """Read a frame with axes, or joints with the frame of the last one."""
         content = mapping(where, given)
         if "joints" not in content:
             return Platform(**read_table(where, given, on_axes))
@@ -127,7 +178,6 @@ def _closure(urdf: Tree) -> Reader[Closure]:
     by_length = {"kind": kind, "length": required(positive)}
 
     def read(where: str, given: Any) -> Closure:
-        """Read a closure by kind and length, by locked axes, or by kind."""
         content = mapping(where, given)
         if ("kind" in content) == ("axes" in content):
             raise RobotFileError(f"{where}: needs either kind or axes, and not both")
@@ -160,7 +210,7 @@ def _pair(urdf: Tree) -> Reader[tuple[str, str]]:
 
 
 def _coupling(movable: Sequence[str]) -> Reader[Coupling]:
-    """Return a reader of a loop equation between two joints of one degree of freedom."""
+    """Return a reader of a loop equation between two different joints of one degree of freedom."""
     table = {
         "joint": required(one_of("joint", movable)),
         "of": required(one_of("joint", movable)),
@@ -169,7 +219,6 @@ def _coupling(movable: Sequence[str]) -> Reader[Coupling]:
     }
 
     def make(where: str, values: dict[str, Any]) -> Coupling:
-        """Return the coupling of two joints; refuse a joint coupled with itself."""
         if values["joint"] == values["of"]:
             raise RobotFileError(f"{below(where, 'of')}: needs another joint than {values['joint']!r}")
         return Coupling(**values)
@@ -177,13 +226,8 @@ def _coupling(movable: Sequence[str]) -> Reader[Coupling]:
     return record(table, make)
 
 
-_JOINT: Table = {
-    "armature": optional(not_negative),
-    "damping": optional(not_negative),
-    "friction": optional(not_negative),
-    "stiffness": optional(not_negative),
-    "rest": optional(number),
-}
+_NOT_NEGATIVE = ("armature", "damping", "friction", "stiffness")
+_JOINT: Table = {"rest": optional(number), **dict.fromkeys(_NOT_NEGATIVE, optional(not_negative))}
 
 
 def _joints(urdf: Tree, names: Sequence[str]) -> Reader[dict[str, dict[str, float]]]:
@@ -240,7 +284,6 @@ def _spring(urdf: Tree, movable: Sequence[str]) -> Reader[Spring | dict[str, Any
     }
 
     def read(where: str, given: Any) -> Spring | dict[str, Any]:
-        """Read a spring behind a joint, one stiffness an axis of motion; or the values on a URDF joint."""
         if "joint" in mapping(where, given):
             return read_table(where, given, on_joint)
         spring = Spring(**read_table(where, given, virtual))
@@ -249,11 +292,11 @@ def _spring(urdf: Tree, movable: Sequence[str]) -> Reader[Spring | dict[str, Any
             raise RobotFileError(
                 f"{where}.stiffness: needs one value an axis of motion ({count}), got {len(spring.stiffness)}"
             )
-        kind = urdf.joints[spring.after].kind
         if not spring.motion and spring.after not in movable:
             raise RobotFileError(
-                f"{where}.motion: required, because joint {spring.after!r} is {kind} and has no "
-                f"motion of its own (valid: {', '.join(AXES)} or a list of them)"
+                f"{where}.motion: required, because joint {spring.after!r} is "
+                f"{urdf.joints[spring.after].kind} and has no motion of its own (valid: {', '.join(AXES)} or "
+                f"a list of them)"
             )
         return spring
 
@@ -323,11 +366,10 @@ def _wrenches(urdf: Tree) -> Reader[dict[str, Any]]:
 
 
 def _scenes(urdf: Tree) -> Reader[dict[str, Scene]]:
-    """Return a reader of scenes by name."""
+    """Return a reader of scenes by name, which they keep."""
     scene = {**_MOTION, "wrenches": optional(_wrenches(urdf))}
 
     def read(where: str, given: Any) -> dict[str, Scene]:
-        """Read the scenes and give each its name."""
         scenes = mapping_of(record(scene, _scene))(where, given)
         return {name: replace(scene, name=name) for name, scene in scenes.items()}
 

@@ -19,6 +19,7 @@ import numpy as np
 
 from framework.errors import check_name
 from framework.model.description import Spring
+from framework.model.documents import child_element, remove_children
 from framework.model.placement import about, placement, to_rpy
 from framework.model.urdf_elements import (
     ENTRIES,
@@ -29,7 +30,6 @@ from framework.model.urdf_elements import (
     add_endless_limit,
     read_tree,
 )
-from framework.model.xml_reading import child_element, remove_children
 from framework.numerics.arrays import Array
 
 AXIS = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
@@ -61,43 +61,34 @@ def origin_element(matrix: Array) -> ElementTree.Element:
     )
 
 
-def joint_element(
-    name: str,
-    kind: str,
-    parent: str,
-    child: str,
-    *,
-    origin: ElementTree.Element | None = None,
-    axis: str | None = None,
-    limits: Sequence[float] | None = None,
-) -> ElementTree.Element:
+class ChainJoint(NamedTuple):
+    """A joint to write: `origin` (4, 4) is its placement in the link before."""
+
+    name: str
+    kind: str
+    origin: Array | None = None
+    axis: Array | None = None
+    limits: Sequence[float] | None = None
+
+
+def joint_element(joint: ChainJoint, parent: str, child: str) -> ElementTree.Element:
     """Return a `<joint>`, with limits that nothing reaches if URDF requires some.
 
     A continuous joint with limits is a revolute one.
     """
-    kind = "revolute" if limits and kind == "continuous" else kind
-    element = ElementTree.Element("joint", name=name, type=kind)
+    kind = "revolute" if joint.limits and joint.kind == "continuous" else joint.kind
+    element = ElementTree.Element("joint", name=joint.name, type=kind)
     ElementTree.SubElement(element, "parent", link=parent)
     ElementTree.SubElement(element, "child", link=child)
-    if origin is not None:
-        element.append(origin)
-    if axis is not None:
-        ElementTree.SubElement(element, "axis", xyz=axis)
+    if joint.origin is not None:
+        element.append(origin_element(joint.origin))
+    if joint.axis is not None:
+        ElementTree.SubElement(element, "axis", xyz=vector_text(joint.axis))
     if kind in ("revolute", "prismatic"):
         limit = add_endless_limit(element)
-        if limits:
-            limit.attrib |= zip(("lower", "upper"), map(repr, limits), strict=True)
+        if joint.limits:
+            limit.attrib |= zip(("lower", "upper"), map(repr, joint.limits), strict=True)
     return element
-
-
-class ChainJoint(NamedTuple):
-    """A joint of a chain: `place` (4, 4) is its origin in the link before."""
-
-    name: str
-    kind: str
-    place: Array
-    axis: Array | None = None
-    limits: Sequence[float] | None = None
 
 
 def chain_elements(
@@ -114,19 +105,10 @@ def chain_elements(
         child = body if is_last else free_name(f"{motion.name}_link", taken)
         if not is_last:
             yield ElementTree.Element("link", name=child)
-        yield joint_element(
-            motion.name,
-            motion.kind,
-            parent,
-            child,
-            origin=origin_element(motion.place),
-            axis=None if motion.axis is None else vector_text(motion.axis),
-            limits=motion.limits,
-        )
+        yield joint_element(motion, parent, child)
         parent = child
     if parent != body:
-        mount = free_name(f"{body}_mount", taken)
-        yield joint_element(mount, "fixed", parent, body, origin=origin_element(end))
+        yield joint_element(ChainJoint(free_name(f"{body}_mount", taken), "fixed", end), parent, body)
 
 
 def free_name(wanted: str, taken: set[str]) -> str:
@@ -137,10 +119,10 @@ def free_name(wanted: str, taken: set[str]) -> str:
     return wanted
 
 
-def visual_element(shape: str, words: dict[str, str], place: Array) -> ElementTree.Element:
+def visual_element(shape: str, words: dict[str, str], origin: Array) -> ElementTree.Element:
     """Return the `<visual>` of a primitive shape at a placement (4, 4)."""
     visual = ElementTree.Element("visual")
-    visual.append(origin_element(place))
+    visual.append(origin_element(origin))
     ElementTree.SubElement(ElementTree.SubElement(visual, "geometry"), shape, words)
     return visual
 
@@ -163,19 +145,17 @@ def add_frame(
     root: ElementTree.Element,
     name: str,
     parent: str,
-    xyz: Sequence[float],
-    rpy: Sequence[float],
+    origin: Array,
     mass: float = 0.0,
     inertia: Sequence[float] = (0.0, 0.0, 0.0),
 ) -> None:
-    """Add a link fixed to the link `parent` at `xyz` [m] and `rpy` [rad], with or without a body.
+    """Add a link fixed at a placement (4, 4) in the link `parent`, with or without a body.
 
     The body has its centre at the frame's origin, and `inertia` [kg m^2] about its axes. It looks like the
     box of even density with this mass and inertia: edges a_x^2 = 6 (I_yy + I_zz - I_xx) / m and so on.
     """
     link = ElementTree.SubElement(root, "link", name=name)
-    place = ElementTree.Element("origin", xyz=vector_text(xyz), rpy=vector_text(rpy))
-    root.append(joint_element(f"{name}_mount", "fixed", parent, name, origin=place))
+    root.append(joint_element(ChainJoint(f"{name}_mount", "fixed", origin), parent, name))
     if not mass:
         return
     link.append(inertial_element(mass, np.zeros(3), np.diag(inertia)))
@@ -225,10 +205,7 @@ def free_root(root: ElementTree.Element) -> None:
     tree = read_tree(root)
     motions = [
         ChainJoint(
-            name,
-            "revolute" if "_r" in name else "prismatic",
-            np.eye(4),
-            np.eye(3)["xyz".index(name[-1])],
+            name, "revolute" if "_r" in name else "prismatic", np.eye(4), np.eye(3)["xyz".index(name[-1])]
         )
         for name in ROOT_JOINTS
     ]
@@ -299,10 +276,11 @@ def insert_springs(root: ElementTree.Element, springs: Sequence[Spring]) -> None
         own = "1 0 0" if own_axis is None else own_axis.get("xyz", "1 0 0")
         kind = "prismatic" if after.get("type") == "prismatic" else "revolute"
         motions = [("revolute" if "r" in axis else "prismatic", AXIS[axis[-1]]) for axis in spring.motion]
-        for name, motion in zip(spring.coordinates, motions or [(kind, own)], strict=True):
+        for name, (kind_of_motion, axis) in zip(spring.coordinates, motions or [(kind, own)], strict=True):
             end, middle = child_element(last[spring.after], "", "child"), virtual_link(name)
             ElementTree.SubElement(root, "link", name=middle)
-            joint = joint_element(name, motion[0], middle, end.get("link", ""), axis=motion[1])
+            motion = ChainJoint(name, kind_of_motion, axis=np.array(axis.split(), dtype=float))
+            joint = joint_element(motion, middle, end.get("link", ""))
             end.set("link", middle)
             root.append(joint)
             last[spring.after] = joint

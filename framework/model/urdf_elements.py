@@ -19,13 +19,12 @@ import numpy as np
 
 from framework.errors import MissingPackage, RobotFileError, check_name
 from framework.model.description import Coupling
-from framework.model.documents import naming
-from framework.model.xml_reading import (
+from framework.model.documents import (
     attribute,
     axis_of,
     child_element,
     number_of,
-    origin_numbers,
+    numbers,
     origin_of,
     remove_children,
 )
@@ -171,7 +170,7 @@ def read_tree(root: ElementTree.Element, impossible: list[tuple[str, str]] | Non
     extent = max((float(np.linalg.norm(joint.origin[:3, 3])) for joint in joints.values()), default=0.0)
     for link in root.findall("link"):
         for visual in link.findall("visual"):
-            origin_numbers(visual.find("origin"), f"link {link.get('name')!r}: <visual> <origin>")
+            origin_of(visual.find("origin"), f"link {link.get('name')!r}: <visual> <origin>")
         try:
             check_inertial(link, extent)
         except RobotFileError as error:
@@ -180,16 +179,6 @@ def read_tree(root: ElementTree.Element, impossible: list[tuple[str, str]] | Non
             impossible.append((link.get("name", ""), str(error)))
             remove_children(link, "inertial")
     return Tree(links, joints, _base(links, joints))
-
-
-def check_urdf(path: Path, root: ElementTree.Element) -> Tree:
-    """Check a URDF and return its tree; `path` is for messages.
-
-    Raises:
-        RobotFileError: not a tree of known joint types, or a number that is none.
-    """
-    with naming(f"urdf: {path}"):
-        return read_tree(root)
 
 
 def _base(links: list[str], joints: Mapping[str, Joint]) -> str:
@@ -224,13 +213,10 @@ def unique_names(root: ElementTree.Element, tag: str) -> list[str]:
     Raises:
         RobotFileError: an element has no name, or that of another.
     """
-    names: dict[str, None] = {}
-    for element in root.findall(tag):
-        name = attribute(element, f"<{tag}>", "name")
-        if name in names:
-            raise RobotFileError(f"duplicate {tag} {name!r}")
-        names[name] = None
-    return list(names)
+    names = [attribute(element, f"<{tag}>", "name") for element in root.findall(tag)]
+    if repeated := [name for name, count in Counter(names).items() if count > 1]:
+        raise RobotFileError(f"duplicate {tag} {repeated[0]!r}")
+    return names
 
 
 def read_joint(
@@ -279,13 +265,13 @@ def add_endless_limit(joint: ElementTree.Element) -> ElementTree.Element:
 def _check_limit(joint: ElementTree.Element, where: str, *, is_needed: bool) -> None:
     """Check the first <limit> of a joint: its numbers; if needed its keys, order and signs too."""
     if is_needed:
-        given = child_element(joint, where, "limit")
+        needed = child_element(joint, where, "limit")
         for key in ("effort", "velocity"):
-            attribute(given, f"{where}: <limit>", key)
+            attribute(needed, f"{where}: <limit>", key)
     for limit in joint.findall("limit")[:1]:
         lower, upper, effort, velocity = (
             # some files mean no limit by 1.8e308
-            number_of(limit, f"{where}: <limit>", key, "0", largest=math.inf)
+            numbers(f"{where}: <limit> {key}", limit.get(key, "0"), 1, largest=math.inf)[0]
             for key in ("lower", "upper", "effort", "velocity")
         )
         if is_needed and (lower > upper or effort < 0 or velocity < 0):
@@ -304,7 +290,7 @@ def check_inertial(link: ElementTree.Element, extent: float) -> None:
     where, inertial = f"link {link.get('name')!r}", link.find("inertial")
     if inertial is None:
         return
-    origin_numbers(inertial.find("origin"), f"{where}: <inertial> <origin>")
+    origin_of(inertial.find("origin"), f"{where}: <inertial> <origin>")
     mass = number_of(child_element(inertial, f"{where}: <inertial>", "mass"), f"{where}: <mass>", "value")
     if mass < 0:
         raise RobotFileError(f"{where}: <mass>: must not be negative, got {mass:g}")
@@ -347,13 +333,6 @@ def check_inertia(where: str, matrix: ArrayLike, *, negligible: float = 0.0) -> 
             f"{where}: has the principal moments {shown} kg m^2, as no body has: none may be negative, none "
             f"above the sum of the other two"
         )
-
-
-def declared_motors(root: ElementTree.Element) -> list[str]:
-    """Return joints with a transmission or a command interface, as ROS says which joints are driven."""
-    with_interface = root.findall("ros2_control/joint[command_interface]")
-    names = [joint.get("name") for joint in (*root.findall("transmission/joint"), *with_interface)]
-    return list(dict.fromkeys(filter(None, names)))
 
 
 def declared_dynamics(root: ElementTree.Element) -> dict[str, dict[str, float]]:

@@ -189,7 +189,7 @@ def lock_all_but(tree: UrdfTree, base: str, reference: Mapping[str, float]) -> N
     carried = {
         joint.name
         for joint in tree.joints.values()
-        if joint.parent == base or any(above.child == base for above in tree.path_to_base(joint.parent))
+        if any(above.parent == base for above in tree.path_to_base(joint.child))
     }
     if not any(tree.joints[name].moves for name in carried):
         raise RobotFileError(
@@ -230,10 +230,10 @@ def lock(tree: UrdfTree, locked: Mapping[str, float | None], reference: dict[str
 
 def fix_coupled_joints(tree: UrdfTree) -> None:
     """Fix joints coupled with fixed ones; keep the couplings of moving joints."""
-    while more := locked_by_couplings(
+    while further := locked_by_couplings(
         tree.couplings, {name: values[0] for name, values in tree.held.items()}
     ):
-        for name, value in more.items():
+        for name, value in further.items():
             tree.fix(tree.joints[name], value)
     tree.couplings = [c for c in tree.couplings if tree.joints[c.joint].moves and tree.joints[c.of].moves]
 
@@ -358,9 +358,9 @@ def _platform(options: Options, known: Known) -> Platform | None:
 
 
 def checked_reference(
-    options: Options, coordinates: Sequence[str], near: Mapping[str, float]
+    options: Options, coordinates: Sequence[str], own: Mapping[str, float]
 ) -> dict[str, float]:
     """Return the file's reference, overridden by the options', of known `coordinates`."""
     for name in options.reference:
         check_name("--reference", "movable joint", name, coordinates)
-    return {**near, **{name: float(value) for name, value in options.reference.items()}}
+    return {**own, **{name: float(value) for name, value in options.reference.items()}}

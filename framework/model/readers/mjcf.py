@@ -101,11 +101,11 @@ class _Joint(NamedTuple):
         values = [*motion[:3, 3].tolist(), *pin.log3(motion[:3, :3]).tolist()]
         return values[-len(SEVERAL[self.kind]) :]
 
-    def urdf_joint(self, place: Array) -> ChainJoint:
+    def urdf_joint(self, origin: Array) -> ChainJoint:
         """Return the joint of the URDF at a placement (4, 4) in the link before."""
         view = self.view
         limits = (view.range - view.qpos0).tolist() if self.has_one and view.limited[0] else None
-        return ChainJoint(self.name, self.kind, place, view.axis if self.has_one else None, limits)
+        return ChainJoint(self.name, self.kind, origin, view.axis if self.has_one else None, limits)
 
 
 class _Model:
@@ -129,9 +129,9 @@ class _Model:
         self.tree.gravity = tuple(compiled.opt.gravity.tolist())
         self.sites = [
             self.tree.add_frame(
-                self.name("site", k) or f"site_{k}", self.bodies[compiled.site_bodyid[k]], place
+                self.name("site", k) or f"site_{k}", self.bodies[compiled.site_bodyid[k]], origin
             )
-            for k, place in enumerate(_places(compiled.site_pos, compiled.site_quat))
+            for k, origin in enumerate(_places(compiled.site_pos, compiled.site_quat))
         ]
 
     def name(self, kind: str, number: int) -> str:
@@ -147,10 +147,10 @@ class _Model:
         """
         model, root = self.compiled, ElementTree.Element("robot", name=name)
         links = [ElementTree.SubElement(root, "link", name=body) for body in self.bodies]
-        for k, place in enumerate(_places(model.body_pos, model.body_quat)):
+        for k, origin in enumerate(_places(model.body_pos, model.body_quat)):
             if k == 0:
                 continue  # the world
-            motions, end = list[ChainJoint](), place
+            motions, end = list[ChainJoint](), origin
             for joint in self.joints[model.body_jntadr[k] :][: model.body_jntnum[k]]:
                 point = joint.view.pos if joint.kind != "floating" else np.zeros(3)
                 motions.append(joint.urdf_joint(end @ placement(None, point)))
@@ -161,9 +161,9 @@ class _Model:
                 turn = from_quaternion(*model.body_iquat[k])
                 inertia = turn @ np.diag(model.body_inertia[k]) @ turn.T
                 links[k].append(inertial_element(model.body_mass[k], model.body_ipos[k], inertia))
-        for k, place in enumerate(_places(model.geom_pos, model.geom_quat)):
+        for k, origin in enumerate(_places(model.geom_pos, model.geom_quat)):
             if model.geom_type[k] in _SHAPES:
-                shape = _visual(_SHAPES[model.geom_type[k]], model.geom_size[k], place)
+                shape = _visual(_SHAPES[model.geom_type[k]], model.geom_size[k], origin)
                 links[model.geom_bodyid[k]].append(shape)
         return root
 
@@ -267,7 +267,8 @@ class _Model:
         """Read motors on hinges, slides and fixed tendons, and fixed tendons; leave out other motors."""
         model = self.compiled
         for k in range(model.nactuator):
-            target, kind, gear = int(model.actuator_trnid[k, 0]), model.actuator_trntype[k], self._gear(k)
+            target, kind = int(model.actuator_trnid[k, 0]), model.actuator_trntype[k]
+            gear = float(model.actuator_gear[k, 0])
             shares: Mapping[str, float] | None = None
             acts_on, name = self.all_joints, self.name("actuator", k)
             if kind in _JOINT_MOTORS:
@@ -284,7 +285,7 @@ class _Model:
                 self.leave_out(f"{where}: no motor on a hinge or a slide", acts_on)
             else:
                 dynamics = JointDynamics(float(model.actuator_armature[k]), float(model.actuator_damping[k]))
-                self.tree.pulls.append(Pull(where, shares, gear, dynamics, self._force_limit(k)))
+                self.tree.pulls.append(Pull(where, shares, gear, dynamics, self._force_limit(k, gear)))
         for k, (low, high) in enumerate(model.tendon_lengthspring):
             shares, where = self._shares("tendon", k), f"tendon {self.name('tendon', k)!r}"
             rest = low - model.tendon_length0[k] if low == high else None
@@ -292,10 +293,7 @@ class _Model:
                 dynamics = _dynamics((getattr(model, f"tendon_{key}")[k] for key in _ACTING), rest)
                 self.tree.pulls.append(Pull(where, shares, 1.0, dynamics, is_motor=False))
 
-    def _gear(self, k: int) -> float:
-        return float(self.compiled.actuator_gear[k, 0])
-
-    def _force_limit(self, k: int) -> float | None:
+    def _force_limit(self, k: int, gear: float) -> float | None:
         """Return the least symmetric limit of a motor [N m, N]."""
         model = self.compiled
         joint = int(model.actuator_trnid[k, 0])
@@ -304,7 +302,7 @@ class _Model:
         if model.actuator_ctrllimited[k] and is_plain:
             ranges.append(model.actuator_ctrlrange[k] * model.actuator_gainprm[k, 0])
         if model.actuator_trntype[k] in _JOINT_MOTORS and model.jnt_actfrclimited[joint]:
-            ranges.append(model.jnt_actfrcrange[joint] / abs(self._gear(k)))
+            ranges.append(model.jnt_actfrcrange[joint] / abs(gear))
         return min((float(abs(high)) for low, high in ranges if high and low == -high), default=None)
 
     def name_unread_effects(self) -> None:
@@ -355,10 +353,10 @@ def _dynamics(values: Iterable[float], rest: float | None) -> JointDynamics:
     return JointDynamics(armature, damping, friction, stiffness, float(rest))
 
 
-def _visual(shape: str, size: Array, place: Array) -> ElementTree.Element:
+def _visual(shape: str, size: Array, origin: Array) -> ElementTree.Element:
     """Return the URDF's `<visual>` of a primitive geom."""
     radius, half, _ = map(float, size)
     words = {"radius": repr(radius)} if shape != "box" else {"size": vector_text(2 * size)}
     if shape == "cylinder":
         words["length"] = repr(2 * half)
-    return visual_element(shape, words, place)
+    return visual_element(shape, words, origin)

@@ -14,7 +14,7 @@ Source: sdformat.org, "Pose frame semantics".
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -23,18 +23,12 @@ import numpy as np
 
 from framework.errors import RobotFileError, check_choice, check_name, choose_from
 from framework.model.description import Coupling, JointDynamics, ParsedRobot
-from framework.model.documents import naming, parse_xml
+from framework.model.documents import attribute, child_element, naming, numbers, parse_xml, remove_children
 from framework.model.placement import from_quaternion, from_rpy, inverse, placement
 from framework.model.readers.describe import Options, describe
 from framework.model.readers.urdf_tree import LeftOut, UrdfTree, merge_sharing
-from framework.model.urdf_edits import (
-    ChainJoint,
-    chain_elements,
-    inertial_element,
-    visual_element,
-)
+from framework.model.urdf_edits import ChainJoint, chain_elements, inertial_element, visual_element
 from framework.model.urdf_elements import ENTRIES, local_name, symmetric
-from framework.model.xml_reading import attribute, child_element, numbers, remove_children
 from framework.numerics.arrays import Array
 from framework.numerics.fields import vector3
 from framework.numerics.input import read_text
@@ -64,6 +58,7 @@ _DYNAMICS = {
     "stiffness": "spring_stiffness",
     "rest": "spring_reference",
 }
+_INERTIA = {"mass": "1"} | {f"inertia/{key}": one for key, one in zip(ENTRIES, "111000", strict=True)}
 _SHAPES = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length")}
 _VERSION_OF_JOINT_AXES = 1.5  # before, axes were in the frame of the model
 
@@ -112,8 +107,8 @@ class _Joint(NamedTuple):
         """Return the joints of the URDF, from parent to child for step 1, else for -1."""
         places = [self.places[::step][0], np.eye(4)]
         return [
-            motion._replace(place=place, axis=None if motion.axis is None else step * motion.axis)
-            for motion, place in zip(self.motions[::step], places, strict=False)
+            motion._replace(origin=origin, axis=None if motion.axis is None else step * motion.axis)
+            for motion, origin in zip(self.motions[::step], places, strict=False)
         ]
 
 
@@ -151,10 +146,12 @@ def read_sdf(file: Path, root: ElementTree.Element, options: Options) -> ParsedR
 
 def _name_unread_parts(scope: Scope, tree: UrdfTree, joints: Sequence[_Joint]) -> None:
     """Leave out gearboxes and links without gravity; remark on links beside the mechanism of some joints."""
-    for name, element in scope.joints.items():
-        if element.get("type") in _NOT_READ:
-            text = f"joint {name!r}: {element.get('type')}: not read"
-            tree.left_out.insert(0, LeftOut(text, (name, *_ends(scope, name)), is_decisive=True))
+    gears = [
+        LeftOut(f"joint {name!r}: {kind}: not read", (name, *_ends(scope, name)), is_decisive=True)
+        for name, element in scope.joints.items()
+        if (kind := element.get("type")) in _NOT_READ
+    ]
+    tree.left_out = [*gears, *tree.left_out]
     part, apart = {link for joint in joints for link in joint.links}, []
     for name, link in scope.links.items():
         mass = link.findtext("inertial/mass", "1").strip()
@@ -228,14 +225,19 @@ def _add_model(scope: Scope, model: ElementTree.Element, folder: Path, prefix: s
 
 def add_content(scope: Scope, model: ElementTree.Element, folder: Path, prefix: str, base: str) -> None:
     """Add links, frames, joints and models of a model whose frame is `base`."""
-    for element in model:
-        tag = element.tag
+    replaced = [
+        part
+        for number, element in enumerate(model)
+        if local_name(element.tag) in _CONSTRAINTS
+        for part in _constraint_elements(element, f"{local_name(element.tag)}_{number}")
+    ]
+    for element in (*model, *replaced):
+        tag, default = element.tag, base
         if tag not in ("link", "frame", "joint"):
             continue
         name = prefix + attribute(element, f"<{tag}>", "name")
         if name in (scope.joints if tag == "joint" else scope.relative):
             raise RobotFileError(f"duplicate {tag} {name!r}")
-        default = base
         if tag == "link":
             scope.links[name] = element
         elif tag == "frame":
@@ -250,33 +252,28 @@ def add_content(scope: Scope, model: ElementTree.Element, folder: Path, prefix: 
         if tag == "joint":
             scope.relative[f"joint {name}"] = pose
         scope.relative.setdefault(name, pose)
-    for number, element in enumerate(model):
-        if local_name(element.tag) in _CONSTRAINTS:
-            _add_constraint(scope, element, f"{local_name(element.tag)}_{number}", prefix)
     _add_models(scope, model, folder, prefix, base)
 
 
-def _add_constraint(scope: Scope, element: ElementTree.Element, name: str, prefix: str) -> None:
-    """Add Drake's constraint of two bodies as a joint: a weld, or a ball between two points."""
+def _constraint_elements(element: ElementTree.Element, name: str) -> Iterator[ElementTree.Element]:
+    """Yield Drake's constraint of two bodies as two frames and a joint: a weld, or a ball between points."""
     kind, parts = local_name(element.tag), dict[str, str]()
     for child in element:  # of SDF with a text, of URDF with an attribute
         text = child.text or child.get("name") or child.get("value") or ""
         parts[local_name(child.tag).removeprefix(f"{BALL_CONSTRAINT}_")] = text.strip()
-    joint = ElementTree.Element("joint", name=name, scope=prefix, type=_CONSTRAINTS[kind])
+    joint = ElementTree.Element("joint", name=name, type=_CONSTRAINTS[kind])
     origin = "" if kind == BALL_CONSTRAINT else "0 0 0"  # a ball needs its points
     for end, body, point in (("parent", "body_A", "p_AP"), ("child", "body_B", "p_BQ")):
         needed = {body: parts.get(end) or parts.get(body) or "", point: parts.get(point) or origin}
-        for part, given in needed.items():
-            if not given:
+        for part, text in needed.items():
+            if not text:
                 raise RobotFileError(f"<{kind}>: {part} is missing")
-        frame = f"{name}_at_{end}"
-        ElementTree.SubElement(joint, end).text = frame
-        at = numbers(f"<{kind}> {point}", needed[point], 3)
-        link = _scope_name(prefix, needed[body])
-        scope.relative[prefix + frame] = (link, placement(None, at))
-        scope.attached[prefix + frame] = link
-    scope.joints[prefix + name] = joint
-    scope.relative[f"joint {prefix}{name}"] = (f"{prefix}{name}_at_child", np.eye(4))
+        numbers(f"<{kind}> {point}", needed[point], 3)
+        frame = ElementTree.Element("frame", name=f"{name}_at_{end}", attached_to=needed[body])
+        ElementTree.SubElement(frame, "pose").text = f"{needed[point]} 0 0 0"
+        ElementTree.SubElement(joint, end).text = frame.get("name")
+        yield frame
+    yield joint
 
 
 def _end_name(joint: ElementTree.Element, end: str) -> str:
@@ -391,22 +388,21 @@ def _joints_of_largest_part(scope: Scope) -> list[_Joint]:
     if not ends:
         raise RobotFileError("there is no joint in it")
 
-    def joints_between(links: Iterable[str]) -> list[str]:
-        both_in = set(links).issuperset
-        return [name for name, pair in ends.items() if both_in(pair)]
-
-    def loops_and_joints(links: Sequence[str]) -> tuple[bool, int]:
-        """Return whether connected links close a loop, and the number of their joints.
+    def loops_and_joints(part: tuple[list[str], list[str]]) -> tuple[bool, int]:
+        """Return whether links and joints of a part close a loop, and the number of joints.
 
         A tree has one joint less than links. A mimic is a loop equation too.
         """
-        joints = joints_between(links)
-        mimics = sum(_has(scope.joints[name], "mimic") for name in joints)
-        loops = len(joints) - (len(links) - 1) + mimics
-        return loops > 0, len(joints)
+        links, names = part
+        mimics = sum(_has(scope.joints[name], "mimic") for name in names)
+        return len(names) + mimics >= len(links), len(names)
 
-    best = max(merge_sharing(ends.values()), key=loops_and_joints)
-    return [_joint(scope, name, ends[name]) for name in joints_between(best)]
+    parts = [
+        (links, [name for name, pair in ends.items() if pair[0] in links])
+        for links in merge_sharing(ends.values())
+    ]
+    _, names = max(parts, key=loops_and_joints)
+    return [_joint(scope, name, ends[name]) for name in names]
 
 
 def _tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
@@ -447,12 +443,12 @@ def _urdf(scope: Scope, joints: Sequence[_Joint], chosen: Sequence[str], name: s
         root.append(_link(scope, link))
         for joint in in_tree:
             step = 1 if link == joint.links[0] else -1
-            near, far = joint.links[::step]
-            if link != near or far in waiting:
+            inner, outer = joint.links[::step]
+            if link != inner or outer in waiting:
                 continue
             end = inverse(joint.places[::step][1])
-            root.extend(chain_elements(link, joint.chain(step), far, end, taken))
-            waiting.append(far)
+            root.extend(chain_elements(link, joint.chain(step), outer, end, taken))
+            waiting.append(outer)
     for joint in joints:
         if joint.kind == "screw" and joint.name not in chosen:
             stub = f"{joint.name}_stub"
@@ -467,7 +463,13 @@ def _link(scope: Scope, name: str) -> ElementTree.Element:
     if name == WORLD:
         return link
     where, element = f"link {name!r}", scope.links[name]
-    link.append(_inertial(element.find("inertial"), where))
+    inertial = element.find("inertial")
+    if inertial is None:
+        inertial = ElementTree.Element("inertial")
+    mass, *moments = _values(inertial, where, _INERTIA)
+    origin = _pose(inertial, "", "", where)[1]
+    turn = origin[:3, :3]
+    link.append(inertial_element(mass, origin[:3, 3], turn @ symmetric(*moments) @ turn.T))
     for visual in element.findall("visual"):
         for shape, keys in _SHAPES.items():
             geometry = visual.find(f"geometry/{shape}")
@@ -475,17 +477,6 @@ def _link(scope: Scope, name: str) -> ElementTree.Element:
                 words = {key: (geometry.findtext(key) or "1").strip() for key in keys}
                 link.append(visual_element(shape, words, _pose(visual, "", "", where)[1]))
     return link
-
-
-def _inertial(inertial: ElementTree.Element | None, where: str) -> ElementTree.Element:
-    """Return a link's inertia for a URDF, by default SDF's."""
-    if inertial is None:
-        inertial = ElementTree.Element("inertial")
-    entries = {f"inertia/{key}": default for key, default in zip(ENTRIES, "111000", strict=True)}
-    mass, *moments = _values(inertial, where, {"mass": "1", **entries})
-    place = _pose(inertial, "", "", where)[1]
-    turn = place[:3, :3]
-    return inertial_element(mass, place[:3, 3], turn @ symmetric(*moments) @ turn.T)
 
 
 def _limits(joint: ElementTree.Element, name: str, tag: str) -> tuple[float, float] | None:

@@ -48,13 +48,21 @@ import numpy as np
 
 from framework.errors import RobotFileError, check_name
 from framework.model.description import ParsedRobot
-from framework.model.documents import naming, parse_yaml
+from framework.model.documents import (
+    attribute,
+    axis_of,
+    child_element,
+    naming,
+    number_of,
+    only,
+    origin_of,
+    parse_yaml,
+)
 from framework.model.placement import inverse, placement
 from framework.model.readers.describe import Options, describe
 from framework.model.readers.sdf import BALL_CONSTRAINT, WORLD, Scope, add_content, close_joint
 from framework.model.readers.urdf_tree import UrdfTree
 from framework.model.urdf_elements import MOVING
-from framework.model.xml_reading import attribute, axis_of, child_element, numbers, only, origin_of
 from framework.numerics.arrays import Array
 from framework.numerics.fields import list_of, one_of, read_table, required, vector3
 from framework.numerics.input import read_text
@@ -97,9 +105,9 @@ def _read_loop(tree: UrdfTree, element: ElementTree.Element) -> None:
     name, where = _element_name(element)
     origins = [f"{end}_origin" for end in syntax.ends]
     only(element, where, (*syntax.ends, *syntax.axes, *origins), ("name", "type"))
-    given = attribute(element, where, "type").lower().removesuffix("_joint")
-    check_name(where, "type", given, syntax.kinds)
-    kind = syntax.kinds[given]
+    written = attribute(element, where, "type").lower().removesuffix("_joint")
+    check_name(where, "type", written, syntax.kinds)
+    kind = syntax.kinds[written]
     axes = _axes(element, where, kind, syntax.axes)
     ends = [(end.removeprefix("link"), *_end(tree, element, where, end)) for end in syntax.ends]
     tree.close(name, kind, ends, axes)
@@ -125,15 +133,16 @@ def _axes(element: ElementTree.Element, where: str, kind: str, tags: Sequence[st
 
 def _end(tree: UrdfTree, element: ElementTree.Element, where: str, end: str) -> tuple[str, Array]:
     """Return link and placement of an end, by an origin within, beside, or by attributes of its own."""
-    body, place = child_element(element, where, end), f"{where}: <{end}>"
-    only(body, place, ("origin",), ("link", "xyz", "rpy"))
-    link = tree.link(place, attribute(body, place, "link"))
+    body, label = child_element(element, where, end), f"{where}: <{end}>"
+    only(body, label, ("origin",), ("link", "xyz", "rpy"))
+    link = attribute(body, label, "link")
+    check_name(label, "link", link, tree.links)
     own: dict[str, str] = {key: body.attrib[key] for key in ("xyz", "rpy") if key in body.attrib}
     origins = [*body.findall("origin"), *element.findall(f"{end}_origin")]
     if len(origins) + bool(own) > 1:
-        raise RobotFileError(f"{place}: has more than one origin; leave one")
+        raise RobotFileError(f"{label}: has more than one origin; leave one")
     origin = origins[0] if origins else ElementTree.Element("origin", own)
-    return link, origin_of(origin, f"{place}: <{origin.tag}>")
+    return link, origin_of(origin, f"{label}: <{origin.tag}>")
 
 
 def _read_coupling(tree: UrdfTree, element: ElementTree.Element) -> None:
@@ -144,13 +153,13 @@ def _read_coupling(tree: UrdfTree, element: ElementTree.Element) -> None:
     first, second = (_end(tree, element, where, end)[0] for end in ends)
     value = child_element(element, where, "ratio")
     only(value, f"{where}: <ratio>", (), ("value",))
-    (ratio,) = numbers(f"{where}: <ratio>", attribute(value, f"{where}: <ratio>", "value"), 1)
+    ratio = number_of(value, f"{where}: <ratio>", "value")
     if first == second:
         raise RobotFileError(f"{where}: couples {first!r} with itself")
     drivers, driven = tree.moving_chains(first, second)
-    held, others = (driven, drivers) if ratio == 0.0 or not drivers else (drivers, driven)
-    if len(held) == 1 and held[0].kind in MOVING and (ratio == 0.0 or not others):
-        tree.fix(held[0])
+    lone, opposite = (driven, drivers) if ratio == 0.0 or not drivers else (drivers, driven)
+    if len(lone) == 1 and lone[0].kind in MOVING and (ratio == 0.0 or not opposite):
+        tree.fix(lone[0])
         return
     if ratio == 1.0 and tree.close_turns(name, first, second):
         return
@@ -167,8 +176,8 @@ def _read_fixed_frame(tree: UrdfTree, element: ElementTree.Element) -> None:
     """Add a named frame at its origin on its parent link."""
     name, where = _element_name(element)
     parent = attribute(child_element(element, where, "parent"), f"{where}: <parent>", "link")
-    origin = origin_of(element.find("origin"), f"{where}: <origin>")
-    tree.add_frame(name, tree.link(f"{where}: <parent>", parent), origin)
+    check_name(f"{where}: <parent>", "link", parent, tree.links)
+    tree.add_frame(name, parent, origin_of(element.find("origin"), f"{where}: <origin>"))
 
 
 # by element: the dialect and its reader
