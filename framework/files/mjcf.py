@@ -85,7 +85,7 @@ def mjcf_text(robot: ParallelRobot, *, hinges: bool = False) -> str:
 
 
 def qpos_of(model: pin.Model, q: Array, *, hinges: bool = False) -> Array:
-    """Return q (nq,) in the order of MuJoCo: the real part of balls first, or their three hinges at zero."""
+    """Return q (nq,) in the order of MuJoCo, balls by real part first or hinges at zero."""
     parts = []
     for joint in list(model.joints)[1:]:
         part = q[joint.idx_q : joint.idx_q + joint.nq]
@@ -101,7 +101,7 @@ def ranges_left_out(robot: ParallelRobot) -> tuple[str, ...]:
 
 
 def _add_motors(robot: ParallelRobot, root: ElementTree.Element) -> None:
-    """Add an actuator for each motor; its control is the torque [N m] on the motor side."""
+    """Add an actuator for each motor, whose control is the torque [N m], motor side."""
     actuator = ElementTree.SubElement(root, "actuator")
     speeds = ElementTree.Element("custom")
     for motor in robot.description.actuators:
@@ -220,7 +220,7 @@ def _add_loops(robot: ParallelRobot, root: ElementTree.Element, bodies: list[Ele
 def _add_site(
     robot: ParallelRobot, bodies: list[ElementTree.Element], name: str, frame: int, offset: Array
 ) -> None:
-    """Add a site at an offset (3,) [m] from a frame, given by its index, to the frame's body."""
+    """Add a site at an offset (3,) [m] from the frame of an index."""
     origin = robot.model.frames[frame]
     placement = _placement_attributes(origin.placement * pin.SE3(np.eye(3), offset))
     ElementTree.SubElement(bodies[origin.parentJoint], "site", {"name": name} | placement)

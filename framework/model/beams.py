@@ -104,7 +104,7 @@ class Section:
 
 
 class SplitBeam(NamedTuple):
-    """A URDF with a fixed joint `middle` halfway to a link's tip, x along the beam of this `length` [m]."""
+    """A URDF with a fixed joint `middle` halfway along a beam of `length` [m]."""
 
     urdf_text: str
     middle: str

@@ -97,7 +97,7 @@ class Closure:
     length: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse rows that need a length without one, a length without such rows, and unknown rows."""
+        """Refuse unknown rows, and a length missing or in excess."""
         valid = {row for rows in _LOCKED.values() for row in rows}
         for row in self.axes:
             check_name(f"closure {self.name}", "axis", row, valid)
@@ -258,7 +258,7 @@ class RobotDescription:
         return tuple(actuator.joint for actuator in self.actuators)
 
     def least_flexibility(self, flexibility: str) -> str:
-        """Return the least flexibility with the springs of this one: rigid for a robot without springs.
+        """Return the least flexibility with the springs of this one.
 
         Raises:
             InvalidInput: unknown flexibility.

@@ -167,7 +167,7 @@ def _too_many() -> RobotFileError:
 
 
 def _size(node: yaml.Node, counted: dict[int, int]) -> int:
-    """Count the values of a node with its aliases written out; an alias of itself counts as too many."""
+    """Count the values of a node, aliases written out; too many if endless."""
     if id(node) in counted:
         return counted[id(node)]
     counted[id(node)] = MAX_YAML_VALUES + 1  # for those met again below themselves
@@ -208,7 +208,7 @@ def numbers(
 
 
 def number_of(element: ElementTree.Element, where: str, key: str, default: str | None = None) -> float:
-    """Return the number of an attribute, needed if it has no default.
+    """Return the number of an attribute, a required one without `default`.
 
     Raises:
         RobotFileError: as `attribute` and `numbers` do.

@@ -75,7 +75,7 @@ class FrameWrench(ReadOnlyArrays):
 
     @staticmethod
     def of(frame: str, given: Any, where: str = "wrenches") -> FrameWrench:
-        """Return the wrench in 6 numbers, in a table, or in {wrench: either, axes: base or tool}.
+        """Return the wrench in 6 numbers, a table, or {wrench: ..., axes: base or tool}.
 
         `where` names the mapping that it stands in.
 

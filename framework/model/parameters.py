@@ -38,7 +38,7 @@ _FUNCTIONS: Mapping[str, Callable[..., float]] = {
 
 
 def declared_parameters(text: str) -> dict[str, list[float]]:
-    """Return the values of each parameter that the text of a robot file declares, its own first.
+    """Return the declared values of each parameter of a robot file, its own first.
 
     Raises:
         RobotFileError: `parameters` is no mapping of names to numbers or lists of numbers.

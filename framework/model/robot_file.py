@@ -76,7 +76,7 @@ def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> Pa
 
 
 def _merge_joint_springs(robot: dict[str, Any]) -> None:
-    """Move springs on URDF joints into the joints' entries, one a joint; leave the virtual joints."""
+    """Move springs on URDF joints into the entries of these joints."""
     for spring in robot["springs"]:
         if isinstance(spring, Spring):
             continue
@@ -125,7 +125,7 @@ def _urdf(
 
 
 def _check_scenes(description: RobotDescription) -> None:
-    """Check that a point of a path has one number for each coordinate of the platform."""
+    """Check the number of coordinates of each point of a path."""
     axes = description.platform.names
     for name, scene in description.scenes.items():
         for i, point in enumerate(scene.points):
@@ -137,7 +137,7 @@ def _check_scenes(description: RobotDescription) -> None:
 
 
 def _check_names(description: RobotDescription, urdf: Tree) -> None:
-    """Check that names are unique, and that no virtual joint takes a name of the URDF."""
+    """Check that names are unique, also among virtual joints and the URDF's."""
     groups = {
         "actuators": description.motor_joints,
         "closures": [closure.name for closure in description.closures],

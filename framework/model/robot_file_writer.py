@@ -53,7 +53,7 @@ def write_robot_file(
 
 
 def record_entry(record: Any) -> dict[str, Any]:
-    """Return the entry of a record in a robot file: its fields that are not empty or zero."""
+    """Return a record as entry of a robot file, without empty and zero fields."""
     return {
         key: list(value) if isinstance(value, tuple) else value
         for key, value in asdict(record).items()
@@ -83,7 +83,7 @@ def robot_document(description: RobotDescription) -> dict[str, Any]:
 
 
 def _joints(description: RobotDescription) -> dict[str, dict[str, float]]:
-    """Return the entry `joints`: springs, damping, friction; a ball is one joint if its axes are alike."""
+    """Return the entry `joints`, a ball as one joint if its axes are alike."""
     written = dict(description.joints)
     for name, joint in read_tree(ElementTree.fromstring(description.urdf_text)).joints.items():
         values = [written.get(coordinate) for coordinate in joint.coordinates]

@@ -106,9 +106,9 @@ def _moments(where: str, given: Any) -> tuple[float, float, float]:
 
 
 def robot_table(urdf: Tree, *, is_coupled: bool = False, locked: Sequence[str] = ()) -> Table:
-    """Return the keys of the robot on the tree of this URDF; couplings of joints may be its only loops.
+    """Return the keys of the robot on the tree of this URDF.
 
-    `locked` joints are known to all keys that say something of a joint.
+    With `is_coupled` couplings may be the only loops. All keys of joints know `locked` joints.
     """
     movable = [*urdf.movable, *locked]
     coordinates = [*urdf.coordinates, *locked]
@@ -131,12 +131,12 @@ _axes = distinct("axis", AXES)
 
 
 def _frame(urdf: Tree) -> Reader[str]:
-    """Return a reader of frames as links: a joint stands for its child, behind any spring."""
+    """Return a reader of a frame as link; a joint stands for its child, behind springs."""
     return lambda where, given: urdf.link_of(one_of("frame", urdf.frames)(where, given))
 
 
 def _platform(urdf: Tree) -> Reader[Platform]:
-    """Return a reader of a frame with axes, or of joints, whose frame is by default the last one's link."""
+    """Return a reader of a frame with axes, or of joints."""
     on_axes = {"frame": required(_frame(urdf)), "axes": required(_axes)}
     of_joints = {"joints": required(distinct("joint", urdf.movable)), "frame": optional(_frame(urdf))}
 
@@ -194,7 +194,7 @@ def _closure(urdf: Tree) -> Reader[Closure]:
 
 
 def _pair(urdf: Tree) -> Reader[tuple[str, str]]:
-    """Return a reader of two frames of different bodies; frames of one leave nothing to close."""
+    """Return a reader of two frames of different bodies."""
 
     def read(where: str, given: Any) -> tuple[str, str]:
         pair = list_of(_frame(urdf))(where, given)
@@ -210,7 +210,7 @@ def _pair(urdf: Tree) -> Reader[tuple[str, str]]:
 
 
 def _coupling(movable: Sequence[str]) -> Reader[Coupling]:
-    """Return a reader of a loop equation between two different joints of one degree of freedom."""
+    """Return a reader of a coupling of two different joints."""
     table = {
         "joint": required(one_of("joint", movable)),
         "of": required(one_of("joint", movable)),
@@ -268,7 +268,7 @@ def joint_dynamics(
 
 
 def _spring(urdf: Tree, movable: Sequence[str]) -> Reader[Spring | dict[str, Any]]:
-    """Return a reader of a spring behind a joint, or of one on a joint of the URDF: its values."""
+    """Return a reader of a virtual spring, or of values of a URDF joint's spring."""
     virtual = {
         "name": required(text),
         "part": required(one_of("part", ("joint", "link"))),
@@ -366,7 +366,7 @@ def _wrenches(urdf: Tree) -> Reader[dict[str, Any]]:
 
 
 def _scenes(urdf: Tree) -> Reader[dict[str, Scene]]:
-    """Return a reader of scenes by name, which they keep."""
+    """Return a reader of scenes by name."""
     scene = {**_MOTION, "wrenches": optional(_wrenches(urdf))}
 
     def read(where: str, given: Any) -> dict[str, Scene]:

@@ -94,7 +94,7 @@ def joint_element(joint: ChainJoint, parent: str, child: str) -> ElementTree.Ele
 def chain_elements(
     parent: str, motions: Sequence[ChainJoint], body: str, end: Array, taken: set[str]
 ) -> Iterator[ElementTree.Element]:
-    """Yield the joints between two links, and a link without mass behind each but the last.
+    """Yield joints between two links, with massless links between joints.
 
     Args:
         end: (4, 4) placement of the body behind the last joint; a fixed joint where it is none.
@@ -149,7 +149,7 @@ def add_frame(
     mass: float = 0.0,
     inertia: Sequence[float] = (0.0, 0.0, 0.0),
 ) -> None:
-    """Add a link fixed at a placement (4, 4) in the link `parent`, with or without a body.
+    """Add a link at a placement (4, 4) in `parent`, with or without a body.
 
     The body has its centre at the frame's origin, and `inertia` [kg m^2] about its axes. It looks like the
     box of even density with this mass and inertia: edges a_x^2 = 6 (I_yy + I_zz - I_xx) / m and so on.
@@ -197,7 +197,7 @@ def fix_joint(joint: Joint, *values: float) -> None:
 
 
 def free_root(root: ElementTree.Element) -> None:
-    """Stand a URDF on a new root link `ground`, its old root carried by six joints, ROOT_JOINTS.
+    """Stand a URDF on a new root link `ground` by six joints, ROOT_JOINTS.
 
     Three slides along the base axes, then turns about z, y and x: singular only when the root pitches by
     90 degrees.

@@ -95,7 +95,7 @@ class Tree:
         return frame if frame in self.links else self.joints[frame].child
 
     def body(self, frame: str) -> str:
-        """Return the link nearest to the root that is rigidly connected to a frame: the name of its body."""
+        """Return the link nearest to the root on the rigid body of a frame."""
         link = self.link_of(frame)
         while link in self.parent_joint and not self.parent_joint[link].moves:
             link = self.parent_joint[link].parent
@@ -137,7 +137,7 @@ def locate_urdf(folder: Path, reference: str) -> Path:
 
 
 def coordinates_of(name: str, kind: str) -> tuple[str, ...]:
-    """Return names of the coordinates of a joint of this type; none of a fixed one."""
+    """Return the coordinate names of a joint of this type."""
     if kind in SEVERAL:
         return tuple(f"{name}{suffix}" for suffix in SEVERAL[kind])
     return (name,) if kind in MOVING else ()
@@ -263,7 +263,7 @@ def add_endless_limit(joint: ElementTree.Element) -> ElementTree.Element:
 
 
 def _check_limit(joint: ElementTree.Element, where: str, *, is_needed: bool) -> None:
-    """Check the first <limit> of a joint: its numbers; if needed its keys, order and signs too."""
+    """Check numbers, and if needed keys, order and signs, of a joint's <limit>."""
     if is_needed:
         needed = child_element(joint, where, "limit")
         for key in ("effort", "velocity"):
@@ -360,7 +360,7 @@ def declared_dynamics(root: ElementTree.Element) -> dict[str, dict[str, float]]:
 
 
 def declared_couplings(root: ElementTree.Element, locked: Iterable[str] = ()) -> list[Coupling]:
-    """Take the couplings of <mimic> out of the URDF: position = multiplier * that of the other + offset.
+    """Take the couplings of <mimic> out of a URDF: q = multiplier q_leader + offset.
 
     That may be one of the `locked` joints.
 

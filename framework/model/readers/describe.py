@@ -156,7 +156,7 @@ def _no_loop(options: Options, closures: Sequence[Closure]) -> RobotFileError:
 
 
 def _name(root: ElementTree.Element, file: Path) -> str:
-    """Return the model's own name, else that of its file, else of its folders; fit to name a file."""
+    """Return the name of model, file or folder that is first fit for files."""
     for name in (root.get("name", ""), file.stem, *(folder.name for folder in file.absolute().parents[:2])):
         clean = "".join(letter if letter.isalnum() or letter in "-_" else "_" for letter in name)
         if name.lower() not in _NO_NAMES and clean.strip("_"):
@@ -180,7 +180,7 @@ def _moving_dynamics(tree: UrdfTree) -> dict[str, JointDynamics]:
 
 
 def lock_all_but(tree: UrdfTree, base: str, reference: Mapping[str, float]) -> None:
-    """Lock all joints that the link `base` does not carry, at the reference [rad, m], else at zero.
+    """Lock joints that `base` does not carry, at the reference [rad, m] or zero.
 
     Raises:
         RobotFileError: there is no such link, or it carries no joint that moves.

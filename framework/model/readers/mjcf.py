@@ -109,7 +109,7 @@ class _Joint(NamedTuple):
 
 
 class _Model:
-    """A compiled model, its bodies and joints named, and the tree that loops and forces are read into."""
+    """A compiled model with named bodies and joints, and its tree."""
 
     def __init__(self, compiled: Any, name: str) -> None:
         """Name all bodies and joints: unnamed ones body_<k> and <body>_joint, <body>_joint_2."""
@@ -141,7 +141,7 @@ class _Model:
         self.tree.left_out.append(LeftOut(text, tuple(acts_on), is_decisive))
 
     def _urdf(self, name: str, taken: set[str]) -> ElementTree.Element:
-        """Return the bodies as a URDF: a link for each, and one between the joints of a body.
+        """Return the URDF: a link a body, and one between the joints of a body.
 
         A joint turns about a point of the body: its link stands in that point, and the body's own behind it.
         """
@@ -168,7 +168,7 @@ class _Model:
         return root
 
     def _shares(self, kind: str, number: int) -> dict[str, float] | None:
-        """Return the joints of a joint or a fixed tendon with their shares; None of a spatial tendon."""
+        """Return the shares of joints in a joint or fixed tendon; None of a spatial one."""
         model = self.compiled
         if number < 0:
             return {}
@@ -196,7 +196,7 @@ class _Model:
                 self._close(k, name, kind)
 
     def _close(self, k: int, name: str, kind: str) -> None:
-        """Close a loop by a connect or a weld of sites or bodies; a weld of no turn holds a point."""
+        """Close a loop by a connect or a weld of sites or bodies."""
         model, data, places = self.compiled, self.compiled.eq_data[k], 2 * [np.eye(4)]
         frames = self.sites if model.eq_objtype[k] == _SITE else self.bodies
         if frames is self.bodies and kind == "connect":
@@ -204,11 +204,13 @@ class _Model:
         elif frames is self.bodies:
             places = [placement(from_quaternion(*data[6:10]), data[3:6]), placement(None, data[:3])]
         ends = frames[model.eq_obj1id[k]], frames[model.eq_obj2id[k]]
-        closure_kind = "fixed" if kind == "weld" and data[10] else "spherical"
+        closure_kind = (
+            "fixed" if kind == "weld" and data[10] else "spherical"
+        )  # a weld of no turn holds a point
         self.tree.close(name, closure_kind, zip("12", ends, places, strict=True))
 
     def _read_joint_equality(self, k: int, name: str, kind: str) -> None:
-        """Read an equality of joints or tendons: a coupling, or a joint that is held alone.
+        """Read an equality of joints or tendons: a coupling, or a fixed joint.
 
         MuJoCo's polynomial is between ways from the zero pose, as ours is.
         """
@@ -238,7 +240,7 @@ class _Model:
                 self.tree.fix(self.tree.joints[joint], offset / share)
 
     def _couple(self, name: str, shares: Mapping[str, float], offset: float) -> None:
-        """Couple two joints; equal turns about parallel axes of one body become a closure, as proofs want."""
+        """Couple two joints; by a closure, which all proofs know, if equal and parallel."""
         tree = self.tree
         (driven, share), (of, other) = shares.items()
         children = [tree.joints[joint].child for joint in shares]
@@ -346,7 +348,7 @@ class _Model:
 
 
 def _dynamics(values: Iterable[float], rest: float | None) -> JointDynamics:
-    """Return the dynamics by values in the order of _ACTING; without a spring where it has no rest."""
+    """Return the dynamics of values in the order of _ACTING; no spring without `rest`."""
     armature, damping, friction, stiffness = map(float, values)
     if rest is None or not stiffness:
         return JointDynamics(armature, damping, friction)

@@ -38,7 +38,7 @@ _PLUGIN = re.compile(r"<extension\b.*?</extension\s*>|<plugin\b[^>]*/>|<plugin\b
 
 
 def mujoco_model(file: Path) -> tuple[Any, list[LeftOut], Counter[str]]:
-    """Return the compiled model of an MJCF file, omitted elements, and the number of unused ones by kind.
+    """Return the compiled model, omitted elements, and counts of unused ones by kind.
 
     Bodies without mass stay massless.
 
@@ -181,7 +181,7 @@ def _repair_inertias(mujoco: Any, spec: Any) -> Iterator[LeftOut]:
 
 
 def _make_principal(body: Any) -> None:
-    """State the inertia of a body [kg m^2] by principal moments and axes in place of its matrix."""
+    """Replace the inertia matrix of a body by principal moments [kg m^2] and axes."""
     moments, axes = np.linalg.eigh(symmetric(*body.fullinertia))
     axes[:, 0] *= np.linalg.det(axes)  # right-handed
     turn = pin.Quaternion(axes)
@@ -243,7 +243,7 @@ def _compile(spec: Any) -> tuple[Any, list[LeftOut]]:
 
 
 def _delete_refused_meshes(spec: Any, error: str) -> list[LeftOut]:
-    """Delete geoms of the mesh in the line of an error, else of all meshes; raise the error without any."""
+    """Delete the mesh that an error names, else all meshes, with their geoms."""
     left_out = []
     geoms = [geom for geom in spec.geoms if geom.meshname]
     if not geoms:

@@ -98,7 +98,7 @@ def _from_xml(path: Path, text: str, options: Options) -> ParsedRobot:
 
 
 def _line_of_element(message: str, text: str) -> str:
-    """Return the line of the element with whose name a message begins; empty where none is found."""
+    """Return the line of the element that a message begins with, or nothing."""
     named = re.match(r"(?:<\w+>: )?<?(\w+)>? '([^']+)'", message)
     if named is None:
         return ""
@@ -139,7 +139,7 @@ def _from_yaml(
 
 
 def _urdf_beside(path: Path) -> Path:
-    """Return the URDF of a foreign YAML: of its name, else the only one in its folder or package."""
+    """Return the URDF of a foreign YAML: its namesake, else the only one nearby."""
     urdf = path.with_suffix(".urdf")
     for folder in (path.parent, path.parent / "urdf", path.parent.parent / "urdf"):
         others = list(folder.glob("*.urdf"))

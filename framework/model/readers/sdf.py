@@ -93,7 +93,7 @@ class Scope:
 
 
 class _Joint(NamedTuple):
-    """A joint, its motions from parent to child, what acts along each, and its placement in both links."""
+    """A joint with motions, dynamics, and placements in both links."""
 
     name: str
     element: ElementTree.Element
@@ -145,7 +145,7 @@ def read_sdf(file: Path, root: ElementTree.Element, options: Options) -> ParsedR
 
 
 def _name_unread_parts(scope: Scope, tree: UrdfTree, joints: Sequence[_Joint]) -> None:
-    """Leave out gearboxes and links without gravity; remark on links beside the mechanism of some joints."""
+    """Name gearboxes, links without gravity, and links beside the mechanism."""
     gears = [
         LeftOut(f"joint {name!r}: {kind}: not read", (name, *_ends(scope, name)), is_decisive=True)
         for name, element in scope.joints.items()
@@ -202,7 +202,7 @@ def _add_models(scope: Scope, parent: ElementTree.Element, folder: Path, prefix:
 
 
 def _add_model(scope: Scope, model: ElementTree.Element, folder: Path, prefix: str, base: str) -> None:
-    """Add a model; names of a nested one, and of a second one of the world, begin with its own."""
+    """Add a model; if nested or not the first, with its name before others."""
     name = attribute(model, "<model>", "name")
     full = f"{prefix}{name}"
     own, is_first = f"{full}::{MODEL}", base == WORLD and not prefix and not scope.links
@@ -256,7 +256,7 @@ def add_content(scope: Scope, model: ElementTree.Element, folder: Path, prefix: 
 
 
 def _constraint_elements(element: ElementTree.Element, name: str) -> Iterator[ElementTree.Element]:
-    """Yield Drake's constraint of two bodies as two frames and a joint: a weld, or a ball between points."""
+    """Yield Drake's constraint of two bodies as two frames and a joint."""
     kind, parts = local_name(element.tag), dict[str, str]()
     for child in element:  # of SDF with a text, of URDF with an attribute
         text = child.text or child.get("name") or child.get("value") or ""
@@ -389,7 +389,7 @@ def _joints_of_largest_part(scope: Scope) -> list[_Joint]:
         raise RobotFileError("there is no joint in it")
 
     def loops_and_joints(part: tuple[list[str], list[str]]) -> tuple[bool, int]:
-        """Return whether links and joints of a part close a loop, and the number of joints.
+        """Return whether a part closes a loop, and its number of joints.
 
         A tree has one joint less than links. A mimic is a loop equation too.
         """
@@ -431,7 +431,7 @@ def _tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
 
 
 def _urdf(scope: Scope, joints: Sequence[_Joint], chosen: Sequence[str], name: str) -> ElementTree.Element:
-    """Return the tree as a URDF, from the world or the first link that is nobody's child outwards."""
+    """Return the tree as a URDF, rooted in the world or a link without parent."""
     root = ElementTree.Element("robot", name=name)
     part = {link for joint in joints for link in joint.links}
     children = {joint.links[1] for joint in joints}
@@ -480,7 +480,7 @@ def _link(scope: Scope, name: str) -> ElementTree.Element:
 
 
 def _limits(joint: ElementTree.Element, name: str, tag: str) -> tuple[float, float] | None:
-    """Return lower and upper limit [rad, m]; infinity is written in words or as a large number."""
+    """Return lower and upper limit [rad, m]; None if infinite, in words or numbers."""
     where, ends = f"joint {name!r}", list[float]()
     for end, default in (("lower", "-inf"), ("upper", "inf")):
         text = joint.findtext(f"{tag}/limit/{end}", default).lower()
@@ -506,7 +506,7 @@ def close_joint(scope: Scope, tree: UrdfTree, name: str) -> None:
 
 
 def _close(tree: UrdfTree, joint: _Joint) -> None:
-    """Close the loop of a cut joint by its own kind; the stub of a screw is fixed."""
+    """Close the loop of a cut joint by its kind, or the stub of a screw."""
     if joint.kind == "screw":
         stub = ("1", f"{joint.name}_stub", np.eye(4))
         tree.close(f"{joint.name}_end", "fixed", [stub, ("2", joint.links[1], joint.places[1])])

@@ -114,7 +114,7 @@ def _read_loop(tree: UrdfTree, element: ElementTree.Element) -> None:
 
 
 def _axes(element: ElementTree.Element, where: str, kind: str, tags: Sequence[str]) -> list[Array]:
-    """Return the axes of a closure in its ends; one stands for both, but of a universal joint."""
+    """Return the axes (3,) of a closure in its ends, or one for both."""
     if kind in ("fixed", "spherical"):
         return []
     needed = [tag for tag in tags if tag == tags[0] or kind == "universal" or element.find(tag) is not None]
@@ -132,7 +132,7 @@ def _axes(element: ElementTree.Element, where: str, kind: str, tags: Sequence[st
 
 
 def _end(tree: UrdfTree, element: ElementTree.Element, where: str, end: str) -> tuple[str, Array]:
-    """Return link and placement of an end, by an origin within, beside, or by attributes of its own."""
+    """Return link and placement (4, 4) of an end, by origin or attributes."""
     body, label = child_element(element, where, end), f"{where}: <{end}>"
     only(body, label, ("origin",), ("link", "xyz", "rpy"))
     link = attribute(body, label, "link")
@@ -146,7 +146,7 @@ def _end(tree: UrdfTree, element: ElementTree.Element, where: str, end: str) -> 
 
 
 def _read_coupling(tree: UrdfTree, element: ElementTree.Element) -> None:
-    """Read a `<coupling>`: a joint that is held, equal turns of links, or a joint that mimics another."""
+    """Read a `<coupling>` as a fixed joint, as equal turns, or as `<mimic>`."""
     name, where = _element_name(element)
     ends = _LOOPS["loop"].ends
     only(element, where, (*ends, "ratio"), ("name", "type"))
@@ -228,7 +228,7 @@ def read_urdf(
 
 
 def _close_frames(tree: UrdfTree) -> bool:
-    """Close loops at pairs of links that end them by their names; return whether there are any."""
+    """Close loops at pairs of links by their names; return whether any."""
     pairs: dict[str, dict[str, str]] = {}
     for link in tree.links:
         if match := _CLOSING.fullmatch(link):
@@ -267,7 +267,7 @@ def _loop_closures_beside(file: Path) -> Mapping[str, Any]:
 
 
 def _close_hinges(tree: UrdfTree, content: Mapping[str, Any]) -> None:
-    """Close the hinges of a loop_closures.yaml: point and axis in the frame of the root link at zero."""
+    """Close the hinges of a loop_closures.yaml, which is in root axes at zero."""
     link = required(one_of("link", tree.links))
     hinge = {"link_a": link, "link_b": link, "point": required(vector3), "axis": required(vector3)}
     read = list_of(lambda where, given: read_table(where, given, hinge, others=None))

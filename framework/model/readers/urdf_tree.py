@@ -116,7 +116,7 @@ def merge_sharing(groups: Iterable[Iterable[str]]) -> list[list[str]]:
 
 
 class UrdfTree(Tree):
-    """A checked URDF, open to small edits, with the loops, motors and forces that its file has beside it.
+    """A checked URDF, open to small edits, with loops, motors and forces.
 
     `extra` are the top-level elements of the dialect; they are taken out of the URDF. Complaints name
     the element; the caller puts the file in front.
@@ -188,7 +188,7 @@ class UrdfTree(Tree):
         return matrix
 
     def moving_chains(self, first: str, second: str) -> tuple[list[Joint], list[Joint]]:
-        """Return the movable joints that carry one link and not the other, for each of the two."""
+        """Return the movable joints that carry only the first, only the second link."""
         paths = self.path_to_base(first), self.path_to_base(second)
         shared = {joint.name for joint in paths[0]} & {joint.name for joint in paths[1]}
         of_first, of_second = (
@@ -220,7 +220,7 @@ class UrdfTree(Tree):
         self.pulls.append(Pull(f"motor {joint!r}", {joint: 1.0}))
 
     def add_frame(self, name: str, link: str, where: Array) -> str:
-        """Return a frame added to a link; its name, with underscores behind where that was taken."""
+        """Add a frame to a link; return its name, with underscores if taken."""
         if len(self._added) >= MAX_TREE_ELEMENTS:
             raise RobotFileError(f"more than {MAX_TREE_ELEMENTS} frames besides links and joints")
         free = name
@@ -250,7 +250,7 @@ class UrdfTree(Tree):
     def hold_turn(
         self, ball: Joint, axis: str, value: float | None, turn: Sequence[float]
     ) -> dict[str, float]:
-        """Make a ball a cross of two hinges, by its name with _rx, _ry, _rz, one turn held; their angles.
+        """Replace a ball by two hinges, one turn locked; return their angles [rad].
 
         Args:
             axis: letter of the turn that is held.
@@ -273,7 +273,7 @@ class UrdfTree(Tree):
         return dict(zip(names, map(float, angles), strict=True))
 
     def replace_by_turns(self, joint: Joint, axes: str, names: Sequence[str] = ()) -> None:
-        """Put turns about axes (letters of x, y, z) in place of a joint, by default named by the letters."""
+        """Replace a joint by turns about axes (letters of x, y, z)."""
         names = names or [f"{joint.name}_{axis.upper()}" for axis in axes]
         for name in names:
             if name in self._taken or f"{name}_link" in self._taken:
@@ -296,7 +296,7 @@ class UrdfTree(Tree):
                 self.joints[turn.name] = self.parent_joint[turn.child] = turn
 
     def close_turns(self, name: str, first: str, second: str) -> bool:
-        """Add a closure that keeps two links turned as at zero, if all joints between turn in parallel.
+        """Close two links to equal turns, if all joints between turn in parallel.
 
         Then the turn of each link is the sum of its joints' angles, and "the sums are equal" is a loop
         equation; False where it is none.
