@@ -204,9 +204,8 @@ class _Model:
         elif frames is self.bodies:
             places = [placement(from_quaternion(*data[6:10]), data[3:6]), placement(None, data[:3])]
         ends = frames[model.eq_obj1id[k]], frames[model.eq_obj2id[k]]
-        closure_kind = (
-            "fixed" if kind == "weld" and data[10] else "spherical"
-        )  # a weld of no turn holds a point
+        holds_turn = kind == "weld" and data[10]
+        closure_kind = "fixed" if holds_turn else "spherical"
         self.tree.close(name, closure_kind, zip("12", ends, places, strict=True))
 
     def _read_joint_equality(self, k: int, name: str, kind: str) -> None:
