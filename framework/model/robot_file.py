@@ -76,7 +76,7 @@ def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> Pa
 
 
 def _merge_joint_springs(robot: dict[str, Any]) -> None:
-    """Move springs on URDF joints into the entries of these joints."""
+    """Move springs on URDF joints into the entries of `joints`."""
     for spring in robot["springs"]:
         if isinstance(spring, Spring):
             continue

@@ -357,10 +357,8 @@ def _platform(options: Options, known: Known) -> Platform | None:
     return platform if platform is None or frame is None else replace(platform, frame=frame)
 
 
-def checked_reference(
-    options: Options, coordinates: Sequence[str], own: Mapping[str, float]
-) -> dict[str, float]:
-    """Return the file's reference, overridden by the options', of known `coordinates`."""
+def checked_reference(options: Options, names: Sequence[str], own: Mapping[str, float]) -> dict[str, float]:
+    """Return the file's reference [rad, m], overridden by the options', of coordinates in `names`."""
     for name in options.reference:
-        check_name("--reference", "movable joint", name, coordinates)
+        check_name("--reference", "movable joint", name, names)
     return {**own, **{name: float(value) for name, value in options.reference.items()}}

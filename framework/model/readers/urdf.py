@@ -64,7 +64,7 @@ from framework.model.readers.sdf import BALL_CONSTRAINT, WORLD, Scope, add_conte
 from framework.model.readers.urdf_tree import UrdfTree
 from framework.model.urdf_elements import MOVING
 from framework.numerics.arrays import Array
-from framework.numerics.fields import list_of, one_of, read_table, required, vector3
+from framework.numerics.fields import list_of, one_of, read_table, required, text, vector3
 from framework.numerics.input import read_text
 from framework.tolerances import FILE_ROUNDING
 
@@ -205,7 +205,8 @@ def read_urdf(
         if joint.get("independent", "").lower() in ("true", "1")
     ]
     tree = UrdfTree(root, (*_ELEMENTS, BALL_CONSTRAINT))
-    tree.likely_motors = [*independent, *beside.get("independent", [])]
+    beside_independent = list_of(text)(f"{LOOP_CLOSURES}: independent", beside.get("independent", []))
+    tree.likely_motors = [*independent, *beside_independent]
     elements = [element for element in tree.extra if element.tag in _ELEMENTS]
     for element in elements:
         _ELEMENTS[element.tag][1](tree, element)
