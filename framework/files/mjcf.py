@@ -36,7 +36,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import is_ball, positions_beyond_limits
 from framework.model.description import Closure, locked_axes
 from framework.model.loop_rows import loop_rows
-from framework.model.urdf_writing import AXIS, vector_text
+from framework.model.urdf_edits import AXIS, vector_text
 from framework.numerics.arrays import Array
 
 MIN_MASS, MIN_INERTIA = 1e-9, 1e-12  # [kg], [kg m^2] of bodies without; MuJoCo refuses less than 1e-15
@@ -85,7 +85,7 @@ def mjcf_text(robot: ParallelRobot, *, hinges: bool = False) -> str:
 
 
 def qpos_of(model: pin.Model, q: Array, *, hinges: bool = False) -> Array:
-    """Return q (nq,) in the order of MuJoCo: the real part of balls first, or their three hinges at zero."""
+    """Return q (nq,) in the order of MuJoCo, balls by real part first or hinges at zero."""
     parts = []
     for joint in list(model.joints)[1:]:
         part = q[joint.idx_q : joint.idx_q + joint.nq]
@@ -101,7 +101,7 @@ def ranges_left_out(robot: ParallelRobot) -> tuple[str, ...]:
 
 
 def _add_motors(robot: ParallelRobot, root: ElementTree.Element) -> None:
-    """Add an actuator for each motor; its control is the torque [N m] on the motor side."""
+    """Add an actuator for each motor, whose control is the torque [N m], motor side."""
     actuator = ElementTree.SubElement(root, "actuator")
     speeds = ElementTree.Element("custom")
     for motor in robot.description.actuators:
@@ -123,8 +123,8 @@ def _body(
     """Return the body behind joint j, in that of its parent."""
     model, inertia = robot.model, robot.model.inertias[j]
     is_split = hinges and is_ball(model.joints[j])
-    place = _placement_attributes(data.liMi[j] if is_split else model.jointPlacements[j])
-    body = ElementTree.SubElement(parent, "body", {"name": f"{model.names[j]}_body"} | place)
+    attributes = _placement_attributes(data.liMi[j] if is_split else model.jointPlacements[j])
+    body = ElementTree.SubElement(parent, "body", {"name": f"{model.names[j]}_body"} | attributes)
     _add_joints(robot, body, np.asarray(data.joints[j].S), j, is_split=is_split)
     moments = _correct_inertia(inertia.inertia)
     ElementTree.SubElement(
@@ -220,7 +220,7 @@ def _add_loops(robot: ParallelRobot, root: ElementTree.Element, bodies: list[Ele
 def _add_site(
     robot: ParallelRobot, bodies: list[ElementTree.Element], name: str, frame: int, offset: Array
 ) -> None:
-    """Add a site at an offset (3,) [m] from a frame, given by its index, to the frame's body."""
+    """Add a site at an offset (3,) [m] from the frame of an index."""
     origin = robot.model.frames[frame]
     placement = _placement_attributes(origin.placement * pin.SE3(np.eye(3), offset))
     ElementTree.SubElement(bodies[origin.parentJoint], "site", {"name": name} | placement)

@@ -17,9 +17,9 @@ import numpy as np
 from framework.errors import check_choice
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import AXES, RobotDescription, Spring
+from framework.model.documents import origin_of
 from framework.model.placement import about, placement
-from framework.model.urdf_writing import joint_element, origin_element
-from framework.model.xml_reading import origin_of
+from framework.model.urdf_edits import ChainJoint, joint_element, origin_element
 from framework.numerics.arrays import Array, ReadOnlyArrays
 
 ERRORS = "errors"  # end of the name of a virtual joint
@@ -112,11 +112,12 @@ def _split(urdf: ElementTree.Element, joint: ElementTree.Element) -> str:
     link = f"{name}_link"
     ElementTree.SubElement(urdf, "link", name=link)
     parent, origin = joint.find("parent"), joint.find("origin")
-    fixed = joint_element(name, "fixed", _end(joint, "parent"), link, origin=origin)
+    fixed = joint_element(ChainJoint(name, "fixed"), _end(joint, "parent"), link)
     if parent is not None:
         parent.set("link", link)
     if origin is not None:
         joint.remove(origin)
+        fixed.append(origin)
     urdf.append(fixed)
     return name
 

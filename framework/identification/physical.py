@@ -25,8 +25,8 @@ from framework.identification.torque_parameters import LENGTH_POWERS, OF_MOTORS,
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import link_axes
 from framework.model.description import JointDynamics, RobotDescription
-from framework.model.urdf_writing import inertial_element, remove_children
-from framework.model.xml_reading import attribute, child_element, origin_of
+from framework.model.documents import attribute, child_element, origin_of, remove_children
+from framework.model.urdf_edits import inertial_element
 from framework.numerics.arrays import Array
 from framework.numerics.cone_program import Affine, LinearMatrix, Unsolved, semidefinite_least_squares
 

@@ -9,17 +9,14 @@ The records
 The robot file (YAML)
     robot_file          read a robot file and its URDF
     robot_keys          the keys of a robot file, one table a mapping
-    fields              typed values out of a mapping
     parameters          named parameters, `${...}`
     robot_file_writer   write a description
 
 The URDF
-    urdf_elements       where it is; its joints and links, read and checked
-    inertia             which inertia a body can have
-    urdf_edits          changes by a robot file, by springs, and for pinocchio's parser
+    urdf_elements       where it is; its joints, links and inertias, read and checked
+    urdf_edits          its elements, written; changes by a robot file, by springs, and for pinocchio
     visuals             the solids that it shows
-    urdf_writing        write its elements
-    documents, xml_reading  XML and YAML within limits; attributes of an element
+    documents           XML and YAML within limits; attributes of an element
 
 Springs
     beams               stiffness of a link from its section and material

@@ -29,10 +29,10 @@ import numpy as np
 
 from framework.errors import InvalidInput, check_name, finite_numbers, point
 from framework.model.description import AXES, Spring
+from framework.model.documents import origin_of
 from framework.model.placement import inverse, placement
 from framework.model.robot_file_writer import record_entry as spring_entry
-from framework.model.urdf_writing import joint_element, origin_element
-from framework.model.xml_reading import origin_of
+from framework.model.urdf_edits import ChainJoint, joint_element, origin_element
 from framework.numerics.arrays import Array, ArrayLike
 from framework.numerics.fields import check_distinct
 from framework.tolerances import BEAM_NEAR_MINUS_X, FILE_ROUNDING
@@ -104,7 +104,7 @@ class Section:
 
 
 class SplitBeam(NamedTuple):
-    """A URDF with a fixed joint `middle` halfway to a link's tip, x along the beam of this `length` [m]."""
+    """A URDF with a fixed joint `middle` halfway along a beam of `length` [m]."""
 
     urdf_text: str
     middle: str
@@ -192,8 +192,8 @@ def split_beam(urdf_text: str, tip: str, *, y: ArrayLike | None = None) -> Split
         raise InvalidInput(f"tip: joint {tip!r} has no length")
     half = placement(_section_axes(span / length, y), 0.5 * span)
     root.append(ElementTree.Element("link", name=f"{middle}_link"))
-    near = parent.get("link", "")
-    root.append(joint_element(middle, "fixed", near, f"{middle}_link", origin=origin_element(half)))
+    parent_link = parent.get("link", "")
+    root.append(joint_element(ChainJoint(middle, "fixed", half), parent_link, f"{middle}_link"))
     parent.set("link", f"{middle}_link")
     if origin is not None:
         joint.remove(origin)
@@ -212,9 +212,9 @@ def _section_axes(along: Array, y: ArrayLike | None) -> Array:
         middle = along + np.eye(3)[0]  # the least turn is a half turn about it, after one about x
         across = np.eye(3)[1] - along[1] / (1.0 + along[0]) * middle
     else:
-        given = finite_numbers("y", y, 3)
-        across = given - (given @ along) * along
-        if not np.linalg.norm(across) > FILE_ROUNDING * np.linalg.norm(given):
+        width = finite_numbers("y", y, 3)
+        across = width - (width @ along) * along
+        if not np.linalg.norm(across) > FILE_ROUNDING * np.linalg.norm(width):
             raise InvalidInput(f"y: needs a direction across the beam, which runs along {point(along)}")
     across = across / np.linalg.norm(across)
     return np.column_stack([along, across, np.cross(along, across)])
@@ -227,12 +227,4 @@ def _positive(**values: float) -> None:
             raise InvalidInput(f"{name}: must be a finite number greater than zero, got {value!r}")
 
 
-__all__ = [
-    "Material",
-    "Section",
-    "SplitBeam",
-    "beam_spring",
-    "beam_stiffness",
-    "split_beam",
-    "spring_entry",
-]
+__all__ = ["Material", "Section", "SplitBeam", "beam_spring", "beam_stiffness", "split_beam", "spring_entry"]

@@ -97,10 +97,10 @@ class Closure:
     length: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse rows that need a length without one, a length without such rows, and unknown rows."""
-        known = {row for rows in _LOCKED.values() for row in rows}
+        """Refuse unknown rows, and a length missing or in excess."""
+        valid = {row for rows in _LOCKED.values() for row in rows}
         for row in self.axes:
-            check_name(f"closure {self.name}", "axis", row, known)
+            check_name(f"closure {self.name}", "axis", row, valid)
         if (set(self.axes) <= set(AXES)) != (self.length is None):
             raise RobotFileError(
                 f"closure {self.name}: a length goes with rows such as distance, and with no others, "
@@ -192,13 +192,13 @@ class Coupling:
 
 def locked_by_couplings(couplings: Iterable[Coupling], locked: Mapping[str, float]) -> dict[str, float]:
     """Return the joints that couplings lock with `locked` ones, and their values [rad, m]."""
-    more = {}
+    further = {}
     for coupling in couplings:
         if coupling.of in locked and coupling.joint not in locked:
-            more[coupling.joint] = coupling.ratio * locked[coupling.of] + coupling.offset
+            further[coupling.joint] = coupling.ratio * locked[coupling.of] + coupling.offset
         elif coupling.joint in locked and coupling.of not in locked and coupling.ratio:
-            more[coupling.of] = (locked[coupling.joint] - coupling.offset) / coupling.ratio
-    return more
+            further[coupling.of] = (locked[coupling.joint] - coupling.offset) / coupling.ratio
+    return further
 
 
 @dataclass(frozen=True)
@@ -258,7 +258,7 @@ class RobotDescription:
         return tuple(actuator.joint for actuator in self.actuators)
 
     def least_flexibility(self, flexibility: str) -> str:
-        """Return the least flexibility with the springs of this one: rigid for a robot without springs.
+        """Return the least flexibility with the springs of this one.
 
         Raises:
             InvalidInput: unknown flexibility.

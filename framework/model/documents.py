@@ -1,22 +1,31 @@
-"""XML and YAML texts of strangers, parsed within limits."""
+"""XML and YAML texts of strangers, parsed within limits; attributes and children of an XML element.
+
+`where` names the element in messages.
+"""
 
 from __future__ import annotations
 
+import math
 import re
 import reprlib
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Hashable, Iterator
+from collections.abc import Collection, Hashable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 from yaml.composer import Composer
 from yaml.constructor import SafeConstructor
 from yaml.cyaml import CParser  # type: ignore[attr-defined]  # its stub forgets to export it
 from yaml.resolver import Resolver
 
-from framework.errors import InvalidInput, MissingPackage, RobotFileError
+from framework.errors import InvalidInput, MissingPackage, RobotFileError, check_name, nearest, short
+from framework.model.description import SMALLEST_LENGTH
+from framework.model.placement import from_rpy, placement
+from framework.numerics.arrays import Array
+from framework.numerics.fields import LARGEST_NUMBER
 
 LEADING_BLANKS = "\ufeff \t\r\n"  # may stand before the first element
 MAX_XML_ELEMENTS = 200_000
@@ -157,15 +166,110 @@ def _too_many() -> RobotFileError:
     return RobotFileError(f"aliases: more than {MAX_YAML_VALUES} values when written out, or endless")
 
 
-def _size(node: yaml.Node, known: dict[int, int]) -> int:
-    """Count the values of a node with its aliases written out; an alias of itself counts as too many."""
-    if id(node) in known:
-        return known[id(node)]
-    known[id(node)] = MAX_YAML_VALUES + 1  # for those met again below themselves
+def _size(node: yaml.Node, counted: dict[int, int]) -> int:
+    """Count the values of a node, aliases written out; too many if endless."""
+    if id(node) in counted:
+        return counted[id(node)]
+    counted[id(node)] = MAX_YAML_VALUES + 1  # for those met again below themselves
     total = 1
     if isinstance(node, yaml.SequenceNode):
-        total += sum(_size(child, known) for child in node.value)
+        total += sum(_size(child, counted) for child in node.value)
     elif isinstance(node, yaml.MappingNode):
-        total += sum(_size(child, known) for pair in node.value for child in pair)
-    known[id(node)] = total
+        total += sum(_size(child, counted) for pair in node.value for child in pair)
+    counted[id(node)] = total
     return total
+
+
+# ------------------------------------------------------------------ elements of XML
+
+
+def numbers(
+    where: str, text: str | None, count: int, *, largest: float = LARGEST_NUMBER
+) -> tuple[float, ...]:
+    """Parse `count` finite numbers of an attribute.
+
+    Raises:
+        RobotFileError: another count, or one that is no finite number or larger than `largest`.
+    """
+    try:
+        values = tuple(map(float, (text or "").split()))
+    except ValueError:
+        values = (math.nan,)
+    problem = ""
+    if not all(map(math.isfinite, values)):
+        problem = "needs finite numbers"
+    elif max(map(abs, values), default=0.0) > largest:
+        problem = f"must be at most {largest:g} in size"
+    elif len(values) != count:
+        problem = f"needs {count} number{'s' * (count != 1)}"
+    if problem:
+        raise RobotFileError(f"{where}: {problem}, got {short(text)}")
+    return values
+
+
+def number_of(element: ElementTree.Element, where: str, key: str, default: str | None = None) -> float:
+    """Return the number of an attribute, a required one without `default`.
+
+    Raises:
+        RobotFileError: as `attribute` and `numbers` do.
+    """
+    text = attribute(element, where, key) if default is None else element.get(key, default)
+    return numbers(where if key == "value" else f"{where} {key}", text, 1)[0]
+
+
+def only(
+    element: ElementTree.Element, where: str, children: Collection[str], attributes: Collection[str]
+) -> None:
+    """Refuse unknown and repeated children, and mistyped attributes; other programs may have their own."""
+    tags = [child.tag for child in element]
+    for tag in tags:
+        check_name(where, "element", tag, children)
+        if tags.count(tag) > 1:
+            raise RobotFileError(f"{where}: duplicate <{tag}>")
+    for attribute in element.attrib:
+        if nearest(attribute, attributes):
+            check_name(where, "attribute", attribute, attributes)
+
+
+def child_element(element: ElementTree.Element, where: str, tag: str) -> ElementTree.Element:
+    """Return the child with this tag; raise RobotFileError if missing."""
+    child = element.find(tag)
+    if child is None:
+        given = ", ".join(f"<{child.tag}>" for child in element) or "nothing"
+        raise RobotFileError(f"{where}: <{tag}> is missing (given: {given})")
+    return child
+
+
+def attribute(element: ElementTree.Element, where: str, key: str) -> str:
+    """Return an attribute; raise RobotFileError if missing or empty."""
+    value = element.get(key)
+    if not value:
+        given = ", ".join(element.attrib) or "nothing"
+        raise RobotFileError(f"{where}: attribute {key!r} is missing or empty (given: {given})")
+    return value
+
+
+def remove_children(element: ElementTree.Element, *tags: str) -> None:
+    """Remove all children with some tags."""
+    for tag in tags:
+        for child in element.findall(tag):
+            element.remove(child)
+
+
+def origin_of(element: ElementTree.Element | None, where: str) -> Array:
+    """Return the placement (4, 4) of an `<origin xyz rpy>`; the identity without one."""
+    if element is None:
+        return np.eye(4)
+    only(element, where, (), ("xyz", "rpy"))
+    xyz = numbers(f"{where} xyz", element.get("xyz", "0 0 0"), 3)
+    rpy = numbers(f"{where} rpy", element.get("rpy", "0 0 0"), 3)
+    return placement(from_rpy(rpy) if any(rpy) else None, xyz)
+
+
+def axis_of(element: ElementTree.Element, where: str) -> Array:
+    """Return the direction of an `<axis xyz>`, which must not be zero."""
+    only(element, where, (), ("xyz",))
+    axis = np.array(numbers(f"{where} xyz", attribute(element, where, "xyz"), 3))
+    if np.abs(axis).max() < SMALLEST_LENGTH:
+        raise RobotFileError(f"{where}: the axis is zero")
+    return axis

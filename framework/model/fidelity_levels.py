@@ -6,8 +6,8 @@ import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass, replace
 
 from framework.model.description import RobotDescription
-from framework.model.urdf_elements import check_urdf
-from framework.model.urdf_writing import remove_children
+from framework.model.documents import remove_children
+from framework.model.urdf_elements import read_tree
 
 BODIES = ("none", "payload", "all")
 
@@ -63,20 +63,20 @@ def with_bodies(description: RobotDescription, bodies: str) -> RobotDescription:
     if bodies == BODIES[-1]:
         return description
     root = ElementTree.fromstring(description.urdf_text)
-    kept = _payload(description, root) if bodies == "payload" else frozenset[str]()
+    payload = _payload(description, root) if bodies == "payload" else frozenset[str]()
     for link in root.findall("link"):
-        if link.get("name") not in kept:
+        if link.get("name") not in payload:
             remove_children(link, "inertial")
     return replace(
         description,
         urdf_text=ElementTree.tostring(root, encoding="unicode"),
-        joints=description.joints if kept else {},
+        joints=description.joints if payload else {},
     )
 
 
 def _payload(description: RobotDescription, root: ElementTree.Element) -> frozenset[str]:
     """Return names of the links whose inertia is the payload's."""
-    platform, urdf = description.platform.frame, check_urdf(description.file, root)
+    platform, urdf = description.platform.frame, read_tree(root)
     (link,) = (link for link in root.findall("link") if link.get("name") == platform)
     mass = link.find("inertial/mass")
     if mass is not None and float(mass.get("value", "0")) > 0:

@@ -75,7 +75,7 @@ class FrameWrench(ReadOnlyArrays):
 
     @staticmethod
     def of(frame: str, given: Any, where: str = "wrenches") -> FrameWrench:
-        """Return the wrench in 6 numbers, in a table, or in {wrench: either, axes: base or tool}.
+        """Return the wrench in 6 numbers, a table, or {wrench: ..., axes: base or tool}.
 
         `where` names the mapping that it stands in.
 
@@ -86,17 +86,11 @@ class FrameWrench(ReadOnlyArrays):
         if isinstance(given, Mapping):
             values = read_table(name, dict(given), _TABLE)
             given, axes = values["wrench"], values["axes"]
-        if not _is_table(given):
+        is_list = isinstance(given, list | tuple | np.ndarray) and np.iterable(given)
+        if not (is_list and any(map(np.iterable, given))):
             return FrameWrench(frame, finite_numbers(name, given, 6), axes)
         rows = finite_numbers(f"{name}: each row of the table (s, force, moment)", given, 7, stacks=True)
         s = rows[:, 0]
         if len(s) < 2 or np.any(np.diff(s) <= 0) or s[0] != 0.0 or s[-1] != 1.0:
             raise InvalidInput(f"{name}: s of the rows must ascend from 0 to 1, got {short(s.tolist())}")
         return FrameWrench(frame, rows, axes)
-
-
-def _is_table(values: Any) -> bool:
-    """Whether this is a list of rows, right or wrong."""
-    if isinstance(values, np.ndarray):
-        return values.ndim > 1
-    return isinstance(values, list | tuple) and any(np.iterable(row) for row in values)

@@ -149,7 +149,7 @@ class CoupledJoints(NamedTuple):
 def loop_rows(
     closures: Sequence[Closure], frames: Sequence[str], couplings: Sequence[CoupledJoints] = ()
 ) -> LoopRows:
-    """Make one row for each locked axis of each closure, and one a coupling; `frames` are the mechanism's."""
+    """Make one row for each locked axis, and one a coupling, on a mechanism's frames."""
     table = [
         (f"{closure.name}.{axis}", *map(frames.index, closure.frames), *_axis_entries(closure, axis))
         for closure in closures
@@ -176,7 +176,7 @@ def _axis_entries(closure: Closure, axis: str) -> tuple[Any, ...]:
 
 
 def _perpendicular_pair(locked_axis: int, locked: set[int]) -> tuple[int, int, float]:
-    """Return the axes of first and second frame to keep perpendicular, and the sign, to lock a rotation.
+    """Return the axes of both frames whose product locks a rotation, and its sign.
 
     With i, j, k cyclic, R = 1 + [phi]x gives x_j . (R x_k) = -phi_i and x_k . (R x_j) = +phi_i.
     """

@@ -38,7 +38,7 @@ _FUNCTIONS: Mapping[str, Callable[..., float]] = {
 
 
 def declared_parameters(text: str) -> dict[str, list[float]]:
-    """Return the values of each parameter that the text of a robot file declares, its own first.
+    """Return the declared values of each parameter of a robot file, its own first.
 
     Raises:
         RobotFileError: `parameters` is no mapping of names to numbers or lists of numbers.
@@ -46,12 +46,12 @@ def declared_parameters(text: str) -> dict[str, list[float]]:
     if "parameters" not in text:
         return {}
     content = parse_yaml(PLACEHOLDER.sub("0", text))
-    given = content.get("parameters") if isinstance(content, dict) else None
-    if given is None:
+    declared = content.get("parameters") if isinstance(content, dict) else None
+    if declared is None:
         return {}
-    if not isinstance(given, dict):
-        raise RobotFileError(f"parameters: needs a mapping of names to values, got {short(given)}")
-    return {_name(name): _values(name, values) for name, values in given.items()}
+    if not isinstance(declared, dict):
+        raise RobotFileError(f"parameters: needs a mapping of names to values, got {short(declared)}")
+    return {_name(name): _values(name, values) for name, values in declared.items()}
 
 
 def with_parameters(text: str, given: Mapping[str, float] | None = None) -> tuple[str, dict[str, float]]:
@@ -78,7 +78,7 @@ def fill_placeholders(text: str, values: Mapping[str, float]) -> str:
     Raises:
         RobotFileError: one is no arithmetic with these parameters, or has no finite value.
     """
-    return PLACEHOLDER.sub(lambda found: repr(_evaluate(found[1], values)), text) if "${" in text else text
+    return PLACEHOLDER.sub(lambda match: repr(_evaluate(match[1], values)), text) if "${" in text else text
 
 
 def _name(name: Any) -> str:
@@ -103,33 +103,33 @@ def _values(name: str, given: Any) -> list[float]:
 
 def _evaluate(expression: str, values: Mapping[str, float]) -> float:
     """Compute the value of an expression; refuse text too long, no arithmetic, or not finite."""
-    place = f"${{{expression[:60]}}}"
+    where = f"${{{expression[:60]}}}"
     if len(expression) > MAX_EXPRESSION_CHARACTERS:
-        raise RobotFileError(f"{place}: more than {MAX_EXPRESSION_CHARACTERS} letters")
+        raise RobotFileError(f"{where}: more than {MAX_EXPRESSION_CHARACTERS} letters")
     try:
-        number = float(_value(ast.parse(expression.strip(), mode="eval").body, values, place))
+        number = float(_value(ast.parse(expression.strip(), mode="eval").body, values, where))
     except (SyntaxError, ValueError, ArithmeticError, TypeError, RecursionError, MemoryError) as error:
         if isinstance(error, RobotFileError):
             raise
-        raise RobotFileError(f"{place}: not arithmetic with a finite value: {error}") from None
+        raise RobotFileError(f"{where}: not arithmetic with a finite value: {error}") from None
     if not math.isfinite(number):
-        raise RobotFileError(f"{place}: not finite")
+        raise RobotFileError(f"{where}: not finite")
     return number
 
 
-def _value(node: ast.expr, values: Mapping[str, float], place: str) -> float:
+def _value(node: ast.expr, values: Mapping[str, float], where: str) -> float:
     """Compute the value of a node of the syntax tree; refuse all but arithmetic."""
     if isinstance(node, ast.Constant) and type(node.value) in (int, float):
         return float(node.value)  # type: ignore[arg-type]  # a number, and no truth value
     if isinstance(node, ast.Name):
         if node.id == "pi":
             return math.pi
-        check_name(place, "parameter", node.id, values)
+        check_name(where, "parameter", node.id, values)
         return values[node.id]
     if isinstance(node, ast.BinOp | ast.UnaryOp) and type(node.op) in _OPERATORS:
         parts = (node.left, node.right) if isinstance(node, ast.BinOp) else (node.operand,)
-        return _OPERATORS[type(node.op)](*(_value(part, values, place) for part in parts))
+        return _OPERATORS[type(node.op)](*(_value(part, values, where) for part in parts))
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
-        check_name(place, "function", node.func.id, _FUNCTIONS)
-        return _FUNCTIONS[node.func.id](*(_value(part, values, place) for part in node.args))
-    raise RobotFileError(f"{place}: only numbers, parameters, + - * / **, parentheses and functions")
+        check_name(where, "function", node.func.id, _FUNCTIONS)
+        return _FUNCTIONS[node.func.id](*(_value(part, values, where) for part in node.args))
+    raise RobotFileError(f"{where}: only numbers, parameters, + - * / **, parentheses and functions")

@@ -29,7 +29,7 @@ def inverse(matrix: Array) -> Array:
 
 
 def about(axis: Sequence[float] | Array, angle: float) -> Array:
-    """Return the rotation matrix of a turn about an axis (Rodrigues); the axis needs no unit length."""
+    """Return the rotation matrix (3, 3) of a turn about an axis of any length (Rodrigues)."""
     x, y, z = np.asarray(axis, dtype=float) / np.linalg.norm(axis)
     skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return np.asarray(np.eye(3) + math.sin(angle) * skew + (1.0 - math.cos(angle)) * skew @ skew)
@@ -59,7 +59,7 @@ def from_quaternion(w: float, x: float, y: float, z: float) -> Array:
 
 
 def turning(name: str, axis: Sequence[float] | Array) -> Array:
-    """Return a rotation matrix whose column `name` (x, y or z) is the axis; exact for axes of the frame."""
+    """Return a rotation matrix (3, 3) whose column `name` (x, y, z) is the axis."""
     first = "xyz".index(name)
     main = np.asarray(axis, dtype=float) / np.linalg.norm(axis)
     if main[first] == 1.0:

@@ -1,7 +1,6 @@
 """Read a robot file (YAML beside its URDF) into frozen records, strictly.
 
-A table says for each mapping which keys it has and how each is read. Every complaint names the file and the
-key, says what was given and what is valid.
+Every complaint names the file and the key, says what was given and what is valid.
 """
 
 from __future__ import annotations
@@ -11,44 +10,23 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from framework.errors import RobotFileError, check_unique
 from framework.model.description import ParsedRobot, RobotDescription, Spring, locked_by_couplings
 from framework.model.documents import LEADING_BLANKS, naming, parse_xml, parse_yaml
-from framework.model.inertia import check_inertia
 from framework.model.parameters import fill_placeholders, with_parameters
-from framework.model.robot_keys import joint_dynamics, robot_table
+from framework.model.placement import from_rpy, placement
+from framework.model.robot_keys import TREE, frame_on_link, joint_dynamics, robot_table
 from framework.model.urdf_edits import add_frame, free_root, lock_joints, virtual_link
 from framework.model.urdf_elements import (
     MOVING,
     Tree,
-    check_urdf,
     declared_couplings,
     declared_dynamics,
     locate_urdf,
+    read_tree,
 )
-from framework.numerics.fields import (
-    Reader,
-    Table,
-    anything,
-    entries,
-    integer,
-    list_of,
-    mapping,
-    mapping_of,
-    number,
-    one_of,
-    optional,
-    positive,
-    read_table,
-    required,
-    text,
-    vector3,
-)
+from framework.numerics.fields import list_of, read_table
 from framework.numerics.input import read_text
-
-VERSION = 1
 
 
 def read_robot_file(file: str | Path) -> RobotDescription:
@@ -71,28 +49,24 @@ def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> Pa
     Raises:
         RobotFileError: as `read_robot_file`, without the name of the file.
     """
-    tree = read_table("", content, _TREE, others=None)
+    tree = read_table("", content, TREE, others=None)
     urdf_text, root, urdf = _urdf(path.parent, tree, parameters)
     locked = tree["locked"]
     with naming(f"urdf: {tree['urdf']}"):
         mimicked = declared_couplings(root, locked)
     table = robot_table(urdf, is_coupled="couplings" in content or bool(mimicked), locked=tuple(locked))
-    robot = read_table("", content, table, others=_TREE)
+    robot = read_table("", content, table, others=TREE)
     coupled = [coupling.joint for coupling in robot["couplings"]]
     robot["couplings"] += tuple(coupling for coupling in mimicked if coupling.joint not in coupled)
     if further := locked_by_couplings(robot["couplings"], locked):
         return parse_robot(path, {**content, "locked": {**locked, **further}}, parameters)
+    _merge_joint_springs(robot)
     _drop_locked(robot, locked)
-    springs, joints = robot.pop("springs"), robot.pop("joints")
-    for spring in springs:
-        if not isinstance(spring, Spring):
-            _add_spring(joints, **spring)
     description = RobotDescription(
         name=path.stem,
         file=path,
         urdf_text=urdf_text,
-        springs=tuple(spring for spring in springs if isinstance(spring, Spring)),
-        joints=joint_dynamics(declared_dynamics(root), joints),
+        joints=joint_dynamics(declared_dynamics(root), robot.pop("joints")),
         parameters=dict(parameters),
         **robot,
     )
@@ -101,54 +75,29 @@ def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> Pa
     return ParsedRobot(description, root)
 
 
+def _merge_joint_springs(robot: dict[str, Any]) -> None:
+    """Move springs on URDF joints into the entries of `joints`."""
+    for spring in robot["springs"]:
+        if isinstance(spring, Spring):
+            continue
+        entry = robot["joints"].setdefault(spring["joint"], {})
+        if "stiffness" in entry or "rest" in entry:
+            raise RobotFileError(
+                f"springs: joint {spring['joint']!r} has two springs of its own; add them up"
+            )
+        entry.update(stiffness=spring["stiffness"], rest=spring["rest"])
+    robot["springs"] = tuple(spring for spring in robot["springs"] if isinstance(spring, Spring))
+
+
 def _drop_locked(robot: dict[str, Any], locked: Mapping[str, float]) -> None:
     """Drop couplings, springs and numbers of locked joints from the values of the keys."""
     robot["couplings"] = tuple(coupling for coupling in robot["couplings"] if coupling.joint not in locked)
-    robot["springs"] = tuple(spring for spring in robot["springs"] if not _is_locked(spring, locked))
+    robot["springs"] = tuple(s for s in robot["springs"] if s.motion or s.after not in locked)
     for key in ("reference", "joints"):
         robot[key] = {name: value for name, value in robot[key].items() if name not in locked}
 
 
-def _is_locked(spring: Spring | Mapping[str, Any], locked: Mapping[str, float]) -> bool:
-    """Whether a spring is along the motion of a locked joint."""
-    if isinstance(spring, Spring):
-        return spring.after in locked and not spring.motion
-    return spring["joint"] in locked
-
-
-def _add_spring(
-    joints: dict[str, dict[str, float]], name: str, joint: str, stiffness: float, rest: float
-) -> None:
-    """Put a spring on a real joint into the entry of the joint.
-
-    Raises:
-        RobotFileError: the joint has a spring already.
-    """
-    entry = joints.setdefault(joint, {})
-    if "stiffness" in entry or "rest" in entry:
-        raise RobotFileError(f"springs: joint {joint!r} has two springs of its own; add them up")
-    entry.update(stiffness=stiffness, rest=rest)
-
-
 # ------------------------------------------------------------------ the tree
-
-
-def _version(where: str, given: Any) -> int:
-    """Read the version of a robot file; refuse all but `VERSION`."""
-    version = integer(where, given)
-    if version != VERSION:
-        raise RobotFileError(f"{where}: got {version}, this program reads version {VERSION}")
-    return version
-
-
-_TREE: Table = {
-    "version": required(_version),
-    "urdf": required(text),
-    "parameters": optional(anything, {}),  # read before the file is, see `parameters`
-    "locked": optional(mapping_of(number), {}),
-    "root": optional(one_of("root", ("fixed", "free")), "fixed"),
-    "frames": optional(entries(anything), ()),
-}
 
 
 def _urdf(
@@ -160,50 +109,23 @@ def _urdf(
     with naming(f"urdf: {path}"):
         text = fill_placeholders(text, parameters)
         root = parse_xml(text)
-    urdf, is_free = check_urdf(path, root), tree["root"] == "free"
-    if not (tree["locked"] or is_free or tree["frames"]):
+        urdf = read_tree(root)
+    if not (tree["locked"] or tree["root"] == "free" or tree["frames"]):
         return text, root, urdf
     lock_joints(root, tree["locked"])
-    if is_free:
+    if tree["root"] == "free":
         free_root(root)
-    read_frames = list_of(_added_frame(check_urdf(path, root)))
-    for frame in read_frames("frames", list(tree["frames"])):
-        add_frame(root, **frame)
-    return ElementTree.tostring(root, encoding="unicode"), root, check_urdf(path, root)
-
-
-def _added_frame(urdf: Tree) -> Reader[dict[str, Any]]:
-    """Return a reader of a frame on a link, with a body of mass [kg] and inertia if stated."""
-    table = {
-        "name": required(text),
-        "parent": required(one_of("link", urdf.links)),
-        "xyz": optional(vector3, (0.0, 0.0, 0.0)),
-        "rpy": optional(vector3, (0.0, 0.0, 0.0)),
-    }
-    body = {"mass": required(positive), "inertia": optional(_moments, (0.0, 0.0, 0.0))}
-
-    def read(where: str, given: Any) -> dict[str, Any]:
-        """Read a frame; a body's inertia needs its mass."""
-        content = mapping(where, given)
-        if "inertia" in content and "mass" not in content:
-            raise RobotFileError(f"{where}.inertia: needs a mass beside it")
-        return read_table(where, given, table | body if "mass" in content else table)
-
-    return read
-
-
-def _moments(where: str, given: Any) -> tuple[float, float, float]:
-    """Read principal moments of inertia (3,) [kg m^2] that a body can have."""
-    moments = vector3(where, given)
-    check_inertia(where, np.diag(moments))
-    return moments
+    for frame in list_of(frame_on_link(read_tree(root)))("frames", tree["frames"]):
+        origin = placement(from_rpy(frame.pop("rpy")), frame.pop("xyz"))
+        add_frame(root, origin=origin, **frame)
+    return ElementTree.tostring(root, encoding="unicode"), root, read_tree(root)
 
 
 # ------------------------------------------------------------------ what the keys say together
 
 
 def _check_scenes(description: RobotDescription) -> None:
-    """Check that a point of a path has one number for each coordinate of the platform."""
+    """Check the number of coordinates of each point of a path."""
     axes = description.platform.names
     for name, scene in description.scenes.items():
         for i, point in enumerate(scene.points):
@@ -215,7 +137,7 @@ def _check_scenes(description: RobotDescription) -> None:
 
 
 def _check_names(description: RobotDescription, urdf: Tree) -> None:
-    """Check that names are unique, and that no virtual joint takes a name of the URDF."""
+    """Check that names are unique, also among virtual joints and the URDF's."""
     groups = {
         "actuators": description.motor_joints,
         "closures": [closure.name for closure in description.closures],

@@ -12,15 +12,9 @@ from typing import Any
 import yaml
 
 from framework.errors import OutputError, RobotFileError
-from framework.model.description import (
-    Closure,
-    JointDynamics,
-    RobotDescription,
-    Scene,
-    locked_axes,
-    measured_kinds,
-)
-from framework.model.robot_file import VERSION, read_robot_file
+from framework.model.description import Closure, RobotDescription, Scene, locked_axes, measured_kinds
+from framework.model.robot_file import read_robot_file
+from framework.model.robot_keys import VERSION
 from framework.model.urdf_elements import read_tree
 from framework.numerics.output import written_together
 
@@ -59,7 +53,7 @@ def write_robot_file(
 
 
 def record_entry(record: Any) -> dict[str, Any]:
-    """Return the entry of a record in a robot file: its fields that are not empty or zero."""
+    """Return a record as entry of a robot file, without empty and zero fields."""
     return {
         key: list(value) if isinstance(value, tuple) else value
         for key, value in asdict(record).items()
@@ -89,21 +83,18 @@ def robot_document(description: RobotDescription) -> dict[str, Any]:
 
 
 def _joints(description: RobotDescription) -> dict[str, dict[str, float]]:
-    """Return the entry `joints`: springs, damping, friction; a ball is one joint if its axes are alike."""
-    written = {name: _joint(joint) for name, joint in description.joints.items()}
+    """Return the entry `joints`, a ball as one joint if its axes are alike."""
+    written = dict(description.joints)
     for name, joint in read_tree(ElementTree.fromstring(description.urdf_text)).joints.items():
-        names = joint.coordinates
-        values = [description.joints.get(coordinate) for coordinate in names]
-        if len(names) > 1 and values[0] is not None and all(value == values[0] for value in values):
-            written = {key: value for key, value in written.items() if key not in names}
-            written[name] = _joint(values[0])
-    return written
-
-
-def _joint(joint: JointDynamics) -> dict[str, float]:
-    """Return the numbers of a joint that are not zero or may override the URDF."""
-    keys = ("damping", "friction")
-    return {key: value for key, value in asdict(joint).items() if value or key in keys}
+        values = [written.get(coordinate) for coordinate in joint.coordinates]
+        if len(values) > 1 and values[0] is not None and all(value == values[0] for value in values):
+            written = {key: value for key, value in written.items() if key not in joint.coordinates}
+            written[name] = values[0]
+    overriding = ("damping", "friction")  # zeros of these override the URDF
+    return {
+        name: {key: value for key, value in asdict(joint).items() if value or key in overriding}
+        for name, joint in written.items()
+    }
 
 
 def _closure(closure: Closure) -> dict[str, Any]:
@@ -118,18 +109,17 @@ def _closure(closure: Closure) -> dict[str, Any]:
 
 def _scene(scene: Scene) -> dict[str, Any]:
     """Return the entry of a scene: its path and stated options."""
-    entry: dict[str, Any] = {
-        scene.kind: [list(point) for point in scene.points],
-        **{key: getattr(scene, key) for key in ("blend", "duration", "optimize") if getattr(scene, key)},
-    }
-    for key in ("times", "speeds", "at"):
-        if getattr(scene, key) is not None:
-            entry[key] = list(getattr(scene, key))
+    stated = {key: value for key, value in vars(scene).items() if value is not None}
+    del stated["name"]
+    path = {stated.pop("kind"): [list(point) for point in stated.pop("points")]}
+    for key, value in stated.items():
+        if isinstance(value, tuple):
+            stated[key] = list(value)
     if scene.wrenches is not None:
-        entry["wrenches"] = dict(scene.wrenches)
+        stated["wrenches"] = dict(scene.wrenches)
     if scene.fidelity is not None:
-        entry["fidelity"] = asdict(scene.fidelity)
-    return entry
+        stated["fidelity"] = asdict(scene.fidelity)
+    return path | stated
 
 
 def _yaml_text(description: RobotDescription, comments: Iterable[str] = ()) -> str:

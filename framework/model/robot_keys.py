@@ -1,4 +1,4 @@
-"""The keys of a robot file, below those of its tree: one table for each mapping, key to reader."""
+"""The keys of a robot file: one table for each mapping, key to reader."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
+
+import numpy as np
 
 from framework.errors import InvalidInput, RobotFileError
 from framework.model.description import (
@@ -25,7 +27,7 @@ from framework.model.description import (
 )
 from framework.model.fidelity_levels import LEVELS_BY_NAME
 from framework.model.frame_wrench import FrameWrench
-from framework.model.urdf_elements import SEVERAL, Tree
+from framework.model.urdf_elements import SEVERAL, Tree, check_inertia
 from framework.numerics.fields import (
     Reader,
     Table,
@@ -33,6 +35,7 @@ from framework.numerics.fields import (
     below,
     distinct,
     entries,
+    integer,
     list_of,
     mapping,
     mapping_of,
@@ -49,14 +52,63 @@ from framework.numerics.fields import (
     vector3,
 )
 
+VERSION = 1
 PATH_KINDS = {"line": 2, "arc": 3, "spline": 2, "polyline": 3}  # least number of points
 _OPEN_KINDS = ("spline", "polyline")  # which may have more
 
 
-def robot_table(urdf: Tree, *, is_coupled: bool = False, locked: Sequence[str] = ()) -> Table:
-    """Return the keys of the robot on the tree of this URDF; couplings of joints may be its only loops.
+def _version(where: str, given: Any) -> int:
+    """Read the version of a robot file; refuse all but `VERSION`."""
+    version = integer(where, given)
+    if version != VERSION:
+        raise RobotFileError(f"{where}: got {version}, this program reads version {VERSION}")
+    return version
 
-    `locked` joints are known to all keys that say something of a joint.
+
+TREE: Table = {
+    "version": required(_version),
+    "urdf": required(text),
+    "parameters": optional(anything, {}),  # read before the file is, see `parameters`
+    "locked": optional(mapping_of(number), {}),
+    "root": optional(one_of("root", ("fixed", "free")), "fixed"),
+    "frames": optional(entries(anything), ()),
+}
+
+
+def frame_on_link(urdf: Tree) -> Reader[dict[str, Any]]:
+    """Return a reader of a frame on a link, with a body of mass [kg] and inertia if stated."""
+    table = {
+        "name": required(text),
+        "parent": required(one_of("link", urdf.links)),
+        "xyz": optional(vector3, (0.0, 0.0, 0.0)),
+        "rpy": optional(vector3, (0.0, 0.0, 0.0)),
+        "mass": optional(positive),
+        "inertia": optional(_moments),
+    }
+
+    def make(where: str, values: dict[str, Any]) -> dict[str, Any]:
+        """Return the stated values; a body's inertia needs its mass."""
+        if values["inertia"] is not None and values["mass"] is None:
+            raise RobotFileError(f"{where}.inertia: needs a mass beside it")
+        return {key: value for key, value in values.items() if value is not None}
+
+    return record(table, make)
+
+
+def _moments(where: str, given: Any) -> tuple[float, float, float]:
+    """Read principal moments of inertia (3,) [kg m^2] that a body can have."""
+    moments = vector3(where, given)
+    check_inertia(where, np.diag(moments))
+    return moments
+
+
+# ------------------------------------------------------------------ the robot on its tree
+
+
+def robot_table(urdf: Tree, *, is_coupled: bool = False, locked: Sequence[str] = ()) -> Table:
+    """Return the keys of the robot on the tree of this URDF.
+
+    With `is_coupled` couplings may be the only loops. All keys of joints know `locked` joints.
     """
     movable = [*urdf.movable, *locked]
     coordinates = [*urdf.coordinates, *locked]
@@ -79,21 +131,16 @@ _axes = distinct("axis", AXES)
 
 
 def _frame(urdf: Tree) -> Reader[str]:
-    """Return a reader of frames as links: a joint stands for its child, behind any spring."""
-
-    def read(where: str, given: Any) -> str:
-        return urdf.link_of(one_of("frame", urdf.frames)(where, given))
-
-    return read
+    """Return a reader of a frame as link; a joint stands for its child, behind springs."""
+    return lambda where, given: urdf.link_of(one_of("frame", urdf.frames)(where, given))
 
 
 def _platform(urdf: Tree) -> Reader[Platform]:
-    """Return a reader of a frame with axes, or of joints, whose frame is by default the last one's link."""
+    """Return a reader of a frame with axes, or of joints."""
     on_axes = {"frame": required(_frame(urdf)), "axes": required(_axes)}
     of_joints = {"joints": required(distinct("joint", urdf.movable)), "frame": optional(_frame(urdf))}
 
     def read(where: str, given: Any) -> Platform:
-        """Read a frame with axes, or joints with the frame of the last one."""
         content = mapping(where, given)
         if "joints" not in content:
             return Platform(**read_table(where, given, on_axes))
@@ -131,7 +178,6 @@ def _closure(urdf: Tree) -> Reader[Closure]:
     by_length = {"kind": kind, "length": required(positive)}
 
     def read(where: str, given: Any) -> Closure:
-        """Read a closure by kind and length, by locked axes, or by kind."""
         content = mapping(where, given)
         if ("kind" in content) == ("axes" in content):
             raise RobotFileError(f"{where}: needs either kind or axes, and not both")
@@ -151,7 +197,6 @@ def _pair(urdf: Tree) -> Reader[tuple[str, str]]:
     """Return a reader of two frames of different bodies."""
 
     def read(where: str, given: Any) -> tuple[str, str]:
-        """Read two frames; refuse frames of one rigid body, which leave nothing to close."""
         pair = list_of(_frame(urdf))(where, given)
         if len(pair) != 2 or pair[0] == pair[1]:
             raise RobotFileError(f"{where}: needs two different frames, got {list(pair)}")
@@ -165,7 +210,7 @@ def _pair(urdf: Tree) -> Reader[tuple[str, str]]:
 
 
 def _coupling(movable: Sequence[str]) -> Reader[Coupling]:
-    """Return a reader of a loop equation between two joints of one degree of freedom."""
+    """Return a reader of a coupling of two different joints."""
     table = {
         "joint": required(one_of("joint", movable)),
         "of": required(one_of("joint", movable)),
@@ -174,7 +219,6 @@ def _coupling(movable: Sequence[str]) -> Reader[Coupling]:
     }
 
     def make(where: str, values: dict[str, Any]) -> Coupling:
-        """Return the coupling of two joints; refuse a joint coupled with itself."""
         if values["joint"] == values["of"]:
             raise RobotFileError(f"{below(where, 'of')}: needs another joint than {values['joint']!r}")
         return Coupling(**values)
@@ -182,13 +226,8 @@ def _coupling(movable: Sequence[str]) -> Reader[Coupling]:
     return record(table, make)
 
 
-_JOINT: Table = {
-    "armature": optional(not_negative),
-    "damping": optional(not_negative),
-    "friction": optional(not_negative),
-    "stiffness": optional(not_negative),
-    "rest": optional(number),
-}
+_NOT_NEGATIVE = ("armature", "damping", "friction", "stiffness")
+_JOINT: Table = {"rest": optional(number), **dict.fromkeys(_NOT_NEGATIVE, optional(not_negative))}
 
 
 def _joints(urdf: Tree, names: Sequence[str]) -> Reader[dict[str, dict[str, float]]]:
@@ -200,15 +239,13 @@ def _joints(urdf: Tree, names: Sequence[str]) -> Reader[dict[str, dict[str, floa
 
         An entry under the name of a ball counts for its three coordinates, unless one has its own.
         """
-        read_entries = mapping_of(record(_JOINT, _given_only), one_of("joint", [*names, *whole_joints]))
-        entries = read_entries(where, given)
+        stated = mapping_of(record(_JOINT), one_of("joint", [*names, *whole_joints]))(where, given)
         values: dict[str, dict[str, float]] = {}
         # whole joints first: what is given for one of their coordinates replaces what is given for all
-        for name in sorted(entries, key=lambda name: name not in whole_joints):
-            entry = entries[name]
+        for name in sorted(stated, key=lambda name: name not in whole_joints):
+            entry = {key: value for key, value in stated[name].items() if value is not None}
             coordinates = urdf.joints[name].coordinates if name in whole_joints else (name,)
-            is_part_of_ball = name not in urdf.joints
-            if is_part_of_ball and "armature" in entry:
+            if name not in urdf.joints and "armature" in entry:
                 raise RobotFileError(
                     f"{below(below(where, name), 'armature')}: a ball has one for all directions; give it "
                     f"under the name of the joint"
@@ -218,10 +255,6 @@ def _joints(urdf: Tree, names: Sequence[str]) -> Reader[dict[str, dict[str, floa
         return values
 
     return read
-
-
-def _given_only(_: str, values: dict[str, Any]) -> dict[str, float]:
-    return {key: value for key, value in values.items() if value is not None}
 
 
 def joint_dynamics(
@@ -235,7 +268,7 @@ def joint_dynamics(
 
 
 def _spring(urdf: Tree, movable: Sequence[str]) -> Reader[Spring | dict[str, Any]]:
-    """Return a reader of a spring behind a joint, or of one on a joint of the URDF: its values."""
+    """Return a reader of a virtual spring, or of values of a URDF joint's spring."""
     virtual = {
         "name": required(text),
         "part": required(one_of("part", ("joint", "link"))),
@@ -251,7 +284,6 @@ def _spring(urdf: Tree, movable: Sequence[str]) -> Reader[Spring | dict[str, Any
     }
 
     def read(where: str, given: Any) -> Spring | dict[str, Any]:
-        """Read a spring behind a joint, one stiffness an axis of motion; or the values on a URDF joint."""
         if "joint" in mapping(where, given):
             return read_table(where, given, on_joint)
         spring = Spring(**read_table(where, given, virtual))
@@ -260,11 +292,11 @@ def _spring(urdf: Tree, movable: Sequence[str]) -> Reader[Spring | dict[str, Any
             raise RobotFileError(
                 f"{where}.stiffness: needs one value an axis of motion ({count}), got {len(spring.stiffness)}"
             )
-        kind = urdf.joints[spring.after].kind
         if not spring.motion and spring.after not in movable:
             raise RobotFileError(
-                f"{where}.motion: required, because joint {spring.after!r} is {kind} and has no "
-                f"motion of its own (valid: {', '.join(AXES)} or a list of them)"
+                f"{where}.motion: required, because joint {spring.after!r} is "
+                f"{urdf.joints[spring.after].kind} and has no motion of its own (valid: {', '.join(AXES)} or "
+                f"a list of them)"
             )
         return spring
 
@@ -277,6 +309,7 @@ PATHS: Table = {
     **{kind: optional(list_of(list_of(number))) for kind in PATH_KINDS},
     "blend": optional(positive),
 }
+_FIDELITY: Table = {"level": required(one_of("level", LEVELS_BY_NAME)), "tolerance": required(positive)}
 _MOTION: Table = {
     **PATHS,
     "duration": optional(positive),
@@ -284,21 +317,16 @@ _MOTION: Table = {
     "times": optional(list_of(number)),
     "speeds": optional(one_or_list_of(positive)),
     "at": optional(list_of(number)),
-    "fidelity": optional(
-        record(
-            {"level": required(one_of("level", LEVELS_BY_NAME)), "tolerance": required(positive)},
-            lambda _, values: KeptLevel(values["level"], values["tolerance"]),
-        )
-    ),
+    "fidelity": optional(record(_FIDELITY, lambda _, values: KeptLevel(**values))),
 }
 
 
 def one_path(where: str, paths: Mapping[str, Any]) -> tuple[str, tuple[tuple[float, ...], ...], float | None]:
-    """Return the kind, the points and the blend of the one path out of the values of PATHS.
+    """Return kind, points and blend [m] of the one path in the values of PATHS.
 
     Raises:
-        InvalidInput: none is there, or several, or it has too few points or too many, or a blend where it
-            has no corners or none where it has.
+        InvalidInput: no path, or several; too few or too many points; a blend where the path has no corners,
+            or none where it has.
     """
     kinds = [kind for kind in PATH_KINDS if paths[kind] is not None]
     if len(kinds) != 1:
@@ -342,7 +370,6 @@ def _scenes(urdf: Tree) -> Reader[dict[str, Scene]]:
     scene = {**_MOTION, "wrenches": optional(_wrenches(urdf))}
 
     def read(where: str, given: Any) -> dict[str, Scene]:
-        """Read the scenes and give each its name."""
         scenes = mapping_of(record(scene, _scene))(where, given)
         return {name: replace(scene, name=name) for name, scene in scenes.items()}
 

@@ -1,4 +1,4 @@
-"""Changes of a URDF: by a robot file, by springs, and for pinocchio's parser.
+"""Elements of a URDF; its changes by a robot file, by springs, and for pinocchio's parser.
 
 A robot file adds frames and bodies to links, locks joints and frees the root. A spring is a virtual joint,
 
@@ -12,29 +12,27 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from framework.errors import check_name
 from framework.model.description import Spring
-from framework.model.inertia import ENTRIES
-from framework.model.placement import about, placement
-from framework.model.urdf_elements import JOINT_TYPES, MOVING, SEVERAL, Joint, read_tree
-from framework.model.urdf_writing import (
-    AXIS,
-    ChainJoint,
-    chain_elements,
-    inertial_element,
-    joint_element,
-    no_limit,
-    origin_element,
-    remove_children,
-    vector_text,
-    visual_element,
+from framework.model.documents import child_element, remove_children
+from framework.model.placement import about, placement, to_rpy
+from framework.model.urdf_elements import (
+    ENTRIES,
+    JOINT_TYPES,
+    MOVING,
+    SEVERAL,
+    Joint,
+    add_endless_limit,
+    read_tree,
 )
-from framework.model.xml_reading import child_element
+from framework.numerics.arrays import Array
 
+AXIS = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
 GROUND = "ground"
 ROOT_JOINTS = ("root_x", "root_y", "root_z", "root_rz", "root_ry", "root_rx")
 # children that pinocchio reads, by tag and by type of joint
@@ -51,23 +49,113 @@ _NUMBERS = {
 }
 
 
+def vector_text(values: Iterable[float]) -> str:
+    """Write numbers to their last digit, and zero without a sign."""
+    return " ".join(repr(float(value) + 0.0) for value in values)
+
+
+def origin_element(matrix: Array) -> ElementTree.Element:
+    """Return the `<origin>` of a placement (4, 4)."""
+    return ElementTree.Element(
+        "origin", xyz=vector_text(matrix[:3, 3]), rpy=vector_text(to_rpy(matrix[:3, :3]))
+    )
+
+
+class ChainJoint(NamedTuple):
+    """A joint to write: `origin` (4, 4) is its placement in the link before."""
+
+    name: str
+    kind: str
+    origin: Array | None = None
+    axis: Array | None = None
+    limits: Sequence[float] | None = None
+
+
+def joint_element(joint: ChainJoint, parent: str, child: str) -> ElementTree.Element:
+    """Return a `<joint>`, with limits that nothing reaches if URDF requires some.
+
+    A continuous joint with limits is a revolute one.
+    """
+    kind = "revolute" if joint.limits and joint.kind == "continuous" else joint.kind
+    element = ElementTree.Element("joint", name=joint.name, type=kind)
+    ElementTree.SubElement(element, "parent", link=parent)
+    ElementTree.SubElement(element, "child", link=child)
+    if joint.origin is not None:
+        element.append(origin_element(joint.origin))
+    if joint.axis is not None:
+        ElementTree.SubElement(element, "axis", xyz=vector_text(joint.axis))
+    if kind in ("revolute", "prismatic"):
+        limit = add_endless_limit(element)
+        if joint.limits:
+            limit.attrib |= zip(("lower", "upper"), map(repr, joint.limits), strict=True)
+    return element
+
+
+def chain_elements(
+    parent: str, motions: Sequence[ChainJoint], body: str, end: Array, taken: set[str]
+) -> Iterator[ElementTree.Element]:
+    """Yield joints between two links, with massless links between joints.
+
+    Args:
+        end: (4, 4) placement of the body behind the last joint; a fixed joint where it is none.
+        taken: names of links, which grow by those of the chain.
+    """
+    for motion in motions:
+        is_last = motion is motions[-1] and np.array_equal(end, np.eye(4))
+        child = body if is_last else free_name(f"{motion.name}_link", taken)
+        if not is_last:
+            yield ElementTree.Element("link", name=child)
+        yield joint_element(motion, parent, child)
+        parent = child
+    if parent != body:
+        yield joint_element(ChainJoint(free_name(f"{body}_mount", taken), "fixed", end), parent, body)
+
+
+def free_name(wanted: str, taken: set[str]) -> str:
+    """Return the wanted name with underscores until free, and mark the name as taken."""
+    while wanted in taken:
+        wanted += "_"
+    taken.add(wanted)
+    return wanted
+
+
+def visual_element(shape: str, words: dict[str, str], origin: Array) -> ElementTree.Element:
+    """Return the `<visual>` of a primitive shape at a placement (4, 4)."""
+    visual = ElementTree.Element("visual")
+    visual.append(origin_element(origin))
+    ElementTree.SubElement(ElementTree.SubElement(visual, "geometry"), shape, words)
+    return visual
+
+
+def inertial_element(mass: float, centre: Array, inertia: Array) -> ElementTree.Element:
+    """Return the `<inertial>` of a body: mass [kg], centre (3,) [m], central inertia (3, 3) [kg m^2]."""
+    inertial = ElementTree.Element("inertial")
+    ElementTree.SubElement(inertial, "origin", xyz=vector_text(centre), rpy="0 0 0")
+    ElementTree.SubElement(inertial, "mass", value=repr(float(mass)))
+    names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    pairs = zip(names, inertia[np.triu_indices(3)].tolist(), strict=True)
+    ElementTree.SubElement(inertial, "inertia", {name: repr(value) for name, value in pairs})
+    return inertial
+
+
+# ------------------------------------------------------------------ for robot files
+
+
 def add_frame(
     root: ElementTree.Element,
     name: str,
     parent: str,
-    xyz: Sequence[float],
-    rpy: Sequence[float],
+    origin: Array,
     mass: float = 0.0,
     inertia: Sequence[float] = (0.0, 0.0, 0.0),
 ) -> None:
-    """Add a link fixed to the link `parent` at `xyz` [m] and `rpy` [rad], with or without a body.
+    """Add a link at a placement (4, 4) in `parent`, with or without a body.
 
     The body has its centre at the frame's origin, and `inertia` [kg m^2] about its axes. It looks like the
     box of even density with this mass and inertia: edges a_x^2 = 6 (I_yy + I_zz - I_xx) / m and so on.
     """
     link = ElementTree.SubElement(root, "link", name=name)
-    place = ElementTree.Element("origin", xyz=vector_text(xyz), rpy=vector_text(rpy))
-    root.append(joint_element(f"{name}_mount", "fixed", parent, name, origin=place))
+    root.append(joint_element(ChainJoint(f"{name}_mount", "fixed", origin), parent, name))
     if not mass:
         return
     link.append(inertial_element(mass, np.zeros(3), np.diag(inertia)))
@@ -109,7 +197,7 @@ def fix_joint(joint: Joint, *values: float) -> None:
 
 
 def free_root(root: ElementTree.Element) -> None:
-    """Stand a URDF on a new root link `ground`, its old root carried by six joints, ROOT_JOINTS.
+    """Stand a URDF on a new root link `ground` by six joints, ROOT_JOINTS.
 
     Three slides along the base axes, then turns about z, y and x: singular only when the root pitches by
     90 degrees.
@@ -117,10 +205,7 @@ def free_root(root: ElementTree.Element) -> None:
     tree = read_tree(root)
     motions = [
         ChainJoint(
-            name,
-            "revolute" if "_r" in name else "prismatic",
-            np.eye(4),
-            np.eye(3)["xyz".index(name[-1])],
+            name, "revolute" if "_r" in name else "prismatic", np.eye(4), np.eye(3)["xyz".index(name[-1])]
         )
         for name in ROOT_JOINTS
     ]
@@ -166,7 +251,7 @@ def make_continuous_joints_revolute(root: ElementTree.Element) -> None:
         if joint.get("type") == "continuous":
             joint.set("type", "revolute")
             remove_children(joint, "limit")
-            joint.append(no_limit())
+            add_endless_limit(joint)
 
 
 # ------------------------------------------------------------------ springs
@@ -191,10 +276,11 @@ def insert_springs(root: ElementTree.Element, springs: Sequence[Spring]) -> None
         own = "1 0 0" if own_axis is None else own_axis.get("xyz", "1 0 0")
         kind = "prismatic" if after.get("type") == "prismatic" else "revolute"
         motions = [("revolute" if "r" in axis else "prismatic", AXIS[axis[-1]]) for axis in spring.motion]
-        for name, motion in zip(spring.coordinates, motions or [(kind, own)], strict=True):
+        for name, (kind_of_motion, axis) in zip(spring.coordinates, motions or [(kind, own)], strict=True):
             end, middle = child_element(last[spring.after], "", "child"), virtual_link(name)
             ElementTree.SubElement(root, "link", name=middle)
-            joint = joint_element(name, motion[0], middle, end.get("link", ""), axis=motion[1])
+            motion = ChainJoint(name, kind_of_motion, axis=np.array(axis.split(), dtype=float))
+            joint = joint_element(motion, middle, end.get("link", ""))
             end.set("link", middle)
             root.append(joint)
             last[spring.after] = joint

@@ -17,14 +17,19 @@ from pathlib import Path
 
 import numpy as np
 
-from framework.errors import MissingPackage, RobotFileError, check_name, short
+from framework.errors import MissingPackage, RobotFileError, check_name
 from framework.model.description import Coupling
-from framework.model.documents import naming
-from framework.model.inertia import ENTRIES, check_inertia, symmetric
-from framework.model.urdf_writing import no_limit, remove_children
-from framework.model.xml_reading import attribute, axis_of, child_element, numbers, origin_numbers, origin_of
-from framework.numerics.arrays import Array
-from framework.tolerances import POINT_BODY_GYRATION
+from framework.model.documents import (
+    attribute,
+    axis_of,
+    child_element,
+    number_of,
+    numbers,
+    origin_of,
+    remove_children,
+)
+from framework.numerics.arrays import Array, ArrayLike
+from framework.tolerances import INERTIA_ROUNDING, POINT_BODY_GYRATION
 
 MOVING = ("revolute", "continuous", "prismatic")  # types of joints with one degree of freedom
 # Types of joints with several, by the suffixes of their coordinates: metres along and a rotation vector about
@@ -34,7 +39,7 @@ JOINT_TYPES = ("fixed", *MOVING, *SEVERAL)
 MAX_TREE_ELEMENTS = 5000  # links or joints; more is no robot
 MAX_TREE_DEPTH = 1000  # joints from the root to a link: pinocchio's parser calls itself once for each
 PACKAGE = "package://"
-_LIMIT = ("lower", "upper", "effort", "velocity")
+ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")  # of an inertia
 
 
 @dataclass
@@ -90,7 +95,7 @@ class Tree:
         return frame if frame in self.links else self.joints[frame].child
 
     def body(self, frame: str) -> str:
-        """Return the link nearest to the root that is rigidly connected to a frame: the name of its body."""
+        """Return the link nearest to the root on the rigid body of a frame."""
         link = self.link_of(frame)
         while link in self.parent_joint and not self.parent_joint[link].moves:
             link = self.parent_joint[link].parent
@@ -132,7 +137,7 @@ def locate_urdf(folder: Path, reference: str) -> Path:
 
 
 def coordinates_of(name: str, kind: str) -> tuple[str, ...]:
-    """Return names of the coordinates of a joint of this type; none of a fixed one."""
+    """Return the coordinate names of a joint of this type."""
     if kind in SEVERAL:
         return tuple(f"{name}{suffix}" for suffix in SEVERAL[kind])
     return (name,) if kind in MOVING else ()
@@ -165,7 +170,7 @@ def read_tree(root: ElementTree.Element, impossible: list[tuple[str, str]] | Non
     extent = max((float(np.linalg.norm(joint.origin[:3, 3])) for joint in joints.values()), default=0.0)
     for link in root.findall("link"):
         for visual in link.findall("visual"):
-            origin_numbers(visual.find("origin"), f"link {link.get('name')!r}: <visual> <origin>")
+            origin_of(visual.find("origin"), f"link {link.get('name')!r}: <visual> <origin>")
         try:
             check_inertial(link, extent)
         except RobotFileError as error:
@@ -174,16 +179,6 @@ def read_tree(root: ElementTree.Element, impossible: list[tuple[str, str]] | Non
             impossible.append((link.get("name", ""), str(error)))
             remove_children(link, "inertial")
     return Tree(links, joints, _base(links, joints))
-
-
-def check_urdf(path: Path, root: ElementTree.Element) -> Tree:
-    """Check a URDF and return its tree; `path` is for messages.
-
-    Raises:
-        RobotFileError: not a tree of known joint types, or a number that is none.
-    """
-    with naming(f"urdf: {path}"):
-        return read_tree(root)
 
 
 def _base(links: list[str], joints: Mapping[str, Joint]) -> str:
@@ -218,13 +213,10 @@ def unique_names(root: ElementTree.Element, tag: str) -> list[str]:
     Raises:
         RobotFileError: an element has no name, or that of another.
     """
-    names: dict[str, None] = {}
-    for element in root.findall(tag):
-        name = attribute(element, f"<{tag}>", "name")
-        if name in names:
-            raise RobotFileError(f"duplicate {tag} {name!r}")
-        names[name] = None
-    return list(names)
+    names = [attribute(element, f"<{tag}>", "name") for element in root.findall(tag)]
+    if repeated := [name for name, count in Counter(names).items() if count > 1]:
+        raise RobotFileError(f"duplicate {tag} {repeated[0]!r}")
+    return names
 
 
 def read_joint(
@@ -258,23 +250,29 @@ def read_joint(
             raise
         impossible.append((name, str(error)))
         remove_children(element, "limit")
-        element.append(no_limit())
+        add_endless_limit(element)
     element.attrib.pop("independent", None)  # a URDF+ hint, read before
     origin = origin_of(element.find("origin"), f"{where}: <origin>")
     return Joint(element, name, kind, ends[0], ends[1], origin, direction)
 
 
+def add_endless_limit(joint: ElementTree.Element) -> ElementTree.Element:
+    """Add a `<limit>` that nothing reaches."""
+    words = {"lower": "-1e9", "upper": "1e9", "effort": "1e9", "velocity": "1e9"}
+    return ElementTree.SubElement(joint, "limit", words)
+
+
 def _check_limit(joint: ElementTree.Element, where: str, *, is_needed: bool) -> None:
-    """Check the first <limit> of a joint: its numbers; if needed its keys, order and signs too."""
+    """Check numbers, and if needed keys, order and signs, of a joint's <limit>."""
     if is_needed:
-        given = child_element(joint, where, "limit")
+        needed = child_element(joint, where, "limit")
         for key in ("effort", "velocity"):
-            attribute(given, f"{where}: <limit>", key)
+            attribute(needed, f"{where}: <limit>", key)
     for limit in joint.findall("limit")[:1]:
         lower, upper, effort, velocity = (
             # some files mean no limit by 1.8e308
             numbers(f"{where}: <limit> {key}", limit.get(key, "0"), 1, largest=math.inf)[0]
-            for key in _LIMIT
+            for key in ("lower", "upper", "effort", "velocity")
         )
         if is_needed and (lower > upper or effort < 0 or velocity < 0):
             raise RobotFileError(
@@ -292,25 +290,49 @@ def check_inertial(link: ElementTree.Element, extent: float) -> None:
     where, inertial = f"link {link.get('name')!r}", link.find("inertial")
     if inertial is None:
         return
-    origin_numbers(inertial.find("origin"), f"{where}: <inertial> <origin>")
-    mass = child_element(inertial, f"{where}: <inertial>", "mass")
-    (kilograms,) = numbers(f"{where}: <mass>", attribute(mass, f"{where}: <mass>", "value"), 1)
-    if kilograms < 0:
-        raise RobotFileError(f"{where}: <mass>: must not be negative, got {short(mass.get('value'))}")
+    origin_of(inertial.find("origin"), f"{where}: <inertial> <origin>")
+    mass = number_of(child_element(inertial, f"{where}: <inertial>", "mass"), f"{where}: <mass>", "value")
+    if mass < 0:
+        raise RobotFileError(f"{where}: <mass>: must not be negative, got {mass:g}")
     inertia = child_element(inertial, f"{where}: <inertial>", "inertia")
-    values = [
-        numbers(f"{where}: <inertia> {key}", attribute(inertia, f"{where}: <inertia>", key), 1)[0]
-        for key in ENTRIES
-    ]
-    negligible = kilograms * (POINT_BODY_GYRATION * extent) ** 2
+    values = [number_of(inertia, f"{where}: <inertia>", key) for key in ENTRIES]
+    negligible = mass * (POINT_BODY_GYRATION * extent) ** 2
     check_inertia(f"{where}: <inertia>", symmetric(*values), negligible=negligible)
 
 
-def declared_motors(root: ElementTree.Element) -> list[str]:
-    """Return joints with a transmission or a command interface, as ROS says which joints are driven."""
-    with_interface = root.findall("ros2_control/joint[command_interface]")
-    names = [joint.get("name") for joint in (*root.findall("transmission/joint"), *with_interface)]
-    return list(dict.fromkeys(filter(None, names)))
+def symmetric(xx: float, yy: float, zz: float, xy: float, xz: float, yz: float) -> Array:
+    """Return the matrix (3, 3) of six ENTRIES."""
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def check_inertia(where: str, matrix: ArrayLike, *, negligible: float = 0.0) -> None:
+    """Refuse an inertia that no body has; `where` starts the complaint.
+
+    The inertia about the centre of mass is the integral of (r.r 1 - r r') dm over the body. Its principal
+    moments are I1 = b + c, I2 = a + c, I3 = a + b with a, b, c >= 0 the second moments of mass along its
+    axes: none is negative, and none is above the sum of the other two (Wensing, Kim and Slotine, IEEE
+    Robotics and Automation Letters 3(1), 2018). Others make kinetic energy negative or are of no body.
+
+    Args:
+        matrix: (3, 3) [kg m^2] about the centre of mass, symmetric, finite.
+        negligible: [kg m^2] what the body is a point with, if no entry is larger: nothing is asked of it.
+
+    Raises:
+        RobotFileError: a principal moment is negative, or exceeds the sum of the other two.
+    """
+    entries = np.asarray(matrix, dtype=float)
+    size = float(np.abs(entries).max())
+    if size <= negligible:
+        return
+    moments = np.linalg.eigvalsh(entries / size)  # without overflow
+    rounding = INERTIA_ROUNDING * float(np.abs(moments).max())
+    if moments[0] < -rounding or moments[2] - moments[1] - moments[0] > rounding:
+        with np.errstate(over="ignore"):
+            shown = ", ".join(f"{moment:.4g}" for moment in size * moments)
+        raise RobotFileError(
+            f"{where}: has the principal moments {shown} kg m^2, as no body has: none may be negative, none "
+            f"above the sum of the other two"
+        )
 
 
 def declared_dynamics(root: ElementTree.Element) -> dict[str, dict[str, float]]:
@@ -327,7 +349,7 @@ def declared_dynamics(root: ElementTree.Element) -> dict[str, dict[str, float]]:
             continue
         values = {}
         for key in ("damping", "friction"):
-            (value,) = numbers(f"joint {name!r}: <dynamics> {key}", element.get(key, "0"), 1)
+            value = number_of(element, f"joint {name!r}: <dynamics>", key, "0")
             if value < 0:
                 raise RobotFileError(f"joint {name!r}: <dynamics> {key}: must not be negative, got {value:g}")
             if value:
@@ -338,7 +360,7 @@ def declared_dynamics(root: ElementTree.Element) -> dict[str, dict[str, float]]:
 
 
 def declared_couplings(root: ElementTree.Element, locked: Iterable[str] = ()) -> list[Coupling]:
-    """Take the couplings of <mimic> out of the URDF: position = multiplier * that of the other + offset.
+    """Take the couplings of <mimic> out of a URDF: q = multiplier q_leader + offset.
 
     That may be one of the `locked` joints.
 
@@ -358,8 +380,7 @@ def declared_couplings(root: ElementTree.Element, locked: Iterable[str] = ()) ->
         where = f"joint {name!r}: <mimic>"
         leader = mimic.get("joint", "")
         check_name(where, "movable joint", leader, [other for other in followed if other != name])
-        (ratio,) = numbers(f"{where} multiplier", mimic.get("multiplier", "1"), 1)
-        (offset,) = numbers(f"{where} offset", mimic.get("offset", "0"), 1)
+        ratio, offset = (number_of(mimic, where, *pair) for pair in (("multiplier", "1"), ("offset", "0")))
         couplings.append(Coupling(name, leader, ratio, offset))
     return couplings
 

@@ -17,8 +17,8 @@ import numpy as np
 import pinocchio as pin
 
 from framework.model.description import RobotDescription
+from framework.model.documents import numbers, origin_of
 from framework.model.urdf_elements import locate_urdf
-from framework.model.xml_reading import numbers, origin_of
 from framework.numerics.arrays import Array, IntArray
 
 Color = tuple[float, float, float, float]
@@ -84,12 +84,16 @@ Solid = tuple[str, tuple[float, ...], Array | None, IntArray | None]  # kind, si
 
 
 def _solid(description: RobotDescription, geometry: ElementTree.Element | None) -> Solid:
-    """Read a `<geometry>`; raise ValueError for unknown shapes."""
+    """Read a `<geometry>`, with sizes [m]; raise ValueError for unknown shapes and sizes of zero."""
     for shape in geometry if geometry is not None else ():
         if shape.tag == "mesh":
             return "mesh", (), *_mesh(description, shape)
         if shape.tag in _SIZES:
-            sizes = [size for key, count in _SIZES[shape.tag] for size in _sizes(shape.get(key), count)]
+            sizes = [
+                size for key, count in _SIZES[shape.tag] for size in numbers("size", shape.get(key), count)
+            ]
+            if min(sizes) <= 0:
+                raise ValueError("no size")
             return shape.tag.replace("capsule", "cylinder"), tuple(sizes), None, None
     raise ValueError("no geometry")
 
@@ -121,11 +125,3 @@ def _color(
             red, green, blue, alpha = numbers("rgba", color.get("rgba"), 4)
             return red, green, blue, alpha
     return DEFAULT_COLOR
-
-
-def _sizes(text: str | None, count: int) -> tuple[float, ...]:
-    """Read sizes (count,) [m] greater than zero."""
-    values = numbers("size", text, count)
-    if min(values) <= 0:
-        raise ValueError("no size")
-    return values

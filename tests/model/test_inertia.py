@@ -14,9 +14,8 @@ import yaml
 
 from framework import RobotFileError
 from framework.model import read_robot_file
-from framework.model.inertia import check_inertia
 from framework.model.readers import read_any
-from framework.model.urdf_elements import check_inertial
+from framework.model.urdf_elements import check_inertia, check_inertial
 
 DIALECTS = Path(__file__).parents[1] / "data" / "dialects"
 SAID = {"platform": "left_rod", "axes": ["x", "y"], "motors": ["left_motor", "right_motor"]}

@@ -9,8 +9,8 @@ Dialects
     sdf                 SDFormat
 
 What they share
-    urdf_tree           a URDF with frames and closures to add
-    describe            the records, once tree and loops are known: motors, locks, what a file does not say
+    urdf_tree           what all write into: an open URDF, with loops, motors and forces
+    describe            the records of that: what moves, what acts, what a file does not say
 """
 
 from framework.model.readers.recognise import DIALECTS, parse_any, read_any

@@ -10,58 +10,29 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
-from framework.errors import FrameworkError, RobotFileError, check_name, check_unique, list_names
+from framework.errors import RobotFileError, check_name, check_unique, list_names
 from framework.model.description import (
     AXES,
     Actuator,
     Closure,
-    Coupling,
     JointDynamics,
     ParsedRobot,
     Platform,
     RobotDescription,
     locked_by_couplings,
 )
-from framework.model.readers.urdf_tree import MAX_LOOPS, UrdfTree
+from framework.model.readers.urdf_tree import MAX_LOOPS, LeftOut, UrdfTree
 from framework.model.robot_keys import joint_dynamics
 from framework.model.urdf_elements import declared_couplings, declared_dynamics
 from framework.numerics.fields import check_distinct
 
 # names that exporters give to every model
 _NO_NAMES = ("", "mjcf", "model", "mujoco", "mujoco model", "onshape", "robot", "scene", "urdf")
-
-
-class LeftOut(NamedTuple):
-    """An element that is not read, with the joints and links under its action.
-
-    Without the force of most elements a robot is still the same mechanism; where one decides how the
-    mechanism moves (`is_decisive`), it cannot be left out of parts that move.
-    """
-
-    what: str
-    acts_on: tuple[str, ...]
-    is_decisive: bool = False
-
-
-class Pull(NamedTuple):
-    """A motor or tendon along a length of joints, each with a share in the length."""
-
-    name: str  # with its kind
-    shares: Mapping[str, float]
-    gear: float = 1.0
-    acting: JointDynamics = JointDynamics()  # before the gear; a motor's whether or not it is chosen
-    torque_limit: float | None = None  # motor side [N m]
-    is_motor: bool = True
-
-    @classmethod
-    def motor_on(cls, joint: str) -> Pull:
-        """Return a motor straight on a joint."""
-        return cls(f"motor {joint!r}", {joint: 1.0})
 
 
 class Known(NamedTuple):
@@ -107,21 +78,7 @@ class Options:
 Propose = Callable[[Options, Known], Known]
 
 
-def describe(
-    tree: UrdfTree,
-    file: Path,
-    options: Options,
-    closures: Sequence[Closure],
-    *,
-    couplings: Sequence[Coupling] = (),
-    pulls: Iterable[Pull] = (),
-    likely_motors: Sequence[str] = (),
-    joints: Mapping[str, JointDynamics] | None = None,
-    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81),
-    reference: Mapping[str, float] | None = None,
-    left_out: Sequence[LeftOut] = (),
-    remarks: Sequence[str] = (),
-) -> ParsedRobot:
+def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> ParsedRobot:
     """Make the records of a tree and its loops, completed by the options.
 
     Joints not behind --base and joints of --lock are fixed, and forces on them are ignored.
@@ -129,21 +86,20 @@ def describe(
     Raises:
         RobotFileError: there is no loop, or one that closes nothing; or platform, axes or motors are missing.
     """
-    near = checked_reference(options, tree.coordinates, reference or {})
-    couplings = [*couplings, *declared_couplings(tree.root)]
-    left_out = [*left_out, *(LeftOut(text, (name,), is_decisive=True) for name, text in tree.impossible)]
-    if not closures and not couplings:
-        left_out_of(tree, left_out)
+    reference = checked_reference(options, tree.coordinates, tree.reference)
+    tree.couplings += declared_couplings(tree.root)
+    if not tree.closures and not tree.couplings:
+        left_out_of(tree)
         raise RobotFileError("there is no loop in it: a parallel robot needs at least one closure")
-    _check_closures(closures)
+    _check_closures(tree.closures)
     if options.base is not None:
-        lock_all_but(tree, options.base, near)
-    lock(tree, options.locked, near)
-    couplings = couplings_of_the_rest(tree, couplings)
-    loops = [one for one in closures if any(tree.moving_chains(*map(tree.link_of, one.frames)))]
-    if not loops and not couplings:
-        raise _no_loop(options, closures[0] if closures else None)
-    actuators, acting, apart = attach_pulls(pulls, joints or {}, tree, couplings)
+        lock_all_but(tree, options.base, reference)
+    lock(tree, options.locked, reference)
+    fix_coupled_joints(tree)
+    loops = [one for one in tree.closures if any(tree.moving_chains(*map(tree.link_of, one.frames)))]
+    if not loops and not tree.couplings:
+        raise _no_loop(options, tree.closures)
+    actuators = attach_pulls(tree)
     description = RobotDescription(
         name=_name(tree.root, file),
         file=file,
@@ -151,30 +107,24 @@ def describe(
         platform=Platform(tree.base, ()),
         actuators=actuators,
         closures=tuple(loops),
-        couplings=tuple(couplings),
-        joints=_acting(tree, acting),
-        gravity=gravity,
-        reference={name: value for name, value in near.items() if name in tree.coordinates},
+        couplings=tuple(tree.couplings),
+        joints=_moving_dynamics(tree),
+        gravity=tree.gravity,
+        reference={name: value for name, value in reference.items() if name in tree.coordinates},
     )
-    known = Known(tree, description, likely_motors=tuple(likely_motors))
-    left_out = [*apart, *left_out]
     try:
-        known = complete(options, known)
-    except FrameworkError:
-        left_out_of(tree, left_out)  # the more precise reason, if there is one
-        raise
-    description = replace(
-        known.description,
-        urdf_text=ElementTree.tostring(tree.root, encoding="unicode"),
-        left_out=left_out_of(tree, left_out),
-    )
-    remarks = (*_omissions(tree, left_out), *remarks, *known.remarks)
-    return ParsedRobot(description, tree.root, remarks=remarks)
+        known = complete(options, Known(tree, description, likely_motors=tuple(tree.likely_motors)))
+    finally:
+        left_out = left_out_of(tree)  # its error is the more precise one
+    urdf_text = ElementTree.tostring(tree.root, encoding="unicode")
+    description = replace(known.description, urdf_text=urdf_text, left_out=left_out)
+    remarks = (*_omissions(tree), *tree.remarks, *known.remarks)
+    return ParsedRobot(description, tree.root, dialect, remarks)
 
 
-def _omissions(tree: UrdfTree, left_out: Sequence[LeftOut]) -> Iterator[str]:
+def _omissions(tree: UrdfTree) -> Iterator[str]:
     """Yield remarks on decisive elements without motion, and the number of unused elements."""
-    for item in left_out:
+    for item in tree.left_out:
         if item.is_decisive and not any(moves(tree, name) for name in item.acts_on):
             yield f"not used, since it does not move: {item.what}"
     if unused := ", ".join(f"{count} {kind}" for kind, count in tree.unused.items()):
@@ -193,20 +143,20 @@ def _check_closures(closures: Sequence[Closure]) -> None:
             )
 
 
-def _no_loop(options: Options, closure: Closure | None) -> RobotFileError:
+def _no_loop(options: Options, closures: Sequence[Closure]) -> RobotFileError:
     """Return the error where nothing is left of the loops of a file."""
     if options.base is not None:
         return RobotFileError(f"--base: no loop moves that link {options.base!r} carries")
-    if closure is None or options.locked:
+    if not closures or options.locked:
         return RobotFileError("--lock: no loop moves any more")
-    first, second = closure.frames
+    first, second = closures[0].frames
     return RobotFileError(
-        f"closure {closure.name!r}: no joint moves between {first!r} and {second!r}, so it closes no loop"
+        f"closure {closures[0].name!r}: no joint moves between {first!r} and {second!r}, so it closes no loop"
     )
 
 
 def _name(root: ElementTree.Element, file: Path) -> str:
-    """Return the model's own name, else that of its file, else of its folders; fit to name a file."""
+    """Return the name of model, file or folder that is first fit for files."""
     for name in (root.get("name", ""), file.stem, *(folder.name for folder in file.absolute().parents[:2])):
         clean = "".join(letter if letter.isalnum() or letter in "-_" else "_" for letter in name)
         if name.lower() not in _NO_NAMES and clean.strip("_"):
@@ -214,23 +164,23 @@ def _name(root: ElementTree.Element, file: Path) -> str:
     return file.stem
 
 
-def _acting(tree: UrdfTree, joints: Mapping[str, JointDynamics]) -> dict[str, JointDynamics]:
+def _moving_dynamics(tree: UrdfTree) -> dict[str, JointDynamics]:
     """Return springs, damping and friction of the coordinates that move: the dialect's, or <dynamics>."""
-    declared = joint_dynamics(declared_dynamics(tree.root), {})
-    acting = {name: value for name, value in {**declared, **joints}.items() if name in tree.coordinates}
-    for name, value in acting.items():
+    dynamics = {**joint_dynamics(declared_dynamics(tree.root), {}), **tree.dynamics}
+    moving = {name: value for name, value in dynamics.items() if name in tree.coordinates}
+    for name, value in moving.items():
         if min(value.armature, value.damping, value.friction, value.stiffness) < 0.0:
             raise RobotFileError(
                 f"joint {name!r}: armature, damping, friction and stiffness must not be negative"
             )
-    return acting
+    return moving
 
 
 # ------------------------------------------------------------------ what moves
 
 
 def lock_all_but(tree: UrdfTree, base: str, reference: Mapping[str, float]) -> None:
-    """Lock all joints that the link `base` does not carry, at the reference [rad, m], else at zero.
+    """Lock joints that `base` does not carry, at the reference [rad, m] or zero.
 
     Raises:
         RobotFileError: there is no such link, or it carries no joint that moves.
@@ -239,7 +189,7 @@ def lock_all_but(tree: UrdfTree, base: str, reference: Mapping[str, float]) -> N
     carried = {
         joint.name
         for joint in tree.joints.values()
-        if joint.parent == base or any(above.child == base for above in tree.path_to_base(joint.parent))
+        if any(above.parent == base for above in tree.path_to_base(joint.child))
     }
     if not any(tree.joints[name].moves for name in carried):
         raise RobotFileError(
@@ -278,58 +228,53 @@ def lock(tree: UrdfTree, locked: Mapping[str, float | None], reference: dict[str
         tree.hold(joint, reference if value is None else dict.fromkeys(joint.coordinates, value))
 
 
-def couplings_of_the_rest(tree: UrdfTree, couplings: Sequence[Coupling]) -> list[Coupling]:
-    """Return the couplings of moving joints; fix a joint coupled with a fixed one."""
-    while more := locked_by_couplings(couplings, {name: values[0] for name, values in tree.held.items()}):
-        for name, value in more.items():
+def fix_coupled_joints(tree: UrdfTree) -> None:
+    """Fix joints coupled with fixed ones; keep the couplings of moving joints."""
+    while further := locked_by_couplings(
+        tree.couplings, {name: values[0] for name, values in tree.held.items()}
+    ):
+        for name, value in further.items():
             tree.fix(tree.joints[name], value)
-    return [c for c in couplings if tree.joints[c.joint].moves and tree.joints[c.of].moves]
+    tree.couplings = [c for c in tree.couplings if tree.joints[c.joint].moves and tree.joints[c.of].moves]
 
 
 # ------------------------------------------------------------------ what acts
 
 
-def attach_pulls(
-    pulls: Iterable[Pull],
-    joints: Mapping[str, JointDynamics],
-    tree: UrdfTree,
-    couplings: Sequence[Coupling],
-) -> tuple[tuple[Actuator, ...], dict[str, JointDynamics], list[LeftOut]]:
-    """Attach motors and tendons to the joint that each pulls at; return motors, dynamics, ambiguous ones.
+def attach_pulls(tree: UrdfTree) -> tuple[Actuator, ...]:
+    """Attach motors and tendons to the joint that each pulls at; return the motors.
 
     A tendon over joints that couplings make one is a transmission to that one. Of two motors on a joint,
     such as a servo's position and speed, the first is taken.
     """
     actuators: dict[str, Actuator] = {}
-    sums, left_out = dict(joints), list[LeftOut]()
-    for pull in pulls:
-        has_dynamics = replace(pull.acting, rest=0.0) != JointDynamics()
-        shares, constant = shares_of_leaders(pull.shares, tree, couplings)
+    for pull in tree.pulls:
+        has_dynamics = replace(pull.dynamics, rest=0.0) != JointDynamics()
+        shares, constant = shares_of_leaders(tree, pull.shares)
         if len(shares) > 1:
             if pull.is_motor or has_dynamics:
                 text = f"{pull.name}: pulls at {' and '.join(shares)}, which move independently"
-                left_out.append(LeftOut(text, tuple(shares)))
+                tree.left_out.append(LeftOut(text, tuple(shares)))
             continue
         for joint, share in shares.items():
             gear = pull.gear * share
             if pull.is_motor and gear:
                 actuators.setdefault(joint, Actuator(joint, abs(gear), torque_limit=pull.torque_limit))
             if has_dynamics:
-                acting = replace(pull.acting, rest=pull.acting.rest - pull.gear * constant)
-                sums[joint] = sums.get(joint, JointDynamics()) + acting.seen_through(gear)
-    return tuple(actuators.values()), sums, left_out
+                along = replace(pull.dynamics, rest=pull.dynamics.rest - pull.gear * constant)
+                own = tree.dynamics.get(joint, JointDynamics())
+                tree.dynamics[joint] = own + along.seen_through(gear)
+    return tuple(actuators.values())
 
 
-def shares_of_leaders(
-    shares: Mapping[str, float], tree: UrdfTree, couplings: Sequence[Coupling]
-) -> tuple[dict[str, float], float]:
+def shares_of_leaders(tree: UrdfTree, shares: Mapping[str, float]) -> tuple[dict[str, float], float]:
     """Express shares of joints by moving joints that follow no other, and a constant."""
-    followed = {coupling.joint: coupling for coupling in couplings}
+    followed = {coupling.joint: coupling for coupling in tree.couplings}
     leaders = defaultdict[str, float](float)
     constant = 0.0
     for name, value in shares.items():
         joint, share = name, value
-        for _ in couplings:  # no chain of them has more links
+        for _ in followed:  # no chain of them has more links
             if coupling := followed.get(joint):
                 constant += share * coupling.offset
                 share *= coupling.ratio
@@ -341,13 +286,13 @@ def shares_of_leaders(
     return {joint: share for joint, share in leaders.items() if share}, constant
 
 
-def left_out_of(tree: UrdfTree, items: Iterable[LeftOut]) -> tuple[str, ...]:
+def left_out_of(tree: UrdfTree) -> tuple[str, ...]:
     """Return the elements left out of parts that move, each once.
 
     Raises:
         RobotFileError: it decides how they move.
     """
-    concerned = [item for item in items if any(moves(tree, name) for name in item.acts_on)]
+    concerned = [item for item in tree.left_out if any(moves(tree, name) for name in item.acts_on)]
     for item in concerned:
         if item.is_decisive:
             raise RobotFileError(item.what)
@@ -412,10 +357,8 @@ def _platform(options: Options, known: Known) -> Platform | None:
     return platform if platform is None or frame is None else replace(platform, frame=frame)
 
 
-def checked_reference(
-    options: Options, coordinates: Sequence[str], near: Mapping[str, float]
-) -> dict[str, float]:
-    """Return the file's reference, overridden by the options', of known `coordinates`."""
+def checked_reference(options: Options, names: Sequence[str], own: Mapping[str, float]) -> dict[str, float]:
+    """Return the file's reference [rad, m], overridden by the options', of coordinates in `names`."""
     for name in options.reference:
-        check_name("--reference", "movable joint", name, coordinates)
-    return {**near, **{name: float(value) for name, value in options.reference.items()}}
+        check_name("--reference", "movable joint", name, names)
+    return {**own, **{name: float(value) for name, value in options.reference.items()}}

@@ -19,7 +19,7 @@ from typing import Any
 
 from framework.errors import RobotFileError, check_name, check_unique, short
 from framework.model.description import Closure, ParsedRobot, locked_axes
-from framework.model.readers.describe import Options, Pull, describe
+from framework.model.readers.describe import Options, describe
 from framework.model.readers.urdf_tree import UrdfTree
 from framework.numerics.fields import Table, entries, list_of, one_of, optional, read_table, required, text
 
@@ -48,11 +48,11 @@ def read_pair(file: Path, content: Mapping[Any, Any], tree: UrdfTree, options: O
         if len(frames) != 2:
             raise RobotFileError(f"closed_loop[{i}]: needs two frames, got {short(frames)}")
     check_unique("name_mot", motors)
-    closures = [
-        Closure("-".join(frames), frames, locked_axes(_KINDS[kind]))
-        for frames, kind in zip(pairs, kinds, strict=True)
-    ]
-    return describe(tree, file, options, closures, pulls=map(Pull.motor_on, motors))
+    for frames, kind in zip(pairs, kinds, strict=True):
+        tree.closures.append(Closure("-".join(frames), frames, locked_axes(_KINDS[kind])))
+    for motor in motors:
+        tree.add_motor(motor)
+    return describe(tree, file, options, "gepetto")
 
 
 def _check_count(key: str, entries: Sequence[str], what: str, others: Sequence[Any]) -> None:

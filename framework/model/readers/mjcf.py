@@ -19,13 +19,12 @@ import numpy as np
 import pinocchio as pin
 
 from framework.errors import RobotFileError
-from framework.model.description import Closure, Coupling, JointDynamics, ParsedRobot, locked_axes
+from framework.model.description import Coupling, JointDynamics, ParsedRobot
 from framework.model.placement import from_quaternion, inverse, placement
-from framework.model.readers.describe import LeftOut, Options, Pull, describe
+from framework.model.readers.describe import Options, describe
 from framework.model.readers.mujoco_model import mujoco_model
-from framework.model.readers.urdf_tree import MAX_LOOPS, UrdfTree
-from framework.model.urdf_elements import SEVERAL, coordinates_of
-from framework.model.urdf_writing import (
+from framework.model.readers.urdf_tree import MAX_LOOPS, LeftOut, Pull, UrdfTree
+from framework.model.urdf_edits import (
     ChainJoint,
     chain_elements,
     free_name,
@@ -33,12 +32,14 @@ from framework.model.urdf_writing import (
     vector_text,
     visual_element,
 )
+from framework.model.urdf_elements import SEVERAL, coordinates_of
 from framework.numerics.arrays import Array
 
 WORLD = "world"
 _KINDS = ("floating", "spherical", "prismatic", "continuous")  # by mjtJoint
 _SHAPES = {2: "sphere", 3: "cylinder", 5: "cylinder", 6: "box"}  # by mjtGeom; a capsule is drawn without ends
 _EQUALITIES = ("connect", "weld", "joint", "tendon")  # by mjtEq; more are of flexible bodies
+_ACTING = ("armature", "damping", "frictionloss", "stiffness")  # of joints and tendons, as of JointDynamics
 _JOINT_MOTORS = (0, 1)  # mjTRN_JOINT, mjTRN_JOINTINPARENT
 _ON_TENDON, _OF_JOINT, _SITE = 3, 1, 6  # mjTRN_TENDON, mjWRAP_JOINT, mjOBJ_SITE
 _DIRECT_GAINS = (0, 1, 6)  # mjtGain of motors: fixed, affine, and those of users
@@ -52,41 +53,21 @@ def read_mjcf(file: Path, root: ElementTree.Element, options: Options) -> Parsed
         MissingPackage: MuJoCo is not installed.
         RobotFileError: names the element.
     """
-    _refuse_nan(root)
+    for element in root.iter():
+        for key, value in element.attrib.items():
+            if "nan" in value.lower().split():  # with which MuJoCo computes
+                raise RobotFileError(f"<{element.tag}> {key}: needs finite numbers, got {value!r}")
     compiled, left_out, unused = mujoco_model(file)
     if compiled.neq > MAX_LOOPS:
         raise RobotFileError(f"<equality>: at most {MAX_LOOPS} equalities are read")
-    model = _Model(compiled)
-    tree = UrdfTree(model.urdf(root.get("model") or "mjcf"))
-    tree.unused += unused
-    sites = [
-        tree.add_frame(model.name("site", k) or f"site_{k}", model.bodies[compiled.site_bodyid[k]], place)
-        for k, place in enumerate(_places(compiled.site_pos, compiled.site_quat))
-    ]
-    closures = list(model.loops(tree, sites))
-    pulls = [*model.motors(), *model.tendons()]
+    model = _Model(compiled, root.get("model") or "mjcf")
+    model.tree.unused += unused
+    model.tree.left_out += left_out
+    model.read_joints()
+    model.read_equalities()
+    model.read_pulls()
     model.name_unread_effects()
-    reference = model.reference()
-    return describe(
-        tree,
-        file,
-        options,
-        closures,
-        couplings=model.couplings,
-        pulls=pulls,
-        joints=model.acting(),
-        gravity=tuple(compiled.opt.gravity.tolist()),
-        reference={name: value for name, value in reference.items() if name in tree.coordinates},
-        left_out=[*left_out, *model.left_out],
-    )._replace(dialect="mjcf")
-
-
-def _refuse_nan(root: ElementTree.Element) -> None:
-    """Refuse numbers that are none, which MuJoCo computes with."""
-    for element in root.iter():
-        for key, value in element.attrib.items():
-            if "nan" in value.lower().split():
-                raise RobotFileError(f"<{element.tag}> {key}: needs finite numbers, got {value!r}")
+    return describe(model.tree, file, options, "mjcf")
 
 
 def _places(positions: Array, quaternions: Array) -> Iterator[Array]:
@@ -105,7 +86,7 @@ class _Joint(NamedTuple):
     @property
     def has_one(self) -> bool:
         """Whether the joint has one degree of freedom."""
-        return self.kind in ("prismatic", "continuous")
+        return self.kind not in SEVERAL
 
     def coordinates_at(self, qpos: Array) -> list[float]:
         """Return the coordinates [rad, m] at the joint's part of MuJoCo's qpos, from the zero pose."""
@@ -117,160 +98,77 @@ class _Joint(NamedTuple):
             x, y, z, *quaternion = np.append(np.zeros(3), pose)[-7:]  # of a ball only the quaternion is there
             places.append(placement(from_quaternion(*quaternion), (x, y, z)))
         motion = inverse(places[0]) @ places[1]
-        turn = pin.log3(motion[:3, :3]).tolist()
-        return [*turn] if self.kind == "spherical" else [*motion[:3, 3].tolist(), *turn]
+        values = [*motion[:3, 3].tolist(), *pin.log3(motion[:3, :3]).tolist()]
+        return values[-len(SEVERAL[self.kind]) :]
+
+    def urdf_joint(self, origin: Array) -> ChainJoint:
+        """Return the joint of the URDF at a placement (4, 4) in the link before."""
+        view = self.view
+        limits = (view.range - view.qpos0).tolist() if self.has_one and view.limited[0] else None
+        return ChainJoint(self.name, self.kind, origin, view.axis if self.has_one else None, limits)
 
 
 class _Model:
-    """A compiled model with a name for each body and joint.
+    """A compiled model with named bodies and joints, and its tree."""
 
-    Couplings and unread elements are gathered while the loops and what acts are read.
-    """
-
-    def __init__(self, compiled: Any) -> None:
+    def __init__(self, compiled: Any, name: str) -> None:
         """Name all bodies and joints: unnamed ones body_<k> and <body>_joint, <body>_joint_2."""
         self.compiled = compiled
-        self.couplings: list[Coupling] = []
-        self.left_out: list[LeftOut] = []
         names = [self.name("body", k) for k in range(compiled.nbody)]
-        self.taken = {*names, ""}
-        unnamed = (names[k] or free_name(f"body_{k}", self.taken) for k in range(1, compiled.nbody))
+        taken = {*names, ""}
+        unnamed = (names[k] or free_name(f"body_{k}", taken) for k in range(1, compiled.nbody))
         self.bodies = [WORLD, *unnamed]
         self.joints: list[_Joint] = []
         for j, kind in enumerate(compiled.jnt_type):
             k = compiled.jnt_bodyid[j]
             rank = j - compiled.body_jntadr[k]
-            name = self.name("joint", j) or f"{self.bodies[k]}_joint" + (f"_{rank + 1}" if rank else "")
-            self.joints.append(_Joint(name, _KINDS[kind], compiled.joint(j)))
+            by_body = f"{self.bodies[k]}_joint" + (f"_{rank + 1}" if rank else "")
+            self.joints.append(_Joint(self.name("joint", j) or by_body, _KINDS[kind], compiled.joint(j)))
         self.all_joints = tuple(joint.name for joint in self.joints)
+        self.tree = UrdfTree(self._urdf(name, taken))
+        self.tree.gravity = tuple(compiled.opt.gravity.tolist())
+        self.sites = [
+            self.tree.add_frame(
+                self.name("site", k) or f"site_{k}", self.bodies[compiled.site_bodyid[k]], origin
+            )
+            for k, origin in enumerate(_places(compiled.site_pos, compiled.site_quat))
+        ]
 
     def name(self, kind: str, number: int) -> str:
         return str(getattr(self.compiled, kind)(number).name)
 
     def leave_out(self, text: str, acts_on: Iterable[str], *, is_decisive: bool = False) -> None:
-        self.left_out.append(LeftOut(text, tuple(acts_on), is_decisive))
+        self.tree.left_out.append(LeftOut(text, tuple(acts_on), is_decisive))
 
-    # -------------------------------------------------------------- the tree
+    def _urdf(self, name: str, taken: set[str]) -> ElementTree.Element:
+        """Return the URDF: a link a body, and one between the joints of a body.
 
-    def urdf(self, name: str) -> ElementTree.Element:
-        """Return the bodies as a URDF: a link for each, and one between the joints of a body."""
+        A joint turns about a point of the body: its link stands in that point, and the body's own behind it.
+        """
         model, root = self.compiled, ElementTree.Element("robot", name=name)
         links = [ElementTree.SubElement(root, "link", name=body) for body in self.bodies]
-        for k, place in enumerate(_places(model.body_pos, model.body_quat)):
+        for k, origin in enumerate(_places(model.body_pos, model.body_quat)):
             if k == 0:
                 continue  # the world
-            root.extend(self._joint_elements(k, place))
+            motions, end = list[ChainJoint](), origin
+            for joint in self.joints[model.body_jntadr[k] :][: model.body_jntnum[k]]:
+                point = joint.view.pos if joint.kind != "floating" else np.zeros(3)
+                motions.append(joint.urdf_joint(end @ placement(None, point)))
+                end = placement(None, -point)
+            parent = self.bodies[model.body_parentid[k]]
+            root.extend(chain_elements(parent, motions, self.bodies[k], end, taken))
             if model.body_mass[k] or model.body_inertia[k].any():
                 turn = from_quaternion(*model.body_iquat[k])
                 inertia = turn @ np.diag(model.body_inertia[k]) @ turn.T
                 links[k].append(inertial_element(model.body_mass[k], model.body_ipos[k], inertia))
-        for k, place in enumerate(_places(model.geom_pos, model.geom_quat)):
+        for k, origin in enumerate(_places(model.geom_pos, model.geom_quat)):
             if model.geom_type[k] in _SHAPES:
-                shape = _visual(_SHAPES[model.geom_type[k]], model.geom_size[k], place)
+                shape = _visual(_SHAPES[model.geom_type[k]], model.geom_size[k], origin)
                 links[model.geom_bodyid[k]].append(shape)
         return root
 
-    def _joint_elements(self, k: int, place: Array) -> Iterator[ElementTree.Element]:
-        """Yield the joints and links that carry body k, at `place` (4, 4) in its parent.
-
-        A joint turns about a point of the body: its link stands in that point, and the body's own behind it.
-        """
-        model, motions, end = self.compiled, list[ChainJoint](), place
-        for joint in self.joints[model.body_jntadr[k] :][: model.body_jntnum[k]]:
-            point = joint.view.pos if joint.kind != "floating" else np.zeros(3)
-            motions.append(_motion(joint, end @ placement(None, point)))
-            end = placement(None, -point)
-        parent = self.bodies[model.body_parentid[k]]
-        yield from chain_elements(parent, motions, self.bodies[k], end, self.taken)
-
-    def reference(self) -> dict[str, float]:
-        """Return joint angles of the first key, from the zero pose; empty without one."""
-        model, reference = self.compiled, dict[str, float]()
-        for joint in self.joints if model.nkey else ():
-            start = joint.view.qposadr.item()
-            qpos = model.key_qpos[0, start : start + joint.view.qpos0.size]
-            names = coordinates_of(joint.name, joint.kind)
-            reference.update(zip(names, joint.coordinates_at(qpos), strict=True))
-        return reference
-
-    # -------------------------------------------------------------- loops
-
-    def loops(self, tree: UrdfTree, sites: list[str]) -> Iterator[Closure]:
-        """Yield the closures of the equalities; gather couplings, and equalities that are not read.
-
-        Joints that an equality holds become fixed in the tree.
-        """
-        model = self.compiled
-        for k in np.flatnonzero(model.eq_active0).tolist():
-            kind = _EQUALITIES[model.eq_type[k]] if model.eq_type[k] < len(_EQUALITIES) else "flex"
-            ends = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
-            name = self.name("equality", k) or f"{kind}_{k + 1}"
-            if kind == "flex":
-                self.leave_out(f"equality {name!r}: of flexible bodies", tree.coordinates, is_decisive=True)
-            elif kind in ("joint", "tendon"):
-                yield from self._joint_equality(tree, name, kind, ends, model.eq_data[k])
-            elif model.eq_objtype[k] == _SITE:
-                axes = locked_axes(_closure_kind(kind, model.eq_data[k]))
-                yield Closure(name, (sites[ends[0]], sites[ends[1]]), axes)
-            else:
-                yield self._body_equality(tree, name, kind, ends, model.eq_data[k])
-
-    def _body_equality(
-        self, tree: UrdfTree, name: str, kind: str, ends: tuple[int, int], data: Array
-    ) -> Closure:
-        """Return the closure of two bodies at coinciding placements."""
-        places = [placement(None, data[:3]), placement(None, data[3:6])]
-        if kind == "weld":
-            places = [placement(from_quaternion(*data[6:10]), data[3:6]), placement(None, data[:3])]
-        bodies = [self.bodies[end] for end in ends]
-        return tree.close(name, _closure_kind(kind, data), zip("12", bodies, places, strict=True))
-
-    def _joint_equality(
-        self, tree: UrdfTree, name: str, kind: str, ends: tuple[int, int], data: Array
-    ) -> Iterator[Closure]:
-        """Gather the coupling of an equality of joints or tendons; a joint that is held alone becomes fixed.
-
-        Equal turns about parallel axes of one body are a closure, which all proofs know. MuJoCo's polynomial
-        is between ways from the zero pose, as ours is.
-        """
-        where = f"{kind} equality {name!r}"
-        offset, ratio = data[:2].tolist()
-        first, second = (self._shares(kind, end) for end in ends)
-        if first is None or second is None:
-            where += ": of a spatial tendon, which is not read"
-            return self.leave_out(where, tree.coordinates, is_decisive=True)
-        differences = {
-            joint: first.get(joint, 0.0) - ratio * second.get(joint, 0.0) for joint in first | second
-        }
-        shares = {joint: share for joint, share in differences.items() if share}
-        if second and data[2:5].any():
-            polynomial = " ".join(map("{:g}".format, data[:5]))
-            where += (
-                f": polycoef {polynomial} couples {' and '.join(differences)}: only linear couplings are read"
-            )
-            self.leave_out(where, differences, is_decisive=True)
-        elif len(shares) > 2:
-            where += f": couples {', '.join(shares)}: only couplings of two joints are read"
-            self.leave_out(where, shares, is_decisive=True)
-        elif len(shares) == 2:
-            yield from self._couple(tree, name, shares, offset)
-        for joint, share in shares.items() if len(shares) == 1 else ():
-            if tree.joints[joint].moves:
-                tree.fix(tree.joints[joint], offset / share)
-
-    def _couple(
-        self, tree: UrdfTree, name: str, shares: Mapping[str, float], offset: float
-    ) -> Iterator[Closure]:
-        """Gather the coupling of two joints, or yield the closure of equal turns."""
-        (driven, share), (of, other) = shares.items()
-        is_equal = (offset, share, other) == (0.0, 1.0, -1.0)
-        if is_equal and (closure := _parallel_turns(tree, name, driven, of)):
-            yield closure
-        else:
-            self.couplings.append(Coupling(driven, of, -other / share, offset / share))
-
     def _shares(self, kind: str, number: int) -> dict[str, float] | None:
-        """Return the joints of a joint or a fixed tendon with their shares; None of a spatial tendon."""
+        """Return the shares of joints in a joint or fixed tendon; None of a spatial one."""
         model = self.compiled
         if number < 0:
             return {}
@@ -282,45 +180,96 @@ class _Model:
         names = [self.joints[j].name for j in model.wrap_objid[parts]]
         return dict(zip(names, model.wrap_prm[parts].tolist(), strict=True))
 
+    # -------------------------------------------------------------- loops
+
+    def read_equalities(self) -> None:
+        """Read closures and couplings into the tree; a joint that an equality holds becomes fixed."""
+        model = self.compiled
+        for k in np.flatnonzero(model.eq_active0).tolist():
+            kind = _EQUALITIES[model.eq_type[k]] if model.eq_type[k] < len(_EQUALITIES) else "flex"
+            name = self.name("equality", k) or f"{kind}_{k + 1}"
+            if kind == "flex":
+                self.leave_out(f"equality {name!r}: of flexible bodies", self.all_joints, is_decisive=True)
+            elif kind in ("joint", "tendon"):
+                self._read_joint_equality(k, name, kind)
+            else:
+                self._close(k, name, kind)
+
+    def _close(self, k: int, name: str, kind: str) -> None:
+        """Close a loop by a connect or a weld of sites or bodies."""
+        model, data, places = self.compiled, self.compiled.eq_data[k], 2 * [np.eye(4)]
+        frames = self.sites if model.eq_objtype[k] == _SITE else self.bodies
+        if frames is self.bodies and kind == "connect":
+            places = [placement(None, data[:3]), placement(None, data[3:6])]
+        elif frames is self.bodies:
+            places = [placement(from_quaternion(*data[6:10]), data[3:6]), placement(None, data[:3])]
+        ends = frames[model.eq_obj1id[k]], frames[model.eq_obj2id[k]]
+        holds_turn = kind == "weld" and data[10]
+        closure_kind = "fixed" if holds_turn else "spherical"
+        self.tree.close(name, closure_kind, zip("12", ends, places, strict=True))
+
+    def _read_joint_equality(self, k: int, name: str, kind: str) -> None:
+        """Read an equality of joints or tendons: a coupling, or a fixed joint.
+
+        MuJoCo's polynomial is between ways from the zero pose, as ours is.
+        """
+        model, where = self.compiled, f"{kind} equality {name!r}"
+        offset, ratio = model.eq_data[k, :2].tolist()
+        first, second = (self._shares(kind, int(ends[k])) for ends in (model.eq_obj1id, model.eq_obj2id))
+        if first is None or second is None:
+            where += ": of a spatial tendon, which is not read"
+            self.leave_out(where, self.all_joints, is_decisive=True)
+            return
+        differences = {
+            joint: first.get(joint, 0.0) - ratio * second.get(joint, 0.0) for joint in first | second
+        }
+        shares, problem = {joint: share for joint, share in differences.items() if share}, ""
+        if second and model.eq_data[k, 2:5].any():
+            polynomial = " ".join(map("{:g}".format, model.eq_data[k, :5]))
+            coupled = " and ".join(differences)
+            problem = f"polycoef {polynomial} couples {coupled}: only linear couplings are read"
+        elif len(shares) > 2:
+            problem = f"couples {', '.join(shares)}: only couplings of two joints are read"
+        if problem:
+            self.leave_out(f"{where}: {problem}", differences, is_decisive=True)
+        elif len(shares) == 2:
+            self._couple(name, shares, offset)
+        for joint, share in shares.items() if len(shares) == 1 else ():
+            if self.tree.joints[joint].moves:
+                self.tree.fix(self.tree.joints[joint], offset / share)
+
+    def _couple(self, name: str, shares: Mapping[str, float], offset: float) -> None:
+        """Couple two joints; by a closure, which all proofs know, if equal and parallel."""
+        tree = self.tree
+        (driven, share), (of, other) = shares.items()
+        children = [tree.joints[joint].child for joint in shares]
+        chains = [[joint.name for joint in chain] for chain in tree.moving_chains(*children)]
+        is_equal = (offset, share, other) == (0.0, 1.0, -1.0) and chains == [[driven], [of]]
+        if not (is_equal and tree.close_turns(name, *children)):
+            tree.couplings.append(Coupling(driven, of, -other / share, offset / share))
+
     # -------------------------------------------------------------- what acts
 
-    def acting(self) -> dict[str, JointDynamics]:
-        """Return armature, damping, friction and springs by coordinate."""
-        joints = dict[str, JointDynamics]()
-        for joint in self.joints:
-            view = joint.view
-            stiffness = float(view.stiffness[0]) if joint.has_one else 0.0
-            acting = JointDynamics(
-                armature=float(view.armature[0]),
-                damping=float(view.damping[0]),
-                friction=float(view.frictionloss[0]),
-                stiffness=stiffness,
-                rest=float(view.qpos_spring[0] - view.qpos0[0]) if stiffness else 0.0,
-            )
-            if acting != JointDynamics():
-                joints.update(dict.fromkeys(coordinates_of(joint.name, joint.kind), acting))
-        return joints
-
-    def tendons(self) -> Iterator[Pull]:
-        """Yield the fixed tendons with their dynamics."""
+    def read_joints(self) -> None:
+        """Read armature, damping, friction and springs by coordinate, and the first key as the reference."""
         model = self.compiled
-        for k, (low, high) in enumerate(model.tendon_lengthspring):
-            shares = self._shares("tendon", k)
-            acting = JointDynamics(
-                armature=float(model.tendon_armature[k]),
-                damping=float(model.tendon_damping[k]),
-                friction=float(model.tendon_frictionloss[k]),
-                stiffness=float(model.tendon_stiffness[k]) if low == high else 0.0,
-                rest=float(low - model.tendon_length0[k]),
-            )
-            if shares is not None:
-                yield Pull(f"tendon {self.name('tendon', k)!r}", shares, acting=acting, is_motor=False)
+        for joint in self.joints:
+            view, names = joint.view, coordinates_of(joint.name, joint.kind)
+            rest = view.qpos_spring[0] - view.qpos0[0] if joint.has_one else None
+            dynamics = _dynamics((getattr(view, key)[0] for key in _ACTING), rest)
+            if dynamics != JointDynamics():
+                self.tree.dynamics |= dict.fromkeys(names, dynamics)
+            if model.nkey:
+                start = view.qposadr.item()
+                qpos = model.key_qpos[0, start : start + view.qpos0.size]
+                self.tree.reference |= zip(names, joint.coordinates_at(qpos), strict=True)
 
-    def motors(self) -> Iterator[Pull]:
-        """Yield motors on hinges, slides and their fixed tendons; gather other motors as left out."""
+    def read_pulls(self) -> None:
+        """Read motors on hinges, slides and fixed tendons, and fixed tendons; leave out other motors."""
         model = self.compiled
         for k in range(model.nactuator):
-            target, kind, gear = int(model.actuator_trnid[k, 0]), model.actuator_trntype[k], self._gear(k)
+            target, kind = int(model.actuator_trnid[k, 0]), model.actuator_trntype[k]
+            gear = float(model.actuator_gear[k, 0])
             shares: Mapping[str, float] | None = None
             acts_on, name = self.all_joints, self.name("actuator", k)
             if kind in _JOINT_MOTORS:
@@ -336,13 +285,16 @@ class _Model:
             elif not shares or not gear:
                 self.leave_out(f"{where}: no motor on a hinge or a slide", acts_on)
             else:
-                acting = JointDynamics(float(model.actuator_armature[k]), float(model.actuator_damping[k]))
-                yield Pull(where, shares, gear, acting, self._force_limit(k))
+                dynamics = JointDynamics(float(model.actuator_armature[k]), float(model.actuator_damping[k]))
+                self.tree.pulls.append(Pull(where, shares, gear, dynamics, self._force_limit(k, gear)))
+        for k, (low, high) in enumerate(model.tendon_lengthspring):
+            shares, where = self._shares("tendon", k), f"tendon {self.name('tendon', k)!r}"
+            rest = low - model.tendon_length0[k] if low == high else None
+            if shares is not None:
+                dynamics = _dynamics((getattr(model, f"tendon_{key}")[k] for key in _ACTING), rest)
+                self.tree.pulls.append(Pull(where, shares, 1.0, dynamics, is_motor=False))
 
-    def _gear(self, k: int) -> float:
-        return float(self.compiled.actuator_gear[k, 0])
-
-    def _force_limit(self, k: int) -> float | None:
+    def _force_limit(self, k: int, gear: float) -> float | None:
         """Return the least symmetric limit of a motor [N m, N]."""
         model = self.compiled
         joint = int(model.actuator_trnid[k, 0])
@@ -351,15 +303,21 @@ class _Model:
         if model.actuator_ctrllimited[k] and is_plain:
             ranges.append(model.actuator_ctrlrange[k] * model.actuator_gainprm[k, 0])
         if model.actuator_trntype[k] in _JOINT_MOTORS and model.jnt_actfrclimited[joint]:
-            ranges.append(model.jnt_actfrcrange[joint] / abs(self._gear(k)))
+            ranges.append(model.jnt_actfrcrange[joint] / abs(gear))
         return min((float(abs(high)) for low, high in ranges if high and low == -high), default=None)
 
     def name_unread_effects(self) -> None:
-        """Gather unread effects of joints, bodies, tendons and the fluid, with their sizes."""
+        """Leave out, with their sizes, unread effects of joints, bodies, tendons and the fluid."""
         model = self.compiled
         for joint in self.joints:
-            for effect in _unread_effects(joint):
-                self.leave_out(f"joint {joint.name!r}{effect}", [joint.name])
+            view, where = joint.view, f"joint {joint.name!r}"
+            if not joint.has_one and view.stiffness[0]:
+                text = f"{where}: spring of a ball, {view.stiffness[0]:g} N m/rad"
+                self.leave_out(text, [joint.name])
+            for effect, rows in (("damping", view.dampingpoly), ("stiffness", view.stiffnesspoly)):
+                if rows.any():
+                    powers = " ".join(map("{:g}".format, np.atleast_2d(rows)[0]))
+                    self.leave_out(f"{where} {effect}: higher powers {powers}", [joint.name])
         for k, body in enumerate(self.bodies):
             if model.body_mocapid[k] >= 0:
                 self.leave_out(f"body {body!r}: mocap, so it stands still", [body])
@@ -367,63 +325,39 @@ class _Model:
                 weight = model.body_gravcomp[k] * model.body_mass[k] * np.linalg.norm(model.opt.gravity)
                 self.leave_out(f"body {body!r} gravcomp {model.body_gravcomp[k]:g}: {weight:.3g} N", [body])
         for k in range(model.ntendon):
-            if acting := self._left_out_of_tendon(k):
+            if effects := self._unread_effects_of_tendon(k):
                 touched = self._shares("tendon", k) or self.all_joints  # a spatial one may touch any body
-                self.leave_out(f"tendon {self.name('tendon', k)!r}: {', '.join(acting)}", touched)
+                self.leave_out(f"tendon {self.name('tendon', k)!r}: {', '.join(effects)}", touched)
         if model.opt.density or model.opt.viscosity:
             around = f"density {model.opt.density:g}, viscosity {model.opt.viscosity:g}"
             self.leave_out(f"<option> {around}: the drag of the fluid", self.all_joints)
 
-    def _left_out_of_tendon(self, k: int) -> list[str]:
+    def _unread_effects_of_tendon(self, k: int) -> list[str]:
         """Return the unread effects of a tendon: all of a spatial one, slack springs, ranges."""
-        model, acting = self.compiled, list[str]()
+        model, effects = self.compiled, list[str]()
         if self._shares("tendon", k) is None:
             for key in ("stiffness", "damping", "frictionloss", "armature"):
                 value = getattr(model, f"tendon_{key}")[k]
-                acting += [f"{key} {value:g}"] if value else []
+                effects += [f"{key} {value:g}"] if value else []
         elif model.tendon_stiffness[k] and np.ptp(model.tendon_lengthspring[k]):
-            acting.append("a spring with slack")
+            effects.append("a spring with slack")
         if model.tendon_limited[k]:
-            acting.append("range {:g} {:g}".format(*model.tendon_range[k]))
-        return acting
+            effects.append("range {:g} {:g}".format(*model.tendon_range[k]))
+        return effects
 
 
-def _parallel_turns(tree: UrdfTree, name: str, *joints: str) -> Closure | None:
-    """Return the closure of two joints' equal turns about parallel axes of one body, or None."""
-    children = [tree.joints[joint].child for joint in joints]
-    chains = tree.moving_chains(*children)
-    if [[part.name for part in chain] for chain in chains] != [[joint] for joint in joints]:
-        return None
-    return tree.same_turning(name, *children)
+def _dynamics(values: Iterable[float], rest: float | None) -> JointDynamics:
+    """Return the dynamics of values in the order of _ACTING; no spring without `rest`."""
+    armature, damping, friction, stiffness = map(float, values)
+    if rest is None or not stiffness:
+        return JointDynamics(armature, damping, friction)
+    return JointDynamics(armature, damping, friction, stiffness, float(rest))
 
 
-def _unread_effects(joint: _Joint) -> Iterator[str]:
-    """Yield the unread effects of a joint: springs of balls, powers of damping and stiffness."""
-    view = joint.view
-    if joint.kind in SEVERAL and view.stiffness[0]:
-        yield f": spring of a ball, {view.stiffness[0]:g} N m/rad"
-    for effect, rows in (("damping", view.dampingpoly), ("stiffness", view.stiffnesspoly)):
-        values = np.atleast_2d(rows)[0]
-        if values.any():
-            yield f" {effect}: higher powers {' '.join(map('{:g}'.format, values))}"
-
-
-def _closure_kind(kind: str, data: Array) -> str:
-    """Return the closure kind of a connect or a weld; a weld of no turn holds a point."""
-    return "fixed" if kind == "weld" and data[10] else "spherical"
-
-
-def _motion(joint: _Joint, place: Array) -> ChainJoint:
-    """Return a joint of the URDF at a placement (4, 4) in the link before."""
-    view = joint.view
-    limits = (view.range - view.qpos0).tolist() if joint.has_one and view.limited[0] else None
-    return ChainJoint(joint.name, joint.kind, place, view.axis if joint.has_one else None, limits)
-
-
-def _visual(shape: str, size: Array, place: Array) -> ElementTree.Element:
+def _visual(shape: str, size: Array, origin: Array) -> ElementTree.Element:
     """Return the URDF's `<visual>` of a primitive geom."""
     radius, half, _ = map(float, size)
     words = {"radius": repr(radius)} if shape != "box" else {"size": vector_text(2 * size)}
     if shape == "cylinder":
         words["length"] = repr(2 * half)
-    return visual_element(shape, words, place)
+    return visual_element(shape, words, origin)

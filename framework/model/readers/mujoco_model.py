@@ -11,7 +11,7 @@ import re
 import warnings
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +19,8 @@ import numpy as np
 import pinocchio as pin
 
 from framework.errors import MissingPackage, RobotFileError
-from framework.model.inertia import check_inertia, symmetric
-from framework.model.readers.describe import LeftOut
+from framework.model.readers.urdf_tree import LeftOut
+from framework.model.urdf_elements import check_inertia, symmetric
 from framework.numerics.input import read_text
 
 # [kg], [kg m^2] of bodies without mass, for MuJoCo, which refuses less than 1e-15
@@ -38,7 +38,7 @@ _PLUGIN = re.compile(r"<extension\b.*?</extension\s*>|<plugin\b[^>]*/>|<plugin\b
 
 
 def mujoco_model(file: Path) -> tuple[Any, list[LeftOut], Counter[str]]:
-    """Return the compiled model of an MJCF file, omitted elements, and the number of unused ones by kind.
+    """Return the compiled model, omitted elements, and counts of unused ones by kind.
 
     Bodies without mass stay massless.
 
@@ -55,8 +55,10 @@ def mujoco_model(file: Path) -> tuple[Any, list[LeftOut], Counter[str]]:
             package="mujoco",
         ) from None
     try:
-        with _silence_log(mujoco), warnings.catch_warnings():
+        with ExitStack() as silence, warnings.catch_warnings():
             warnings.simplefilter("ignore")  # it computes with bodies that have next to no mass
+            silence.callback(mujoco.set_mju_user_warning, mujoco.get_mju_user_warning())
+            mujoco.set_mju_user_warning(lambda _: None)  # its own writes a file where the program runs
             return _model_of(mujoco, _parse(mujoco, file))
     except RobotFileError:
         raise
@@ -64,30 +66,19 @@ def mujoco_model(file: Path) -> tuple[Any, list[LeftOut], Counter[str]]:
         raise RobotFileError(_one_line(str(error))) from None
 
 
-@contextmanager
-def _silence_log(mujoco: Any) -> Iterator[None]:
-    """Keep MuJoCo from writing its warnings to a file where the program runs."""
-    before = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(lambda _: None)
-    try:
-        yield
-    finally:
-        mujoco.set_mju_user_warning(before)
-
-
 def _model_of(mujoco: Any, spec: Any) -> tuple[Any, list[LeftOut], Counter[str]]:
     """Return the compiled model of a specification, omitted and unused elements."""
     unused = Counter({kind: len(getattr(spec, kind)) for kind in (*_UNUSED, "cameras")})
     left_out = [*_delete_unused(mujoco, spec), *_repair_inertias(mujoco, spec)]
     left_out += _delete_needless_meshes(mujoco, spec)
-    given = len(spec.keys[0].qpos) if spec.keys else 0
-    compiled, more = _compile(spec)
-    if given not in (0, compiled.nq):
+    count = len(spec.keys[0].qpos) if spec.keys else 0
+    compiled, refused = _compile(spec)
+    if count not in (0, compiled.nq):
         raise RobotFileError(
-            f"<key> {spec.keys[0].name!r} qpos: needs {compiled.nq} numbers, one a coordinate, got {given}"
+            f"<key> {spec.keys[0].name!r} qpos: needs {compiled.nq} numbers, one a coordinate, got {count}"
         )
     _apply_flags(mujoco, compiled)
-    return compiled, left_out + more, unused
+    return compiled, left_out + refused, unused
 
 
 def _apply_flags(mujoco: Any, compiled: Any) -> None:
@@ -110,11 +101,11 @@ def _apply_flags(mujoco: Any, compiled: Any) -> None:
 def _one_line(error: str) -> str:
     """Return MuJoCo's error, its line and element in front."""
     text = " ".join(re.sub(r"^((XML )?Error: )+", "", error).split())
-    place = re.search(r" Element (name )?'(?P<name>[^']*)'(, id \d+)?, line (?P<line>\d+)$", text)
-    if place is None:
+    match = re.search(r" Element (name )?'(?P<name>[^']*)'(, id \d+)?, line (?P<line>\d+)$", text)
+    if match is None:
         return f"MuJoCo: {text}"
-    name = f"{place['name']!r}: " if place["name"] else ""
-    return f"line {place['line']}: {name}MuJoCo: {text[: place.start()]}"
+    name = f"{match['name']!r}: " if match["name"] else ""
+    return f"line {match['line']}: {name}MuJoCo: {text[: match.start()]}"
 
 
 def _parse(mujoco: Any, file: Path) -> Any:
@@ -190,7 +181,7 @@ def _repair_inertias(mujoco: Any, spec: Any) -> Iterator[LeftOut]:
 
 
 def _make_principal(body: Any) -> None:
-    """State the inertia of a body [kg m^2] by principal moments and axes in place of its matrix."""
+    """Replace the inertia matrix of a body by principal moments [kg m^2] and axes."""
     moments, axes = np.linalg.eigh(symmetric(*body.fullinertia))
     axes[:, 0] *= np.linalg.det(axes)  # right-handed
     turn = pin.Quaternion(axes)
@@ -252,11 +243,7 @@ def _compile(spec: Any) -> tuple[Any, list[LeftOut]]:
 
 
 def _delete_refused_meshes(spec: Any, error: str) -> list[LeftOut]:
-    """Delete geoms of the mesh in the line of an error, else of all meshes.
-
-    Raises:
-        RobotFileError: the error, where there is no mesh.
-    """
+    """Delete the mesh that an error names, else all meshes, with their geoms."""
     left_out = []
     geoms = [geom for geom in spec.geoms if geom.meshname]
     if not geoms:

@@ -16,12 +16,7 @@ from framework.errors import InvalidInput, MissingPackage, RobotFileError, check
 from framework.model.description import ParsedRobot, RobotDescription
 from framework.model.documents import LEADING_BLANKS, naming, parse_xml, parse_yaml
 from framework.model.parameters import with_parameters
-from framework.model.readers.describe import (
-    Known,
-    Options,
-    checked_reference,
-    complete,
-)
+from framework.model.readers.describe import Known, Options, checked_reference, complete
 from framework.model.readers.urdf_tree import UrdfTree
 from framework.model.robot_file import parse_robot
 from framework.numerics.input import read_text
@@ -85,24 +80,6 @@ def parse_any(
         return _from_xml(path, text, chosen)
 
 
-def _dialect_of_yaml(content: Any) -> str:
-    """Return the dialect of a YAML file by its keys; refuse a file without a key of any."""
-    if not isinstance(content, dict):
-        raise RobotFileError(f"needs a mapping of keys, got {short(content)}")
-    if "closures" in content and not any(key in content for key in ("version", "urdf", "platform")):
-        return "loop_closures"
-    if any(key in content for key in _OWN_KEYS):
-        return "robot file"
-    from framework.model.readers import gepetto
-
-    if any(key in content for key in gepetto.KEYS):
-        return "gepetto"
-    valid = ", ".join(map(short, content)) or "nothing"
-    raise RobotFileError(
-        f"unknown dialect: has neither version (our robot file) nor closed_loop (Gepetto); given: {valid}"
-    )
-
-
 def _from_xml(path: Path, text: str, options: Options) -> ParsedRobot:
     """Read an XML file by the reader of its root element; prefix errors with their line."""
     from framework.model.readers.mjcf import read_mjcf
@@ -121,7 +98,7 @@ def _from_xml(path: Path, text: str, options: Options) -> ParsedRobot:
 
 
 def _line_of_element(message: str, text: str) -> str:
-    """Return the line of the element with whose name a message begins; empty where none is found."""
+    """Return the line of the element that a message begins with, or nothing."""
     named = re.match(r"(?:<\w+>: )?<?(\w+)>? '([^']+)'", message)
     if named is None:
         return ""
@@ -133,29 +110,36 @@ def _line_of_element(message: str, text: str) -> str:
 def _from_yaml(
     path: Path, text: str, options: Options, parameters_given: Mapping[str, float] | None
 ) -> ParsedRobot:
-    """Read a YAML file of any dialect, with its URDF."""
+    """Read a YAML file of any dialect, recognised by its keys, with its URDF."""
     text, parameters = with_parameters(text, parameters_given)
     content = parse_yaml(text)
-    dialect = _dialect_of_yaml(content)
-    if dialect == "robot file":
+    if not isinstance(content, dict):
+        raise RobotFileError(f"needs a mapping of keys, got {short(content)}")
+    has_loops_alone = "closures" in content and not {"version", "urdf", "platform"} & content.keys()
+    if not has_loops_alone and any(key in content for key in _OWN_KEYS):
         return _own(parse_robot(path, content, parameters), options)
     from framework.model.readers import gepetto
     from framework.model.readers.urdf import read_urdf
 
+    if not has_loops_alone and not any(key in content for key in gepetto.KEYS):
+        keys = ", ".join(map(short, content)) or "nothing"
+        raise RobotFileError(
+            f"unknown dialect: has neither version (our robot file) nor closed_loop (Gepetto); given: {keys}"
+        )
     urdf = _urdf_beside(path)
-    if dialect == "loop_closures" and not urdf.is_file():
+    if has_loops_alone and not urdf.is_file():
         raise RobotFileError("a list of closures: give the URDF that they are of")
     with naming(urdf.name):
         root = parse_xml(read_text(urdf, "cannot read it", error=RobotFileError))
-        if dialect == "loop_closures":
+        if has_loops_alone:
             return read_urdf(urdf, root, options, content)
         tree = UrdfTree(root)
-    tree.impossible = [(name, f"{urdf.name}: {what}") for name, what in tree.impossible]
-    return gepetto.read_pair(path, content, tree, options)._replace(dialect=dialect)
+    tree.left_out = [item._replace(what=f"{urdf.name}: {item.what}") for item in tree.left_out]
+    return gepetto.read_pair(path, content, tree, options)
 
 
 def _urdf_beside(path: Path) -> Path:
-    """Return the URDF of a foreign YAML: of its name, else the only one in its folder or package."""
+    """Return the URDF of a foreign YAML: its namesake, else the only one nearby."""
     urdf = path.with_suffix(".urdf")
     for folder in (path.parent, path.parent / "urdf", path.parent.parent / "urdf"):
         others = list(folder.glob("*.urdf"))

@@ -14,7 +14,7 @@ Source: sdformat.org, "Pose frame semantics".
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -22,21 +22,13 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.errors import RobotFileError, check_choice, check_name, choose_from
-from framework.model.description import Closure, Coupling, JointDynamics, ParsedRobot
-from framework.model.documents import naming, parse_xml
-from framework.model.inertia import ENTRIES, symmetric
+from framework.model.description import Coupling, JointDynamics, ParsedRobot
+from framework.model.documents import attribute, child_element, naming, numbers, parse_xml, remove_children
 from framework.model.placement import from_quaternion, from_rpy, inverse, placement
-from framework.model.readers.describe import LeftOut, Options, describe
-from framework.model.readers.urdf_tree import UrdfTree, merge_sharing
-from framework.model.urdf_elements import local_name
-from framework.model.urdf_writing import (
-    ChainJoint,
-    chain_elements,
-    inertial_element,
-    remove_children,
-    visual_element,
-)
-from framework.model.xml_reading import attribute, child_element, numbers
+from framework.model.readers.describe import Options, describe
+from framework.model.readers.urdf_tree import LeftOut, UrdfTree, merge_sharing
+from framework.model.urdf_edits import ChainJoint, chain_elements, inertial_element, visual_element
+from framework.model.urdf_elements import ENTRIES, local_name, symmetric
 from framework.numerics.arrays import Array
 from framework.numerics.fields import vector3
 from framework.numerics.input import read_text
@@ -66,6 +58,7 @@ _DYNAMICS = {
     "stiffness": "spring_stiffness",
     "rest": "spring_reference",
 }
+_INERTIA = {"mass": "1"} | {f"inertia/{key}": one for key, one in zip(ENTRIES, "111000", strict=True)}
 _SHAPES = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length")}
 _VERSION_OF_JOINT_AXES = 1.5  # before, axes were in the frame of the model
 
@@ -100,31 +93,23 @@ class Scope:
 
 
 class _Joint(NamedTuple):
-    """A joint, with its placements and axes in both links, of the parent first."""
+    """A joint with motions, dynamics, and placements in both links."""
 
     name: str
     element: ElementTree.Element
     kind: str
-    links: tuple[str, str]
+    links: tuple[str, str]  # of the parent first
     places: tuple[Array, Array]
-    axes: tuple[Array, ...]
+    motions: tuple[ChainJoint, ...]  # in the joint's frame
+    dynamics: dict[str, JointDynamics]  # by motion, none where nothing acts
 
-    def motions(self) -> list[tuple[str, str, Array | None, str]]:
-        """Return name, kind, axis and the axis' tag of each motion of one freedom, from the parent."""
-        if not self.axes:
-            return [(self.name, self.kind, None, "")]
-        axes = 2 * self.axes if self.kind == "screw" else self.axes
-        motions = zip(_MOTIONS[self.kind], axes, strict=True)
-        return [(self.name + suffix, kind, axis, tag) for (suffix, kind, tag), axis in motions]
-
-    def dynamics(self) -> dict[str, JointDynamics]:
-        """Return damping, friction and spring of each motion that has some."""
-        acting = {}
-        for name, _, _, tag in self.motions() if self.axes else ():
-            paths = {f"{tag}/dynamics/{key}": "0" for key in _DYNAMICS.values()}
-            values = dict(zip(_DYNAMICS, _values(self.element, f"joint {self.name!r}", paths), strict=True))
-            acting[name] = JointDynamics(**values | ({} if values["stiffness"] else {"rest": 0.0}))
-        return {name: joint for name, joint in acting.items() if joint != JointDynamics()}
+    def chain(self, step: int) -> list[ChainJoint]:
+        """Return the joints of the URDF, from parent to child for step 1, else for -1."""
+        places = [self.places[::step][0], np.eye(4)]
+        return [
+            motion._replace(origin=origin, axis=None if motion.axis is None else step * motion.axis)
+            for motion, origin in zip(self.motions[::step], places, strict=False)
+        ]
 
 
 def read_sdf(file: Path, root: ElementTree.Element, options: Options) -> ParsedRobot:
@@ -139,52 +124,43 @@ def read_sdf(file: Path, root: ElementTree.Element, options: Options) -> ParsedR
         _add_models(scope, parent, file.parent, "", WORLD)
     joints = _joints_of_largest_part(scope)
     names = _tree_joints(scope, joints)
-    cut = [joint for joint in joints if joint.name not in names]
-    within = [joint for joint in joints if joint.name in names or joint.kind == "screw"]
     tree = UrdfTree(_urdf(scope, joints, names, file.stem))
     tree.unused += {f"<{tag}>": len(list(root.iter(tag))) for tag in _UNUSED}
+    tree.gravity = vector3("<gravity>", root.findtext("world/gravity", "0 0 -9.81").split())
     plugged = [element.text or "" for element in root.iter("joint_name")]
-    return describe(
-        tree,
-        file,
-        options,
-        [_closure(tree, joint) for joint in cut],
-        couplings=[coupling for joint in within for coupling in _couplings(joint, names)],
-        likely_motors=[name for name in names if name.rsplit("::", 1)[-1] in plugged],
-        joints={name: acting for joint in within for name, acting in joint.dynamics().items()},
-        gravity=vector3("<gravity>", root.findtext("world/gravity", "0 0 -9.81").split()),
-        left_out=list(_left_out(scope, cut)),
-        remarks=_remarks(scope, joints),
-    )._replace(dialect="sdf")
-
-
-def _remarks(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
-    """Return a remark on links beside the mechanism of some joints, if any."""
-    part = {link for joint in joints for link in joint.links}
-    apart = [f"{name} of {_mass(link)} kg" for name, link in scope.links.items() if name not in part]
-    return [f"not read: {', '.join(apart)}, which no joint joins with the mechanism"] if apart else []
-
-
-def _left_out(scope: Scope, cut: Sequence[_Joint]) -> Iterator[LeftOut]:
-    """Yield elements with motion or force that the records do not hold."""
-    for name, element in scope.joints.items():
-        if element.get("type") in _NOT_READ:
-            text = f"joint {name!r}: {element.get('type')}: not read"
-            yield LeftOut(text, (name, *_ends(scope, name)), is_decisive=True)
-    for name, link in scope.links.items():
-        if link.findtext("gravity", "1").strip() in ("0", "false"):
-            yield LeftOut(f"link {name!r}: <gravity> off, {_mass(link)} kg", (name,))
-    for joint in cut:
-        if joint.kind == "screw":
+    tree.likely_motors = [name for name in names if name.rsplit("::", 1)[-1] in plugged]
+    _name_unread_parts(scope, tree, joints)
+    for joint in joints:
+        if joint.name not in names:
+            _close(tree, joint)
+        if joint.name in names or joint.kind == "screw":
+            tree.couplings += _couplings(joint, names)
+            tree.dynamics |= joint.dynamics
             continue
-        for part, is_there in (("dynamics", joint.dynamics()), ("mimic", _has(joint.element, "mimic"))):
+        for part, is_there in (("dynamics", joint.dynamics), ("mimic", _has(joint.element, "mimic"))):
             if is_there:
                 text = f"joint {joint.name!r}: its {part}, where the loop is cut"
-                yield LeftOut(text, (joint.links[1],))
+                tree.left_out.append(LeftOut(text, (joint.links[1],)))
+    return describe(tree, file, options, "sdf")
 
 
-def _mass(link: ElementTree.Element) -> str:
-    return link.findtext("inertial/mass", "1").strip()
+def _name_unread_parts(scope: Scope, tree: UrdfTree, joints: Sequence[_Joint]) -> None:
+    """Name gearboxes, links without gravity, and links beside the mechanism."""
+    gears = [
+        LeftOut(f"joint {name!r}: {kind}: not read", (name, *_ends(scope, name)), is_decisive=True)
+        for name, element in scope.joints.items()
+        if (kind := element.get("type")) in _NOT_READ
+    ]
+    tree.left_out = [*gears, *tree.left_out]
+    part, apart = {link for joint in joints for link in joint.links}, []
+    for name, link in scope.links.items():
+        mass = link.findtext("inertial/mass", "1").strip()
+        if link.findtext("gravity", "1").strip() in ("0", "false"):
+            tree.left_out.append(LeftOut(f"link {name!r}: <gravity> off, {mass} kg", (name,)))
+        if name not in part:
+            apart.append(f"{name} of {mass} kg")
+    if apart:
+        tree.remarks.append(f"not read: {', '.join(apart)}, which no joint joins with the mechanism")
 
 
 def _scope_name(prefix: str, name: str) -> str:
@@ -226,7 +202,7 @@ def _add_models(scope: Scope, parent: ElementTree.Element, folder: Path, prefix:
 
 
 def _add_model(scope: Scope, model: ElementTree.Element, folder: Path, prefix: str, base: str) -> None:
-    """Add a model; names of a nested one, and of a second one of the world, begin with its own."""
+    """Add a model; if nested or not the first, with its name before others."""
     name = attribute(model, "<model>", "name")
     full = f"{prefix}{name}"
     own, is_first = f"{full}::{MODEL}", base == WORLD and not prefix and not scope.links
@@ -249,14 +225,19 @@ def _add_model(scope: Scope, model: ElementTree.Element, folder: Path, prefix: s
 
 def add_content(scope: Scope, model: ElementTree.Element, folder: Path, prefix: str, base: str) -> None:
     """Add links, frames, joints and models of a model whose frame is `base`."""
-    for element in model:
-        tag = element.tag
+    replaced = [
+        part
+        for number, element in enumerate(model)
+        if local_name(element.tag) in _CONSTRAINTS
+        for part in _constraint_elements(element, f"{local_name(element.tag)}_{number}")
+    ]
+    for element in (*model, *replaced):
+        tag, default = element.tag, base
         if tag not in ("link", "frame", "joint"):
             continue
         name = prefix + attribute(element, f"<{tag}>", "name")
         if name in (scope.joints if tag == "joint" else scope.relative):
             raise RobotFileError(f"duplicate {tag} {name!r}")
-        default = base
         if tag == "link":
             scope.links[name] = element
         elif tag == "frame":
@@ -271,33 +252,28 @@ def add_content(scope: Scope, model: ElementTree.Element, folder: Path, prefix: 
         if tag == "joint":
             scope.relative[f"joint {name}"] = pose
         scope.relative.setdefault(name, pose)
-    for number, element in enumerate(model):
-        if local_name(element.tag) in _CONSTRAINTS:
-            _add_constraint(scope, element, f"{local_name(element.tag)}_{number}", prefix)
     _add_models(scope, model, folder, prefix, base)
 
 
-def _add_constraint(scope: Scope, element: ElementTree.Element, name: str, prefix: str) -> None:
-    """Add Drake's constraint of two bodies as a joint: a weld, or a ball between two points."""
+def _constraint_elements(element: ElementTree.Element, name: str) -> Iterator[ElementTree.Element]:
+    """Yield Drake's constraint of two bodies as two frames and a joint."""
     kind, parts = local_name(element.tag), dict[str, str]()
     for child in element:  # of SDF with a text, of URDF with an attribute
         text = child.text or child.get("name") or child.get("value") or ""
         parts[local_name(child.tag).removeprefix(f"{BALL_CONSTRAINT}_")] = text.strip()
-    joint = ElementTree.Element("joint", name=name, scope=prefix, type=_CONSTRAINTS[kind])
+    joint = ElementTree.Element("joint", name=name, type=_CONSTRAINTS[kind])
     origin = "" if kind == BALL_CONSTRAINT else "0 0 0"  # a ball needs its points
     for end, body, point in (("parent", "body_A", "p_AP"), ("child", "body_B", "p_BQ")):
         needed = {body: parts.get(end) or parts.get(body) or "", point: parts.get(point) or origin}
-        for part, given in needed.items():
-            if not given:
+        for part, text in needed.items():
+            if not text:
                 raise RobotFileError(f"<{kind}>: {part} is missing")
-        frame = f"{name}_at_{end}"
-        ElementTree.SubElement(joint, end).text = frame
-        at = numbers(f"<{kind}> {point}", needed[point], 3)
-        link = _scope_name(prefix, needed[body])
-        scope.relative[prefix + frame] = (link, placement(None, at))
-        scope.attached[prefix + frame] = link
-    scope.joints[prefix + name] = joint
-    scope.relative[f"joint {prefix}{name}"] = (f"{prefix}{name}_at_child", np.eye(4))
+        numbers(f"<{kind}> {point}", needed[point], 3)
+        frame = ElementTree.Element("frame", name=f"{name}_at_{end}", attached_to=needed[body])
+        ElementTree.SubElement(frame, "pose").text = f"{needed[point]} 0 0 0"
+        ElementTree.SubElement(joint, end).text = frame.get("name")
+        yield frame
+    yield joint
 
 
 def _end_name(joint: ElementTree.Element, end: str) -> str:
@@ -340,18 +316,30 @@ def _ends(scope: Scope, name: str) -> tuple[str, str]:
 
 
 def _joint(scope: Scope, name: str, links: tuple[str, str]) -> _Joint:
-    """Return a joint with placements and axes; a parent frame places its parent's end."""
+    """Return a joint with placements and motions; a parent frame places its parent's end."""
     element = scope.joints[name]
     kind = _KINDS.get(element.get("type", ""), "fixed")
     in_child = scope.place(f"joint {name}")
     parent = _end_name(element, "parent")
     in_parent = scope.place(parent) if parent in scope.attached and parent not in scope.links else in_child
-    first, second = (
-        inverse(scope.place(link)) @ place for link, place in zip(links, (in_parent, in_child), strict=True)
-    )
-    tags = [tag for _, _, tag in _MOTIONS.get(kind, ()) if tag != "slide"]
-    axes = tuple(_axis(scope, name, tag) for tag in tags)
-    return _Joint(name, element, kind, links, (first, second), axes)
+    places = [
+        inverse(scope.place(link)) @ end for link, end in zip(links, (in_parent, in_child), strict=True)
+    ]
+    motions, dynamics = [], dict[str, JointDynamics]()
+    for suffix, motion, tag in _MOTIONS.get(kind, ()):
+        axis = _axis(scope, name, "axis" if tag == "slide" else tag)
+        motions.append(ChainJoint(name + suffix, motion, np.eye(4), axis, _limits(element, name, tag)))
+        if (acting := _dynamics(element, name, tag)) != JointDynamics():
+            dynamics[name + suffix] = acting
+    motions = motions or [ChainJoint(name, kind, np.eye(4))]
+    return _Joint(name, element, kind, links, (places[0], places[1]), tuple(motions), dynamics)
+
+
+def _dynamics(joint: ElementTree.Element, name: str, tag: str) -> JointDynamics:
+    """Return damping, friction and spring along an axis of a joint."""
+    paths = {f"{tag}/dynamics/{key}": "0" for key in _DYNAMICS.values()}
+    values = dict(zip(_DYNAMICS, _values(joint, f"joint {name!r}", paths), strict=True))
+    return JointDynamics(**values | ({} if values["stiffness"] else {"rest": 0.0}))
 
 
 def _axis(scope: Scope, name: str, tag: str) -> Array:
@@ -400,22 +388,21 @@ def _joints_of_largest_part(scope: Scope) -> list[_Joint]:
     if not ends:
         raise RobotFileError("there is no joint in it")
 
-    def joints_between(links: Iterable[str]) -> list[str]:
-        both_in = set(links).issuperset
-        return [name for name, pair in ends.items() if both_in(pair)]
-
-    def loops_and_joints(links: Sequence[str]) -> tuple[bool, int]:
-        """Return whether connected links close a loop, and the number of their joints.
+    def loops_and_joints(part: tuple[list[str], list[str]]) -> tuple[bool, int]:
+        """Return whether a part closes a loop, and its number of joints.
 
         A tree has one joint less than links. A mimic is a loop equation too.
         """
-        joints = joints_between(links)
-        mimics = sum(_has(scope.joints[name], "mimic") for name in joints)
-        loops = len(joints) - (len(links) - 1) + mimics
-        return loops > 0, len(joints)
+        links, names = part
+        mimics = sum(_has(scope.joints[name], "mimic") for name in names)
+        return len(names) + mimics >= len(links), len(names)
 
-    best = max(merge_sharing(ends.values()), key=loops_and_joints)
-    return [_joint(scope, name, ends[name]) for name in joints_between(best)]
+    parts = [
+        (links, [name for name, pair in ends.items() if pair[0] in links])
+        for links in merge_sharing(ends.values())
+    ]
+    _, names = max(parts, key=loops_and_joints)
+    return [_joint(scope, name, ends[name]) for name in names]
 
 
 def _tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
@@ -444,7 +431,7 @@ def _tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
 
 
 def _urdf(scope: Scope, joints: Sequence[_Joint], chosen: Sequence[str], name: str) -> ElementTree.Element:
-    """Return the tree as a URDF, from the world or the first link that is nobody's child outwards."""
+    """Return the tree as a URDF, rooted in the world or a link without parent."""
     root = ElementTree.Element("robot", name=name)
     part = {link for joint in joints for link in joint.links}
     children = {joint.links[1] for joint in joints}
@@ -456,17 +443,17 @@ def _urdf(scope: Scope, joints: Sequence[_Joint], chosen: Sequence[str], name: s
         root.append(_link(scope, link))
         for joint in in_tree:
             step = 1 if link == joint.links[0] else -1
-            near, far = joint.links[::step]
-            if link != near or far in waiting:
+            inner, outer = joint.links[::step]
+            if link != inner or outer in waiting:
                 continue
             end = inverse(joint.places[::step][1])
-            root.extend(chain_elements(link, _motions(joint, step), far, end, taken))
-            waiting.append(far)
+            root.extend(chain_elements(link, joint.chain(step), outer, end, taken))
+            waiting.append(outer)
     for joint in joints:
         if joint.kind == "screw" and joint.name not in chosen:
             stub = f"{joint.name}_stub"
             ElementTree.SubElement(root, "link", name=stub)
-            root.extend(chain_elements(joint.links[0], _motions(joint, 1), stub, np.eye(4), taken))
+            root.extend(chain_elements(joint.links[0], joint.chain(1), stub, np.eye(4), taken))
     return root
 
 
@@ -476,7 +463,13 @@ def _link(scope: Scope, name: str) -> ElementTree.Element:
     if name == WORLD:
         return link
     where, element = f"link {name!r}", scope.links[name]
-    link.append(_inertial(element.find("inertial"), where))
+    inertial = element.find("inertial")
+    if inertial is None:
+        inertial = ElementTree.Element("inertial")
+    mass, *moments = _values(inertial, where, _INERTIA)
+    origin = _pose(inertial, "", "", where)[1]
+    turn = origin[:3, :3]
+    link.append(inertial_element(mass, origin[:3, 3], turn @ symmetric(*moments) @ turn.T))
     for visual in element.findall("visual"):
         for shape, keys in _SHAPES.items():
             geometry = visual.find(f"geometry/{shape}")
@@ -486,33 +479,11 @@ def _link(scope: Scope, name: str) -> ElementTree.Element:
     return link
 
 
-def _inertial(inertial: ElementTree.Element | None, where: str) -> ElementTree.Element:
-    """Return a link's inertia for a URDF, by default SDF's."""
-    if inertial is None:
-        inertial = ElementTree.Element("inertial")
-    entries = {f"inertia/{key}": default for key, default in zip(ENTRIES, "111000", strict=True)}
-    mass, *moments = _values(inertial, where, {"mass": "1", **entries})
-    place = _pose(inertial, "", "", where)[1]
-    turn = place[:3, :3]
-    return inertial_element(mass, place[:3, 3], turn @ symmetric(*moments) @ turn.T)
-
-
-def _motions(joint: _Joint, step: int) -> list[ChainJoint]:
-    """Return the joints of the URDF for a joint, from parent to child for step 1, else for -1."""
-    places = [joint.places[::step][0], np.eye(4)]
-    return [
-        ChainJoint(
-            name, kind, place, axis if axis is None else step * axis, _limits(joint, tag) if tag else None
-        )
-        for (name, kind, axis, tag), place in zip(joint.motions()[::step], places, strict=False)
-    ]
-
-
-def _limits(joint: _Joint, tag: str) -> tuple[float, float] | None:
-    """Return lower and upper limit [rad, m]; infinity is written in words or as a large number."""
-    where, ends = f"joint {joint.name!r}", list[float]()
+def _limits(joint: ElementTree.Element, name: str, tag: str) -> tuple[float, float] | None:
+    """Return lower and upper limit [rad, m]; None if infinite, in words or numbers."""
+    where, ends = f"joint {name!r}", list[float]()
     for end, default in (("lower", "-inf"), ("upper", "inf")):
-        text = joint.element.findtext(f"{tag}/limit/{end}", default).lower()
+        text = joint.findtext(f"{tag}/limit/{end}", default).lower()
         ends += numbers(f"{where}: <{end}>", text.replace("inf", f"{UNLIMITED:g}"), 1)
     lower, upper = ends
     if max(abs(lower), abs(upper)) >= UNLIMITED:
@@ -522,8 +493,8 @@ def _limits(joint: _Joint, tag: str) -> tuple[float, float] | None:
     return lower, upper
 
 
-def cut_joint(scope: Scope, tree: UrdfTree, name: str) -> Closure:
-    """Return the closure of a joint of `scope` between links of a tree.
+def close_joint(scope: Scope, tree: UrdfTree, name: str) -> None:
+    """Close the loop of a joint of `scope` between links of a tree.
 
     Raises:
         RobotFileError: names the joint.
@@ -531,13 +502,15 @@ def cut_joint(scope: Scope, tree: UrdfTree, name: str) -> Closure:
     ends, kind = _ends(scope, name), scope.joints[name].get("type")
     if kind in (*_NOT_READ, "screw"):
         raise RobotFileError(f"joint {name!r}: {kind}: not read")
-    return _closure(tree, _joint(scope, name, ends))
+    _close(tree, _joint(scope, name, ends))
 
 
-def _closure(tree: UrdfTree, joint: _Joint) -> Closure:
-    """Return the closure of a cut joint, of its own kind; the stub of a screw is fixed."""
+def _close(tree: UrdfTree, joint: _Joint) -> None:
+    """Close the loop of a cut joint by its kind, or the stub of a screw."""
     if joint.kind == "screw":
-        pair = (("1", f"{joint.name}_stub", np.eye(4)), ("2", joint.links[1], joint.places[1]))
-        return tree.close(f"{joint.name}_end", "fixed", pair)
+        stub = ("1", f"{joint.name}_stub", np.eye(4))
+        tree.close(f"{joint.name}_end", "fixed", [stub, ("2", joint.links[1], joint.places[1])])
+        return
     ends = zip("12", joint.links, joint.places, strict=True)
-    return tree.close(joint.name, joint.kind, list(ends), joint.axes)
+    axes = [motion.axis for motion in joint.motions if motion.axis is not None]
+    tree.close(joint.name, joint.kind, ends, axes)

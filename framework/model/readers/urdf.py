@@ -47,16 +47,24 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from framework.errors import RobotFileError, check_name
-from framework.model.description import Closure, ParsedRobot, locked_axes
-from framework.model.documents import naming, parse_yaml
+from framework.model.description import ParsedRobot
+from framework.model.documents import (
+    attribute,
+    axis_of,
+    child_element,
+    naming,
+    number_of,
+    only,
+    origin_of,
+    parse_yaml,
+)
 from framework.model.placement import inverse, placement
-from framework.model.readers.describe import Options, Pull, describe
-from framework.model.readers.sdf import BALL_CONSTRAINT, WORLD, Scope, add_content, cut_joint
+from framework.model.readers.describe import Options, describe
+from framework.model.readers.sdf import BALL_CONSTRAINT, WORLD, Scope, add_content, close_joint
 from framework.model.readers.urdf_tree import UrdfTree
 from framework.model.urdf_elements import MOVING
-from framework.model.xml_reading import attribute, axis_of, child_element, numbers, only, origin_of
 from framework.numerics.arrays import Array
-from framework.numerics.fields import list_of, one_of, read_table, required, vector3
+from framework.numerics.fields import list_of, one_of, read_table, required, text, vector3
 from framework.numerics.input import read_text
 from framework.tolerances import FILE_ROUNDING
 
@@ -88,7 +96,7 @@ def _element_name(element: ElementTree.Element) -> tuple[str, str]:
     return name, f"{element.tag} {name!r}"
 
 
-def _read_loop(tree: UrdfTree, element: ElementTree.Element) -> Closure:
+def _read_loop(tree: UrdfTree, element: ElementTree.Element) -> None:
     """Read the closure of an element in `_LOOPS`."""
     syntax = _LOOPS[element.tag]
     if element.tag == "loop_joint":  # its ends are in the order of the document, and may have one tag
@@ -97,16 +105,16 @@ def _read_loop(tree: UrdfTree, element: ElementTree.Element) -> Closure:
     name, where = _element_name(element)
     origins = [f"{end}_origin" for end in syntax.ends]
     only(element, where, (*syntax.ends, *syntax.axes, *origins), ("name", "type"))
-    given = attribute(element, where, "type").lower().removesuffix("_joint")
-    check_name(where, "type", given, syntax.kinds)
-    kind = syntax.kinds[given]
+    written = attribute(element, where, "type").lower().removesuffix("_joint")
+    check_name(where, "type", written, syntax.kinds)
+    kind = syntax.kinds[written]
     axes = _axes(element, where, kind, syntax.axes)
     ends = [(end.removeprefix("link"), *_end(tree, element, where, end)) for end in syntax.ends]
-    return tree.close(name, kind, ends, axes)
+    tree.close(name, kind, ends, axes)
 
 
 def _axes(element: ElementTree.Element, where: str, kind: str, tags: Sequence[str]) -> list[Array]:
-    """Return the axes of a closure in its ends; one stands for both, but of a universal joint."""
+    """Return the axes (3,) of a closure in its ends, or one for both."""
     if kind in ("fixed", "spherical"):
         return []
     needed = [tag for tag in tags if tag == tags[0] or kind == "universal" or element.find(tag) is not None]
@@ -124,37 +132,37 @@ def _axes(element: ElementTree.Element, where: str, kind: str, tags: Sequence[st
 
 
 def _end(tree: UrdfTree, element: ElementTree.Element, where: str, end: str) -> tuple[str, Array]:
-    """Return link and placement of an end, by an origin within, beside, or by attributes of its own."""
-    body, place = child_element(element, where, end), f"{where}: <{end}>"
-    only(body, place, ("origin",), ("link", "xyz", "rpy"))
-    link = tree.link(place, attribute(body, place, "link"))
+    """Return link and placement (4, 4) of an end, by origin or attributes."""
+    body, label = child_element(element, where, end), f"{where}: <{end}>"
+    only(body, label, ("origin",), ("link", "xyz", "rpy"))
+    link = attribute(body, label, "link")
+    check_name(label, "link", link, tree.links)
     own: dict[str, str] = {key: body.attrib[key] for key in ("xyz", "rpy") if key in body.attrib}
     origins = [*body.findall("origin"), *element.findall(f"{end}_origin")]
     if len(origins) + bool(own) > 1:
-        raise RobotFileError(f"{place}: has more than one origin; leave one")
+        raise RobotFileError(f"{label}: has more than one origin; leave one")
     origin = origins[0] if origins else ElementTree.Element("origin", own)
-    return link, origin_of(origin, f"{place}: <{origin.tag}>")
+    return link, origin_of(origin, f"{label}: <{origin.tag}>")
 
 
-def _read_coupling(tree: UrdfTree, element: ElementTree.Element) -> Closure | None:
-    """Read the closure of a `<coupling>`; None where a joint is fixed or mimics another instead."""
+def _read_coupling(tree: UrdfTree, element: ElementTree.Element) -> None:
+    """Read a `<coupling>` as a fixed joint, as equal turns, or as `<mimic>`."""
     name, where = _element_name(element)
     ends = _LOOPS["loop"].ends
     only(element, where, (*ends, "ratio"), ("name", "type"))
     first, second = (_end(tree, element, where, end)[0] for end in ends)
     value = child_element(element, where, "ratio")
     only(value, f"{where}: <ratio>", (), ("value",))
-    (ratio,) = numbers(f"{where}: <ratio>", attribute(value, f"{where}: <ratio>", "value"), 1)
+    ratio = number_of(value, f"{where}: <ratio>", "value")
     if first == second:
         raise RobotFileError(f"{where}: couples {first!r} with itself")
     drivers, driven = tree.moving_chains(first, second)
-    held, others = (driven, drivers) if ratio == 0.0 or not drivers else (drivers, driven)
-    if len(held) == 1 and held[0].kind in MOVING and (ratio == 0.0 or not others):
-        tree.fix(held[0])
-        return None
-    closure = tree.same_turning(name, first, second) if ratio == 1.0 else None
-    if closure is not None:
-        return closure
+    lone, opposite = (driven, drivers) if ratio == 0.0 or not drivers else (drivers, driven)
+    if len(lone) == 1 and lone[0].kind in MOVING and (ratio == 0.0 or not opposite):
+        tree.fix(lone[0])
+        return
+    if ratio == 1.0 and tree.close_turns(name, first, second):
+        return
     if [joint.kind in MOVING for joint in (*drivers, *driven)] != [True, True] or not drivers or not driven:
         listed = ", ".join(joint.name for joint in (*drivers, *driven))
         raise RobotFileError(
@@ -162,19 +170,18 @@ def _read_coupling(tree: UrdfTree, element: ElementTree.Element) -> Closure | No
             f"parallel axes"
         )
     ElementTree.SubElement(driven[0].element, "mimic", joint=drivers[0].name, multiplier=repr(ratio))
-    return None
 
 
 def _read_fixed_frame(tree: UrdfTree, element: ElementTree.Element) -> None:
     """Add a named frame at its origin on its parent link."""
     name, where = _element_name(element)
     parent = attribute(child_element(element, where, "parent"), f"{where}: <parent>", "link")
-    origin = origin_of(element.find("origin"), f"{where}: <origin>")
-    tree.add_frame(name, tree.link(f"{where}: <parent>", parent), origin)
+    check_name(f"{where}: <parent>", "link", parent, tree.links)
+    tree.add_frame(name, parent, origin_of(element.find("origin"), f"{where}: <origin>"))
 
 
-# by element: the dialect and its reader, which returns None if it adds no closure
-_ELEMENTS: dict[str, tuple[str, Callable[[UrdfTree, ElementTree.Element], Closure | None]]] = {
+# by element: the dialect and its reader
+_ELEMENTS: dict[str, tuple[str, Callable[[UrdfTree, ElementTree.Element], None]]] = {
     "loop": ("urdf+", _read_loop),
     "coupling": ("urdf+", _read_coupling),
     "constraint": ("ros", _read_loop),
@@ -191,54 +198,53 @@ def read_urdf(
     Raises:
         RobotFileError: names the element.
     """
+    beside = _loop_closures_beside(file) if beside is None else beside
     independent = [
         joint.get("name", "")
         for joint in root.findall("joint")
         if joint.get("independent", "").lower() in ("true", "1")
     ]
     tree = UrdfTree(root, (*_ELEMENTS, BALL_CONSTRAINT))
+    beside_independent = list_of(text)(f"{LOOP_CLOSURES}: independent", beside.get("independent", []))
+    tree.likely_motors = [*independent, *beside_independent]
     elements = [element for element in tree.extra if element.tag in _ELEMENTS]
-    closures = [_ELEMENTS[element.tag][1](tree, element) for element in elements]
-    closures += _joints_of_other_programs(tree)
-    framed = _closing_frames(tree)
-    beside = _loop_closures_beside(file) if beside is None else beside
-    closures += [*framed, *_yaml_closures(tree, beside)]
-    if not closures and root.find("joint/mimic") is None:
+    for element in elements:
+        _ELEMENTS[element.tag][1](tree, element)
+    _close_joints_of_other_programs(tree)
+    has_closing_frames = _close_frames(tree)
+    _close_hinges(tree, beside)
+    if not tree.closures and root.find("joint/mimic") is None:
         raise RobotFileError(
             "a URDF without loops: declare them in it (<loop> of URDF+, <constraint> of ROS, <loop_joint> of "
             "Isaac Sim, <mimic>, links closing_X_1 and closing_X_2 of onshape-to-robot) or in a YAML file "
             "beside it (ours, or Gepetto's with closed_loop), and give that file"
         )
-    dialect = _ELEMENTS[elements[0].tag][0] if elements else "onshape" if framed else "urdf"
-    for name in tree.motors if dialect == "ros" else ():
-        check_name("transmission", "movable joint", name, tree.movable)
-    return describe(
-        tree,
-        file,
-        options,
-        [closure for closure in closures if closure is not None],
-        pulls=[Pull.motor_on(name) for name in tree.motors if name in tree.movable],
-        likely_motors=[*independent, *beside.get("independent", [])],
-    )._replace(dialect=dialect)
+    dialect = _ELEMENTS[elements[0].tag][0] if elements else "onshape" if has_closing_frames else "urdf"
+    for name in tree.motors:
+        if dialect == "ros":
+            check_name("transmission", "movable joint", name, tree.movable)
+        if name in tree.movable:
+            tree.add_motor(name)
+    return describe(tree, file, options, dialect)
 
 
-def _closing_frames(tree: UrdfTree) -> list[Closure]:
-    """Return the closures of pairs of links that end loops by their names."""
+def _close_frames(tree: UrdfTree) -> bool:
+    """Close loops at pairs of links by their names; return whether any."""
     pairs: dict[str, dict[str, str]] = {}
     for link in tree.links:
         if match := _CLOSING.fullmatch(link):
             pairs.setdefault(match["name"] + (match["second"] or ""), {})[match["end"]] = link
-    for ends in pairs.values():
+    for name, ends in pairs.items():
         if len(ends) < 2:
             ((end, link),) = ends.items()
             missing = re.sub(rf"_{end}(_z)?$", rf"_{3 - int(end)}\1", link)
             raise RobotFileError(f"link {link!r}: the other end of its loop, {missing!r}, is missing")
-    axes = locked_axes("spherical")
-    return [Closure(name, (ends["1"], ends["2"]), axes) for name, ends in pairs.items()]
+        tree.close(name, "spherical", [(end, ends[end], np.eye(4)) for end in "12"])
+    return bool(pairs)
 
 
-def _joints_of_other_programs(tree: UrdfTree) -> list[Closure]:
-    """Return the closures of joints of Gazebo and constraints of Drake."""
+def _close_joints_of_other_programs(tree: UrdfTree) -> None:
+    """Close the loops of joints of Gazebo and constraints of Drake."""
     scope, model = Scope(version=np.inf), ElementTree.Element("model")
     for link in tree.links:
         scope.links[link] = ElementTree.Element("link")
@@ -246,7 +252,8 @@ def _joints_of_other_programs(tree: UrdfTree) -> list[Closure]:
     model.extend(joint for joint in tree.root.findall("gazebo/joint") if joint.find("child") is not None)
     model.extend(element for element in tree.extra if element.tag == BALL_CONSTRAINT)
     add_content(scope, model, Path(), "", WORLD)
-    return [cut_joint(scope, tree, name) for name in scope.joints]
+    for name in scope.joints:
+        close_joint(scope, tree, name)
 
 
 def _loop_closures_beside(file: Path) -> Mapping[str, Any]:
@@ -260,17 +267,15 @@ def _loop_closures_beside(file: Path) -> Mapping[str, Any]:
     return {}
 
 
-def _yaml_closures(tree: UrdfTree, content: Mapping[str, Any]) -> list[Closure]:
-    """Return the hinges of a loop_closures.yaml: point and axis in the frame of the root link at zero."""
+def _close_hinges(tree: UrdfTree, content: Mapping[str, Any]) -> None:
+    """Close the hinges of a loop_closures.yaml, which is in root axes at zero."""
     link = required(one_of("link", tree.links))
     hinge = {"link_a": link, "link_b": link, "point": required(vector3), "axis": required(vector3)}
     read = list_of(lambda where, given: read_table(where, given, hinge, others=None))
-    closures = []
     for i, entry in enumerate(read(f"{LOOP_CLOSURES}: closures", content.get("closures", []))):
         axis, point = np.array(entry["axis"]), placement(None, entry["point"])
         if not axis.any():
             raise RobotFileError(f"{LOOP_CLOSURES}: closures[{i}].axis: the axis is zero")
         ends = [(end, entry[f"link_{end}"]) for end in "ab"]
         places = [(end, name, inverse(tree.zero_pose(name)) @ point) for end, name in ends]
-        closures.append(tree.close(f"loop_{i + 1}", "revolute", places, [axis]))
-    return closures
+        tree.close(f"loop_{i + 1}", "revolute", places, [axis])

@@ -1,4 +1,8 @@
-"""The URDF part of the dialects that extend it: an open tree, checked, edited and written out again."""
+"""What the readers of all dialects write into: an open URDF, and what a file says beside its tree.
+
+`UrdfTree` holds the tree, checked and open to edits, with loops, motors and forces in lists; `describe` makes
+the records of them.
+"""
 
 from __future__ import annotations
 
@@ -6,25 +10,24 @@ import xml.etree.ElementTree as ElementTree
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
-from framework.errors import RobotFileError, check_name, choose_from, nearest
-from framework.model.description import Closure, locked_axes
-from framework.model.placement import about, inverse, placement, to_rpy, turning
-from framework.model.urdf_edits import add_frame, fix_joint
+from framework.errors import RobotFileError, choose_from, nearest
+from framework.model.description import Closure, Coupling, JointDynamics, locked_axes
+from framework.model.documents import attribute, remove_children
+from framework.model.placement import about, inverse, placement, turning
+from framework.model.urdf_edits import ChainJoint, add_frame, chain_elements, fix_joint
 from framework.model.urdf_elements import (
     MAX_TREE_ELEMENTS,
     SEVERAL,
     Joint,
     Tree,
-    declared_motors,
     local_name,
     read_joint,
     read_tree,
 )
-from framework.model.urdf_writing import ChainJoint, chain_elements, remove_children
-from framework.model.xml_reading import attribute
 from framework.numerics.arrays import Array
 from framework.tolerances import FILE_ROUNDING
 
@@ -37,12 +40,31 @@ _USED = {
 }
 
 
-def _remove_other_programs(root: ElementTree.Element, valid: Sequence[str]) -> Counter[str]:
-    """Remove elements of other programs and of xacro from a URDF; count unused elements by tag.
+class LeftOut(NamedTuple):
+    """An element that is not read, with the joints and links under its action.
 
-    Raises:
-        RobotFileError: an element is mistyped, or macros are not expanded.
+    Without the force of most elements a robot is still the same mechanism; where one decides how the
+    mechanism moves (`is_decisive`), it cannot be left out of parts that move.
     """
+
+    what: str
+    acts_on: tuple[str, ...]
+    is_decisive: bool = False
+
+
+class Pull(NamedTuple):
+    """A motor or tendon along a length of joints, each with a share in the length."""
+
+    name: str  # with its kind
+    shares: Mapping[str, float]
+    gear: float = 1.0
+    dynamics: JointDynamics = JointDynamics()  # before the gear; a motor's whether or not it is chosen
+    torque_limit: float | None = None  # motor side [N m]
+    is_motor: bool = True
+
+
+def _remove_other_programs(root: ElementTree.Element, valid: Sequence[str]) -> Counter[str]:
+    """Remove other programs' elements from a URDF; count unused tags; refuse mistyped ones and macros."""
     unused, arguments = Counter[str](), ""
     for element in list(root):
         tag = local_name(element.tag)
@@ -94,7 +116,7 @@ def merge_sharing(groups: Iterable[Iterable[str]]) -> list[list[str]]:
 
 
 class UrdfTree(Tree):
-    """A URDF whose names, joints and numbers were checked, open to small edits.
+    """A checked URDF, open to small edits, with loops, motors and forces.
 
     `extra` are the top-level elements of the dialect; they are taken out of the URDF. Complaints name
     the element; the caller puts the file in front.
@@ -111,13 +133,15 @@ class UrdfTree(Tree):
             ElementTree.SubElement(root, "link", name="world")  # Drake's, which need not be declared
         self.unused = _remove_other_programs(root, (*_PLAIN, *extra))
         self.extra = [element for element in root if local_name(element.tag) in extra]
-        self.motors = declared_motors(root)
+        with_interface = root.findall("ros2_control/joint[command_interface]")
+        driven = [joint.get("name") for joint in (*root.findall("transmission/joint"), *with_interface)]
+        self.motors = list(dict.fromkeys(filter(None, driven)))  # as ROS declares motors
         for element in self.extra:
             root.remove(element)
             for part in element.iter():
                 part.tag = local_name(part.tag)  # its dialect has no namespace, or another program's
-        self.impossible: list[tuple[str, str]] = []  # links and joints, and what is wrong with each
-        tree = read_tree(root, self.impossible)
+        impossible: list[tuple[str, str]] = []  # links and joints, and what is wrong with each
+        tree = read_tree(root, impossible)
         super().__init__(tree.links, tree.joints, tree.base)
         if len(self.extra) > MAX_LOOPS:
             raise RobotFileError(f"<robot>: {len(self.extra)} loops; at most {MAX_LOOPS} are read")
@@ -127,22 +151,22 @@ class UrdfTree(Tree):
             )
         self.held: dict[str, tuple[float, ...]] = {}  # joints that were fixed, and where [rad, m]
         self._added: dict[str, str] = {}  # the link that carries each frame
-
-    # -------------------------------------------------------------- what is there
+        self._taken = {*self.links, *self.joints}  # names
+        # what a dialect says beside the tree
+        self.closures: list[Closure] = []
+        self.couplings: list[Coupling] = []
+        self.pulls: list[Pull] = []
+        self.likely_motors: list[str] = []
+        self.dynamics: dict[str, JointDynamics] = {}  # by coordinate
+        self.gravity = (0.0, 0.0, -9.81)
+        self.reference: dict[str, float] = {}  # by coordinate
+        self.left_out = [LeftOut(text, (name,), is_decisive=True) for name, text in impossible]
+        self.remarks: list[str] = []
 
     @property
     def frames(self) -> list[str]:
         """Names of links, of joints and of added frames."""
         return list(dict.fromkeys([*super().frames, *self._added]))
-
-    def link(self, where: str, name: str | None) -> str:
-        """Return the name of an existing link.
-
-        Raises:
-            RobotFileError: there is none.
-        """
-        check_name(where, "link", name, self.links)
-        return str(name)
 
     def link_of(self, frame: str) -> str:
         """Return the link that carries a frame of the tree."""
@@ -164,26 +188,20 @@ class UrdfTree(Tree):
         return matrix
 
     def moving_chains(self, first: str, second: str) -> tuple[list[Joint], list[Joint]]:
-        """Return the movable joints that carry one link and not the other, for each of the two."""
-        of_first, of_second = self.path_to_base(first), self.path_to_base(second)
-        shared = {joint.name for joint in of_first} & {joint.name for joint in of_second}
-
-        def own(path: list[Joint]) -> list[Joint]:
-            return [joint for joint in path if joint.name not in shared and joint.moves]
-
-        return own(of_first), own(of_second)
-
-    def axis_at_zero(self, joint: Joint) -> Array:
-        """Return the direction of a joint's axis in the base, all joints at zero."""
-        direction = (self.zero_pose(joint.parent) @ joint.origin)[:3, :3] @ joint.axis
-        return np.asarray(direction / np.linalg.norm(direction))
+        """Return the movable joints that carry only the first, only the second link."""
+        paths = self.path_to_base(first), self.path_to_base(second)
+        shared = {joint.name for joint in paths[0]} & {joint.name for joint in paths[1]}
+        of_first, of_second = (
+            [joint for joint in path if joint.moves and joint.name not in shared] for path in paths
+        )
+        return of_first, of_second
 
     # -------------------------------------------------------------- small edits
 
     def close(
         self, name: str, kind: str, ends: Iterable[tuple[str, str, Array]], axes: Sequence[Array] = ()
-    ) -> Closure:
-        """Return a closure of two ends (suffix of the frame, link, placement), with `axes` (3,) in both.
+    ) -> None:
+        """Add a closure of two ends (suffix of the frame, link, placement), with `axes` (3,) in both.
 
         Of a universal joint the first axis is x of the first frame, the second is y of the second frame. Of
         other kinds they are z, one may stand for both, and a kind without an axis needs none.
@@ -191,31 +209,27 @@ class UrdfTree(Tree):
         letters = "xy" if kind == "universal" else "zz"
         turns = [turning(*pair) for pair in zip(letters, 2 * tuple(axes), strict=False)] or 2 * [np.eye(3)]
         frames = []
-        for (suffix, link, place), turn in zip(ends, turns, strict=True):
-            where = place @ placement(turn)
+        for (suffix, link, origin), turn in zip(ends, turns, strict=True):
+            where = origin @ placement(turn)
             is_own = np.array_equal(where, np.eye(4))
             frames.append(link if is_own else self.add_frame(f"{name}_{suffix}", link, where))
-        return Closure(name, (frames[0], frames[1]), locked_axes(kind))
+        self.closures.append(Closure(name, (frames[0], frames[1]), locked_axes(kind)))
+
+    def add_motor(self, joint: str) -> None:
+        """Add a motor straight on a joint."""
+        self.pulls.append(Pull(f"motor {joint!r}", {joint: 1.0}))
 
     def add_frame(self, name: str, link: str, where: Array) -> str:
-        """Return a frame added to a link; its name, with underscores behind where that was taken."""
+        """Add a frame to a link; return its name, with underscores if taken."""
         if len(self._added) >= MAX_TREE_ELEMENTS:
             raise RobotFileError(f"more than {MAX_TREE_ELEMENTS} frames besides links and joints")
         free = name
-        while self._is_taken(free) or self._is_taken(f"{free}_mount"):
+        while free in self._taken or f"{free}_mount" in self._taken:
             free += "_"
+        self._taken |= {free, f"{free}_mount"}
         self._added[free] = link
-        add_frame(self.root, free, link, where[:3, 3].tolist(), to_rpy(where[:3, :3]))
+        add_frame(self.root, free, link, where)
         return free
-
-    def _is_taken(self, name: str) -> bool:
-        """Whether a link, a joint, an added frame or its mount has the name."""
-        return (
-            name in self.joints
-            or name in self.links
-            or name in self._added
-            or name.removesuffix("_mount") in self._added
-        )
 
     def hold(self, joint: Joint, reference: Mapping[str, float]) -> None:
         """Hold a joint at the reference [rad, m] of its coordinates, else at zero."""
@@ -236,7 +250,7 @@ class UrdfTree(Tree):
     def hold_turn(
         self, ball: Joint, axis: str, value: float | None, turn: Sequence[float]
     ) -> dict[str, float]:
-        """Make a ball a cross of two hinges, by its name with _rx, _ry, _rz, one turn held; their angles.
+        """Replace a ball by two hinges, one turn locked; return their angles [rad].
 
         Args:
             axis: letter of the turn that is held.
@@ -248,19 +262,21 @@ class UrdfTree(Tree):
         others = "xyz".replace(axis, "")
         angle = float(np.linalg.norm(turn))
         attitude = about(turn, angle) if angle else np.eye(3)
-        held, *angles = Rotation.from_matrix(attitude).as_euler(f"{axis}{others}".upper())
-        held = held if value is None else value
-        ball.origin = ball.origin @ placement(about(np.eye(3)["xyz".index(axis)], held) if held else None)
+        locked_angle, *angles = Rotation.from_matrix(attitude).as_euler(f"{axis}{others}".upper())
+        locked_angle = locked_angle if value is None else value
+        ball.origin = ball.origin @ placement(
+            about(np.eye(3)["xyz".index(axis)], locked_angle) if locked_angle else None
+        )
         names = [f"{ball.name}_r{other}" for other in others]
         self.replace_by_turns(ball, others, names)
-        self.held[f"{ball.name}_r{axis}"] = (held,)
+        self.held[f"{ball.name}_r{axis}"] = (locked_angle,)
         return dict(zip(names, map(float, angles), strict=True))
 
     def replace_by_turns(self, joint: Joint, axes: str, names: Sequence[str] = ()) -> None:
-        """Put turns about axes (letters of x, y, z) in place of a joint, by default named by the letters."""
+        """Replace a joint by turns about axes (letters of x, y, z)."""
         names = names or [f"{joint.name}_{axis.upper()}" for axis in axes]
         for name in names:
-            if name in self.joints or f"{name}_link" in self.links:
+            if name in self._taken or f"{name}_link" in self._taken:
                 raise RobotFileError(f"joint {joint.name!r}: needs the name {name!r}, taken in the URDF")
         position = list(self.root).index(joint.element)
         del self.joints[joint.name]
@@ -268,28 +284,31 @@ class UrdfTree(Tree):
             ChainJoint(name, "continuous", np.eye(4), np.eye(3)["xyz".index(axis)])
             for name, axis in zip(names, axes.lower(), strict=True)
         ]
-        motions[0] = motions[0]._replace(place=joint.origin)
-        chain = list(chain_elements(joint.parent, motions, joint.child, np.eye(4), set(self.links)))
+        motions[0] = motions[0]._replace(origin=joint.origin)
+        chain = list(chain_elements(joint.parent, motions, joint.child, np.eye(4), self._taken))
         self.root[position : position + 1] = chain
         for element in chain:
             if element.tag == "link":
                 self.links.append(element.get("name", ""))
             else:
                 turn = read_joint(element, set(self.links))
+                self._taken.add(turn.name)
                 self.joints[turn.name] = self.parent_joint[turn.child] = turn
 
-    def same_turning(self, name: str, first: str, second: str) -> Closure | None:
-        """Return a closure that keeps two links turned as at zero, if all joints between turn in parallel.
+    def close_turns(self, name: str, first: str, second: str) -> bool:
+        """Close two links to equal turns, if all joints between turn in parallel.
 
         Then the turn of each link is the sum of its joints' angles, and "the sums are equal" is a loop
-        equation; None where it is none.
+        equation; False where it is none.
         """
-        of_first, of_second = self.moving_chains(first, second)
-        axes = [self.axis_at_zero(joint) for joint in (*of_first, *of_second)]
-        if not axes or any(joint.kind in ("prismatic", *SEVERAL) for joint in (*of_first, *of_second)):
-            return None
+        joints = [joint for chain in self.moving_chains(first, second) for joint in chain]
+        axes = [self.zero_pose(joint.child)[:3, :3] @ joint.axis for joint in joints]
+        axes = [axis / np.linalg.norm(axis) for axis in axes]
+        if not axes or any(joint.kind in ("prismatic", *SEVERAL) for joint in joints):
+            return False
         if any(np.linalg.norm(axis - axes[0]) > FILE_ROUNDING for axis in axes):
-            return None
+            return False
         turns = [placement(inverse(self.zero_pose(link))[:3, :3]) for link in (first, second)]
-        ends = zip(("first", "second"), (first, second), turns, strict=True)
-        return replace(self.close(name, "planar", ends, [axes[0], axes[0]]), axes=("rz",))
+        self.close(name, "planar", zip(("first", "second"), (first, second), turns, strict=True), axes[:1])
+        self.closures[-1] = replace(self.closures[-1], axes=("rz",))
+        return True

@@ -149,6 +149,12 @@ def test_loop_closures_beside_a_urdf_are_hinges(tmp_path):
         assert [actuator.joint for actuator in description.actuators] == ["left_motor", "right_motor"]
 
 
+def test_motors_in_a_list_of_closures_are_a_list(tmp_path):
+    (tmp_path / "loop_closures.yaml").write_text("independent: 3\n")
+    with pytest.raises(RobotFileError, match=r"loop_closures\.yaml: independent: needs a list, got 3"):
+        read(tmp_path, without_loop())
+
+
 # ------------------------------------------------------------------ what does not matter, and what does
 
 
