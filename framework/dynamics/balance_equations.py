@@ -49,7 +49,7 @@ class SampledMotion(NamedTuple):
 
 
 class BalanceState(NamedTuple):
-    """An iterate: coefficients of the deflections and scalars of the law, with the balance there."""
+    """An iterate: coefficients of the deflections, scalars of the law, and their balance."""
 
     series: Array  # (panels, N, n_e) in units of the springs
     scalars: Array  # (k,)
@@ -147,7 +147,7 @@ class BalanceEquations:
     def evaluate(
         self, series: Array, scalars: Array, *, stiffer: float = 1.0, near: Array | None = None
     ) -> BalanceState:
-        """Compute the balance with these unknowns, the loops closed from configurations `near` (T, nq).
+        """Compute the balance with given unknowns, the loops closed from configurations `near` (T, nq).
 
         Raises:
             NotAssembled: the deflections tear the loops.
@@ -174,7 +174,7 @@ class BalanceEquations:
         return SampledMotion(clock, prescribed, local * rate, bases)
 
     def slopes(self, state: BalanceState) -> LoadSlopes:
-        """Compute the derivatives of the load at a state; those by scalars are central differences."""
+        """Compute the derivatives of the load at a state; by scalars as central differences."""
         robot, series, n_e = self.branch.robot, state.series, self.branch.robot.n_e
         by_deflections = deflection_slopes(robot, state.balance, self.orders)  # (T, f, orders n_e)
         by_deflections[:, :, n_e : 2 * n_e] *= state.samples.rate[:, None, None]
@@ -235,10 +235,10 @@ class BalanceEquations:
 
 
 def _time_bases(panels: int, N: int, rate: Array, acceleration: Array) -> tuple[Array, Array, Array]:
-    """Compute T_j(p(t)), j < N, and two time derivatives at 2 N nodes of each panel, (panels 2 N, N) each.
+    """Compute T_j(p(t)) and two time derivatives at the nodes, (panels 2 N, N) each.
 
-    With rate dp/dt and acceleration d2p/dt2 at the nodes, (panels 2 N,), they are T_j, T_j' dp/dt and
-    T_j" (dp/dt)^2 + T_j' d2p/dt2.
+    There are N polynomials, j < N, and 2 N nodes a panel. With rate dp/dt and acceleration d2p/dt2 at the
+    nodes, (panels 2 N,) each, they are T_j, T_j' dp/dt and T_j" (dp/dt)^2 + T_j' d2p/dt2.
     """
     values = np.asarray(chebyshev.chebvander(nodes(2 * N), N - 1), dtype=float)
     slopes, bends = values @ derivative_matrix(N), values @ derivative_matrix(N, 2)

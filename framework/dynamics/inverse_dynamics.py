@@ -115,7 +115,7 @@ def inverse_dynamics(
 def resolve_law(
     searched: SearchedPath, law: MotionLaw, *, geometry: str, tolerance: float, friction: str
 ) -> InverseDynamics:
-    """Compute the torques of a given law by passes; if these fail, with deflections of `restoration`."""
+    """Compute the torques of a given law by passes, or else with deflections of `restoration`."""
     resolve_given = partial(
         resolve, searched, lambda *_: law, geometry=geometry, tolerance=tolerance, friction=friction
     )

@@ -167,7 +167,10 @@ class _SplitLoad(NamedTuple):
 
 
 def _split_load(robot: ParallelRobot, motion: Motion, forces: Array) -> _SplitLoad:
-    """Split forces (T, nv) by J' = Q R of the loops: lambda = R^-1 Q' load, and the null space Y of J."""
+    """Split forces (T, nv) into the part that loops balance and the rest.
+
+    With J' = Q R of the loops lambda = R^-1 Q' load; Y is the null space of J.
+    """
     columns, units = _locked_columns(robot)
     J = motion.linearised.closures[:, :, columns] * _row_weights(robot)[:, None] * units  # (T, m, f)
     Q, R, Y = factor_transposed(J)
