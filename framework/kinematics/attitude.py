@@ -185,9 +185,10 @@ class TwoAngles(DirectionChart):
         return np.stack([first, second], axis=1)
 
     def direction_couples(self, u: Array, du: Array) -> tuple[Array, Array]:
-        """Compute the two couples (T, 2, 3), a - (a.u) p and b = hand u x a/|q|, with their rates.
+        """Compute the two couples and their time derivatives, (T, 2, 3) each.
 
-        q = u - (a.u) a is the part of u across a, and p = q/q^2. With g = p . q' the rate of log |q|,
+        The couples are a - (a.u) p and b = hand u x a/|q|, where q = u - (a.u) a is the part of u across a,
+        and p = q/q^2. With g = p . q' the rate of log |q|,
 
             p' = q'/q^2 - 2 g p,   b' = hand u' x a/|q| - g b,   (a - (a.u) p)' = -(a.u') p - (a.u) p'
         """

@@ -39,7 +39,7 @@ class Border(NamedTuple):
 
     @staticmethod
     def of(matrix: Array, size: int = 1) -> Border:
-        """Return the border for matrices near this one (..., n, n), with which det G has the sign of det M.
+        """Return the border for matrices near M (..., n, n); det G then has the sign of det M.
 
         With singular vectors G of the matrix itself is -diag(sigma), sigma its least singular values. So b is
         turned over where (-1)^size and the sign of det M, det U det V of M = U S V', differ.

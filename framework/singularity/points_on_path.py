@@ -140,7 +140,7 @@ def locate_singularities(
 
 
 class _ContinuedBranch(NamedTuple):
-    """A branch continued through singularities of the inverse kinematics where it is smooth."""
+    """A branch continued through the singularities of the inverse kinematics that leave the branch smooth."""
 
     samples: Samples  # closed on panels
     type1: Measured  # the matrix of the inverse kinematics
