@@ -22,8 +22,8 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from framework.dynamics.loaded_balance import (
+    DeflectedMotion,
     LoadedBalance,
-    PrescribedMotion,
     deflection_slopes,
     evaluate_balance,
     load_at_rates,
@@ -43,7 +43,7 @@ class SampledMotion(NamedTuple):
     """A motion with deflections at T nodes, 2 N of each panel, and its law."""
 
     clock: Clock
-    prescribed: PrescribedMotion
+    prescribed: DeflectedMotion
     rate: Array  # (T,) dp/dt, p the variable of the Chebyshev series
     bases: tuple[Array, Array, Array]  # (T, N) the polynomials T_j(p(t)) and two time derivatives
 
@@ -170,7 +170,7 @@ class BalanceEquations:
         deflections = [
             (basis.reshape(panels, 2 * N, N) @ series).reshape(-1, n_e) * self.units for basis in bases
         ]
-        prescribed = PrescribedMotion(s[0], *time_derivatives(self.branch.path, s), *deflections)
+        prescribed = DeflectedMotion(s[0], *time_derivatives(self.branch.path, s), *deflections)
         return SampledMotion(clock, prescribed, local * rate, bases)
 
     def slopes(self, state: BalanceState) -> LoadSlopes:

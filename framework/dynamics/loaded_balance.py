@@ -39,7 +39,7 @@ from framework.numerics.arrays import Array, IntArray
 from framework.numerics.ordered_sums import matvec, solve
 
 
-class PrescribedMotion(NamedTuple):
+class DeflectedMotion(NamedTuple):
     """Path coordinates (T,), a platform's motion (T, n) and deflections (T, n_e), with time derivatives."""
 
     s: Array
@@ -54,7 +54,7 @@ class PrescribedMotion(NamedTuple):
 class LoadedBalance(NamedTuple):
     """The residual F of the balance along a prescribed motion."""
 
-    prescribed: PrescribedMotion
+    prescribed: DeflectedMotion
     motion: Motion
     F: Array  # (T, n_e) Y' load
     size: float  # the largest entry of the load
@@ -73,7 +73,7 @@ def spring_units(robot: ParallelRobot) -> Array:
 
 def evaluate_balance(
     robot: ParallelRobot,
-    prescribed: PrescribedMotion,
+    prescribed: DeflectedMotion,
     near: Array,
     *,
     wrenches: ExternalWrenches,
@@ -134,7 +134,7 @@ def deflection_slopes(robot: ParallelRobot, balance: LoadedBalance, orders: int)
     return slopes
 
 
-def load_at_rates(robot: ParallelRobot, balance: LoadedBalance, prescribed: PrescribedMotion) -> Array:
+def load_at_rates(robot: ParallelRobot, balance: LoadedBalance, prescribed: DeflectedMotion) -> Array:
     """Compute the load (T, f) of a prescribed motion at the same configurations, with other rates."""
     columns, units = _locked_columns(robot)
     closed = ClosedStack(balance.motion.q, prescribed.x, balance.motion.linearised)
@@ -144,7 +144,7 @@ def load_at_rates(robot: ParallelRobot, balance: LoadedBalance, prescribed: Pres
 
 def _motion_and_load(
     robot: ParallelRobot,
-    prescribed: PrescribedMotion,
+    prescribed: DeflectedMotion,
     closed: ClosedStack,
     wrenches: ExternalWrenches,
     stiffer: float,

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.dynamics.loaded_balance import (
-    PrescribedMotion,
+    DeflectedMotion,
     deflection_slopes,
     evaluate_balance,
     spring_units,
@@ -49,7 +49,7 @@ def loaded_tangent(result: InverseDynamics, t: Array) -> Array:
     robot, law = result.robot, result.law
     s = law_derivatives(law, t)
     deflections = [result.deflection(t, order) for order in range(3)]
-    prescribed = PrescribedMotion(s[0], *time_derivatives(result.path, s), *deflections)
+    prescribed = DeflectedMotion(s[0], *time_derivatives(result.path, s), *deflections)
     balance = evaluate_balance(robot, prescribed, result.configuration(t), wrenches=result.wrenches)
     Y = balance.Y
     F_l = Y.swapaxes(1, 2) @ deflection_slopes(robot, balance, 1)
