@@ -18,7 +18,7 @@ from framework.kinematics.continuation.predictor_corrector import is_small, is_s
 from framework.kinematics.frames import difference, integrate
 from framework.kinematics.inverse_kinematics import close_each
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
-from framework.kinematics.loop_matrices import lost_equations
+from framework.kinematics.loop_matrices import count_lost_ranks
 from framework.kinematics.modes import keeps_sign, keeps_working_mode
 from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -162,7 +162,7 @@ def _step_once(robot: ParallelRobot, q: Array, start: Array, end: Array) -> Step
         )
         refused = ~is_straight(turn, correction[same_mode], advance[same_mode])
         refused[refused] = (
-            lost_equations(robot, end_linearised.select(same_mode[refused]), BRANCHES_CROSS) > 0
+            count_lost_ranks(robot, end_linearised.select(same_mode[refused]), BRANCHES_CROSS) > 0
         )
     reason = np.where(closed, PoseReason.OTHER_MODE, PoseReason.OPEN).astype(np.uint8)
     reason[same_mode[~refused]] = PoseReason.REACHED

@@ -49,7 +49,7 @@ def action_lines(robot: ParallelRobot, motor_speed: Array) -> ActionLines | None
         return ActionLines(np.zeros_like(direction), direction)
     # point x direction = moment / norm on the axes of rotation: solve for the point of least norm
     moment = (wrench[:, :, 3:] / norm)[:, :, rotations]
-    cross_matrix = np.cross(np.eye(3), direction[:, :, None, :]).swapaxes(2, 3)[:, :, rotations]
+    cross_matrix = np.cross(np.eye(3), direction[:, :, None, :]).swapaxes(2, 3)[:, :, rotations]  # of point
     point = np.einsum("fkij,fkj->fki", np.linalg.pinv(cross_matrix, rcond=RANK_ROUNDING), moment)
     error = np.abs(np.einsum("fkij,fkj->fki", cross_matrix, point) - moment).max()
     if error > FILE_ROUNDING * max(robot.length, float(np.abs(moment).max())):

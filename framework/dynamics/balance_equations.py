@@ -5,11 +5,12 @@ of `loaded_balance` is to vanish at twice as many points as there are coefficien
 
     F_l dl + F_l' dl' + F_l" dl" + F_c dc = -F,
 
-in the least squares and but for what changes F next to nothing.
+in the least squares. Steps that change F next to nothing are left out.
 
-Where springs carry inertia F = 0 is a differential equation. Near an end or a knot it has solutions that die
-away within milliseconds, of motions that do not begin or end at rest; so rates and accelerations at the ends,
-and jumps at the knots, are asked to vanish as well, with so little weight that F has to give nothing for it.
+Where springs carry inertia F = 0 is a differential equation. Near an end or a knot this has solutions that
+die away within milliseconds; they belong to motions that do not begin or end at rest. So rates and
+accelerations at the ends, and jumps at the knots, are minimised too, with so little weight that F does not
+grow by it.
 """
 
 from __future__ import annotations
@@ -21,10 +22,10 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from framework.dynamics.loaded_balance import (
-    Course,
+    DeflectedMotion,
     LoadedBalance,
-    balance_along,
     deflection_slopes,
+    evaluate_balance,
     load_at_rates,
     spring_units,
 )
@@ -38,201 +39,214 @@ from framework.tolerances import END_RATE_MISFIT, END_RATE_WEIGHT, WEAK_COLUMN
 Family = Callable[[Array], Clock]  # laws by their scalars (k,)
 
 
-class CoursePoints(NamedTuple):
-    """Course and clock at 2 N Chebyshev points of each panel."""
+class SampledMotion(NamedTuple):
+    """A motion with deflections at T nodes, 2 N of each panel, and its law."""
 
     clock: Clock
-    course: Course
-    rate: Array  # (T,) d/dt of the Chebyshev series' variable
-    bases: tuple[Array, Array, Array]  # (T, N) what a coefficient makes of deflections, rates, accelerations
+    prescribed: DeflectedMotion
+    rate: Array  # (T,) dp/dt, p the variable of the Chebyshev series
+    bases: tuple[Array, Array, Array]  # (T, N) the polynomials T_j(p(t)) and two time derivatives
 
 
 class BalanceState(NamedTuple):
-    """Coefficients, in units of the springs, and scalars, with what is out of balance."""
+    """An iterate: coefficients of the deflections, scalars of the law, and their balance."""
 
-    series: Array  # (panels, N, n_e)
+    series: Array  # (panels, N, n_e) in units of the springs
     scalars: Array  # (k,)
-    points: CoursePoints
+    samples: SampledMotion
     balance: LoadedBalance
 
     @property
     def misfit(self) -> float:
-        """What is out of balance, over the largest load."""
+        """The largest |F| over the largest load."""
         return float(np.abs(self.balance.F).max() / self.balance.size)
 
 
-class Slopes(NamedTuple):
-    """What deflections, their rates and accelerations, and scalars change of the loads, along the panels.
+class LoadSlopes(NamedTuple):
+    """Derivatives of the load by deflections, their rates and accelerations, and the law's scalars.
 
-    Of rates it is that of d/dp, p the series' variable: times dp/dt it is as smooth as the squared speed.
+    Those by rates are times dp/dt, p the variable of the series: so they are as smooth as the squared speed.
     """
 
-    series: Array  # (panels, M, f d)
+    series: Array  # (panels, M, f d) Chebyshev coefficients along each panel
     directions: int  # d
-    misfit: float  # of the state that they are of
+    misfit: float  # of the state at which they were computed
 
-    def at(self, size: int) -> Array:
-        """At `size` nodes of all panels, (panels size, f, d)."""
+    def evaluate(self, size: int) -> Array:
+        """Compute the derivatives (panels size, f, d) at `size` nodes of each panel."""
         values = chebyshev.chebvander(nodes(size), self.series.shape[1] - 1) @ self.series
         return values.reshape(len(self.series) * size, -1, self.directions)
 
 
-class LinearBalance(NamedTuple):
-    """Linear equations of balance and of rest for a step, its unknowns in units of their columns' sizes."""
+class Step(NamedTuple):
+    """A Gauss-Newton step of the unknowns."""
 
-    balance: Array  # (T n_e, unknowns)
-    rest: Array  # (rows, unknowns)
+    series: Array  # (panels, N, n_e)
+    scalars: Array  # (k,)
+    predicted_misfit: float  # after the step, if F were linear
+
+
+class LinearBalance(NamedTuple):
+    """The linearised equations of balance and of rest, their unknowns scaled by the columns' sizes."""
+
+    balance: Array  # (T n_e, unknowns) B, derivative of F
+    rest: Array  # (rows, unknowns) R
     sizes: Array  # (unknowns,) of the columns before
-    factor: tuple[Array, bool]  # Cholesky's, of the normal equations of balance
-    eased: Array  # (unknowns, rows) by how much balance gives way to rest
+    factor: tuple[Array, bool]  # Cholesky's, of the normal equations N = B'B + small^2
+    rest_response: Array  # (unknowns, rows) N^-1 R'
 
     @staticmethod
-    def of(balance: Array, rest: Array, scalars_from: int) -> LinearBalance:
-        """Factor the equations of least squares; columns of scalars weigh as much as others."""
+    def factorise(balance: Array, rest: Array, series_size: int) -> LinearBalance:
+        """Factor the normal equations of balance.
+
+        Columns of the series, the first `series_size`, count as not smaller than their median.
+        """
         from scipy.linalg import cho_factor, cho_solve
 
         sizes = np.linalg.norm(balance, axis=0)
-        sizes[:scalars_from] = np.maximum(sizes[:scalars_from], np.median(sizes[:scalars_from]))
+        sizes[:series_size] = np.maximum(sizes[:series_size], np.median(sizes[:series_size]))
         sizes[sizes == 0.0] = 1.0  # a scalar that changes nothing
         balance, rest = balance / sizes, rest / sizes
         factor = cho_factor(balance.T @ balance + WEAK_COLUMN**2 * np.eye(len(sizes)))
         return LinearBalance(balance, rest, sizes, factor, cho_solve(factor, rest.T))
 
     def step(self, state: BalanceState) -> Step:
-        """The step of least squares but for what is weak, from a state with as many coefficients.
+        """Compute the Gauss-Newton step from a state with as many coefficients.
 
-        The weight of rest falls with the misfit: a change of the normal equations in few directions
-        (Sherman, Morrison and Woodbury).
+        The least |B y + F|^2 + small^2 |y|^2 + w^2 |R (u + y)|^2, u the unknowns of the state. The weight w
+        of rest falls with the misfit, so that one factorisation serves all states: by Sherman, Morrison and
+        Woodbury y = y_0 - N^-1 R' (1 / w^2 + R N^-1 R')^-1 R (u + y_0), y_0 the step without rest.
         """
         from scipy.linalg import cho_solve
 
         series, F = state.series, state.balance.F.ravel()
         unknowns = np.append(series.ravel(), np.zeros(len(state.scalars))) * self.sizes
-        y = -cho_solve(self.factor, self.balance.T @ F)
+        y = -cho_solve(self.factor, self.balance.T @ F)  # y_0
         weight = min(1.0, state.misfit / END_RATE_MISFIT)
-        core = np.eye(len(self.rest)) / weight**2 + self.rest @ self.eased
-        y -= self.eased @ np.linalg.solve(core, self.rest @ (unknowns + y))
-        left = float(np.abs(self.balance @ y + F).max() / state.balance.size)
+        core = np.eye(len(self.rest)) / weight**2 + self.rest @ self.rest_response
+        y -= self.rest_response @ np.linalg.solve(core, self.rest @ (unknowns + y))
+        remaining = float(np.abs(self.balance @ y + F).max() / state.balance.size)
         step = y / self.sizes
-        return Step(step[: series.size].reshape(series.shape), step[series.size :], left)
-
-
-class Step(NamedTuple):
-    """A step of the unknowns."""
-
-    series: Array  # (panels, N, n_e)
-    scalars: Array  # (k,)
-    left: float  # the misfit that it would leave if F were linear
+        return Step(step[: series.size].reshape(series.shape), step[series.size :], remaining)
 
 
 class BalanceEquations:
-    """Those of a path and a family of laws, with `steps` (k,) of the scalars for differences."""
+    """The equations F = 0 of a path and a family of laws."""
 
     def __init__(self, branch: Branch, family: Family, steps: Array) -> None:
-        """Keep path, laws and steps; choose units of springs and how many orders of their rates count."""
+        """Store path and laws.
+
+        `steps` (k,) are those of differences in the scalars. Rates and accelerations of deflections count
+        only where springs carry inertia.
+        """
         self.branch, self.family, self.steps = branch, family, steps
         self.units = spring_units(branch.robot)
         self.stiffness = float((branch.robot.stiffness * self.units**2).max())  # of each spring, in its unit
         self.orders = 3 if branch.robot.elastic_inertia else 1
 
-    def at(
+    def evaluate(
         self, series: Array, scalars: Array, *, stiffer: float = 1.0, near: Array | None = None
     ) -> BalanceState:
-        """The state with these unknowns, from configurations near (T, nq).
+        """Compute the balance with given unknowns, the loops closed from configurations `near` (T, nq).
 
         Raises:
             NotAssembled: the deflections tear the loops.
         """
-        points = self._points(series, scalars)
-        guess = self.branch.guess(points.course.s) if near is None else near
-        balance = balance_along(
-            self.branch.robot, points.course, guess, wrenches=self.branch.wrenches, stiffer=stiffer
+        samples = self._sample(series, scalars)
+        guess = self.branch.guess(samples.prescribed.s) if near is None else near
+        balance = evaluate_balance(
+            self.branch.robot, samples.prescribed, guess, wrenches=self.branch.wrenches, stiffer=stiffer
         )
-        return BalanceState(series, scalars, points, balance)
+        return BalanceState(series, scalars, samples, balance)
 
-    def _points(self, series: Array, scalars: Array) -> CoursePoints:
-        """Evaluate motion and deflections, with two rates, at 2 N nodes of each panel.
-
-        With r = d(xi)/dt and a = dr/dt the bases of value, rate and acceleration are
-        T_k, r T_k' and r^2 T_k'' + a T_k'.
-        """
+    def _sample(self, series: Array, scalars: Array) -> SampledMotion:
+        """Evaluate motion and deflections, with two rates, at 2 N nodes of each panel."""
         clock, (panels, N, n_e) = self.family(scalars), series.shape
-        half = 0.5 * np.diff(clock.edges)[:, None]
-        s, rate, acceleration = clock.motion((clock.edges[:-1, None] + half * (nodes(2 * N) + 1.0)).ravel())
-        per = np.repeat(1.0 / half, 2 * N)
-        r, a = (per * rate)[:, None], (per * acceleration)[:, None]
-        values = chebyshev.chebvander(nodes(2 * N), N - 1)
-        value, slope, bend = (
-            np.tile(basis, (panels, 1))
-            for basis in (values, values @ derivative_matrix(N), values @ derivative_matrix(N, 2))
-        )
-        bases = np.asarray(value), np.asarray(r * slope), np.asarray(r**2 * bend + a * slope)
-        bent = [(basis.reshape(panels, 2 * N, N) @ series).reshape(-1, n_e) * self.units for basis in bases]
-        course = Course(s[0], *time_derivatives(self.branch.path, s), *bent)
-        return CoursePoints(clock, course, r[:, 0], bases)
+        half_widths = 0.5 * np.diff(clock.edges)[:, None]
+        parameters = clock.edges[:-1, None] + half_widths * (nodes(2 * N) + 1.0)  # (panels, 2 N)
+        s, rate, acceleration = clock.motion(parameters.ravel())
+        local = np.repeat(1.0 / half_widths, 2 * N)  # of the series' variable, by the law's parameter
+        bases = _time_bases(panels, N, local * rate, local * acceleration)
+        deflections = [
+            (basis.reshape(panels, 2 * N, N) @ series).reshape(-1, n_e) * self.units for basis in bases
+        ]
+        prescribed = DeflectedMotion(s[0], *time_derivatives(self.branch.path, s), *deflections)
+        return SampledMotion(clock, prescribed, local * rate, bases)
 
-    def slopes(self, state: BalanceState) -> Slopes:
-        """What each unknown changes at a state.
-
-        Of the law's scalars by central differences of `steps`.
-        """
-        robot, series = self.branch.robot, state.series
-        changes = deflection_slopes(robot, state.balance, self.orders)
-        changes[:, :, robot.n_e : 2 * robot.n_e] *= state.points.rate[:, None, None]
-        by_law = np.zeros((*changes.shape[:2], len(self.steps)))
+    def slopes(self, state: BalanceState) -> LoadSlopes:
+        """Compute the derivatives of the load at a state; by scalars as central differences."""
+        robot, series, n_e = self.branch.robot, state.series, self.branch.robot.n_e
+        by_deflections = deflection_slopes(robot, state.balance, self.orders)  # (T, f, orders n_e)
+        by_deflections[:, :, n_e : 2 * n_e] *= state.samples.rate[:, None, None]
+        by_scalars = np.zeros((*by_deflections.shape[:2], len(self.steps)))
         for k, step in enumerate(self.steps):
             change = step * np.eye(len(self.steps))[k]
-            ahead, behind = (
-                load_at_rates(robot, state.balance, self._points(series, state.scalars + d).course)
-                for d in (change, -change)
-            )
-            by_law[:, :, k] = (ahead - behind) / (2.0 * step)
-        changes = np.concatenate([changes, by_law], axis=2)
-        count = changes.shape[2]
-        changes = changes.reshape(len(series), len(changes) // len(series), -1)
-        return Slopes(coefficients(changes), count, state.misfit)
+            forward = self._sample(series, state.scalars + change).prescribed
+            backward = self._sample(series, state.scalars - change).prescribed
+            difference = load_at_rates(robot, state.balance, forward)
+            difference = difference - load_at_rates(robot, state.balance, backward)
+            by_scalars[:, :, k] = difference / (2.0 * step)
+        changes = np.concatenate([by_deflections, by_scalars], axis=2)
+        values = changes.reshape(len(series), len(changes) // len(series), -1)  # (panels, 2 N, f d)
+        return LoadSlopes(coefficients(values), changes.shape[2], state.misfit)
 
-    def linearised(self, state: BalanceState, slopes: Slopes) -> LinearBalance:
-        """The equations for a step from this state, and from others near it."""
-        return LinearBalance.of(self._matrix(state, slopes), self._at_rest(state), state.series.size)
+    def linearise(self, state: BalanceState, slopes: LoadSlopes) -> LinearBalance:
+        """Return the linear equations for a step from this state, and from others near this one."""
+        balance, rest = self._balance_matrix(state, slopes), self._rest_matrix(state)
+        return LinearBalance.factorise(balance, rest, state.series.size)
 
-    def _matrix(self, state: BalanceState, slopes: Slopes) -> Array:
-        """Compute the Jacobian (T n_e, panels N n_e + k) of F = Y' load in coefficients and scalars.
+    def _balance_matrix(self, state: BalanceState, slopes: LoadSlopes) -> Array:
+        """Compute the derivative (T n_e, panels N n_e + k) of F = Y' load by coefficients and scalars.
 
-        The load changes with deflections, their rates over dp/dt, their accelerations, and the scalars.
+        A coefficient c_ji of spring i changes F_e at node t of its own panel by the sum over the orders o of
+        F_e,oi T_j^(o), with T_j^(o) the o-th time derivative of T_j(p(t)).
         """
         panels, N, n_e = state.series.shape
-        change = np.einsum("tfe,tfd->ted", state.balance.Y, slopes.at(2 * N))
-        value, slope, bend = state.points.bases
-        bases = value, slope / state.points.rate[:, None], bend
-        rows, columns = 2 * N * n_e, N * n_e
-        matrix = np.zeros((panels * rows, panels * columns + len(self.steps)))
-        for k in range(panels):
-            here = slice(2 * N * k, 2 * N * (k + 1))
-            block = np.zeros((2 * N, n_e, N, n_e))
-            for order, basis in enumerate(bases[: self.orders]):
-                of_order = change[here, :, order * n_e : (order + 1) * n_e]  # (2 N, n_e, n_e)
-                block += of_order[:, :, None, :] * basis[here][:, None, :, None]
-            matrix[k * rows : (k + 1) * rows, k * columns : (k + 1) * columns] = block.reshape(rows, columns)
-        matrix[:, panels * columns :] = change[:, :, self.orders * n_e :].reshape(panels * rows, -1)
-        return matrix
+        value, rate, acceleration = state.samples.bases
+        bases = np.array([value, rate / state.samples.rate[:, None], acceleration])[: self.orders]
+        bases = bases.reshape(self.orders, panels, 2 * N, N)
+        F_slopes = np.einsum("tfe,tfd->ted", state.balance.Y, slopes.evaluate(2 * N))  # Y' load
+        F_slopes = F_slopes.reshape(panels, 2 * N, n_e, -1)
+        by_deflections = F_slopes[..., : self.orders * n_e].reshape(panels, 2 * N, n_e, self.orders, n_e)
+        blocks = np.einsum("pteoi,optj->pteji", by_deflections, bases)  # (panels, 2 N, n_e, N, n_e)
+        matrix = np.zeros((panels, 2 * N * n_e, panels, N * n_e))
+        matrix[range(panels), :, range(panels)] = blocks.reshape(panels, 2 * N * n_e, N * n_e)
+        by_scalars = F_slopes[..., self.orders * n_e :].reshape(panels * 2 * N * n_e, -1)
+        return np.concatenate([matrix.reshape(len(by_scalars), -1), by_scalars], axis=1)
 
-    def _at_rest(self, state: BalanceState) -> Array:
-        """What unknowns change of rates and accelerations at the ends, and jumps at the knots, weighted."""
+    def _rest_matrix(self, state: BalanceState) -> Array:
+        """Compute the weighted derivative (rows, unknowns) of the terms that vanish at rest.
+
+        Rows are the rate and the acceleration of each deflection at both ends of the motion, and the jumps of
+        value and rate at each knot.
+        """
         panels, N, n_e = state.series.shape
-        duration = state.points.clock.law.duration
-        basis, slope, bend = (part.reshape(panels, 2 * N, N) for part in state.points.bases)
+        duration = state.samples.clock.law.duration
+        value, rate, acceleration = (basis.reshape(panels, 2 * N, N) for basis in state.samples.bases)
         rows = np.zeros((2 * panels + 2, panels, N))
-        rows[0, 0], rows[1, -1] = duration * slope[0, 0], duration * slope[-1, -1]
-        rows[-2, 0], rows[-1, -1] = duration**2 * bend[0, 0], duration**2 * bend[-1, -1]
+        rows[0, 0], rows[1, -1] = duration * rate[0, 0], duration * rate[-1, -1]
+        rows[-2, 0], rows[-1, -1] = duration**2 * acceleration[0, 0], duration**2 * acceleration[-1, -1]
         for k in range(panels - 1):
-            for row, part in ((2 + 2 * k, basis), (3 + 2 * k, duration * slope)):
+            for row, part in ((2 + 2 * k, value), (3 + 2 * k, duration * rate)):
                 rows[row, k], rows[row, k + 1] = part[k, -1], -part[k + 1, 0]
         weight = END_RATE_WEIGHT * state.balance.stiffer * self.stiffness
-        matrix = weight * np.kron(rows.reshape(len(rows), -1), np.eye(n_e))
+        matrix = weight * np.kron(rows.reshape(len(rows), -1), np.eye(n_e))  # the same for each spring
         return np.pad(matrix, ((0, 0), (0, len(self.steps))))
 
 
-def longer(series: Array, count: int) -> Array:
-    """The same functions (panels, N, n_e) with as many coefficients, or what is left of them with fewer."""
+def _time_bases(panels: int, N: int, rate: Array, acceleration: Array) -> tuple[Array, Array, Array]:
+    """Compute T_j(p(t)) and two time derivatives at the nodes, (panels 2 N, N) each.
+
+    There are N polynomials, j < N, and 2 N nodes a panel. With rate dp/dt and acceleration d2p/dt2 at the
+    nodes, (panels 2 N,) each, they are T_j, T_j' dp/dt and T_j" (dp/dt)^2 + T_j' d2p/dt2.
+    """
+    values = np.asarray(chebyshev.chebvander(nodes(2 * N), N - 1), dtype=float)
+    slopes, bends = values @ derivative_matrix(N), values @ derivative_matrix(N, 2)
+    value, slope, bend = (np.tile(basis, (panels, 1)) for basis in (values, slopes, bends))
+    rate, acceleration = rate[:, None], acceleration[:, None]
+    return np.asarray(value), np.asarray(rate * slope), np.asarray(rate**2 * bend + acceleration * slope)
+
+
+def resize_series(series: Array, count: int) -> Array:
+    """Cut Chebyshev series (panels, N, n_e) to `count` coefficients, or extend the series by zeros."""
     return np.pad(series[:, :count], ((0, 0), (0, max(count - series.shape[1], 0)), (0, 0)))

@@ -48,8 +48,8 @@ def tree_regressor(robot: Mechanism, motion: JointMotion, bodies: IntArray | Non
     transforms = _joint_to_link_transforms(robot)
     for i, body in enumerate(bodies.tolist()):
         if body in transforms:
-            ten = slice(10 * i, 10 * i + 10)
-            regressor[..., ten] = regressor[..., ten] @ transforms[body]
+            columns_of_body = slice(10 * i, 10 * i + 10)
+            regressor[..., columns_of_body] = regressor[..., columns_of_body] @ transforms[body]
     return regressor
 
 

@@ -1,4 +1,4 @@
-"""One pass of the fixed-point iteration: from deflections to forces to the deflections that they cause."""
+"""One pass of the fixed-point iteration: from deflections to forces to the deflections caused."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Pass(NamedTuple):
 def evaluate_pass(
     branch: Branch, grid: TimeGrid, law: MotionLaw, function: TimeFunction, neighbour: Pass | None
 ) -> Pass:
-    """Compute motion and forces with deflections `function`, and the deflections -force/K that follow.
+    """Compute motion and forces with deflections `function`, and the deflections -force/K caused.
 
     Loops are closed from the configurations of `neighbour`, a pass with similar deflections, if there is one.
 
@@ -72,10 +72,10 @@ def motion_with_deflections(
     x, dx, ddx = time_derivatives(branch.path, s)
     if neighbour is None:
         guess = integrate_columns(robot, branch.guess(s[0]), robot.elastic, q_e)
-    else:  # a tangent step from the neighbour, whose factored equations cost nothing
+    else:  # a tangent step from the neighbour, whose factored equations are at hand
         linearised = neighbour.motion.linearised
-        dx_step = -robot.platform.residual(linearised.frames, x)
-        step = joint_rates(robot, linearised, dx_step, q_e - neighbour.q_e)
+        platform_step = -robot.platform.residual(linearised.frames, x)
+        step = joint_rates(robot, linearised, platform_step, q_e - neighbour.q_e)
         guess = integrate(robot, neighbour.motion.q, step)
     closed = close_loops(robot, x, guess)
     return branch.load_motion(motion_at(robot, closed, dx, ddx, *deflection_rates), s[0])

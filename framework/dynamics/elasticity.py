@@ -50,7 +50,7 @@ from framework.numerics.krylov import gmres
 from framework.numerics.time_limit import check_time
 from framework.tolerances import MAX_DEFLECTION, SETTLED_SHARE
 
-GOOD_CONTRACTION = 0.3  # of the change, by a pass; with less, Newton's method follows
+GOOD_CONTRACTION = 0.3  # change by a pass over the last one; above, Newton's method follows
 DEFLECTION_ROUNDING = 1e-18  # [rad, robot lengths] a change of no meaning, however small the deflections
 DIFFERENCE_STEP = 1e-6  # of the deflections, along a direction: half of the digits, some for curvature
 GMRES_TOLERANCE = 1e-3  # of the change: the accuracy of differences and curvature
@@ -89,17 +89,17 @@ def solve_deflections(
     choose_law: LawChoice,
     geometry: str,
     start: TimeFunction | None,
-    before: MotionLaw,
+    first_law: MotionLaw,
     *,
     tolerance: float = 1e-10,
     is_fine: Callable[[Pass], bool] = lambda _: True,
 ) -> DeflectionSolution:
-    """Solve for deflections and forces at the nodes of the grid, to the least change.
+    """Solve for deflections and forces at the nodes of the grid, until one more pass changes least.
 
     Args:
         geometry: "rigid" computes the forces at q_e = 0 and moves the motors by the deflections;
             "deformed" iterates until the deflections settle.
-        start, before: the deflections and the law to begin with.
+        start, first_law: the deflections and the law to begin with.
         tolerance: change over the largest deflection that counts as settled.
         is_fine: whether the grid resolves the forces of the undeformed robot; if not, the iteration is left
             to a finer grid.
@@ -112,7 +112,7 @@ def solve_deflections(
     robot = branch.robot
     if geometry == "rigid" or start is None:
         rest = TimeFunction(grid.edges, np.zeros((len(grid.edges) - 1, grid.size, robot.n_e)))
-        current = evaluate_pass(branch, grid, before, rest, None)
+        current = evaluate_pass(branch, grid, first_law, rest, None)
         if geometry == "rigid":
             return _small_displacements(branch, grid, current)
         _check_stiffness(robot, grid, current)
@@ -122,7 +122,7 @@ def solve_deflections(
             )
     else:
         function = grid.fit_truncated(start(grid.times))
-        current = evaluate_pass(branch, grid, choose_law(function, before), function, None)
+        current = evaluate_pass(branch, grid, choose_law(function, first_law), function, None)
     return _Iteration(branch, grid, choose_law, tolerance).run(current)
 
 
@@ -166,7 +166,7 @@ def _check_stiffness(robot: ParallelRobot, grid: TimeGrid, current: Pass) -> Non
 
 @dataclass
 class _Iteration:
-    """The search for deflections: plain passes, then steps of Newton's method if passes do not contract."""
+    """The iteration for deflections: passes, then steps of Newton's method if passes do not contract."""
 
     branch: Branch
     grid: TimeGrid
@@ -176,55 +176,54 @@ class _Iteration:
     obstacle: str = ""
 
     def run(self, current: Pass) -> DeflectionSolution:
-        """Iterate until the change resolved by the grid is settled, or least."""
-        ratio, last = GOOD_CONTRACTION, (current, np.inf)  # of the changes by two passes, once known
+        """Repeat passes while the change contracts; then take steps of Newton's method.
+
+        The change ends settled, or below the truncation error of the grid, where passes reduce it no more.
+        """
+        contraction, previous, last_change = GOOD_CONTRACTION, current, np.inf
         while True:
             following = self.grid.fit_truncated(current.caused)
-            step = following.coefficients - current.function.coefficients
-            lacking = self.grid.values(TimeFunction(self.grid.edges, step))[0]
-            inner, outer = (
-                self._relative_size(lacking, current),
-                self._relative_size(current.residual - lacking, current),
-            )
-            if np.isfinite(last[1]):
-                ratio = inner / last[1]
-            if inner <= self.tolerance and inner * ratio <= SETTLED_SHARE * self.tolerance:
+            resolved = following.coefficients - current.function.coefficients
+            change, truncation = self._split_residual(current, resolved)
+            if np.isfinite(last_change):
+                contraction = change / last_change
+            if change <= self.tolerance and change * contraction <= SETTLED_SHARE * self.tolerance:
                 return self._result(current, following)
-            if inner <= outer:
+            if change <= truncation:
                 return self._result(current, current.function)
-            if ratio > GOOD_CONTRACTION:
+            if contraction > GOOD_CONTRACTION:
                 break
-            last = current, inner
+            previous, last_change = current, change
             try:
                 current = self._evaluate_near(current, following)
             except NoAnswer:
                 break
-        current = self._newton(current if ratio < 1 else last[0])
+        current = self._newton(current if contraction < 1 else previous)
         return replace(self._result(current, current.function), plain=False)
 
     def _newton(self, current: Pass) -> Pass:
         """Take steps of Newton's method on a growing number of coefficients."""
         count = self._resolved_count(current)
-        cut = current.function.coefficients.copy()
-        cut[:, count:] = 0.0
+        truncated = current.function.coefficients.copy()
+        truncated[:, count:] = 0.0
         try:
-            current = self._evaluate_near(current, TimeFunction(self.grid.edges, cut))
+            current = self._evaluate_near(current, TimeFunction(self.grid.edges, truncated))
         except NoAnswer as failure:
             self.obstacle = str(failure)
             return current
         stalled = False
         while self.passes < self._max_passes:
             check_time()
-            inner, outer = self._split_residual(current, count)
-            settled = inner <= max(outer, SETTLED_SHARE * self.tolerance)
-            new = None if settled else self._line_search(current, count, inner)
+            change, truncation = self._split_at(current, count)
+            is_settled = change <= max(truncation, SETTLED_SHARE * self.tolerance)
+            new = None if is_settled else self._line_search(current, count, change)
             if new is not None:
                 current, stalled = new, False
                 continue
-            resolved = settled and outer <= SETTLED_SHARE * self.tolerance
-            if resolved or count == self.grid.resolvable or (stalled and not settled):
+            is_resolved = is_settled and truncation <= SETTLED_SHARE * self.tolerance
+            if is_resolved or count == self.grid.resolvable or (stalled and not is_settled):
                 break
-            count, stalled = self._needed_count(count, max(inner, outer)), not settled
+            count, stalled = self._needed_count(count, max(change, truncation)), not is_settled
         return current
 
     @property
@@ -235,29 +234,32 @@ class _Iteration:
     def _resolved_count(self, current: Pass) -> int:
         """Count the coefficients of the deflections up to the last above the change of the pass.
 
-        Smaller ones are noise of the iteration. At least FEWEST_COEFFICIENTS are kept.
+        Smaller ones are noise of the iteration. The count is at least FEWEST_COEFFICIENTS.
         """
         series = np.abs(self.grid.fit(current.caused * self._weights(current)).coefficients)
         above = (series > self._relative_size(current.residual, current) * series.max()).any(axis=(0, 2))
         return min(self.grid.resolvable, int(np.flatnonzero(above).max(initial=FEWEST_COEFFICIENTS - 1)) + 1)
 
-    def _needed_count(self, count: int, outer: float) -> int:
-        """Estimate the necessary coefficients from the truncation error `outer` after `count`."""
-        decay = np.log(SETTLED_SHARE * self.tolerance) / np.log(min(outer, 0.5))
+    def _needed_count(self, count: int, truncation: float) -> int:
+        """Estimate the necessary coefficients from the truncation error after `count`.
+
+        An error e^(-r count) that falls geometrically is settled at count log(settled) / log(error).
+        """
+        decay = np.log(SETTLED_SHARE * self.tolerance) / np.log(min(truncation, 0.5))
         needed = np.ceil(count * min(max(decay, MIN_GROWTH), MAX_GROWTH))
         return min(self.grid.resolvable, int(needed))
 
-    def _line_search(self, current: Pass, count: int, inner: float) -> Pass | None:
-        """Halve a step until the change falls; return the pass, or None."""
+    def _line_search(self, current: Pass, count: int, change: float) -> Pass | None:
+        """Halve a step until the change falls; return the pass after the step, or None."""
         try:
-            target = SETTLED_SHARE * SETTLED_SHARE * self.tolerance / inner
-            step = self._step(current, count, max(GMRES_TOLERANCE, target))
+            target = SETTLED_SHARE * SETTLED_SHARE * self.tolerance / change
+            step = self._newton_step(current, count, max(GMRES_TOLERANCE, target))
         except NoAnswer as failure:
             self.obstacle = str(failure)
             return None
         share = 1.0
-        least = MIN_STEP_SHARE if inner > ROUNDING_CHANGE else 1.0
-        while share >= least and self.passes < self._max_passes:
+        least_share = MIN_STEP_SHARE if change > ROUNDING_CHANGE else 1.0
+        while share >= least_share and self.passes < self._max_passes:
             series = current.function.coefficients + share * step
             series[:, count:] = 0.0
             try:
@@ -265,38 +267,42 @@ class _Iteration:
             except NoAnswer as failure:
                 self.obstacle = str(failure)
             else:
-                left = self._split_residual(new, count)[0] / inner
-                if left < STALLED_SHARE or (left < 1.0 - 0.1 * share and inner > ROUNDING_CHANGE):
+                ratio = self._split_at(new, count)[0] / change
+                if ratio < STALLED_SHARE or (ratio < 1.0 - 0.1 * share and change > ROUNDING_CHANGE):
                     self.obstacle = ""
                     return new
             share *= 0.5
         self.obstacle = self.obstacle or "no step of Newton's method brings them nearer"
         return None
 
-    def _step(self, current: Pass, count: int, left: float) -> Array:
-        """Solve for the coefficients of a step of Newton's method, its linear residual below a share."""
+    def _newton_step(self, current: Pass, count: int, accuracy: float) -> Array:
+        """Solve (I - dG) step = G(q_e) - q_e for coefficients (panels, size, n_e) of the step by GMRES.
+
+        The unknowns are the first `count` coefficients times weights; `accuracy` is the linear residual over
+        the right side.
+        """
         weights = self._weights(current)
 
-        def leading(values: Array) -> Array:
-            """Return the first coefficients of values (T, n_e), weighted, as one vector."""
+        def to_unknowns(values: Array) -> Array:
+            """Return the weighted coefficients of values (T, n_e) as one vector."""
             return self.grid.fit(values * weights).coefficients[:, :count].ravel()
 
-        def step(unknowns: Array) -> Array:
-            """Return series coefficients of weighted unknowns; coefficients from `count` on are zero."""
+        def to_series(unknowns: Array) -> Array:
+            """Return series coefficients of unknowns; coefficients from `count` on are zero."""
             series = np.zeros_like(current.function.coefficients)
             series[:, :count] = unknowns.reshape(len(series), count, -1) / weights
             return series
 
         def apply_linear(direction: Array) -> Array:
-            """Compute (I - dG) along a direction."""
-            series = current.function.coefficients + width * step(direction)
-            moved = self._evaluate_near(current, TimeFunction(self.grid.edges, series))
-            return direction - leading(moved.caused - current.caused) / width
+            """Compute (I - dG) direction by a difference of two passes."""
+            series = current.function.coefficients + width * to_series(direction)
+            perturbed = self._evaluate_near(current, TimeFunction(self.grid.edges, series))
+            return direction - to_unknowns(perturbed.caused - current.caused) / width
 
-        right = leading(current.residual)
+        right = to_unknowns(current.residual)
+        width = DIFFERENCE_STEP * float(np.linalg.norm(to_unknowns(current.caused)))
         most = min(MAX_GMRES_DIRECTIONS, max(1, self._max_passes - self.passes))
-        width = DIFFERENCE_STEP * float(np.linalg.norm(leading(current.caused)))
-        return step(gmres(apply_linear, right, left=left, most=most, weak=MIN_SINGULAR_RATIO))
+        return to_series(gmres(apply_linear, right, left=accuracy, most=most, weak=MIN_SINGULAR_RATIO))
 
     def _evaluate_near(self, current: Pass, function: TimeFunction) -> Pass:
         """Evaluate a pass at the deflections `function`, with another pass as first guess.
@@ -312,25 +318,30 @@ class _Iteration:
             self.branch, self.grid, self.choose_law(function, current.law), function, current
         )
 
-    def _split_residual(self, current: Pass, count: int) -> tuple[float, float]:
-        """Measure the residual of a pass in the first coefficients, and in the others."""
+    def _split_at(self, current: Pass, count: int) -> tuple[float, float]:
+        """Return the relative residual of a pass in its first coefficients, and in all others."""
         series = self.grid.fit(current.residual).coefficients.copy()
         series[:, count:] = 0.0
-        within = self.grid.values(TimeFunction(self.grid.edges, series))[0]
-        return self._relative_size(within, current), self._relative_size(current.residual - within, current)
+        return self._split_residual(current, series)
 
-    def _relative_size(self, lacking: Array, current: Pass) -> float:
-        """Measure a residual over the largest deflection, or its force over the largest force if more."""
-        if np.abs(lacking / spring_scale(self.branch.robot)).max(initial=0.0) <= DEFLECTION_ROUNDING:
+    def _split_residual(self, current: Pass, resolved: Array) -> tuple[float, float]:
+        """Return the relative size of a part of the residual, given by its series, and of the rest."""
+        values = self.grid.values(TimeFunction(self.grid.edges, resolved))[0]
+        return self._relative_size(values, current), self._relative_size(current.residual - values, current)
+
+    def _relative_size(self, residual: Array, current: Pass) -> float:
+        """Return a residual (T, n_e) over the largest deflection, or its force over the largest if larger."""
+        if np.abs(residual / spring_scale(self.branch.robot)).max(initial=0.0) <= DEFLECTION_ROUNDING:
             return 0.0
-        return float((np.abs(lacking) * self._weights(current)).max())
+        return float((np.abs(residual) * self._weights(current)).max())
 
     def _weights(self, current: Pass) -> Array:
-        """Return one over the deflection (n_e,) equal to the largest, in size or in force."""
+        """Return weights (n_e,) at which the largest deflection, and the largest spring force, count as 1."""
         scale, stiffness = spring_scale(self.branch.robot), self.branch.robot.stiffness
         caused = np.abs(current.caused)
-        largest, force = float((caused / scale).max()), float((caused * stiffness * scale).max())
-        return np.maximum(1.0 / (scale * largest), stiffness * scale / force)
+        largest_deflection = float((caused / scale).max())  # [rad, robot lengths]
+        largest_force = float((caused * stiffness * scale).max())  # as a moment
+        return np.maximum(1.0 / (scale * largest_deflection), stiffness * scale / largest_force)
 
     def _result(self, current: Pass, deflections: TimeFunction) -> DeflectionSolution:
         """Return the solution of a pass, with its relative change and the obstacle to a smaller one."""

@@ -141,12 +141,13 @@ def balanced_forces(robot: ParallelRobot, linearised: LinearisedLoops, r: Array)
     right_sides = np.zeros((1 + robot.n_a, len(r), len(columns)))
     right_sides[0] = r.take(columns, axis=1)
     right_sides[1:, :, : robot.n_a] = np.eye(robot.n_a)[:, None]
-    balancing = linearised.factors.solve_transposed(right_sides)
+    balancing = linearised.factors.solve_transposed(right_sides)  # (1 + n_a, T, n + m) [w; lambda] of each
     w, M = balancing[0, :, : robot.n], balancing[1:, :, : robot.n].transpose(1, 2, 0)
     torque = _solve_motor_torques(robot, M, w)
     if not robot.n_e:
         return Forces(torque, np.zeros((len(r), 0)))
     with np.errstate(invalid="ignore"):  # an infinite torque makes NaN
+        # [w; lambda_0] - [M; Lambda] tau
         multipliers = balancing[0] - np.einsum("atk,ta->tk", balancing[1:], torque)
     multipliers[:, : robot.n] = 0.0  # no wrench on the platform
     to_springs = linearised.jacobian[:, :, robot.elastic].swapaxes(1, 2)  # (T, n_e, n + m)

@@ -9,7 +9,8 @@ singular instant itself, and by coefficients that do not fall.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -55,6 +56,7 @@ from framework.laws.path import Path
 from framework.numerics.arrays import Array
 from framework.numerics.chebyshev import TimeFunction, TimeGrid
 from framework.singularity.points_on_path import SearchedPath, search_path
+from framework.singularity.rank_deficiency import NearMiss
 from framework.tolerances import (
     CONDITION_RESIDUAL,
     LOOP_GAP,
@@ -69,7 +71,7 @@ GEOMETRIES = ("rigid", "deformed")
 SIZES = (64, 128, 256, 512)  # nodes a panel, tried in turn
 FEW = 20  # nodes of a panel of the law's own, tried first
 UNSETTLED = 1e-2  # change of the deflections over the largest one, from which on they are not used
-STALLED = 0.5  # change of the deflections over that of the grid before, from which on a finer grid is no help
+STALLED = 0.5  # change of the deflections over that of the last grid, from which on a finer grid is no help
 
 
 def inverse_dynamics(
@@ -113,21 +115,17 @@ def inverse_dynamics(
 def resolve_law(
     searched: SearchedPath, law: MotionLaw, *, geometry: str, tolerance: float, friction: str
 ) -> InverseDynamics:
-    """Call `resolve` with a given law, and again with deflections of `restoration` if passes fail."""
-
-    def with_deflections(known: KnownDeflections | None) -> InverseDynamics:
-        """Resolve the law with known deflections; if None, with deflections that passes find."""
-        return resolve(
-            searched, lambda *_: law, geometry=geometry, tolerance=tolerance, friction=friction, known=known
-        )
-
+    """Compute the torques of a given law by passes, or else with deflections of `restoration`."""
+    resolve_given = partial(
+        resolve, searched, lambda *_: law, geometry=geometry, tolerance=tolerance, friction=friction
+    )
     try:
-        return with_deflections(None)
+        return resolve_given()
     except (NotConverged, UnboundedTorque):
         if geometry == "rigid":
             raise
         try:
-            return with_deflections(deflections_of(searched.branch, law))
+            return resolve_given(known=deflections_of(searched.branch, law))
         except NoAnswer:
             pass  # the first error tells more
         raise
@@ -162,99 +160,188 @@ def resolve(
     friction: str,
     known: KnownDeflections | None = None,
 ) -> InverseDynamics:
-    """Double the nodes until the torques are resolved, or tell why they never are.
+    """Compute torques on grids of growing size until their series are resolved.
 
-    With the deflections that are `known`, if any; else they are sought.
+    Deflections are those `known`, if any; else they are solved for.
+
+    Raises:
+        As `inverse_dynamics`.
     """
     check_tolerance(tolerance)
-    branch = searched.branch
-    law = choose_law(None, None)
-    crossings = rigid_crossings(branch, searched.points, law)
-    fixed_geometry = geometry == "rigid"
-    if fixed_geometry:
-        check_bounded(branch.robot, crossings, CONDITION_RESIDUAL)
-    instants = np.array([crossing.time for crossing in crossings])
-    start: TimeFunction | None = None
-    at_rest, passes, obstacles, pole = law, 0, 0, RESOLVABLE_TAIL
-    changes: list[float] = []
-    enough, unseen = np.inf, None
-    own_panels = len(edges_of(law)) > 0
-    regular_at_rest = all(crossing.residual <= CONDITION_RESIDUAL for crossing in crossings)
-    for size in (FEW, *SIZES) if own_panels else SIZES:
-        grid = TimeGrid.clear_of(instants, panel_edges(branch, law, instants), size)
+    robot, law = searched.branch.robot, choose_law(None, None)
+    crossings = rigid_crossings(searched.branch, searched.points, law)
+    if geometry == "rigid":
+        check_bounded(robot, crossings, CONDITION_RESIDUAL)
+    refinement = _Refinement(searched, choose_law, geometry, tolerance, known, law, crossings, crossings)
+    unseen: NearMiss | None = None
+    for size in (FEW, *SIZES) if len(edges_of(law)) else SIZES:
+        state = refinement.solve(size)
+        if state.change > UNSETTLED:  # nothing to build on: once more on the next grid
+            if refinement.obstacles > 1:
+                break
+            continue
+        result = refinement.evaluate(state)
+        is_resolved = result.certificate.unresolved <= tolerance
+        if not is_resolved and size < SIZES[-1]:
+            if refinement.is_hopeless:
+                break
+            continue
+        result = replace(result, certificate=measure_residuals(searched.branch, state, result))
+        is_closed = result.certificate.max_closure_error <= LOOP_GAP * max(robot.length, 1.0)
+        if is_resolved and is_closed and _law_is_resolved(state.law, state.grid):
+            unseen = unseen_near_miss(searched, state, result)
+            if unseen is None:
+                return _check_result(searched.branch, state, result, friction)
+    least = min((certificate.unresolved for certificate in refinement.certificates), default=np.inf)
+    if known is None:  # else passes may find bounded torques under this law
+        check_bounded(robot, refinement.crossings, refinement.allowed_residual)
+    if state.change > RESOLVABLE_TAIL < least:
+        raise unsettled_error(robot, state)
+    raise unresolved_error(searched, result, tolerance, size=size, enough=least, unseen=unseen)
 
-        def is_fine(here: Pass, grid: TimeGrid = grid) -> bool:
-            """Whether what the undeformed robot asks for is resolved, or beyond resolution on any grid."""
-            if grid.size >= SIZES[-1] or not regular_at_rest:
-                return True
-            torques = grid.fit(motor_torque(branch.robot, here.motion, here.forces.joint_torque))
-            return _tails(branch.robot, grid, here, torques) <= tolerance
 
+@dataclass
+class _Refinement:
+    """The computation of a motion's torques grid after grid: the start on the next grid, and the past."""
+
+    searched: SearchedPath
+    choose_law: LawChoice
+    geometry: str
+    tolerance: float
+    known: KnownDeflections | None
+    law: MotionLaw  # to begin with on the next grid
+    crossings_at_rest: tuple[SingularityCrossing, ...]  # of the undeformed robot
+    crossings: tuple[SingularityCrossing, ...]  # of the robot as deformed on the last grid
+    start: TimeFunction | None = None  # deflections to begin with on the next grid; None: at rest
+    passes: int = 0  # on all grids together
+    obstacles: int = 0  # number of grids on which the iteration met an obstacle
+    certificates: list[Certificate] = field(default_factory=list)
+
+    @property
+    def allowed_residual(self) -> float:
+        """Residual of condition (8) above which torques have a pole, however far deflections are resolved."""
+        change = self.certificates[-1].change if self.certificates and self.geometry != "rigid" else 0.0
+        return max(RESOLVABLE_TAIL, change)
+
+    @property
+    def is_hopeless(self) -> bool:
+        """Whether finer grids are not going to reduce the change of the deflections to the tolerance."""
+        changes = [certificate.change for certificate in self.certificates]
+        stalls = len(changes) > 2 and min(changes[-2:]) > STALLED * changes[-3]
+        return changes[-1] > self.tolerance and (self.known is not None or stalls)
+
+    def solve(self, size: int) -> DeflectionSolution:
+        """Solve for forces and deflections on a grid of `size` nodes a panel.
+
+        Raises:
+            UnboundedTorque: the law violates condition (8).
+            NotConverged: the springs are too soft for the motion.
+        """
+        branch = self.searched.branch
+        crossings = self.crossings_at_rest if self.known is None else self.crossings
+        instants = np.array([crossing.time for crossing in crossings])
+        grid = TimeGrid.clear_of(instants, panel_edges(branch, self.law, instants), size)
         try:
-            if known is not None:
-                state = assess_deflections(branch, grid, law, known)
+            if self.known is not None:
+                state = assess_deflections(branch, grid, self.law, self.known)
             else:
                 state = solve_deflections(
                     branch,
                     grid,
-                    choose_law,
-                    geometry,
-                    start,
-                    law,
-                    tolerance=min(tolerance, TORQUE_TAIL),
-                    is_fine=is_fine,
+                    self.choose_law,
+                    self.geometry,
+                    self.start,
+                    self.law,
+                    tolerance=min(self.tolerance, TORQUE_TAIL),
+                    is_fine=lambda at_rest: self._is_fine(grid, at_rest),
                 )
-        except NotAssembled as failure:
-            if known is None:
-                check_bounded(branch.robot, crossings, pole)
+        except (NotAssembled, NotConverged) as failure:
+            if self.known is None:
+                check_bounded(branch.robot, self.crossings, self.allowed_residual)
+            if isinstance(failure, NotConverged):
+                raise
             raise NotConverged(
                 f"{branch.robot.name}: the deflections tear the loops open: the springs are too soft for "
                 f"this motion; use stiffer springs or geometry rigid ({failure})",
                 residual=failure.residual,
             ) from None
-        except NotConverged:
-            check_bounded(branch.robot, crossings, pole)
-            raise
-        passes += state.passes
-        obstacles += bool(state.obstacle)
-        if state.change > UNSETTLED:  # nothing to build on: once more on the next grid
-            if obstacles > 1:
-                break
-            start, law = None, at_rest
-            continue
-        result = _result(branch, state, geometry, crossings, passes)
-        certificate = result.certificate
-        if not state.plain:  # plain passes are as quick from rest, and free of what this grid leaves
-            start, law = result.deflections, state.law
-        if not fixed_geometry:
-            crossings = tuple(deformed_crossing(result, crossing) for crossing in crossings)
-            pole = max(RESOLVABLE_TAIL, certificate.change)
-        if known is not None:
-            instants = np.array([crossing.time for crossing in crossings])
-        left = max(certificate.tail, certificate.change)
-        enough = min(enough, left)
-        changes.append(certificate.change)
-        if left > tolerance and size < SIZES[-1]:
-            if certificate.change > tolerance and (known is not None or is_stalled(changes)):
-                break
-            continue
-        result = replace(result, certificate=measure_residuals(branch, state, result))
-        closed = result.certificate.max_closure_error <= LOOP_GAP * max(branch.robot.length, 1.0)
-        if left <= tolerance and closed and _law_is_resolved(state.law, grid):
-            unseen = unseen_near_miss(searched, state, result)
-            if unseen is not None:
-                continue
-            check_bounded(branch.robot, crossings, CONDITION_RESIDUAL)
-            check_crossings(branch.robot, state, geometry, crossings)
-            held = check_idle_joints(branch, state, result)
-            certificate = replace(result.certificate, max_held_torque=held)
-            planned = _planned_friction(result, friction)
-            return replace(result, crossings=crossings, certificate=certificate, friction=planned)
-    if known is None:  # else a law that is bounded with others
-        check_bounded(branch.robot, crossings, pole)
-    if state.change > RESOLVABLE_TAIL < enough:
-        raise unsettled_error(branch.robot, state)
-    raise unresolved_error(searched, result, tolerance, size=grid.size, enough=enough, unseen=unseen)
+        self.passes += state.passes
+        self.obstacles += bool(state.obstacle)
+        if state.change > UNSETTLED:
+            self.start, self.law = None, self.choose_law(None, None)
+        return state
+
+    def _is_fine(self, grid: TimeGrid, at_rest: Pass) -> bool:
+        """Whether the grid resolves the torques of the undeformed robot, or no grid does."""
+        if grid.size >= SIZES[-1]:
+            return True
+        if any(crossing.residual > CONDITION_RESIDUAL for crossing in self.crossings_at_rest):
+            return True  # they have a pole
+        robot = self.searched.branch.robot
+        torques = grid.fit(motor_torque(robot, at_rest.motion, at_rest.forces.joint_torque))
+        return _tails(robot, grid, at_rest, torques) <= self.tolerance
+
+    def evaluate(self, state: DeflectionSolution) -> InverseDynamics:
+        """Return the result on one grid without residuals and friction; prepare the next grid.
+
+        Configurations are stored as tangent offsets from the branch's origin, smooth functions of time.
+        """
+        branch, grid = self.searched.branch, state.grid
+        robot = branch.robot
+        torques = grid.fit(motor_torque(robot, state.motion, state.forces.joint_torque))
+        q, s = state.motion.q, state.law(grid.times)
+        if not branch.is_continued(s).any():  # continued configurations have a smooth spin already
+            q = remove_idle_spin(robot, branch.origin, q, branch.path(s))
+        offsets = difference(robot, branch.origin, q)
+        joint_positions = difference(robot, robot.neutral, branch.origin[None]) + offsets
+        motor_angles = grid.fit(robot.gear_ratio * joint_positions[:, robot.actuated])
+        result = InverseDynamics(
+            robot=robot,
+            path=branch.path,
+            law=state.law,
+            geometry=self.geometry,
+            torques=torques,
+            motor_angles=motor_angles,
+            deflections=state.deflections,
+            deflection_rates=tuple(
+                grid.fit(rates[:, robot.elastic]) for rates in (state.motion.v, state.motion.a)
+            ),
+            offsets=grid.fit(offsets),
+            origin=branch.origin,
+            crossings=self.crossings,
+            wrenches=branch.wrenches,
+            certificate=Certificate(
+                nodes=len(grid.times),
+                tail=_tails(robot, grid, state, torques),
+                passes=self.passes,
+                change=state.change,
+                max_closure_error=0.0,
+                max_residual_torque=0.0,
+                max_held_torque=0.0,
+                end_speed=_end_speed(robot, state),
+                monotone=bool(np.all(np.diff(s) > -1e-14)),
+            ),
+        )
+        if not state.plain:  # plain passes are as quick from rest, and free of the errors of this grid
+            self.start, self.law = result.deflections, state.law
+        if self.geometry != "rigid":
+            self.crossings = tuple(deformed_crossing(result, crossing) for crossing in self.crossings)
+        self.certificates.append(result.certificate)
+        return replace(result, crossings=self.crossings)
+
+
+def _check_result(
+    branch: Branch, state: DeflectionSolution, result: InverseDynamics, friction: str
+) -> InverseDynamics:
+    """Check crossings and idle joints of a resolved motion; return the result with dry friction.
+
+    Raises:
+        UnboundedTorque, NoLaw, LoadedJoint: see `inverse_dynamics`.
+    """
+    check_bounded(branch.robot, result.crossings, CONDITION_RESIDUAL)
+    check_crossings(branch.robot, state, result.geometry, result.crossings)
+    certificate = replace(result.certificate, max_held_torque=check_idle_joints(branch, state, result))
+    return replace(result, certificate=certificate, friction=_planned_friction(result, friction))
 
 
 def _planned_friction(result: InverseDynamics, friction: str) -> PlannedFriction | None:
@@ -265,11 +352,6 @@ def _planned_friction(result: InverseDynamics, friction: str) -> PlannedFriction
         return result.robot.gear_ratio * result.velocity(t)[:, actuated]
 
     return PlannedFriction.from_speed(size, speed, result.duration)
-
-
-def is_stalled(changes: list[float]) -> bool:
-    """Return whether both last grids have changes above STALLED times the change before."""
-    return len(changes) > 2 and min(changes[-2:]) > STALLED * changes[-3]
 
 
 def check_law(law: MotionLaw) -> None:
@@ -286,7 +368,7 @@ def check_law(law: MotionLaw) -> None:
 
 
 def _law_is_resolved(law: MotionLaw, grid: TimeGrid) -> bool:
-    """Return whether the series through the law's values at nodes is the law, on 16 times as many instants.
+    """Whether the series through the law's values at the nodes agrees with the law between the nodes.
 
     Raises:
         InvalidInput: a derivative of the law is not that of the series.
@@ -305,72 +387,24 @@ def _law_is_resolved(law: MotionLaw, grid: TimeGrid) -> bool:
     return True
 
 
-def _result(
-    branch: Branch,
-    state: DeflectionSolution,
-    geometry: str,
-    crossings: tuple[SingularityCrossing, ...],
-    passes: int,
-) -> InverseDynamics:
-    """Return the result of a motion on one grid, its residuals and friction not yet computed.
-
-    Configurations are stored as tangent offsets from the branch's origin, smooth functions of time.
-    """
-    robot, grid = branch.robot, state.grid
-    torques = grid.fit(motor_torque(robot, state.motion, state.forces.joint_torque))
-    q, s = state.motion.q, state.law(grid.times)
-    if not branch.is_continued(s).any():  # continued configurations have a smooth spin already
-        q = remove_idle_spin(robot, branch.origin, q, branch.path(s))
-    offsets = difference(robot, branch.origin, q)
-    joint_positions = difference(robot, robot.neutral, branch.origin[None]) + offsets
-    motor_angles = grid.fit(robot.gear_ratio * joint_positions[:, robot.actuated])
-    return InverseDynamics(
-        robot=robot,
-        path=branch.path,
-        law=state.law,
-        geometry=geometry,
-        torques=torques,
-        motor_angles=motor_angles,
-        deflections=state.deflections,
-        deflection_rates=tuple(
-            grid.fit(rates[:, robot.elastic]) for rates in (state.motion.v, state.motion.a)
-        ),
-        offsets=grid.fit(offsets),
-        origin=branch.origin,
-        crossings=crossings,
-        wrenches=branch.wrenches,
-        certificate=Certificate(
-            nodes=len(grid.times),
-            tail=_tails(robot, grid, state, torques),
-            passes=passes,
-            change=state.change,
-            max_closure_error=0.0,
-            max_residual_torque=0.0,
-            max_held_torque=0.0,
-            end_speed=_end_speed(robot, state),
-            monotone=bool(np.all(np.diff(s) > -1e-14)),
-        ),
-    )
-
-
 def _tail(function: TimeFunction, rounding: Array) -> float:
-    """Return the tail of the components (k,) whose largest coefficient is above `rounding` (k,)."""
+    """Compute the tail of a function (k) without components that are zero but for `rounding` (k,)."""
     size = np.abs(function.coefficients).max(axis=(0, 1))
     return TimeFunction(function.edges, function.coefficients[..., size > rounding]).tail
 
 
 def _tails(
-    robot: ParallelRobot, grid: TimeGrid, here: Pass | DeflectionSolution, torques: TimeFunction
+    robot: ParallelRobot, grid: TimeGrid, state: Pass | DeflectionSolution, torques: TimeFunction
 ) -> float:
-    """Return the tail of motor torques, or of the deflections that forces cause if that is larger."""
+    """Compute the tail of the motor torques or of the caused deflections, the larger one."""
     # rounding of motor torques (n_a,) [N m] that are zero, as at constant speed
-    torque_rounding = 1e-15 * robot.mass * (robot.length / here.law.duration) ** 2 / np.abs(robot.gear_ratio)
+    torque_rounding = 1e-15 * robot.mass * (robot.length / state.law.duration) ** 2 / np.abs(robot.gear_ratio)
     deflection_rounding = 1e-14 * robot.column_scale[robot.elastic]
-    return max(_tail(torques, torque_rounding), _tail(grid.fit(here.caused), deflection_rounding))
+    return max(_tail(torques, torque_rounding), _tail(grid.fit(state.caused), deflection_rounding))
 
 
 def _end_speed(robot: ParallelRobot, state: DeflectionSolution) -> float:
-    """Return the largest motor speed at both ends of the motion over the largest of the motion."""
+    """Compute the largest motor speed at the ends of the motion over the largest of the motion."""
     speeds = np.abs(robot.gear_ratio * state.motion.v[:, robot.actuated])
     peak = float(speeds.max(initial=0.0))
     return float(speeds[[0, -1]].max(initial=0.0)) / peak if peak > 0 else 0.0

@@ -1,4 +1,4 @@
-"""Deflections that are known as one Chebyshev series from knot to knot of the path."""
+"""Deflections as one Chebyshev series from knot to knot of the path."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from framework.numerics.chebyshev import derivative_matrix
 
 
 class KnownDeflections(NamedTuple):
-    """Deflections as functions of time, by their series along the parameter of a law."""
+    """Deflections as functions of time, given by series in the parameter of a law."""
 
     clock: Clock
     series: Array  # (panels, N, n_e) [rad, m]
@@ -23,12 +23,12 @@ class KnownDeflections(NamedTuple):
         edges, size = self.clock.edges, self.series.shape[1]
         p = np.clip(self.clock.parameter(t), edges[0], edges[-1])
         panel = np.clip(np.searchsorted(edges, p, side="right") - 1, 0, len(self.series) - 1)
-        per = 2.0 / np.diff(edges)[panel]
-        values = chebyshev.chebvander(np.clip((p - edges[panel]) * per - 1.0, -1.0, 1.0), size - 1)
+        scale = 2.0 / np.diff(edges)[panel]  # dx/dp of the panel's variable x in [-1, 1]
+        polynomials = chebyshev.chebvander(np.clip((p - edges[panel]) * scale - 1.0, -1.0, 1.0), size - 1)
         _, rate, acceleration = self.clock.motion(p)
-        value, slope, bend = (
-            np.einsum("tn,tne->te", values, (derivative @ self.series)[panel])
+        value, slope, bend = (  # derivatives by x
+            np.einsum("tn,tne->te", polynomials, (derivative @ self.series)[panel])
             for derivative in (np.eye(size), derivative_matrix(size), derivative_matrix(size, 2))
         )
-        r, a = (per * rate)[:, None], (per * acceleration)[:, None]
-        return value, slope * r, bend * r**2 + slope * a
+        dx, ddx = (scale * rate)[:, None], (scale * acceleration)[:, None]
+        return value, slope * dx, bend * dx**2 + slope * ddx

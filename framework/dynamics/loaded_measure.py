@@ -1,4 +1,4 @@
-"""Where the robot is singular under its loads: the singular point of the balance that its deflections are in.
+"""The singular point of an elastic robot under its loads: where the balance of its deflections loses rank.
 
 Along a motion the deflections l solve F(t, l) = 0 (`loaded_balance`). A small change of them at a prescribed
 platform changes F by F_l = Y' H Z: Y the motions with the motors locked and the platform free, Z those with
@@ -13,7 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.dynamics.loaded_balance import Course, balance_along, deflection_slopes, spring_units
+from framework.dynamics.loaded_balance import (
+    DeflectedMotion,
+    deflection_slopes,
+    evaluate_balance,
+    spring_units,
+)
 from framework.dynamics.result import InverseDynamics
 from framework.errors import NoAnswer
 from framework.laws.law import law_derivatives
@@ -36,27 +41,28 @@ class LoadedPoint(NamedTuple):
 def loaded_tangent(result: InverseDynamics, t: Array) -> Array:
     """Compute F_l (T, n_e, n_e) at instants t (T,) of a motion of a deformed robot, over its stiffness.
 
-    In units of the springs; one regular matrix from the left for all instants, so that it is smooth in t.
+    In units of the springs. F_l is multiplied from the left by a regular matrix that makes it smooth in t.
 
     Raises:
         NotAssembled: the deflections tear the loops.
     """
     robot, law = result.robot, result.law
     s = law_derivatives(law, t)
-    course = Course(
-        s[0], *time_derivatives(result.path, s), *(result.deflection(t, order) for order in range(3))
-    )
-    balance = balance_along(robot, course, result.configuration(t), wrenches=result.wrenches)
-    Y, changes = balance.Y, deflection_slopes(robot, balance, 1)
+    deflections = [result.deflection(t, order) for order in range(3)]
+    prescribed = DeflectedMotion(s[0], *time_derivatives(result.path, s), *deflections)
+    balance = evaluate_balance(robot, prescribed, result.configuration(t), wrenches=result.wrenches)
+    Y = balance.Y
+    F_l = Y.swapaxes(1, 2) @ deflection_slopes(robot, balance, 1)
     stiffness = float((robot.stiffness * spring_units(robot) ** 2).max())
-    return Y[len(t) // 2].T @ Y @ (Y.swapaxes(1, 2) @ changes) / stiffness
+    # Y is orthonormal at each instant by itself: Y_0' Y refers all to the basis Y_0 of the middle instant
+    return Y[len(t) // 2].T @ Y @ F_l / stiffness
 
 
 def loaded_point(result: InverseDynamics, time: float) -> LoadedPoint | None:
     """Find the singular point of the loaded robot near a geometric one that a motion meets at `time` [s].
 
-    None for rigid robots and rigid geometry, which have no deflections to lose, and where none is found
-    that is nearer to this crossing than to any other.
+    None for rigid robots and rigid geometry, which have no deflections to lose; None too unless Newton's
+    method converges to a root that is nearer to this crossing than to any other.
     """
     if result.geometry == "rigid" or not result.robot.n_e:
         return None
@@ -70,6 +76,6 @@ def loaded_point(result: InverseDynamics, time: float) -> LoadedPoint | None:
     if not root.converged or np.abs(others - root.place).min(initial=np.inf) <= abs(root.place - time):
         return None
     geometric, loaded = result.platform(np.array([time, root.place]))
-    moved, lengths = loaded - geometric, result.robot.translations
-    distance = float(np.linalg.norm(moved[lengths] if lengths.any() else moved))
+    offset, translations = loaded - geometric, result.robot.translations
+    distance = float(np.linalg.norm(offset[translations] if translations.any() else offset))
     return LoadedPoint(root.place, float(result.law(np.array([root.place]))[0]), distance)

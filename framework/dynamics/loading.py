@@ -1,4 +1,4 @@
-"""Many configurations loaded little by little, motors locked: what carries the load, and what gives way.
+"""Equilibria of many configurations under a growing load, motors locked, by continuation.
 
 The equilibria under a growing share of weight and wrench draw a curve, which is followed by its length: a
 step goes along the tangent, and Newton's method leads back to the curve beside it, the share being one of the
@@ -95,30 +95,30 @@ class _Points(NamedTuple):
 class _Prediction(NamedTuple):
     """T steps along the tangents."""
 
-    move: Array  # (T, f) [rad, lengths]
+    step: Array  # (T, f) [rad, lengths]
     tangent: Array  # (T, f) of unit length
     share: Array  # (T,) of the load
-    lands: BoolArray  # (T,) whether the whole load is reached
-    size: Array  # (T,) [rad, lengths] largest entry of the move
+    is_whole: BoolArray  # (T,) whether that is the whole load
+    size: Array  # (T,) [rad, lengths] largest entry of the step
 
 
 class _Corrected(NamedTuple):
-    """T steps led back to the curve."""
+    """T steps led back to the curve by Newton's method."""
 
     points: _Points
-    along: Array  # (T,) [rad, lengths] the way along the tangent
-    met: BoolArray  # (T,) whether the equilibrium was met
-    stable: BoolArray  # (T,) whether its stiffness is positive definite
+    length: Array  # (T,) [rad, lengths] along the tangent
+    converged: BoolArray  # (T,)
+    is_stable: BoolArray  # (T,) whether the stiffness is positive definite
 
 
-class _Arrival(NamedTuple):
+class _StepEnds(NamedTuple):
     """The ends of T steps along the curve."""
 
     points: _Points
-    size: Array  # (T,) [rad, lengths] of the step, before its correction
-    good: BoolArray  # (T,) whether the step counts
-    lost: BoolArray  # (T,) whether it would, but for a stiffness that is not positive definite
-    turned: BoolArray  # (T,) whether the share has turned back, too
+    size: Array  # (T,) [rad, lengths] of the predicted step
+    accepted: BoolArray  # (T,)
+    is_unstable: BoolArray  # (T,) whether only a stiffness that is not positive definite forbids the step
+    has_fold: BoolArray  # (T,) whether the share has turned back, too
 
 
 def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = None) -> LoadedStack:
@@ -141,30 +141,30 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
     for _ in range(MAX_STEPS):
         if not len(live):
             break
-        start, whole = select(current, live), load.select(live)
-        ahead = _step(robot, start, whole, step[live])
-        step[live] = np.where(ahead.good, np.minimum(2.0 * ahead.size, MAX_STEP), 0.5 * ahead.size)
-        assign(current, live[ahead.good], select(ahead.points, ahead.good))
-        reason[live] = _reasons(robot, ahead)
-        turned = np.flatnonzero(ahead.turned)
-        if len(turned):
-            folds = _folds(robot, select(start, turned), whole.select(turned))
-            rows = live[turned[folds.found]]
+        start, live_load = select(current, live), load.select(live)
+        ends = _take_steps(robot, start, live_load, step[live])
+        step[live] = np.where(ends.accepted, np.minimum(2.0 * ends.size, MAX_STEP), 0.5 * ends.size)
+        assign(current, live[ends.accepted], select(ends.points, ends.accepted))
+        reason[live] = _reasons(robot, ends)
+        folding = np.flatnonzero(ends.has_fold)
+        if len(folding):
+            folds = _find_folds(robot, select(start, folding), live_load.select(folding))
+            rows = live[folding[folds.found]]
             current.q[rows] = folds.q[folds.found]
             current.share[rows] = folds.share[folds.found]
             reason[rows] = LoadReason.GIVES_WAY
-        can_halve = ~(ahead.size <= UNCHECKED_MOTION)  # NaN too
-        live = live[(ahead.good | can_halve) & (reason[live] == LoadReason.NOT_CONVERGED)]
+        can_halve = ~(ends.size <= UNCHECKED_MOTION)  # NaN too
+        live = live[(ends.accepted | can_halve) & (reason[live] == LoadReason.NOT_CONVERGED)]
     return _loaded_stack(robot, q, current, reason, load)
 
 
-def _reasons(robot: ParallelRobot, ahead: _Arrival) -> NDArray[np.uint8]:
+def _reasons(robot: ParallelRobot, ends: _StepEnds) -> NDArray[np.uint8]:
     """Return the reason (T,) to stop after each step, NOT_CONVERGED to go on."""
-    reasons = np.full(len(ahead.size), LoadReason.NOT_CONVERGED, dtype=np.uint8)
-    share = ahead.points.share
-    reasons[ahead.good & (share == 1.0)] = LoadReason.CARRIED
-    reasons[ahead.good & (share <= 1.0) & ~deflects_little(robot, ahead.points.q)] = LoadReason.TOO_SOFT
-    reasons[ahead.lost & (ahead.size <= UNCHECKED_MOTION)] = LoadReason.GIVES_WAY
+    reasons = np.full(len(ends.size), LoadReason.NOT_CONVERGED, dtype=np.uint8)
+    share = ends.points.share
+    reasons[ends.accepted & (share == 1.0)] = LoadReason.CARRIED
+    reasons[ends.accepted & (share <= 1.0) & ~deflects_little(robot, ends.points.q)] = LoadReason.TOO_SOFT
+    reasons[ends.is_unstable & (ends.size <= UNCHECKED_MOTION)] = LoadReason.GIVES_WAY
     return reasons
 
 
@@ -183,8 +183,8 @@ def _loaded_stack(
 def _tangents(H: Array, drive: Array, null: Array) -> tuple[Array, BoolArray]:
     """Compute rates (T, f) by the share along the curve; return whether the stiffness is positive definite.
 
-    H dz/dshare = -drive on the null space of the closures, by eigenvalues of H; those at rounding count as
-    that small instead of zero.
+    H dz/dshare = -drive on the null space of the closures, by eigenvalues of H. Eigenvalues of the size of
+    rounding are replaced by rounding.
     """
     values, vectors = np.linalg.eigh(H)  # (T, d), (T, d, d)
     rounding = EIGENVALUE_ROUNDING * np.abs(values).max(axis=1, keepdims=True)
@@ -193,88 +193,98 @@ def _tangents(H: Array, drive: Array, null: Array) -> tuple[Array, BoolArray]:
     return -matvec(null, rate), values[:, 0] > rounding[:, 0]
 
 
-def _step(robot: ParallelRobot, start: _Points, load: Load, step: Array) -> _Arrival:
+def _take_steps(robot: ParallelRobot, start: _Points, load: Load, step: Array) -> _StepEnds:
     """Find the equilibria a step (T,) [rad, lengths] further on the curve, or under the whole load.
 
     The whole load is taken where it is nearer than the step. Where the curve leads beyond the whole load,
-    the next step leads back.
+    the next step leads back. Between its ends a step has no fold unseen if the share grows by the mean of its
+    slopes along the tangent at both ends.
     """
     ahead = _predict(start, step)
     end = _correct(robot, start, ahead, load)
     with np.errstate(divide="ignore", invalid="ignore"):
         slope = 1.0 / dot(ahead.tangent, start.rate)  # of the share along the tangent, at the start
         end_slope = 1.0 / dot(ahead.tangent, end.points.rate)
-        mean_gain = 0.5 * end.along * (slope + end_slope)
-        steepest = np.abs(end.along * np.maximum(np.abs(slope), np.abs(end_slope)))
+        mean_gain = 0.5 * end.length * (slope + end_slope)
+        largest_gain = np.abs(end.length * np.maximum(np.abs(slope), np.abs(end_slope)))
         gap = np.abs(end.points.share - start.share - mean_gain)
-        straight = gap <= MAX_SHARE_GAP * steepest
-        turned = slope * end_slope < 0.0
-    counts = end.met & (straight | (ahead.size <= UNCHECKED_MOTION))
-    lost = counts & ~end.stable
-    return _Arrival(end.points, ahead.size, counts & end.stable, lost, lost & turned)
+        is_straight = gap <= MAX_SHARE_GAP * largest_gain
+        turns_back = slope * end_slope < 0.0
+    on_curve = end.converged & (is_straight | (ahead.size <= UNCHECKED_MOTION))
+    is_unstable = on_curve & ~end.is_stable
+    return _StepEnds(end.points, ahead.size, on_curve & end.is_stable, is_unstable, is_unstable & turns_back)
 
 
 def _predict(start: _Points, step: Array) -> _Prediction:
     """Compute steps of size (T,) [rad, lengths] along the tangents, as far as the whole load."""
     remaining = 1.0 - start.share
-    whole = np.abs(start.rate * remaining[:, None]).max(axis=1)
-    cut = np.minimum(1.0, step / np.maximum(whole, step))
-    move = start.rate * (remaining * cut)[:, None]
-    length = np.linalg.norm(move, axis=1, keepdims=True)
-    lands = cut == 1.0
-    share = np.where(lands, 1.0, start.share + cut * remaining)
-    return _Prediction(move, move / np.where(length > 0.0, length, 1.0), share, lands, whole * cut)
+    size_to_end = np.abs(start.rate * remaining[:, None]).max(axis=1)
+    cut = np.minimum(1.0, step / np.maximum(size_to_end, step))
+    motion = start.rate * (remaining * cut)[:, None]
+    length = np.linalg.norm(motion, axis=1, keepdims=True)
+    is_whole = cut == 1.0
+    share = np.where(is_whole, 1.0, start.share + cut * remaining)
+    return _Prediction(
+        motion, motion / np.where(length > 0.0, length, 1.0), share, is_whole, size_to_end * cut
+    )
 
 
 def _correct(robot: ParallelRobot, start: _Points, ahead: _Prediction, load: Load) -> _Corrected:
     """Lead steps back to the curve by Newton's method.
 
-    A step that lands under the whole load keeps its share; another one keeps the joints' motion along the
-    tangent, and takes one more iteration, to rounding, as a tangent at a soft place needs.
+    A step under the whole load keeps its share; another one keeps the joints' motion along the tangent, and
+    takes one more iteration, to rounding, as a tangent at a soft place needs.
     """
-    end = _Points(_move(robot, start.q, ahead.move), ahead.share, np.zeros_like(ahead.move))
-    along = np.linalg.norm(ahead.move, axis=1)
-    correction = np.zeros(len(along))  # largest entries of all Newton steps so far, [rad, lengths]
-    was_small, met, stable = np.zeros((3, len(along)), dtype=bool)
-    live = np.arange(len(along))
+    end = _Points(_move_joints(robot, start.q, ahead.step), ahead.share, np.zeros_like(ahead.step))
+    length = np.linalg.norm(ahead.step, axis=1)
+    correction = np.zeros(len(length))  # largest entries of all Newton steps so far, [rad, lengths]
+    was_small, converged, is_stable = np.zeros((3, len(length)), dtype=bool)
+    live = np.arange(len(length))
     for _ in range(MAX_ITERATIONS):
         state = balance(robot, end.q[live], load.select(live)._replace(share=end.share[live]))
-        move, gain = _newton_step(state, ahead.tangent[live], ahead.lands[live])
-        size = np.abs(move).max(axis=1)
+        step, gain = _newton_step(state, ahead.tangent[live], ahead.is_whole[live])
+        size = np.abs(step).max(axis=1)
         correction[live] += size
-        near = correction[live] <= np.maximum(MAX_CORRECTION_RATIO * ahead.size[live], UNCHECKED_MOTION)
-        move = np.where(near[:, None], move, 0.0)
-        end.q[live] = _move(robot, end.q[live], move)
-        end.share[live] += np.where(near, gain, 0.0)
-        along[live] += dot(ahead.tangent[live], move)
+        on_branch = correction[live] <= np.maximum(MAX_CORRECTION_RATIO * ahead.size[live], UNCHECKED_MOTION)
+        step = np.where(on_branch[:, None], step, 0.0)
+        end.q[live] = _move_joints(robot, end.q[live], step)
+        end.share[live] += np.where(on_branch, gain, 0.0)
+        length[live] += dot(ahead.tangent[live], step)
         is_small = size < NEWTON_STEP
-        ended = near & is_small & (ahead.lands[live] | was_small[live])
+        done = on_branch & is_small & (ahead.is_whole[live] | was_small[live])
         was_small[live] = is_small
-        met[live[ended]] = True
-        end.rate[live[ended]], stable[live[ended]] = _tangents(
-            state.H[ended], state.drive[ended], state.null[ended]
+        converged[live[done]] = True
+        end.rate[live[done]], is_stable[live[done]] = _tangents(
+            state.H[done], state.drive[done], state.null[done]
         )
-        live = live[near & ~ended]
+        live = live[on_branch & ~done]
         if not len(live):
             break
-    return _Corrected(end, along, met, stable)
+    return _Corrected(end, length, converged, is_stable)
 
 
-def _newton_step(state: Balance, tangent: Array, lands: BoolArray) -> tuple[Array, Array]:
-    """Compute Newton's step (T, f) to the curve, and the change (T,) of the share."""
-    along = np.where(lands[:, None], 0.0, matvec(state.null.swapaxes(1, 2), tangent))
-    bordered = np.block([[state.H, state.drive[:, :, None]], [along[:, None], lands[:, None, None]]])
+def _newton_step(state: Balance, tangent: Array, is_whole: BoolArray) -> tuple[Array, Array]:
+    """Compute Newton's step (T, f) to the curve, and the change (T,) of the share.
+
+    On the null space of the closures [H drive; border' 0] [dz; dshare] = [-slope; 0], with the tangent as the
+    border; under the whole load the last row is dshare = 0.
+    """
+    along = np.where(is_whole[:, None], 0.0, matvec(state.null.swapaxes(1, 2), tangent))
+    bordered = np.block([[state.H, state.drive[:, :, None]], [along[:, None], is_whole[:, None, None]]])
     right = np.append(-state.slope, np.zeros((len(along), 1)), axis=1)
     with np.errstate(all="ignore"):  # what is singular, or no number, ends there
         step = solve(bordered, right)
         return state.closing + matvec(state.null, step[:, :-1]), step[:, -1]
 
 
-def _folds(robot: ParallelRobot, start: _Points, load: Load) -> TurningPoints:
+def _find_folds(robot: ParallelRobot, start: _Points, load: Load) -> TurningPoints:
     """Find the turning points of the share ahead of points on the curve."""
 
     def evaluate(q: Array, share: Array) -> CurveEquations:
-        """Compute the loops across the null space of the closures, and the energy's slope along."""
+        """Compute F (T, f): the slope of the energy along the null space Z of the closures, the loops across.
+
+        The matrix of F is the stiffness along Z and 1 across: 1 + Z (H / size - 1) Z'.
+        """
         state = balance(robot, q, load._replace(share=share))
         size = np.abs(state.H).max(axis=(1, 2))[:, None]
         null = state.null
@@ -287,7 +297,7 @@ def _folds(robot: ParallelRobot, start: _Points, load: Load) -> TurningPoints:
     return turning_points(Curves(robot, columns, still, evaluate), start.q, start.share)
 
 
-def _move(robot: ParallelRobot, q: Array, move: Array) -> Array:
-    """Return configurations (T, nq) after moves (T, f) [rad, lengths of the robot]."""
+def _move_joints(robot: ParallelRobot, q: Array, step: Array) -> Array:
+    """Return configurations (T, nq) after steps (T, f) [rad, lengths of the robot] of the moving columns."""
     columns = moving_columns(robot)
-    return integrate_columns(robot, q, columns, move * robot.column_scale[columns])
+    return integrate_columns(robot, q, columns, step * robot.column_scale[columns])

@@ -47,12 +47,14 @@ def _is_resolved_near(
     start, duration = edges[0], edges[-1] - edges[0]
 
     def matrices(share: Array) -> Array:
+        """Compute the Type 2 matrices (T, n, n) at shares (T,) of the duration."""
         times = start + share * duration
         return type2_matrix(robot, evaluate_motion(searched.branch, result, times)[1].linearised)
 
-    # deflections move the instant of the least |g|
+    # the instant of the least |g| of the deflected robot, which is not that of the robot at rest
     closest = extremum_near(matrices, (edges - start) / duration, (instant - start) / duration, miss.size)
-    times = start + duration * np.array([closest.s, *closest.bracket(2 * abs(closest.g))])
+    shares = np.array([closest.s, *closest.bracket(2 * abs(closest.g))])
+    times = start + duration * shares
     motion = evaluate_motion(searched.branch, result, times)[1]
     computed = joint_forces(robot, motion).joint_torque
     expected = state.grid.fit(state.forces.joint_torque)(times)

@@ -107,7 +107,7 @@ def _central_slopes(function: Callable[[Array], Array], sizes: Array) -> Array:
 def repelling_rates(result: InverseDynamics, times: Array) -> Array:
     """Compute the largest growth rate (T,) [1/s] of an error of the platform; 0 if none grows.
 
-    Solutions e^(rt) of d" = own d have r^2 an eigenvalue of `own`.
+    For solutions e^(rt) of d" = own d, r^2 is an eigenvalue of `own`.
 
     Raises:
         NotAssembled: the loops do not close beside the path.
@@ -116,7 +116,7 @@ def repelling_rates(result: InverseDynamics, times: Array) -> Array:
     return np.sqrt(squares.astype(complex)).real.max(axis=1)
 
 
-def open_loop_error(dynamics: ErrorDynamics, times: Array, lacking: Array) -> Array:
+def open_loop_error(dynamics: ErrorDynamics, times: Array, missing_wrench: Array) -> Array:
     """Compute the platform's error (T, n) [m, rad] under torques that miss a wrench W - G' tau (T, n).
 
     The state y = (d, d') follows y' = A y + f from rest on the path, with f = (0, `forced` times the wrench).
@@ -126,12 +126,12 @@ def open_loop_error(dynamics: ErrorDynamics, times: Array, lacking: Array) -> Ar
 
     Args:
         dynamics: at the instants `times` (T,) [s], equidistant.
-        lacking: W - G' tau at these instants [N, N m].
+        missing_wrench: W - G' tau at these instants [N, N m].
     """
-    count, n = lacking.shape
+    count, n = missing_wrench.shape
     half_step = 0.5 * float(times[1] - times[0])
     half_f, A = np.zeros((count, 2 * n)), np.zeros((count, 2 * n, 2 * n))  # half_f: h/2 f
-    half_f[:, n:] = half_step * np.einsum("tij,tj->ti", dynamics.forced, lacking)
+    half_f[:, n:] = half_step * np.einsum("tij,tj->ti", dynamics.forced, missing_wrench)
     A[:, :n, n:] = np.eye(n)
     A[:, n:, :n] = dynamics.own
     A[:, n:, n:] = dynamics.damped

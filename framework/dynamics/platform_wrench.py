@@ -42,7 +42,8 @@ class PlatformWrench(NamedTuple):
 
     def reach(self, twist: Array, torque_limit: Array) -> Array:
         """Return the largest force (T,) of motors along a twist t (n,) or (T, n): |G t| . limits (n_a,)."""
-        speeds = np.einsum("tan,tn->ta", self.motor_speed, np.broadcast_to(twist, self.required.shape))
+        twists = np.broadcast_to(twist, self.required.shape)
+        speeds = np.einsum("tan,tn->ta", self.motor_speed, twists)  # G t
         return np.abs(speeds) @ torque_limit
 
     def band(self, twist: Array, torque_limit: Array) -> Array:
@@ -60,7 +61,7 @@ class PlatformWrench(NamedTuple):
         Their convex hull is the set of wrenches that the motors can exert.
         """
         corners = np.array(list(product((-1.0, 1.0), repeat=len(torque_limit)))) * torque_limit
-        return np.einsum("ca,tan->tcn", corners, self.motor_speed)
+        return np.einsum("ca,tan->tcn", corners, self.motor_speed)  # G' tau of each corner
 
 
 def motor_speeds(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array, Array]:
@@ -79,8 +80,8 @@ def platform_wrench(robot: ParallelRobot, motion: Motion) -> PlatformWrench:
     """
     G, rates = motor_speeds(robot, motion.linearised)
     rotor_torque = robot.rotor_inertia * robot.gear_ratio * motion.a[:, robot.actuated]  # (T, n_a)
-    rotor_wrench = np.einsum("tan,ta->tn", G, rotor_torque)
-    body_wrench = np.einsum("tvn,tv->tn", rates, tree_forces(robot, motion))
+    rotor_wrench = np.einsum("tan,ta->tn", G, rotor_torque)  # G' tau
+    body_wrench = np.einsum("tvn,tv->tn", rates, tree_forces(robot, motion))  # (dq/dv)' r
     return PlatformWrench(required=body_wrench + rotor_wrench, motor_speed=G, rotors=rotor_wrench)
 
 

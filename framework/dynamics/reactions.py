@@ -168,6 +168,7 @@ def joint_reactions(robot: ParallelRobot, motion: Motion, loops: LoopLoads) -> d
     for load in motion.wrenches:
         loads += carried_by_joint[load.joint][:, None] * load.wrench[:, None]
     reactions -= move_wrench(loads, -position)
+    # in each joint j, the wrench (6,) of each vector k of free multipliers: sum over rows m
     free = np.einsum("mj,tkm,tmi->tjki", signs, loops.free, about_base)
     free = move_wrench(free, -position[:, :, None])
     return {

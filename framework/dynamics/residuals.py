@@ -198,8 +198,8 @@ def _residual_torques(robot: ParallelRobot, motion: Motion, torque: Array) -> Ar
     multipliers = loop_multipliers(robot, motion.linearised, forces, torque)
     w, loop_force = multipliers[:, : robot.n], multipliers[:, robot.n :]
     residual = np.zeros_like(forces)
-    residual[:, columns] = np.einsum("tn,tnv->tv", w, motion.linearised.platform[:, :, columns])
+    residual[:, columns] = np.einsum("tn,tnv->tv", w, motion.linearised.platform[:, :, columns])  # X' w
     if len(idle):
-        loops = np.einsum("tm,tmv->tv", loop_force, motion.linearised.closures[:, :, idle])
+        loops = np.einsum("tm,tmv->tv", loop_force, motion.linearised.closures[:, :, idle])  # J' lambda
         residual[:, idle] = forces[:, idle] - loops
     return residual

@@ -1,10 +1,12 @@
-"""Deflections that hold the forces they cause, with the least change of the law that lets them be smooth.
+"""Deflections in balance with the forces that they cause, and the scalars of the law that make them smooth.
 
-Near the singular point of the loaded robot, deflections in balance look like l^2 + (s - s_0) l = eps; only
-eps = 0 lets a smooth l through: for that the law has one scalar a crossing. Both are found together by the
-method of Gauss and Newton on `balance_equations`. Nothing is divided by the measure of the singularity, and
-no second derivative is fed back from pass to pass. What a step cannot make better for want of coefficients
-gets more of them; where no step helps, springs are stiffer first and then softened.
+Near the singular point of the loaded robot, deflections in balance look like l^2 + (s - s_0) l = eps, and
+only eps = 0 has a smooth solution through the point. For that the law has one scalar a crossing. Both are
+found together by Gauss-Newton on `balance_equations`. Nothing is divided by the measure of the singularity,
+and no second derivative is fed back from pass to pass.
+
+If the truncation of the series limits the misfit, the series gets more coefficients. If no step lowers the
+misfit, the problem is solved for stiffer springs first, which are then softened stepwise.
 """
 
 from __future__ import annotations
@@ -13,7 +15,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.dynamics.balance_equations import BalanceEquations, BalanceState, Family, Slopes, Step, longer
+from framework.dynamics.balance_equations import (
+    BalanceEquations,
+    BalanceState,
+    Family,
+    LoadSlopes,
+    Step,
+    resize_series,
+)
 from framework.dynamics.known_deflections import KnownDeflections
 from framework.dynamics.loaded_balance import spring_units
 from framework.dynamics.singularity_crossings import panel_edges
@@ -26,48 +35,48 @@ from framework.numerics.arrays import Array
 from framework.numerics.time_limit import check_time
 from framework.tolerances import MAX_DEFLECTION, MAX_UNRESOLVED_MISFIT
 
-MAX_MISFIT_RATIO = 0.5  # of the misfits after and before a step that is taken; above, more coefficients are
-MAX_MISFIT_RATIO_OF_OLD_SLOPES = 0.1  # the same, for slopes that are used once more
-MAX_MISFIT_OF_SLOPES = 1e-2  # of their state: above, what a step with them leaves is no want of coefficients
-MAX_LINEAR_MISFIT_RATIO = 2.0  # of what a step leaves to what it was to leave: slopes are good enough
-SETTLED_MISFIT = 2e-14  # that is rounding
-ENOUGH_MISFIT, MIN_LAST_GAIN = 1e-12, 10.0  # below, more coefficients have to make it that many times less
+MAX_MISFIT_RATIO = 0.5  # predicted misfit of a step over the last; above, truncation limits the misfit
+MAX_MISFIT_RATIO_OF_OLD_SLOPES = 0.1  # misfit after a step over the one before: else slopes are renewed
+MAX_MISFIT_OF_SLOPES = 1e-2  # of the state of slopes: above, they tell nothing of truncation
+MAX_LINEAR_MISFIT_RATIO = 2.0  # misfit after a step over the predicted one, of slopes that are good enough
+SETTLED_MISFIT = 2e-14  # rounding
+ENOUGH_MISFIT, MIN_LAST_GAIN = 1e-12, 10.0  # below, further coefficients are worth it for such a gain alone
 FIRST_COEFFICIENTS = 48
 COEFFICIENTS_PER_DEGREE = 1.25  # of an optimal law, at first
-MIN_COEFFICIENT_GROWTH, MAX_COEFFICIENT_GROWTH = 1.25, 2.0  # where some are added
+MIN_COEFFICIENT_GROWTH, MAX_COEFFICIENT_GROWTH = 1.25, 2.0  # factors of the number, where it grows
 MAX_UNKNOWNS = 4000
 MAX_COEFFICIENTS = 400
-MAX_NEEDED_RATIO = 1.5  # of coefficients that would settle if the misfit went on falling, over the most
+MAX_NEEDED_RATIO = 1.5  # coefficients needed for a settled misfit, extrapolated, over the largest number
 MAX_STEPS = 12  # with the same coefficients
 MIN_STEP_SHARE = 1 / 16  # of a step of Newton's method that is halved
 MAX_STIFFENING = 32.0  # times the stiffness of the springs
 SOFTENING, MIN_SOFTENING = 2.0, 1.1  # from one stiffness to the next
 
 
-class Settled(NamedTuple):
-    """A state that steps do not make better."""
+class GaussNewtonResult(NamedTuple):
+    """The last iterate of Gauss-Newton at one truncation of the deflections."""
 
     state: BalanceState
-    held: bool  # only more coefficients can
-    slopes: Slopes | None  # of a state near it
+    is_truncated: bool  # whether the misfit is settled, or limited by the truncation
+    slopes: LoadSlopes | None  # of a state near the iterate
 
 
-class Restored(NamedTuple):
-    """Deflections, and the scalars of the law that they belong to."""
+class BalanceSolution(NamedTuple):
+    """Deflections in balance, and the scalars of their law."""
 
     deflections: KnownDeflections
     scalars: Array  # (k,)
 
 
-def restored(
+def solve_balance(
     branch: Branch, family: Family, steps: Array, first: int, start: KnownDeflections | None = None
-) -> Restored:
-    """Find deflections and scalars of the law in balance.
+) -> BalanceSolution:
+    """Solve F(l, c) = 0 for deflections l and law scalars c by Gauss-Newton.
 
     Args:
         family: the law by its scalars, zero at first.
-        steps: by how much to change these for a difference (k,).
-        first: coefficients of the deflections at first.
+        steps: of the scalars, for differences (k,).
+        first: number of coefficients of the deflections at first.
         start: deflections to begin with.
 
     Raises:
@@ -82,41 +91,42 @@ def restored(
         )
     series = np.zeros((len(family(scalars).edges) - 1, first, robot.n_e))
     if start is not None:
-        series = longer(start.series / spring_units(robot), first)
-    state = _resolved(equations := BalanceEquations(branch, family, steps), _held(equations, series, scalars))
-    deflections = KnownDeflections(state.points.clock, state.series * equations.units)
-    return Restored(deflections, state.scalars)
+        series = resize_series(start.series / spring_units(robot), first)
+    equations = BalanceEquations(branch, family, steps)
+    state = _refine_series(equations, _solve_by_softening(equations, series, scalars))
+    deflections = KnownDeflections(state.samples.clock, state.series * equations.units)
+    return BalanceSolution(deflections, state.scalars)
 
 
 def deflections_of(branch: Branch, law: MotionLaw) -> KnownDeflections:
-    """Find the deflections that a law makes as it is.
+    """Find the deflections in balance under a given law.
 
     Raises:
-        As `restored`.
+        As `solve_balance`.
     """
     clock: Clock = InTime(law, panel_edges(branch, law))
     first = FIRST_COEFFICIENTS
     if isinstance(law, OptimalLaw):
-        clock, first = OnParameter(law, branch.knots), coefficients_for(law.degree)
-    return restored(branch, lambda _: clock, np.zeros(0), first).deflections
+        clock, first = OnParameter(law, branch.knots), first_coefficient_count(law.degree)
+    return solve_balance(branch, lambda _: clock, np.zeros(0), first).deflections
 
 
-def coefficients_for(degree: int) -> int:
-    """How many coefficients the deflections of an optimal law of this degree have at first."""
+def first_coefficient_count(degree: int) -> int:
+    """Return the first number of coefficients of deflections under an optimal law of this degree."""
     return int(COEFFICIENTS_PER_DEGREE * degree) + 10
 
 
-def _held(equations: BalanceEquations, series: Array, scalars: Array) -> Settled:
-    """A state that only more coefficients can make better; by way of stiffer springs if need be.
+def _solve_by_softening(equations: BalanceEquations, series: Array, scalars: Array) -> GaussNewtonResult:
+    """Solve at this truncation; if that stalls, start 32 times stiffer and soften the springs stepwise.
 
     Raises:
         SpringsTooSoft: springs MAX_STIFFENING times as stiff are still far too soft.
-        NotConverged: none is found.
+        NotConverged: softening stalls, or the stiffest springs do not converge.
     """
-    settled = _settled(equations, equations.at(series, scalars))
-    if settled.held:
-        return settled
-    stiffest = equations.at(0.0 * series, scalars, stiffer=MAX_STIFFENING)
+    result = _gauss_newton(equations, equations.evaluate(series, scalars))
+    if result.is_truncated:
+        return result
+    stiffest = equations.evaluate(0.0 * series, scalars, stiffer=MAX_STIFFENING)
     if np.abs(stiffest.balance.F).max() > MAX_STIFFENING * equations.stiffness * MAX_DEFLECTION:
         raise SpringsTooSoft(
             f"{equations.branch.robot.name}: the springs are too soft for so quick a motion: the forces of "
@@ -124,87 +134,94 @@ def _held(equations: BalanceEquations, series: Array, scalars: Array) -> Settled
             f"{MAX_DEFLECTION:g} rad or {MAX_DEFLECTION:g} robot length",
             residual=stiffest.misfit,
         )
-    known = _settled(equations, stiffest)
-    held, stiffer, softening = known.held, MAX_STIFFENING, SOFTENING
-    while held and softening > MIN_SOFTENING:
-        softer, state = max(stiffer / softening, 1.0), known.state
-        start = equations.at(state.series * (stiffer / softer), state.scalars, stiffer=softer)
-        settled = _settled(equations, start)
-        if settled.held and softer == 1.0:
-            return settled
-        if settled.held:
-            known, stiffer = settled, softer
+    solved = _gauss_newton(equations, stiffest)  # with springs `stiffer` times as stiff
+    converges, stiffer, softening = solved.is_truncated, MAX_STIFFENING, SOFTENING
+    while converges and softening > MIN_SOFTENING:
+        softer, state = max(stiffer / softening, 1.0), solved.state
+        start = equations.evaluate(state.series * (stiffer / softer), state.scalars, stiffer=softer)
+        result = _gauss_newton(equations, start)
+        if result.is_truncated and softer == 1.0:
+            return result
+        if result.is_truncated:
+            solved, stiffer = result, softer
         else:
             softening = np.sqrt(softening)
-    springs = f"springs {stiffer:.2g} times as stiff {'do' if held else 'do not either'}"
+    springs = f"springs {stiffer:.2g} times as stiff {'do' if converges else 'do not either'}"
     raise NotConverged(
         f"{equations.branch.robot.name}: no deflections found that hold the forces they cause, under the law "
         f"tried or one near it; {springs}",
-        residual=settled.state.misfit,
+        residual=result.state.misfit,
     )
 
 
-def _settled(equations: BalanceEquations, state: BalanceState, before: Settled | None = None) -> Settled:
-    """The state after all steps that help, and whether only more coefficients can help it.
+def _gauss_newton(
+    equations: BalanceEquations, state: BalanceState, coarser: GaussNewtonResult | None = None
+) -> GaussNewtonResult:
+    """Iterate; return the last state and whether truncation limits its misfit.
 
-    Slopes of a state near by, and what is factored of them, are taken as long as steps with them help much:
-    at first those of a state `before` with fewer coefficients.
+    Slopes and their factorisation are used again as long as the misfit falls quickly. The first are those of
+    the `coarser` result, of fewer coefficients.
     """
-    slopes, linear = None if before is None else before.slopes, None
+    slopes, linear = None if coarser is None else coarser.slopes, None
     for _ in range(MAX_STEPS):
         check_time()
         if state.misfit <= SETTLED_MISFIT and slopes is not None:
-            return Settled(state, True, slopes)
-        fresh = slopes is None
+            return GaussNewtonResult(state, True, slopes)
+        are_fresh = slopes is None
         slopes = equations.slopes(state) if slopes is None else slopes
-        linear = equations.linearised(state, slopes) if linear is None else linear
+        linear = equations.linearise(state, slopes) if linear is None else linear
         step = linear.step(state)
-        enough = state.misfit <= ENOUGH_MISFIT  # for better slopes not to be worth it
-        if step.left > MAX_MISFIT_RATIO * state.misfit and state.misfit <= MAX_UNRESOLVED_MISFIT:
-            if before is None or enough or slopes.misfit <= MAX_MISFIT_OF_SLOPES:
-                return Settled(state, True, slopes)
-            slopes, linear = equations.slopes(before.state), None
+        is_enough = state.misfit <= ENOUGH_MISFIT  # fresh slopes would not be worth their cost
+        stalls = step.predicted_misfit > MAX_MISFIT_RATIO * state.misfit
+        if stalls and state.misfit <= MAX_UNRESOLVED_MISFIT:
+            if coarser is None or is_enough or slopes.misfit <= MAX_MISFIT_OF_SLOPES:
+                return GaussNewtonResult(state, True, slopes)
+            slopes, linear = equations.slopes(coarser.state), None  # those used were of a state too far away
             continue
-        new = _moved(equations, state, step)
-        if new is None and (fresh or enough):
-            return Settled(state, enough, slopes)
-        if new is None or new.misfit > max(
-            MAX_MISFIT_RATIO_OF_OLD_SLOPES * state.misfit, MAX_LINEAR_MISFIT_RATIO * step.left, ENOUGH_MISFIT
-        ):
+        new = _take_damped_step(equations, state, step)
+        if new is None and (are_fresh or is_enough):
+            return GaussNewtonResult(state, is_enough, slopes)
+        good_misfit = max(
+            MAX_MISFIT_RATIO_OF_OLD_SLOPES * state.misfit,
+            MAX_LINEAR_MISFIT_RATIO * step.predicted_misfit,
+            ENOUGH_MISFIT,
+        )
+        if new is None or new.misfit > good_misfit:
             slopes = linear = None
         state = new or state
-    return Settled(state, False, slopes)
+    return GaussNewtonResult(state, False, slopes)
 
 
-def _resolved(equations: BalanceEquations, settled: Settled) -> BalanceState:
-    """The state with more coefficients, until its balance is settled or more are not going to settle it."""
-    state = settled.state
-    most = min(MAX_COEFFICIENTS, MAX_UNKNOWNS // (equations.branch.robot.n_e * len(state.series)))
+def _refine_series(equations: BalanceEquations, result: GaussNewtonResult) -> BalanceState:
+    """Add coefficients until the misfit is settled, or falls too slowly to be settled by the most."""
+    state = result.state
+    largest = min(MAX_COEFFICIENTS, MAX_UNKNOWNS // (equations.branch.robot.n_e * len(state.series)))
     count = state.series.shape[1]
-    while settled.held and state.misfit > SETTLED_MISFIT and count < most:
-        before, few = state.misfit, count
-        more = np.clip(
-            np.log(SETTLED_MISFIT) / np.log(before), MIN_COEFFICIENT_GROWTH, MAX_COEFFICIENT_GROWTH
-        )
-        count = min(int(more * count) + 1, most)
-        start = equations.at(longer(state.series, count), state.scalars)
-        settled = _settled(equations, start, settled)
-        state = settled.state
-        gain = np.log(before / state.misfit)
-        least = MIN_LAST_GAIN if state.misfit <= ENOUGH_MISFIT else 1.0 / MAX_MISFIT_RATIO
-        if gain < np.log(least):
+    while result.is_truncated and state.misfit > SETTLED_MISFIT and count < largest:
+        last_misfit, last_count = state.misfit, count
+        # a misfit that falls geometrically, e^(-r count), is settled at count log(settled) / log(misfit)
+        growth = np.log(SETTLED_MISFIT) / np.log(last_misfit)
+        growth = np.clip(growth, MIN_COEFFICIENT_GROWTH, MAX_COEFFICIENT_GROWTH)
+        count = min(int(growth * count) + 1, largest)
+        start = equations.evaluate(resize_series(state.series, count), state.scalars)
+        result = _gauss_newton(equations, start, result)
+        state = result.state
+        gain = np.log(last_misfit / state.misfit)
+        least_ratio = MIN_LAST_GAIN if state.misfit <= ENOUGH_MISFIT else 1.0 / MAX_MISFIT_RATIO
+        if gain < np.log(least_ratio):
             break
-        if count + (count - few) * np.log(state.misfit / SETTLED_MISFIT) / gain > MAX_NEEDED_RATIO * most:
+        needed = count + (count - last_count) * np.log(state.misfit / SETTLED_MISFIT) / gain
+        if needed > MAX_NEEDED_RATIO * largest:
             break
     return state
 
 
-def _moved(equations: BalanceEquations, state: BalanceState, step: Step) -> BalanceState | None:
-    """The state after a step, halved until it helps; None if it does not."""
+def _take_damped_step(equations: BalanceEquations, state: BalanceState, step: Step) -> BalanceState | None:
+    """Halve a step until the misfit falls; return the state after the step, or None."""
     share = 1.0
     while share >= MIN_STEP_SHARE:
         try:
-            new = equations.at(
+            new = equations.evaluate(
                 state.series + share * step.series,
                 state.scalars + share * step.scalars,
                 stiffer=state.balance.stiffer,

@@ -21,7 +21,7 @@ from framework.numerics.chebyshev import TimeFunction
 
 @dataclass(frozen=True)
 class Certificate:
-    """The numbers by which a result proves itself.
+    """The numbers by which a result proves its torques.
 
     nodes: Chebyshev nodes in time, all panels together.
     tail: largest of the last Chebyshev coefficients of torques and deflections over the largest one.
@@ -53,6 +53,11 @@ class Certificate:
     end_speed: float
     monotone: bool
     rounded_gap: float = 0.0
+
+    @property
+    def unresolved(self) -> float:
+        """The relative error of the series: `tail` or `change`, the larger one."""
+        return max(self.tail, self.change)
 
 
 @dataclass(frozen=True, eq=False)

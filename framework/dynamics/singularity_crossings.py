@@ -35,28 +35,26 @@ EDGE_CLEARANCE = 0.1  # of a panel: an edge nearer to a crossing is moved, as ed
 def panel_edges(branch: Branch, law: MotionLaw, clear_of: Iterable[float] = ()) -> Array:
     """Return the edges [s] of panels on which all functions of time are smooth, ascending.
 
-    They are the ends of the motion and of the law's panels, and the instants of the branch's knots. Every
-    edge is a node, and no node may be at an instant of `clear_of` [s], those of crossings: an edge of the law
-    near such an instant is moved beside it. A law without panels has one for each of many crossings: the
-    number of nodes that resolves a motion then grows in proportion.
+    Edges are the ends of the motion and of the law's panels, and the instants of the branch's knots. Every
+    edge is a node, and no node may be at a crossing, an instant of `clear_of` [s]: an edge of the law near
+    such an instant is moved beside the instant. A law without panels gets one panel for each of many
+    crossings, so that the number of nodes grows in proportion to the crossings.
     """
-    ends = np.array([0.0, law.duration])
-    own_edges = edges_of(law)
-    if len(own_edges):
-        ends = own_edges.copy()
+    edges = np.array([0.0, law.duration])
+    law_edges = edges_of(law)
+    if len(law_edges):
+        edges = law_edges.copy()
         for t in clear_of:
-            k = int(np.argmin(np.abs(ends - t)))
-            narrower = np.diff(ends)[max(k - 1, 0) : k + 1].min()
-            if 0 < k < len(ends) - 1 and abs(ends[k] - t) < EDGE_CLEARANCE * narrower:
-                ends[k] = t + 3.0 * EDGE_CLEARANCE * narrower
+            k = int(np.argmin(np.abs(edges - t)))
+            width = np.diff(edges)[max(k - 1, 0) : k + 1].min()  # of the narrower panel beside the edge
+            if 0 < k < len(edges) - 1 and abs(edges[k] - t) < EDGE_CLEARANCE * width:
+                edges[k] = t + 3.0 * EDGE_CLEARANCE * width
     else:
         crossings = np.sort(np.fromiter(clear_of, dtype=float))
         if len(crossings) > MAX_CROSSINGS_ON_PANEL:
-            ends = np.insert(ends, 1, 0.5 * (crossings[1:] + crossings[:-1]))
-    knots = branch.knots
-    if not len(knots):
-        return ends
-    return np.unique(np.concatenate([ends, *(find_instants(law, ends, knot) for knot in knots)]))
+            edges = np.insert(edges, 1, 0.5 * (crossings[1:] + crossings[:-1]))
+    instants_of_knots = [find_instants(law, edges, knot) for knot in branch.knots]
+    return np.unique(np.concatenate([edges, *instants_of_knots]))
 
 
 def find_instants(law: MotionLaw, edges: Array, s: float) -> Array:
@@ -69,7 +67,7 @@ def find_instants(law: MotionLaw, edges: Array, s: float) -> Array:
     roots = []
     for start, end, series in zip(edges[:-1], edges[1:], function.coefficients[..., 0], strict=True):
         shifted = series.copy()
-        shifted[0] -= s
+        shifted[0] -= s  # the series of law(t) - s
         t = start + 0.5 * (end - start) * (real_roots(shifted) + 1.0)
         residual = np.asarray(law(t)) - s
         for _ in range(MAX_NEWTON_STEPS if len(t) else 0):
@@ -99,16 +97,17 @@ def rigid_crossings(
     crossed = [(float(t), point) for point in points for t in find_instants(law, edges, point.s)]
     if not crossed:
         return ()
+    # the crossings first, then samples along the motion, which give the size of the forces
     times = np.concatenate([[t for t, _ in crossed], np.linspace(0.0, law.duration, SAMPLES)])
     s = law_derivatives(law, times)
-    stopping = np.abs(s[1][:-SAMPLES]) <= STOP_AT_CROSSING * np.abs(s[1]).max()
-    if stopping.any():
-        t, singular = crossed[int(stopping.argmax())]
+    stops = np.abs(s[1][:-SAMPLES]) <= STOP_AT_CROSSING * np.abs(s[1]).max()
+    if stops.any():
+        t, singular = crossed[int(stops.argmax())]
         raise NoLaw(
             f"{branch.robot.name}: the motion stands still on a Type 2 singularity at t = {t:.6g} s, s = "
             f"{singular.s:.6g}: a stop on the locus can never be crossed; shift the path's end or the law"
         )
-    # samples along the motion give the size of the forces: a guess of their configurations is enough
+    # a guess of the samples' configurations is enough
     q = np.concatenate([*(singular.q[None] for _, singular in crossed), branch.guess(s[0][-SAMPLES:])])
     forces = _undeformed_forces(branch, q, s)
     at_crossings, at_samples = np.split(forces, [len(crossed)])
@@ -169,20 +168,20 @@ def _rigid_crossing(
     )
 
 
-def deformed_crossing(result: InverseDynamics, near: SingularityCrossing) -> SingularityCrossing:
-    """Find a crossing of the deformed robot, from `near` of the undeformed one: the root of g in time.
+def deformed_crossing(result: InverseDynamics, at_rest: SingularityCrossing) -> SingularityCrossing:
+    """Find a crossing of the deformed robot, the root of g in time, from that of the undeformed robot.
 
     The sign of its twist is that of the undeformed crossing's.
     """
     robot = result.robot
 
-    def passive_columns(t: Array) -> Array:
+    def matrices(t: Array) -> Array:
         return type2_matrix(robot, linearised_at(robot, result.configuration(t), result.platform(t)))
 
-    t = root_of_g(passive_columns, near.time, high=result.duration).place
+    t = root_of_g(matrices, at_rest.time, high=result.duration).place
     motion = result.motion(t)
     uncontrolled = uncontrolled_motion(robot, motion.linearised)
-    sign = -1.0 if np.dot(uncontrolled.twist, near.twist) < 0 else 1.0
+    sign = -1.0 if np.dot(uncontrolled.twist, at_rest.twist) < 0 else 1.0
     wrench = float(tree_forces(robot, motion)[0] @ uncontrolled.motion) * sign
     return SingularityCrossing(
         time=t,
@@ -191,7 +190,7 @@ def deformed_crossing(result: InverseDynamics, near: SingularityCrossing) -> Sin
         twist=sign * uncontrolled.twist,
         kind=uncontrolled.kind,
         wrench=wrench,
-        scale=near.scale,
+        scale=at_rest.scale,
     )
 
 

@@ -102,7 +102,8 @@ def least_ratios(H: Array, S: Array) -> Array:
     """Compute the least z' H z / z' S z (T,), S positive semidefinite; NaN without one.
 
     With H + sigma S positive definite, the least is 1 / mu - sigma, mu the largest eigenvalue of S relative
-    to that: no inverse of H, which is singular at Type 2, and none of S, which is where bodies have no mass.
+    to H + sigma S. So neither H is inverted, which is singular at Type 2, nor S, which is singular where
+    bodies have no mass.
     """
     least = np.full(len(H), np.nan)
     size_H = np.abs(np.trace(H, axis1=1, axis2=2))
@@ -116,7 +117,7 @@ def least_ratios(H: Array, S: Array) -> Array:
         positive = np.linalg.eigvalsh(shifted)[:, 0] > 0
         rows = todo[positive]
         inverse = np.linalg.inv(np.linalg.cholesky(shifted[positive]))
-        relative = matmul(matmul(inverse, S[rows]), inverse.swapaxes(1, 2))
+        relative = matmul(matmul(inverse, S[rows]), inverse.swapaxes(1, 2))  # L^-1 S L'^-1
         mu = np.linalg.eigvalsh(relative)[:, -1]
         least[rows] = 1.0 / mu - sigma[positive]
     return least
@@ -214,12 +215,10 @@ def platform_stiffness(
 
 
 def _find_equilibrium(robot: ParallelRobot, q: Array, wrench: ArrayLike | None) -> tuple[Array, Load]:
-    """Minimise V - w . x with c = 0 near q (nq,); return the equilibrium and its load.
-
-    Where the robot snaps through, that is beyond.
+    """Minimise V - w . x with c = 0 from q (nq,); return the equilibrium and its load.
 
     Newton's method with the size of each eigenvalue in place of the eigenvalue itself, so that steps lead
-    downhill where the robot buckles.
+    downhill where the robot buckles. If the robot snaps through, the equilibrium beyond is returned.
     """
     columns = moving_columns(robot)
     lengths = robot.column_scale[columns]
@@ -267,20 +266,24 @@ def mass_matrices(robot: ParallelRobot, q: Array) -> Array:
 
 
 def _condense(robot: ParallelRobot, H: Array, X: Array) -> Array:
-    """Compute K_x (n, n), the least energy of all motions with a given motion of the platform."""
+    """Compute the platform's stiffness K_x (n, n) from H along all motions and their twists X.
+
+    v' K_x v = min { dz' H dz : X dz = v }. With R a right inverse of X and N its null space dz = R v + N y,
+    and the least over y is K_x = R' (H - H N (N' H N)^-1 N' H) R.
+    """
     scale = robot.platform_scale
-    left, values, right = np.linalg.svd(X / scale[:, None])
+    U, values, V_rows = np.linalg.svd(X / scale[:, None])
     if len(values) < len(X) or values[-1] <= RANK_ROUNDING * values[0]:
         raise InvalidInput(
             f"{robot.name}, {robot.flexibility}: the springs leave the platform rigid along some direction "
             f"while the motors are locked, so it has no stiffness matrix"
         )
-    raised = right[: len(X)].T @ (left / values).T / scale  # X raised = 1
-    aside = right[len(X) :].T  # moves the platform not at all
-    forces = H @ raised
-    if aside.size:
-        forces = forces - H @ aside @ np.linalg.solve(aside.T @ H @ aside, aside.T @ H @ raised)
-    K = raised.T @ forces
+    R = V_rows[: len(X)].T @ (U / values).T / scale  # (d, n) X R = 1
+    N = V_rows[len(X) :].T  # (d, d - n) X N = 0
+    forces = H @ R
+    if N.size:
+        forces = forces - H @ N @ np.linalg.solve(N.T @ H @ N, N.T @ H @ R)
+    K = R.T @ forces
     return 0.5 * (K + K.T)
 
 
@@ -288,25 +291,25 @@ def _inverse(robot: ParallelRobot, K: Array) -> Array:
     """Compute the compliance (n, n), infinite in all entries that a direction without stiffness reaches."""
     scale = robot.platform_scale
     values, vectors = np.linalg.eigh(K * scale * scale[:, None])
-    lost = np.abs(values) <= EIGENVALUE_ROUNDING * np.abs(values).max()
-    reached = np.abs(vectors[:, lost]) > RANK_ROUNDING
-    infinite = (reached[:, None] & reached[None]).any(axis=2)
-    compliance = (vectors / np.where(lost, np.inf, values)) @ vectors.T * scale * scale[:, None]
+    is_free = np.abs(values) <= EIGENVALUE_ROUNDING * np.abs(values).max()
+    is_moved = np.abs(vectors[:, is_free]) > RANK_ROUNDING
+    infinite = (is_moved[:, None] & is_moved[None]).any(axis=2)
+    compliance = (vectors / np.where(is_free, np.inf, values)) @ vectors.T * scale * scale[:, None]
     return np.where(infinite, np.inf, compliance)
 
 
 def _vibrations(H: Array, M: Array) -> tuple[Array, Array]:
-    """Compute squares (k,) of the angular frequencies, ascending, and shapes (k, d) with z' M z = 1.
+    """Compute squared angular frequencies (k,) [rad^2/s^2], ascending, and shapes z (k, d) with z' M z = 1.
 
     Motions without mass follow the others at once and have no vibration of their own.
     """
     values, vectors = np.linalg.eigh(M)
-    heavy = (values > 0.0) & (values > RANK_ROUNDING * values[-1])
-    massive = vectors[:, heavy] / np.sqrt(values[heavy])  # (d, k) of unit mass
-    light = vectors[:, ~heavy]
-    if light.shape[1] and massive.shape[1]:  # motions without mass take the least energy
-        following = np.linalg.lstsq(light.T @ H @ light, light.T @ H @ massive, rcond=None)[0]
-        massive = massive - light @ following
+    has_mass = (values > 0.0) & (values > RANK_ROUNDING * values[-1])
+    massive = vectors[:, has_mass] / np.sqrt(values[has_mass])  # (d, k) of unit mass
+    light = vectors[:, ~has_mass]
+    if light.shape[1] and massive.shape[1]:  # motions y without mass follow with the least energy
+        y = np.linalg.lstsq(light.T @ H @ light, light.T @ H @ massive, rcond=None)[0]
+        massive = massive - light @ y
     squares, shapes = np.linalg.eigh(massive.T @ H @ massive)
     is_rounding = np.abs(squares) <= EIGENVALUE_ROUNDING * np.abs(squares).max(initial=0.0)
     return np.where(is_rounding, 0.0, squares), (massive @ shapes).T

@@ -101,9 +101,10 @@ def balance(robot: ParallelRobot, q: Array, load: Load) -> Balance:
 def tangent_stiffness(
     robot: ParallelRobot, linearised: LinearisedLoops, q: Array, steps: Array, load: Load
 ) -> Array:
-    """Compute d2V/dq2 - lambda . d2c/dq2 - w . d2x/dq2 (T, p, p) along `steps` (T, f, p) at q (T, nq).
+    """Compute the tangent stiffness (T, p, p) along steps (T, f, p) [N m] at q (T, nq).
 
-    The multipliers lambda balance the forces in the least squares: J' lambda = forces.
+    It is steps' (d2V/dq2 - lambda . d2c/dq2 - w . d2x/dq2) steps. The multipliers lambda balance the forces
+    in the least squares: J' lambda = forces.
     """
     columns = moving_columns(robot)
     J = scaled_loops(robot, linearised)[:, :, columns]

@@ -33,9 +33,11 @@ class WrenchCurves(NamedTuple):
 def wrench_curves(robot: ParallelRobot, motion: Motion) -> WrenchCurves:
     """Compute g, t_s, W_p and t_s . W_p along a motion in time."""
     forces = tree_forces(robot, motion)
-    wrench = np.einsum("tvn,tv->tn", motor_speeds(robot, motion.linearised)[1], forces)
+    joint_rates = motor_speeds(robot, motion.linearised)[1]  # (T, nv, n) dq/dv
+    wrench = np.einsum("tvn,tv->tn", joint_rates, forces)  # W_p = (dq/dv)' r
     measure = singularity_measure(robot, motion.linearised)
     twist = np.einsum("tnv,tv->tn", motion.linearised.platform, measure.motion)
+    # t_s is scaled to unit size, along the motion, where |g| is least
     nearest = int(np.argmin(np.abs(measure.g)))
     signed_norm = twist_norm(robot, twist[nearest]) or 1.0
     signed_norm *= sign_along(twist[nearest], motion.linearised.platform[nearest] @ motion.v[nearest])
@@ -44,7 +46,7 @@ def wrench_curves(robot: ParallelRobot, motion: Motion) -> WrenchCurves:
 
 
 def wrench_along(result: InverseDynamics, t: Array) -> tuple[Array, Array]:
-    """Compute g (T,) and t_s . W_p (T,) [N, or N m for a pure turn] at ascending instants t (T,).
+    """Compute g (T,) and t_s . W_p (T,) [N or N m] at ascending instants t (T,).
 
     At a crossing t_s . W_p is `SingularityCrossing.wrench`.
     """

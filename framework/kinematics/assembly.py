@@ -77,11 +77,11 @@ def close_reference(mechanism: Mechanism) -> Closing:
         closing = _close(mechanism, mechanism.q_near, mechanism.joints)
     if closing.gap > CLOSED_LOOP:
         raise _open_error(mechanism, closing)
-    turned = find_turned_over(mechanism, frames_at(mechanism, closing.q[None]))
-    if turned is not None:
+    closure = find_turned_over(mechanism, frames_at(mechanism, closing.q[None]))
+    if closure is not None:
         raise _not_assembled(
             mechanism,
-            f"near the reference the loops close only with {turned} turned over, its frames pointing apart; "
+            f"near the reference the loops close only with {closure} turned over, its frames pointing apart; "
             f"give a reference nearer to an assembled configuration",
             closing,
         )
@@ -90,25 +90,22 @@ def close_reference(mechanism: Mechanism) -> Closing:
 
 
 def _close(mechanism: Mechanism, start: Array, free: IntArray) -> Closing:
-    """Close all loops by damped Newton steps of least norm of the columns `free`, from `start` (nq,)."""
-    q, gap = start, _gap_norm(mechanism, start)
+    """Close all loops by damped least-norm Newton steps of the columns `free`, from `start` (nq,)."""
+    q, gap = start, float(np.linalg.norm(scaled_residual(mechanism, start)))
     iterations = 0
     while iterations < MAX_ITERATIONS and gap > ROUNDING_GAP:
         iterations += 1
         step = _least_norm_step(mechanism, q, free)
-        fraction = 1.0
-        trial = integrate_columns(mechanism, q, free, step)
-        trial_gap = _gap_norm(mechanism, trial)
-        while trial_gap > gap and fraction > MIN_DAMPING:
-            fraction *= 0.5
-            trial = integrate_columns(mechanism, q, free, fraction * step)
-            trial_gap = _gap_norm(mechanism, trial)
+        damping, trial_gap = 2.0, np.inf  # halved before each trial
+        while trial_gap > gap and damping > MIN_DAMPING:
+            damping *= 0.5
+            trial = integrate_columns(mechanism, q, free, damping * step)
+            trial_gap = float(np.linalg.norm(scaled_residual(mechanism, trial)))
         if trial_gap >= gap:
             break
         q, gap = trial, trial_gap
     residual = np.abs(residual_at(mechanism, q))
-    weights = row_weights(mechanism, mechanism.rows.rotation)
-    return Closing(q, float(residual.max()), float((weights * residual).max()), iterations)
+    return Closing(q, float(residual.max()), largest_gap(mechanism, q), iterations)
 
 
 def residual_at(mechanism: Mechanism, q: Array) -> Array:
@@ -116,10 +113,14 @@ def residual_at(mechanism: Mechanism, q: Array) -> Array:
     return loop_equations(mechanism.rows, frames_at(mechanism, q[None])).residual[0]
 
 
-def _gap_norm(mechanism: Mechanism, q: Array) -> float:
-    """Compute the 2-norm of all loop equations at q (nq,), in lengths of the robot and radians."""
-    weights = row_weights(mechanism, mechanism.rows.rotation)
-    return float(np.linalg.norm(weights * residual_at(mechanism, q)))
+def scaled_residual(mechanism: Mechanism, q: Array) -> Array:
+    """Compute all loop equations (rows,) at q (nq,), in lengths of the robot and radians."""
+    return row_weights(mechanism, mechanism.rows.rotation) * residual_at(mechanism, q)
+
+
+def largest_gap(mechanism: Mechanism, q: Array) -> float:
+    """Return the largest loop equation at q (nq,) [robot lengths or rad]."""
+    return float(np.abs(scaled_residual(mechanism, q)).max())
 
 
 def _least_norm_step(mechanism: Mechanism, q: Array, free: IntArray) -> Array:
@@ -128,11 +129,8 @@ def _least_norm_step(mechanism: Mechanism, q: Array, free: IntArray) -> Array:
     Of all steps that close the linearised loops it is the smallest, in radians and lengths of the robot, and
     it is cut to `MAX_NEWTON_STEP`.
     """
-    rows = mechanism.rows
-    loops = loop_equations(rows, frames_at(mechanism, q[None]))
-    jacobian = scale_jacobian(mechanism, loops.jacobian, rows.rotation)[0][:, free]
-    gaps = row_weights(mechanism, rows.rotation) * loops.residual[0]
-    step = -np.linalg.lstsq(jacobian, gaps, rcond=RANK_ROUNDING)[0]
+    jacobian = all_loops_matrix(mechanism, q)[:, free]
+    step = -np.linalg.lstsq(jacobian, scaled_residual(mechanism, q), rcond=RANK_ROUNDING)[0]
     share = min(1.0, MAX_NEWTON_STEP / max(np.abs(step).max(), LEAST_DIVISOR))
     return step * share * mechanism.column_scale[free]
 
@@ -177,8 +175,8 @@ def _not_assembled(mechanism: Mechanism, reason: str, closing: Closing) -> NotAs
 def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array, ...]:
     """Find assembled configurations (nq,) about `NEARBY_DISTANCE` from the reference (nq,), springs at rest.
 
-    The reference moves along motions that its loops allow, drawn at random but always alike, and is closed
-    again. A structure has no such configuration.
+    From the reference a motion that the loops allow is drawn with a fixed seed, and the loops are closed
+    again. Configurations lie in different directions. A structure, which cannot move, has none.
     """
     joints = mechanism.joints
     allowed = _allowed_motions(mechanism, reference)  # (f, joints)
@@ -186,7 +184,8 @@ def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array
     configurations: list[Array] = []
     directions: list[Array] = []
     for _ in range(NEARBY_DRAWS if len(allowed) > 1 else len(allowed)):
-        motion = (allowed @ random.standard_normal(len(joints))) @ allowed  # the same for every basis
+        # projected on the allowed motions, so that it does not depend on their basis
+        motion = (allowed @ random.standard_normal(len(joints))) @ allowed
         step = NEARBY_DISTANCE * motion / np.abs(motion).max() * mechanism.column_scale[joints]
         closing = _close(mechanism, integrate_columns(mechanism, reference, joints, step), joints)
         offset = difference(mechanism, reference, closing.q) / mechanism.column_scale

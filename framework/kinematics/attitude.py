@@ -185,23 +185,24 @@ class TwoAngles(DirectionChart):
         return np.stack([first, second], axis=1)
 
     def direction_couples(self, u: Array, du: Array) -> tuple[Array, Array]:
-        """Compute the couples a - (a.u) q/q^2 and hand u x a/|q| with their rates, (T, 2, 3) each.
+        """Compute the two couples and their time derivatives, (T, 2, 3) each.
 
-        q = u - (a.u) a is the part of u across a. With share = q/q^2 and growth the rate of log |q|, the
-        share changes by q'/q^2 - 2 growth share, and the lever hand u x a/|q| by hand u' x a/|q| - growth
-        lever.
+        The couples are a - (a.u) p and b = hand u x a/|q|, where q = u - (a.u) a is the part of u across a,
+        and p = q/q^2. With g = p . q' the rate of log |q|,
+
+            p' = q'/q^2 - 2 g p,   b' = hand u' x a/|q| - g b,   (a - (a.u) p)' = -(a.u') p - (a.u) p'
         """
         a = np.eye(3)[self.axes[0]]
-        along, along_rate = u[:, self.axes[:1]], du[:, self.axes[:1]]  # (T, 1) a.u and its rate
-        q, dq = u - along * a, du - along_rate * a  # (T, 3)
+        au, dau = u[:, self.axes[:1]], du[:, self.axes[:1]]  # (T, 1) a.u and its rate
+        q, dq = u - au * a, du - dau * a  # (T, 3)
         square = dot(q, q)[:, None]
-        share = q / square
-        growth = dot(share, dq)[:, None]
-        share_rate = dq / square - 2.0 * growth * share
-        lever = self.hand / np.sqrt(square) * cross(u, a)
-        lever_rate = self.hand / np.sqrt(square) * cross(du, a) - growth * lever
-        couples = np.stack([a - along * share, lever], axis=1)
-        rates = np.stack([-along_rate * share - along * share_rate, lever_rate], axis=1)
+        p = q / square
+        g = dot(p, dq)[:, None]
+        dp = dq / square - 2.0 * g * p
+        b = self.hand / np.sqrt(square) * cross(u, a)
+        db = self.hand / np.sqrt(square) * cross(du, a) - g * b
+        couples = np.stack([a - au * p, b], axis=1)
+        rates = np.stack([-dau * p - au * dp, db], axis=1)
         return couples, rates
 
     def turning(self, rotation: Array, v: Array) -> Array:
@@ -224,26 +225,26 @@ class RotationVector(Attitude):
     def rates(self, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array]:
         """Compute w and dw/dt, each (T, 3), from rotation vectors r and their rates.
 
-        w = dr + a r x dr + b r x (r x dr); a and b are functions of |r|^2, whose rate is 2 r.dr; r x dr has
-        the rate r x ddr.
+        w = dr + a f + b s with f = r x dr and s = r x f, of rates r x ddr and dr x f + r x f'; a and b are
+        functions of |r|^2, whose rate is 2 r.dr.
         """
         r, dr, ddr = self._vector(x), self._vector(dx), self._vector(ddx)
-        first, first_rate = cross(r, dr), cross(r, ddr)
-        second = cross(r, first)
-        second_rate = cross(dr, first) + cross(r, first_rate)
+        f, df = cross(r, dr), cross(r, ddr)
+        s = cross(r, f)
+        ds = cross(dr, f) + cross(r, df)
         (a, a_slope), (b, b_slope) = left_jacobian_coefficients(dot(r, r))[..., None]  # along |r|^2
         square_rate = 2.0 * dot(r, dr)[:, None]
-        w = dr + a * first + b * second
-        dw = ddr + (a_slope * square_rate * first + a * first_rate)
-        dw = dw + (b_slope * square_rate * second + b * second_rate)
+        w = dr + a * f + b * s
+        dw = ddr + (a_slope * square_rate * f + a * df)
+        dw = dw + (b_slope * square_rate * s + b * ds)
         return w[:, self.axes], dw[:, self.axes]
 
     def unwrap(self, x: Array, near: Array) -> Array:
         """Add whole turns along each rotation vector (T, 3) [rad] until nearest to `near`."""
         angle = np.sqrt(dot(x, x))[:, None]
         axis = x / np.where(angle > 0, angle, 1.0)
-        missing = dot(axis, near)[:, None] - angle
-        return x + whole_turns(missing) * axis
+        difference = dot(axis, near)[:, None] - angle
+        return x + whole_turns(difference) * axis
 
     def _vector(self, x: Array) -> Array:
         """Return vectors (T, 3) on the base's axes of components (T, 3) in the stated order."""

@@ -68,8 +68,12 @@ def carried_between(rows: LoopRows, frames: FrameStack) -> Array:
 def loop_wrenches(rows: LoopRows, frames: FrameStack) -> LoopWrenches:
     """Compute the loop equations as wrenches; couplings of joints have a value and no wrench.
 
-    With u carried by the first frame, d/dt u.d = u.(v2 - v1 - w1 x d): the force u. d/dt d.d =
-    2 d.(v2 - v1): the force 2 d. d/dt u.w = (w x u).(w2 - w1): the couple w x u.
+    An axis u turns with the first frame, an axis w with the second, and d leads from origin to origin. Of the
+    three kinds of products the rates, with velocities v and angular velocities w_1, w_2 of the frames, are
+
+        (u . d)' = u . (v_2 - v_1 - w_1 x d)      power of the force u
+        (d . d)' = 2 d . (v_2 - v_1)              power of the force 2 d
+        (u . w)' = (w x u) . (w_2 - w_1)          power of the couple w x u
     """
     a, b = row_factors(rows, frames.placements)
     residual = rows.weight * dot(a, b) - rows.constant
@@ -91,7 +95,7 @@ def closure_rates(rows: LoopRows, motions: FrameMotions) -> Array:
 def closure_drift(rows: LoopRows, motions: FrameMotions) -> Array:
     """Compute the second time derivative (..., m) of the loop equations for motions of the frames.
 
-    (a . b)" = a" . b + 2 a' . b' + a . b". Without joint accelerations it is the drift, dJ/dt v.
+    (a . b)" = a" . b + 2 a' . b' + a . b". For motions without joint accelerations it is the drift dJ/dt v.
     """
     a, b = row_factors(rows, motions.rates)  # (3, ..., m, 3) each: values and two derivatives
     terms = a[2] * b[0] + 2.0 * a[1] * b[1] + a[0] * b[2]
@@ -105,12 +109,12 @@ def row_factors(rows: LoopRows, placed: Array) -> tuple[Array, Array]:
     axes and origins, so rates of these give rates of the vectors.
     """
     *stack, count, four, width = placed.shape
-    vectors = placed.reshape(*stack, count * four, width).take(rows.vectors, axis=-2)  # (..., 4, m, 3)
-    first, apart = vectors[..., 0, :, :], vectors[..., 3, :, :] - vectors[..., 2, :, :]
+    selected = placed.reshape(*stack, count * four, width).take(rows.vectors, axis=-2)  # (..., 4, m, 3)
+    u, w, first_origin, second_origin = np.moveaxis(selected, -3, 0)
+    d = second_origin - first_origin
     if rows.only_translations:
-        return first, apart
-    second = np.where(rows.rotation[:, None], vectors[..., 1, :, :], apart)
-    return np.where(rows.square[:, None], apart, first), second
+        return u, d
+    return np.where(rows.square[:, None], d, u), np.where(rows.rotation[:, None], w, d)
 
 
 def scale_jacobian(mechanism: Mechanism, matrix: Array, turning: NDArray[np.bool_]) -> Array:
@@ -141,7 +145,7 @@ def direction_slopes(directions: LockedDirections, frames: FrameStack) -> Array:
 
 
 def find_turned_over(mechanism: Mechanism, frames: FrameStack) -> str | None:
-    """Return the closure that is farthest from its right pose, T = 1; None unless one is turned over."""
+    """Return the name of the closure that is turned over, T = 1, or farthest over; None if none is."""
     directions = mechanism.directions
     lengths = np.linalg.norm(direction_gaps(directions, frames)[0], axis=1)
     return directions.closures[int(np.argmax(lengths))] if np.any(lengths > TURNED_OVER_DISTANCE) else None

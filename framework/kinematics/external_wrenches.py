@@ -168,11 +168,13 @@ def applied_wrench(
 
 
 def wrench_slope(mechanism: Mechanism, screws: Array, applied: AppliedWrench) -> Array:
-    """Compute the derivative (T, nv, nv) of the joint forces S_j . w of a wrench of the world.
+    """Compute the derivative (T, nv, nv) of the joint forces S_j . w, row j, along column i.
 
-    Row j, column i. With w = (f, m + p x f) about the base's origin, a column i before j turns S_j by
-    [S_i, S_j]. Every i that moves the frame changes w: on base axes through p alone, by d_i, S_j . (0, d_i x
-    f); on axes of the frame as a whole, -[S_i, S_j] . w.
+    With w = (f, m + p x f) about the base's origin it is a sum of two terms for i, j that move the frame:
+
+        [S_i, S_j] . w       as S_j changes with the joints i that precede j
+        S_j . dw             on base axes p alone moves, by d_i: dw = (0, d_i x f);
+                             on axes of the frame w moves as a whole: S_j . dw = -[S_i, S_j] . w
     """
     columns = tree_columns(mechanism)
     brackets = bracket(screws[:, :, None], screws[:, None])  # (T, i, j, 6) [S_i, S_j]
@@ -181,10 +183,10 @@ def wrench_slope(mechanism: Mechanism, screws: Array, applied: AppliedWrench) ->
         by_wrench = -by_screw
     else:
         linear, angular = screws[..., :3], screws[..., 3:]
-        d = linear + cross(angular, applied.origin[:, None])  # (T, nv, 3) how each joint moves the frame
+        d = linear + cross(angular, applied.origin[:, None])  # (T, nv, 3) velocity of p for each joint
         by_wrench = angular @ cross(d, applied.wrench[:, None, :3]).swapaxes(1, 2)
     carried = columns.carried[applied.joint]
-    return (by_screw * columns.before.T + by_wrench) * carried * carried[:, None]
+    return (by_screw * columns.precedes.T + by_wrench) * carried * carried[:, None]
 
 
 def _frame_pose(mechanism: Mechanism, frames: FrameStack, index: int) -> tuple[Array, Array]:
@@ -197,5 +199,5 @@ def _frame_pose(mechanism: Mechanism, frames: FrameStack, index: int) -> tuple[A
     for k, q in enumerate(frames.q):
         pin.forwardKinematics(model, data, q)
         placement = pin.updateFramePlacement(model, data, index)
-        poses[k, :9], poses[k, 9:] = placement.rotation.ravel(order="F"), placement.translation
+        poses[k] = np.append(placement.rotation.ravel(order="F"), placement.translation)
     return poses[:, 9:], rotations(poses)

@@ -36,11 +36,17 @@ class TreeColumns(NamedTuple):
 
     owner: IntArray  # (nv,) the joint of each column, which is the body that it moves
     carried: Array  # (bodies, nv) 1 where the column moves the body
-    before: BoolArray  # (nv, nv) True where column i moves the axis that column j turns about or slides along
+    precedes: (
+        BoolArray  # (nv, nv) True where column i moves the axis that column j turns about or slides along
+    )
 
     def screw_changes(self, screws: Array, steps: Array) -> Array:
-        """Compute changes of screws (..., nv, 6) by small steps along each screw."""
-        return bracket(self.before.T.astype(float) @ steps, screws)
+        """Compute changes of screws (..., nv, 6) by small twists `steps` (..., nv, 6) of the joints.
+
+        S_j changes by [Phi_j, S_j], Phi_j the sum of the twists of the joints that precede j.
+        """
+        displacements = self.precedes.T.astype(float) @ steps
+        return bracket(displacements, screws)
 
 
 @lru_cache(maxsize=64)
@@ -60,7 +66,7 @@ def bracket(a: Array, b: Array) -> Array:
 
 
 def step_frames(mechanism: Mechanism, frames: FrameStack, motions: Array) -> FrameStack:
-    """Return frames and screws a complex step along small joint motions (T, ..., nv), see `changes_of`."""
+    """Return frames and screws after a complex step along joint motions (T, ..., nv), see `changes_of`."""
     several = tuple(range(1, motions.ndim - 1))
     placements = np.expand_dims(frames.placements, several)
     screws = np.expand_dims(frames.screws, several)
@@ -77,7 +83,7 @@ def changes_of(values: Array) -> Array:
 
 
 def vary_motions(mechanism: Mechanism, ahead: FrameStack, v: Array, a: Array, dv: Array) -> FrameMotions:
-    """Compute the motions (T, k, ...) of frames that are a complex step `ahead`.
+    """Compute the motions (T, k, ...) of frames that are a complex step `ahead`, see V and A above.
 
     The joint rates change by dv (T, k, nv) along the same step. v (T, nv) are the joint rates and a (T, nv)
     the joint accelerations before the step.
@@ -85,8 +91,8 @@ def vary_motions(mechanism: Mechanism, ahead: FrameStack, v: Array, a: Array, dv
     columns = tree_columns(mechanism)
     joint_twists = ahead.screws * (v[:, None, :, None] + STEP * dv[..., None])  # S_i v_i, (T, k, nv, 6)
     body_twists = columns.carried[columns.owner] @ joint_twists  # V_i of the body behind each joint
-    joint_rates = ahead.screws * a[:, None, :, None] + bracket(body_twists, joint_twists)
-    return FrameMotions.of(ahead.placements, ahead.carried @ joint_twists, ahead.carried @ joint_rates)
+    twist_rates = ahead.screws * a[:, None, :, None] + bracket(body_twists, joint_twists)
+    return FrameMotions.of(ahead.placements, ahead.carried @ joint_twists, ahead.carried @ twist_rates)
 
 
 def loop_curvature(mechanism: Mechanism, rows: LoopRows, frames: FrameStack, multipliers: Array) -> Array:
@@ -96,10 +102,10 @@ def loop_curvature(mechanism: Mechanism, rows: LoopRows, frames: FrameStack, mul
     by itself, and the forces are those of the stepped frames.
     """
     count, nv = len(frames.q), mechanism.model.nv
-    repeated = frames.select(np.repeat(np.arange(count), nv))  # nv copies of each instant
+    repeated = frames.select(np.repeat(np.arange(count), nv))  # nv copies of each instant, a joint each
     ahead = step_frames(mechanism, repeated, np.tile(np.eye(nv), (count, 1)))
     wrenches = move_wrench(loop_wrenches(rows, ahead).wrench, ahead.position[:, rows.second])
     loads = np.repeat(multipliers, nv, axis=0)[..., None] * wrenches  # (T nv, m, 6) about the base's origin
-    on_joints = carried_between(rows, frames).T @ loads  # (T nv, nv, 6) what each joint carries
+    on_joints = carried_between(rows, frames).T @ loads  # (T nv, nv, 6) the wrench that each joint carries
     changes = changes_of(dot(on_joints, ahead.screws))
     return changes.reshape(count, nv, nv).swapaxes(1, 2)

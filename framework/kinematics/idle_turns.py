@@ -34,10 +34,10 @@ class IdleTurns:
     weights: Array  # G (k, nv) of each turn; zero where it rests
 
     def add_turns(self, rates: Array, right: Array | float = 0.0) -> Array:
-        """Add as much of the turns to rates (..., T, nv) as makes rows rates = right (T, k)."""
+        """Add turns Z y to rates (..., T, nv) such that rows (rates + Z y) = right (T, k)."""
         missing = right - np.matvec(self.rows, rates)  # (..., T, k)
-        turns = np.linalg.solve(self.rows @ self.motions, missing[..., None])[..., 0]
-        return rates + np.matvec(self.motions, turns)
+        y = np.linalg.solve(self.rows @ self.motions, missing[..., None])[..., 0]
+        return rates + np.matvec(self.motions, y)
 
     def rows_rate(self, robot: ParallelRobot, linearised: LinearisedLoops, jacobian_rate: Array) -> Array:
         """Compute the time derivative (T, k, nv) of the rows for that of dF/dq (T, n + m, nv)."""
@@ -80,12 +80,12 @@ def _weights(robot: ParallelRobot) -> Array:
 
 def _alike_on_balls(robot: ParallelRobot, values: Array) -> Array:
     """Return values (nv,) of coordinates, but zero outside balls that have the same about all axes."""
-    alike = np.zeros(robot.model.nv)
+    isotropic = np.zeros(robot.model.nv)
     for joint in robot.model.joints[1:]:
         columns = slice(joint.idx_v, joint.idx_v + joint.nv)
         if is_ball(joint) and np.ptp(values[columns]) == 0.0:
-            alike[columns] = values[columns]
-    return alike
+            isotropic[columns] = values[columns]
+    return isotropic
 
 
 def turn_motions(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:

@@ -7,10 +7,10 @@ x), closures(q) = 0 fixes the passive joints, but at Type 2. The reference of a 
 prescribed, is closed by `assembly`; the start of a simulation, its witness, by its own code.
 
 None of these equations fixes the spin of a rod between two balls. Planning holds the rate of such a spin at
-zero about axes that move with the rod. The resulting angle depends on the poses before, steps of Newton's
-method included, so it is no smooth function of time to the last digits. Where configurations are interpolated
-(`remove_idle_spin`), the rotation vector of the ball from the start of the branch has no component along the
-axis. No force depends on the difference, as no centre of mass moves.
+zero about axes that move with the rod. The resulting angle depends on all earlier poses, steps of Newton's
+method included, so it is no smooth function of time to the last digits. Where configurations are
+interpolated, `remove_idle_spin` turns the ball until its rotation vector from the start of the branch has no
+component along the axis. No force depends on the difference, as no centre of mass moves.
 """
 
 from __future__ import annotations
@@ -76,8 +76,8 @@ def close_loops(robot: ParallelRobot, x: Array, guess: Array) -> ClosedStack:
     q, linearised, closed = close_each(robot, x, guess)
     if closed.all():
         return ClosedStack(q, x, linearised)
-    left = np.where(closed, 0.0, np.nan_to_num(np.abs(linearised.residual), nan=np.inf).max(axis=1))
-    worst = int(np.argmax(left))
+    gaps = np.nan_to_num(np.abs(linearised.residual), nan=np.inf).max(axis=1)
+    worst = int(np.argmax(np.where(closed, 0.0, gaps)))
     residual = float(np.abs(linearised.residual[worst]).max())
     raise NotAssembled(
         f"{robot.name}: the loops do not close at {robot.place(x[worst])}: "
@@ -106,30 +106,33 @@ def close_each(
 ) -> NewtonResult:
     """Close the loops near guesses (T, nq), each instant for itself, at platform x (T, n) or at the motors.
 
-    With x all joints move, without it the passive ones. Springs keep the deflections of the guess. Steps are
-    bounded. An instant without a solution is not `closed` and leaves the others alone.
+    With x all joints move, without x the passive ones. Springs keep the deflections of the guess. Steps are
+    cut to `MAX_NEWTON_STEP`. Instants where the equations are singular, or a step is too large, are left out:
+    they are not `closed`, and the others go on.
 
     Args:
-        farthest: an instant is given up at a larger step [rad, lengths of the robot].
-        last_step: an instant is closed after a step as small as this, but for about its square.
+        farthest: largest step that is taken [rad, lengths of the robot].
+        last_step: an instant is closed after a step as small as this, to about its square.
     """
     columns = robot.following if x is None else robot.moving
     lengths = robot.column_scale[columns]
     q = guess.copy()
-    size = np.full(len(q), np.inf)  # of the last step of the live instants
-    live = np.arange(len(q))
+    live = np.arange(len(q))  # instants not left out
+    size = np.full(len(q), np.inf)  # of their last steps [rad, lengths]
     for iteration in range(iterations + 1):
         linearised = linearised_at(robot, q[live], None if x is None else x[live])
         if iteration == iterations or size.max(initial=0.0) < last_step:
             break
         steps, regular = _newton_steps(robot, linearised, at_motors=x is None)
-        if not regular.all():  # one singular instant spoils all that are factored with it: leave it out
+        if (
+            not regular.all()
+        ):  # all that are factored with a singular instant are spoilt: once more without it
             live, size = live[regular], np.full(np.count_nonzero(regular), np.inf)
             continue
         steps = steps / lengths
         size = np.abs(steps).max(axis=1, initial=0.0)
-        near = size <= farthest
-        live, size, steps = live[near], size[near], steps[near]
+        is_near = size <= farthest
+        live, size, steps = live[is_near], size[is_near], steps[is_near]
         if size.max(initial=0.0) < ROUNDING_STEP:
             break
         steps /= np.maximum(size / MAX_NEWTON_STEP, 1.0)[:, None]
@@ -144,7 +147,7 @@ def close_each(
 def _newton_steps(
     robot: ParallelRobot, linearised: LinearisedLoops, *, at_motors: bool
 ) -> tuple[Array, BoolArray]:
-    """Solve for Newton's steps (T, k) of the joints that move; return which instants (T,) are regular.
+    """Solve for Newton's steps (T, k) of the joints that move; return whether each instant is regular, (T,).
 
     Steps mean nothing unless all instants are regular.
     """
@@ -156,9 +159,10 @@ def _newton_steps(
         steps = -factors.solve(residual)
     except np.linalg.LinAlgError:
         return residual, np.asarray(factors.slogdet[0] != 0)
-    has_step = np.asarray(np.isfinite(steps).all(axis=1))
-    has_residual = np.asarray(np.isfinite(residual).all(axis=1))  # one that has none spoils the others' steps
-    return steps, has_step if has_residual.all() else has_residual
+    has_residual = np.asarray(np.isfinite(residual).all(axis=1))
+    if not has_residual.all():  # the steps of the others are spoilt
+        return steps, has_residual
+    return steps, np.asarray(np.isfinite(steps).all(axis=1))
 
 
 def idle_balls(robot: ParallelRobot) -> IntArray:
@@ -182,10 +186,9 @@ def remove_idle_spin(robot: ParallelRobot, origin: Array, q: Array, x: Array) ->
         if np.abs(spin).max() <= SPIN_ROUNDING:
             break
         turns = turn_motions(robot, linearised_at(robot, q, x))[:, :, np.isin(robot.structure.idle, idle)]
-        rates = np.stack(
-            [difference_rates(robot, origin, q, turns[:, :, k])[:, idle] for k in range(len(idle))], axis=2
-        )
-        angles = np.linalg.solve(rates, -spin[:, :, None])
+        rates = [difference_rates(robot, origin, q, turns[:, :, k])[:, idle] for k in range(len(idle))]
+        slope = np.stack(rates, axis=2)  # (T, idle, idle) of the spin by the turns
+        angles = np.linalg.solve(slope, -spin[:, :, None])
         angles /= np.maximum(np.abs(angles).max(axis=1, keepdims=True) / MAX_SPIN_STEP, 1.0)
         q = close_loops(robot, x, integrate(robot, q, (turns @ angles)[:, :, 0])).q
     return q

@@ -90,7 +90,7 @@ def _slopes(robot: ParallelRobot, closed: ClosedStack, columns: IntArray) -> Pos
     if len(robot.following):
         gaps = closed.linearised.closures[0][:, columns].T  # (k, m) that open when the passive joints rest
         steps[:, robot.following] = -closed.linearised.passive_factors.solve(gaps[:, None])[:, 0]
-    copies = closed.linearised.select(np.zeros(len(columns), dtype=np.intp))
+    copies = closed.linearised.select(np.zeros(len(columns), dtype=np.intp))  # the pose once for each joint
     changes = jacobian_change(robot, copies, steps)
     matrices = matrices_and_changes(robot, copies, changes)[1]
     twist = closed.linearised.platform[0] @ steps.T  # (n, k)

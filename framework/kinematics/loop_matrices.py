@@ -78,8 +78,8 @@ def type1_matrix(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
 
     Columns: actuated, then passive. Singular in Type 1 singularities, and where the loop equations lose rank.
     """
-    both = [scaled_platform(robot, linearised), independent_loops_matrix(robot, linearised)]
-    return np.concatenate(both, axis=1)[:, :, robot.moving]
+    rows = [scaled_platform(robot, linearised), independent_loops_matrix(robot, linearised)]
+    return np.concatenate(rows, axis=1)[:, :, robot.moving]
 
 
 def passive_motion(robot: ParallelRobot, eta: Array) -> Array:
@@ -90,10 +90,11 @@ def passive_motion(robot: ParallelRobot, eta: Array) -> Array:
     return motion
 
 
-def lost_equations(robot: ParallelRobot, linearised: LinearisedLoops, level: float = RANK_LOST) -> IntArray:
-    """Count the ranks (T,) that the independent loop equations lose.
+def count_lost_ranks(robot: ParallelRobot, linearised: LinearisedLoops, level: float = RANK_LOST) -> IntArray:
+    """Count the ranks (T,) that the independent loop equations lose at T configurations.
 
-    Counted by singular values below `level`, in radians and robot lengths.
+    A rank is lost with a singular value, in radians and robot lengths, below level times the largest, or
+    times 1 if that is more.
     """
     values = np.linalg.svd(scaled_loops(robot, linearised)[:, :, robot.moving], compute_uv=False)
     largest = np.maximum(values.max(axis=1, initial=0.0), 1.0)

@@ -64,13 +64,13 @@ def singular_reference(
     """
     at_reference, count = matrices[0], len(mechanism.rows.names)
     for nearby in matrices[1:]:  # the loops' rows are the last `count`
-        lost = _lost_rows(at_reference[-count:, mechanism.joints], nearby[-count:, mechanism.joints])
-        stuck = _lost_rows(at_reference[:, passive].T, nearby[:, passive].T)
-        if len(lost) or len(stuck):
+        rows = _lost_rows(at_reference[-count:, mechanism.joints], nearby[-count:, mechanism.joints])
+        joints = _lost_rows(at_reference[:, passive].T, nearby[:, passive].T)
+        if len(rows) or len(joints):
             return SingularReference(
                 mechanism.name,
-                rows=[mechanism.rows.names[k] for k in lost],
-                joints=[mechanism.coordinates.name_of(int(passive[k])) for k in stuck],
+                rows=[mechanism.rows.names[k] for k in rows],
+                joints=[mechanism.coordinates.name_of(int(passive[k])) for k in joints],
                 poses=[mechanism.reference_values(pose) for pose in poses[1:]],
             )
     return None
@@ -105,10 +105,11 @@ def idle_columns(matrix: Array, passive: IntArray) -> IntArray:
     chooses one joint of each. They carry no load as long as the body that they turn is balanced about them;
     `dynamics.residuals` measures the load.
     """
-    lost = lost_directions(matrix, RANK_ROUNDING) if len(passive) else matrix  # (c, n_p) motions
-    if not len(passive) or not len(lost):
-        return np.empty(0, dtype=np.intp)
-    return np.sort(passive[row_pivots(lost.T)[: len(lost)]])
+    if not len(passive):
+        return passive
+    motions = lost_directions(matrix, RANK_ROUNDING)  # (c, n_p)
+    pivots = row_pivots(motions.T)[: len(motions)] if len(motions) else np.empty(0, dtype=np.intp)
+    return np.sort(passive[pivots])
 
 
 def motion_matrix(mechanism: Mechanism, platform: PlatformCoordinates, q: Array) -> Array:
@@ -140,9 +141,9 @@ def numerical_rank(matrix: Array, level: float = RANK_ROUNDING) -> int:
 
 
 def lost_directions(matrix: Array, level: float = RANK_LOST, *, at_least: int = 0) -> Array:
-    """Compute orthonormal vectors (c, k) along which a matrix (m, k) loses rank, at least so many.
+    """Compute orthonormal vectors (c, k) along which a matrix (m, k) loses rank, `at_least` so many.
 
-    There its singular values are below a level, or below this share of the largest if that exceeds 1.
+    They are the right singular vectors of values below level times the largest, or times 1 if that is more.
     """
     values, right = np.linalg.svd(matrix)[1:]
     rank = int(np.sum(values >= level * max(values.max(initial=0.0), 1.0)))

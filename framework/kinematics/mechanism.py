@@ -10,7 +10,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import chain
-from operator import attrgetter
 from pathlib import Path
 from typing import Self
 
@@ -216,35 +215,37 @@ def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
     model = _sprung_model(parsed, springs)
     model.gravity.linear = np.array(description.gravity)
 
-    def acting(key: str) -> Array:
-        """Return one parameter of the joints' springs, damping and friction, (nv,)."""
-        names, joints = description.joints.keys(), description.joints.values()
-        return _joint_vector(model, dict(zip(names, map(attrgetter(key), joints), strict=True)))
+    def joint_parameter(key: str) -> Array:
+        """Return one parameter (nv,) of the joints' springs, damping and friction."""
+        return _joint_vector(model, {name: getattr(joint, key) for name, joint in description.joints.items()})
 
-    model.armature[:] = acting("armature")
+    model.armature[:] = joint_parameter("armature")
     elastic_names = tuple(chain.from_iterable(spring.coordinates for spring in springs))
     ends = chain.from_iterable(closure.frames for closure in description.closures)
-    names = list(dict.fromkeys([description.platform.frame, *ends]))
-    frames = tuple(frame_of(model, name) for name in names)
+    frame_names = list(dict.fromkeys([description.platform.frame, *ends]))  # without repetitions
+    frames = tuple(frame_of(model, name) for name in frame_names)
     reference = named_axes(model).T @ _joint_vector(model, description.reference)
     q_near = np.asarray(pin.integrate(model, pin.neutral(model), reference))
-    couplings = [_place_coupling(model, one) for one in description.couplings]
-    rows = loop_rows(description.closures, names, couplings)
+    rows = loop_rows(
+        description.closures,
+        frame_names,
+        [_index_coupling(model, coupling) for coupling in description.couplings],
+    )
     return Mechanism(
         description=description,
         flexibility=description.least_flexibility(flexibility),
         model=model,
         elastic=columns_of(model, elastic_names),
         stiffness=np.array([*chain.from_iterable(spring.stiffness for spring in springs)]),
-        joint_stiffness=acting("stiffness"),
-        joint_rest=acting("rest"),
-        joint_damping=acting("damping"),
-        joint_friction=acting("friction"),
+        joint_stiffness=joint_parameter("stiffness"),
+        joint_rest=joint_parameter("rest"),
+        joint_damping=joint_parameter("damping"),
+        joint_friction=joint_parameter("friction"),
         elastic_names=elastic_names,
         frames=frames,
         rows=rows,
-        rounded=rows.take(np.empty(0, dtype=int)),
-        directions=locked_directions(description.closures, names),
+        rounded=rows.take(np.empty(0, dtype=int)),  # none
+        directions=locked_directions(description.closures, frame_names),
         limits=joint_limits(parsed.urdf, model),
         q_near=q_near,
         length=reference_length(model, q_near, frames),
@@ -280,8 +281,8 @@ def _balls_by_axes(urdf: ElementTree.Element, description: RobotDescription) -> 
     return balls
 
 
-def _place_coupling(model: pin.Model, coupling: Coupling) -> CoupledJoints:
-    """Return a coupling with the places of its joints."""
+def _index_coupling(model: pin.Model, coupling: Coupling) -> CoupledJoints:
+    """Return a coupling with the indices of its joints in the velocity vector and in q."""
     first = model.joints[model.getJointId(coupling.joint)]
     second = model.joints[model.getJointId(coupling.of)]
     return CoupledJoints(

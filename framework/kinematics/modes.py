@@ -42,47 +42,47 @@ def passive_determinants(linearised: LinearisedLoops) -> tuple[Array, Array]:
     return linearised.passive_factors.slogdet
 
 
-def keeps_sign(before: tuple[Array, Array], after: tuple[Array, Array]) -> BoolArray:
-    """Whether determinants (T,), given by signs and logarithms, have the same sign before and after.
+def keeps_sign(first: tuple[Array, Array], second: tuple[Array, Array]) -> BoolArray:
+    """Whether determinants (T,), given by signs and logarithms, have the same sign at two configurations.
 
-    A determinant that has become smaller by more than rounding, `DETERMINANT_LOST`, has no sign.
+    A second determinant that is smaller than the first by `DETERMINANT_LOST` is rounding and has no sign.
     """
-    sign, size = before
-    later_sign, later_size = after
-    return (later_sign == sign) & (later_size - size > np.log(DETERMINANT_LOST))
+    sign, size = first
+    second_sign, second_size = second
+    return (second_sign == sign) & (second_size - size > np.log(DETERMINANT_LOST))
 
 
-def keeps_working_mode(robot: ParallelRobot, before: LinearisedLoops, after: LinearisedLoops) -> BoolArray:
-    """Whether no Type 1 singularity lies between two near configurations or at the second, (T,).
+def keeps_working_mode(robot: ParallelRobot, start: LinearisedLoops, ends: LinearisedLoops) -> BoolArray:
+    """Whether each of T successive configurations is in the working mode of its predecessor, (T,).
 
-    Of T configurations `after`, each with the one before it, the first with `before` (T = 1).
-    det [dF/dq] also changes sign where the loop equations lose rank, although a smooth branch goes on. The
-    map from the motions that the loops allow to the platform does not: with N a basis of these motions,
-    continued from one configuration to the other, det (platform N) keeps its sign. A determinant at rounding
-    has no sign, and loops that have lost rank allow more than one motion; such configurations belong to no
-    mode.
+    `start` (T = 1) is the predecessor of the first of the `ends`. That is so if no Type 1 singularity lies
+    between the two or at the second.
+
+    det [dF/dq] keeps its sign then. This determinant also changes sign where the loop equations lose rank,
+    although a smooth branch goes on. The map from the motions that the loops allow to the platform does not:
+    with N a basis of these motions, continued from one configuration to the other, det (platform N) keeps its
+    sign. A configuration whose loops have lost rank belongs to no mode.
     """
-    columns = robot.moving
-    least = singular_values(scaled_loops(robot, after)[:, :, columns]).min(axis=1, initial=np.inf)
+    least = singular_values(scaled_loops(robot, ends)[:, :, robot.moving]).min(axis=1, initial=np.inf)
     has_rank = least >= RANK_LOST
-    signs = np.concatenate([before.factors.slogdet[0], after.factors.slogdet[0]])
-    sizes = np.concatenate([before.factors.slogdet[1], after.factors.slogdet[1]])
-    keep = has_rank & keeps_sign((signs[:-1], sizes[:-1]), (signs[1:], sizes[1:]))
-    for k in np.flatnonzero(has_rank & ~keep).tolist():
-        previous = after.select(k - 1) if k else before
-        keep[k] = _keeps_platform_map(robot, previous, after.select(k))
-    return keep
+    signs = np.concatenate([start.factors.slogdet[0], ends.factors.slogdet[0]])
+    sizes = np.concatenate([start.factors.slogdet[1], ends.factors.slogdet[1]])
+    keeps = has_rank & keeps_sign((signs[:-1], sizes[:-1]), (signs[1:], sizes[1:]))
+    for k in np.flatnonzero(has_rank & ~keeps).tolist():
+        previous = ends.select(k - 1) if k else start
+        keeps[k] = _keeps_platform_map(robot, previous, ends.select(k))
+    return keeps
 
 
-def _keeps_platform_map(robot: ParallelRobot, before: LinearisedLoops, after: LinearisedLoops) -> bool:
+def _keeps_platform_map(robot: ParallelRobot, first: LinearisedLoops, second: LinearisedLoops) -> bool:
     """Whether det (platform N) keeps its sign between two near configurations (T = 1 each).
 
-    N (moving, n) is an orthonormal basis of the motions that the loops allow. The basis at the second
-    configuration may be turned over against the first: the sign of det (N' N) tells.
+    N (moving, n) is an orthonormal basis of the motions that the loops allow. The sign of det (N_1' N_2)
+    tells whether the second basis is turned over against the first.
     """
-    basis, determinant = _platform_map(robot, before)
-    later_basis, later_determinant = _platform_map(robot, after)
-    continued = later_determinant * np.sign(determinant * np.linalg.det(basis.T @ later_basis))
+    N_1, determinant = _platform_map(robot, first)
+    N_2, second_determinant = _platform_map(robot, second)
+    continued = second_determinant * np.sign(determinant * np.linalg.det(N_1.T @ N_2))
     return bool(continued > DETERMINANT_LOST * abs(determinant))
 
 
@@ -101,7 +101,7 @@ class Leg(ReadOnlyArrays):
     motors: tuple[str, ...]  # names of its actuators; none for joints that only follow
     rows: IntArray  # (k,) of the equations F
     columns: IntArray  # (k,) among the `moving` columns: actuated, then passive
-    before: IntArray  # (j,) of the legs that have to be solved before, likewise
+    before: IntArray  # (j,) of the legs that have to be solved earlier, likewise
 
 
 def legs(robot: ParallelRobot) -> tuple[Leg, ...]:
@@ -116,7 +116,8 @@ def legs(robot: ParallelRobot) -> tuple[Leg, ...]:
     require_square(robot)
     pattern = csr_array(robot.equations.pattern[:, robot.moving].astype(float))  # (n + m, moving)
     row_of = maximum_bipartite_matching(pattern, perm_type="row")  # (columns,) each column's own equation
-    matched = pattern[row_of]  # its diagonal is full
+    matched = pattern[row_of]  # rows permuted so that the diagonal is full
+    # irreducible blocks: the strongly connected components of the columns' graph
     label = connected_components(matched, directed=True, connection="strong")[1]  # (columns,) the leg of each
     needs = _needed_legs(label, *matched.nonzero())
     all_legs = []
@@ -134,7 +135,7 @@ def _needed_legs(label: IntArray, first: IntArray, second: IntArray) -> BoolArra
     `label` are the legs of columns; the equation of each column `first` contains the column `second`.
     """
     needs = np.eye(int(label.max(initial=-1)) + 1, dtype=bool)
-    for _ in needs:
+    for _ in needs:  # a chain of needs has at most as many legs
         np.logical_or.at(needs, label[first], needs[label[second]])
     return needs
 

@@ -51,16 +51,16 @@ def position_steps(robot: ParallelRobot, x: CoordinateRates, columns: IntArray) 
     """
     count, n = x[0].shape
     size = n + len(columns)
-    units = np.repeat(np.eye(size)[None], count, axis=0)
-    position, rate, acceleration = (np.repeat(part, size, axis=0) for part in x)
+    units = np.repeat(np.eye(size)[None], count, axis=0)  # (T, k, k)
+    position, rate, acceleration = (np.repeat(part, size, axis=0) for part in x)  # (T k, n) each
     twists = robot.platform.twist_changes((position, rate, acceleration), units[..., :n].reshape(-1, n))
     joints = units[..., n:]
-    constant = np.zeros_like(joints)
-    return MotionSteps((*np.reshape(twists, (3, count, size, n)),), columns, (joints, constant, constant))
+    unchanged = np.zeros_like(joints)
+    return MotionSteps((*np.reshape(twists, (3, count, size, n)),), columns, (joints, unchanged, unchanged))
 
 
 def motion_changes(robot: ParallelRobot, motion: Motion, steps: MotionSteps) -> MotionChanges:
-    """Compute the changes of a motion for small steps.
+    """Compute the changes of a motion for small steps, by the equations above for dq, dv and da in turn.
 
     Raises:
         NotAssembled: the platform does not determine the joints at some instant.
@@ -73,8 +73,8 @@ def motion_changes(robot: ParallelRobot, motion: Motion, steps: MotionSteps) -> 
         right = np.concatenate([platform, loops], axis=2)
         return solve_rates(robot, linearised, right, steps.columns, prescribed)
 
-    closed = np.zeros((*displacement.shape[:2], len(robot.loops.names)))
-    dq = solve(displacement, closed, joints[0])
+    closed_loops = np.zeros((*displacement.shape[:2], len(robot.loops.names)))
+    dq = solve(displacement, closed_loops, joints[0])
     ahead = step_frames(robot, linearised.frames, dq)
 
     same_rates = vary_motions(robot, ahead, motion.v, motion.a, np.zeros_like(dq))
@@ -94,9 +94,12 @@ def coordinate_changes(
     """Compute the changes of a motion (T, 3 k, nv) by unit steps of coordinates.
 
     All positions step, then rates, then accelerations: of a platform at x, dx, ddx (T, n), of the `elastic`
-    joints and of the idle ones, k in all. A step of a rate changes v by dq of the position's step, and a by
-    2 dv - [v, dq]. The bracket of the fields of motion is zero but for balls, whose rates belong to no
-    coordinate, and has no part along the steps of idle joints, which keep their rates.
+    joints and of the idle ones, k in all. With dq, dv, da the changes by a step of a position they are
+
+        by positions (dq, dv, da),  by rates (0, dq, 2 dv - [v, dq]),  by accelerations (0, 0, dq).
+
+    The bracket [v, dq] of the fields of motion is zero but for balls, whose rates belong to no coordinate. It
+    has no part along the steps of idle joints, which keep their rates.
     """
     steps = position_steps(robot, x, np.concatenate([elastic, robot.structure.idle]))
     dq, dv, da = motion_changes(robot, motion, steps)

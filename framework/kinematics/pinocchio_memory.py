@@ -46,7 +46,8 @@ class Scratch(NamedTuple):
     def of(model: pin.Model, frames: tuple[int, ...]) -> Scratch:
         """Allocate working memory for a model and some of its frames."""
         data = model.createData()
-        motion = np.linspace(0.5, 1.0, model.nv)  # most numbers differ from one another
+        # a motion whose results differ from one another, to tell whether views read the right numbers
+        motion = np.linspace(0.5, 1.0, model.nv)
         q = pin.integrate(model, pin.neutral(model), motion)
         pin.rnea(model, data, q, motion, motion)
         pin.computeForwardKinematicsDerivatives(model, data, q, motion, motion)
@@ -108,18 +109,18 @@ def _view_arrays(data: pin.Data) -> tuple[Array, ...] | None:
 
 
 def _block(first_numbers: list[Array], width: int) -> Array | None:
-    """Return a vector of pinocchio as an array (elements, width); None if its elements are no block.
+    """View a C++ vector of pinocchio as an array (elements, width); None if that is not possible.
 
-    A C++ vector keeps its elements in one block, a fixed number of bytes apart; `first_numbers` are
-    views of the first numbers of each.
+    The vector keeps its elements in one block at a constant stride [bytes]. `first_numbers` are views of the
+    first numbers of each element.
     """
     if any(numbers.flags.owndata for numbers in first_numbers):
-        return None  # copies, no views
+        return None  # they are copies
     addresses = np.array([numbers.__array_interface__["data"][0] for numbers in first_numbers])
-    apart = np.unique(np.diff(addresses))
-    if len(apart) != 1 or apart[0] < 8 * width:
+    strides = np.unique(np.diff(addresses))
+    if len(strides) != 1 or strides[0] < 8 * width:
         return None
-    return as_strided(first_numbers[0], (len(addresses), width), (int(apart[0]), 8))
+    return as_strided(first_numbers[0], (len(addresses), width), (int(strides[0]), 8))
 
 
 def carriers(model: pin.Model, bodies: IntArray) -> Array:

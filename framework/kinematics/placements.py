@@ -14,9 +14,10 @@ from framework.tolerances import FILE_ROUNDING
 
 
 def joint_poses(robot: ParallelRobot, q: Array) -> Array:
-    """Compute (x, y, z, qx, qy, qz, qw) of every joint at q (F, nq), (F, njoints, 7).
+    """Compute poses (F, njoints, 7) of all joints, (x, y, z, qx, qy, qz, qw), at q (F, nq).
 
-    The sign of a quaternion is that of the frame before: q and -q are the same turn, but not between frames.
+    The signs of quaternions, which do not matter to one pose, are continuous from each configuration to the
+    next.
     """
     model, data = robot.model, robot.model.createData()
     poses = np.empty((len(q), model.njoints, 7))
@@ -25,7 +26,7 @@ def joint_poses(robot: ParallelRobot, q: Array) -> Array:
         for j, placement in enumerate(data.oMi):
             poses[k, j] = pin.SE3ToXYZQUAT(placement)
     quaternions = poses[:, :, 3:]
-    cosines = np.sum(quaternions[1:] * quaternions[:-1], axis=2)  # (F - 1, njoints) with the frame before
+    cosines = np.sum(quaternions[1:] * quaternions[:-1], axis=2)  # (F - 1, njoints) between neighbours
     signs = np.cumprod(np.where(cosines < 0, -1.0, 1.0), axis=0)
     quaternions[1:] *= signs[:, :, None]
     return poses
@@ -60,10 +61,13 @@ def frame_positions(robot: ParallelRobot, poses: Array) -> Array:
 
 
 def rotate_vector(quaternion: Array, vector: Array) -> Array:
-    """Turn a vector (3,), or one each (F, 3), by quaternions (F, 4), (x, y, z, w)."""
-    axis, w = quaternion[:, :3], quaternion[:, 3:]
-    across = 2 * np.cross(axis, vector)
-    return vector + w * across + np.cross(axis, across)
+    """Turn a vector u (3,), or one each (F, 3), by quaternions (F, 4), (x, y, z, w).
+
+    With the vector part a it becomes u + 2 w a x u + 2 a x (a x u).
+    """
+    a, w = quaternion[:, :3], quaternion[:, 3:]
+    normal = 2 * np.cross(a, vector)
+    return vector + w * normal + np.cross(a, normal)
 
 
 def carried_points(pose: Array, points: Array) -> Array:
@@ -112,6 +116,6 @@ def planar_normal(robot: ParallelRobot) -> Array | None:
         return None
     turns, slides = jacobian[3:, turning].T, jacobian[:3, ~turning].T
     normal = np.asarray(turns[0])
-    aside = np.linalg.norm(np.cross(turns, normal), axis=1).max()
-    along = np.abs(slides @ normal).max(initial=0.0)
-    return normal if max(aside, along) < FILE_ROUNDING else None
+    hinge_tilt = np.linalg.norm(np.cross(turns, normal), axis=1).max()
+    slide_slope = np.abs(slides @ normal).max(initial=0.0)
+    return normal if max(hinge_tilt, slide_slope) < FILE_ROUNDING else None

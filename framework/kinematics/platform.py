@@ -37,7 +37,7 @@ class PlatformCoordinates(ReadOnlyArrays, ABC):
     """The coordinates x (n,) of a platform; its frame is the first of the mechanism's."""
 
     translations: BoolArray  # (n,) [m]; the others are turns [rad]
-    sliding: IntArray  # places in x of translations of the frame's origin along base axes
+    sliding: IntArray  # indices in x of translations of the frame's origin along base axes
     along: IntArray  # those axes, 0..2
 
     @staticmethod
@@ -79,7 +79,7 @@ class PlatformCoordinates(ReadOnlyArrays, ABC):
 
     @abstractmethod
     def felt_by(self, carried: Array) -> Array:
-        """Return 1 where a joint (nv) moves a coordinate (n), else 0; `carried` (nv,) of the frame."""
+        """Return 1 where a joint moves a coordinate, else 0, (n, nv); `carried` (nv,) is 1 for the frame."""
 
     @abstractmethod
     def jacobian(self, frames: FrameStack) -> Array:
@@ -110,7 +110,7 @@ class PlatformCoordinates(ReadOnlyArrays, ABC):
         return dx, np.zeros_like(dx) if ddx is None else ddx
 
     def twist_changes(self, motion: CoordinateRates, step: Array) -> CoordinateRates:
-        """Compute the displacement along v (T, n) of a small step of x, and its changes of v and of dv/dt.
+        """Compute the displacement along v and the changes of v and dv/dt, (T, n) each, by a step of x.
 
         `motion` are x, dx and ddx, each (T, n) as the step is.
         """
@@ -136,7 +136,7 @@ class FramePlatform(PlatformCoordinates):
 
     axes: IntArray  # (n,) 0..5 into the twist (linear, angular)
     units: Array  # (n, 6) unit forces and couples along them
-    turning: IntArray  # places in x of the turns
+    turning: IntArray  # indices in x of the turns
     attitude: Attitude  # of no coordinates where it does not turn
 
     @staticmethod
@@ -170,10 +170,10 @@ class FramePlatform(PlatformCoordinates):
         """Compute the offset (T, n) of the frame from x [m, rad], turns the short way."""
         if self.is_point:
             return frames.position[:, 0, self.along] - x
-        off = np.empty((len(x), self.n))
-        off[:, self.sliding] = frames.position[:, 0, self.along] - x[:, self.sliding]
-        off[:, self.turning] = self.attitude.residual(frames.rotation[:, 0], x[:, self.turning])
-        return off
+        offset = np.empty((len(x), self.n))
+        offset[:, self.sliding] = frames.position[:, 0, self.along] - x[:, self.sliding]
+        offset[:, self.turning] = self.attitude.residual(frames.rotation[:, 0], x[:, self.turning])
+        return offset
 
     def unwrap(self, x: Array, near: Array) -> Array:
         """Compute coordinates (T, n) with the turns counted on from `near`; translations stay."""
@@ -231,10 +231,10 @@ class FramePlatform(PlatformCoordinates):
 
     def frame_twist(self, frames: FrameStack, v: Array) -> Array:
         """Compute a twist (T, 6) of the frame with this v (T, n), zero along free axes and turns."""
-        six = np.zeros((len(v), 6))
-        six[:, self.along] = v[:, self.sliding]
-        six[:, 3:] = self.attitude.turning(frames.rotation[:, 0], v[:, self.turning])
-        return six
+        twist = np.zeros((len(v), 6))
+        twist[:, self.along] = v[:, self.sliding]
+        twist[:, 3:] = self.attitude.turning(frames.rotation[:, 0], v[:, self.turning])
+        return twist
 
     def twist(self, x: Array, dx: Array, ddx: Array | None = None) -> tuple[Array, Array]:
         """Compute v = E(x) dx and dv/dt, each (T, n); only a rotation vector has E other than 1."""
@@ -261,8 +261,8 @@ class JointPlatform(PlatformCoordinates):
         slides = np.array([joint.shortname().startswith("JointModelP") for joint in joints])
         nothing = np.empty(0, dtype=np.intp)
         columns = np.array([joint.idx_v for joint in joints])
-        places = np.array([joint.idx_q for joint in joints])
-        return JointPlatform(slides, nothing, nothing, columns, places)
+        q_indices = np.array([joint.idx_q for joint in joints])
+        return JointPlatform(slides, nothing, nothing, columns, q_indices)
 
     def coordinates(self, frames: FrameStack) -> Array:
         """Return the positions x (T, n) of the joints [rad, m]."""
@@ -270,8 +270,8 @@ class JointPlatform(PlatformCoordinates):
 
     def residual(self, frames: FrameStack, x: Array) -> Array:
         """Compute the offset (T, n) of the joints from x [rad, m], hinges the short way round."""
-        off = frames.q[:, self.places] - x
-        return np.where(self.translations, off, wrap_angles(off))
+        offset = frames.q[:, self.places] - x
+        return np.where(self.translations, offset, wrap_angles(offset))
 
     def unwrap(self, x: Array, near: Array) -> Array:
         """Compute positions (T, n) with hinges counted on from `near`; slides stay."""

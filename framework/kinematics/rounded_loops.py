@@ -17,10 +17,10 @@ from framework.kinematics.assembly import (
     Closing,
     all_loops_matrix,
     close_reference,
+    largest_gap,
     nearby_configurations,
-    residual_at,
 )
-from framework.kinematics.closures import loop_equations, row_weights
+from framework.kinematics.closures import loop_equations
 from framework.kinematics.frames import frames_at
 from framework.kinematics.loop_structure import numerical_rank, row_pivots
 from framework.kinematics.mechanism import Mechanism, reference_length
@@ -40,8 +40,8 @@ class AssembledMechanism(NamedTuple):
 def assembled_mechanism(mechanism: Mechanism) -> AssembledMechanism:
     """Close the loops at the reference; set rows aside that repeat others but for rounding.
 
-    A drawing may be assembled to the last digit where it was drawn, and locked there by its rounding: rows
-    that repeat others at poses nearby, too, are set aside.
+    A mechanism may close to the last digit in the pose of its drawing, and its rounding locks it there. So
+    rows that repeat others at poses nearby, too, are set aside.
 
     Raises:
         NotAssembled: the loops do not close, for another reason than rounding; see `close_reference`.
@@ -53,9 +53,8 @@ def assembled_mechanism(mechanism: Mechanism) -> AssembledMechanism:
         if reduced is None:
             raise
         return AssembledMechanism(reduced, close_reference(reduced))
-    # by its own size, whatever counts as its length: rows of a small mechanism are small beside a long one
-    size = reference_length(mechanism.model, closing.q, mechanism.frames)
-    sized = replace(mechanism, length=size)
+    # with its size at the closed pose for the length, which scales the rows
+    sized = replace(mechanism, length=reference_length(mechanism.model, closing.q, mechanism.frames))
     matrix = all_loops_matrix(sized, closing.q)[:, mechanism.joints]
     if numerical_rank(matrix) > numerical_rank(matrix, ROUNDED_ROW):
         reduced = _set_rounded_rows_aside(sized, closing.q)
@@ -76,7 +75,7 @@ def _set_rounded_rows_aside(mechanism: Mechanism, q: Array) -> Mechanism | None:
     rows = mechanism.rows
     matrix = all_loops_matrix(mechanism, q)[:, mechanism.joints]
     rank = numerical_rank(matrix, ROUNDED_ROW)
-    if _loop_gap(mechanism, q) > EXPORT_ROUNDING or rank == len(rows.names):
+    if largest_gap(mechanism, q) > EXPORT_ROUNDING or rank == len(rows.names):
         return None
     order = row_pivots(matrix)
     independent, others = np.sort(order[:rank]), np.sort(order[rank:])
@@ -89,11 +88,5 @@ def _is_rounded_nearby(mechanism: Mechanism, reduced: Mechanism, q: Array) -> bo
     ranks = {
         numerical_rank(all_loops_matrix(mechanism, pose)[:, mechanism.joints], ROUNDED_ROW) for pose in poses
     }
-    gaps = [_loop_gap(mechanism, pose) for pose in poses]
+    gaps = [largest_gap(mechanism, pose) for pose in poses]
     return ranks == {len(reduced.rows.names)} and max(gaps) <= EXPORT_ROUNDING
-
-
-def _loop_gap(mechanism: Mechanism, q: Array) -> float:
-    """Compute the largest residual of the rows at q (nq,) [robot lengths or rad]."""
-    weights = row_weights(mechanism, mechanism.rows.rotation)
-    return float(np.abs(weights * residual_at(mechanism, q)).max())

@@ -39,9 +39,10 @@ class SinglePose:
         pin.updateFramePlacements(self.robot.model, scratch.data)
         force, second = self._measure(q)
         lever = self._placed.reshape(-1, 3).take(rows.vectors[3], axis=0)
+        # a translation is a force at its origin, a rotation the couple w x u: the cross product with w
         if rows.only_translations:
             wrench[:, :3] = force
-        else:  # a couple where a rotation is locked
+        else:
             force, lever = self._factor * force, np.where(self._turning, second, lever)
             wrench[:, :3] = np.where(self._turning, 0.0, force)
         wrench[:, 3:] = cross(lever, force)
@@ -78,12 +79,12 @@ class SinglePose:
         return self._placed[0, 3]
 
     def _measure(self, q: Array) -> tuple[Array, Array]:
-        """Gather the vectors of the frames, compute the residual, and return both factors (rows, 3)."""
+        """Compute the residual from the frames, and return both factors (rows, 3) of the equations."""
         scratch, rows = self.scratch, self.robot.rows
         scratch.update()
         scratch.placements.reshape(-1, 4, 3).take(scratch.frames, axis=0, out=self._placed)
         a, b = row_factors(rows, self._placed)
-        np.einsum("ij,ij->i", a, b, out=self.residual)
+        np.einsum("ij,ij->i", a, b, out=self.residual)  # a . b of each row
         if not rows.only_translations:
             self.residual *= rows.weight
             self.residual -= rows.constant

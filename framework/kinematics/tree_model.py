@@ -53,8 +53,8 @@ def _with_balls(parsed: pin.Model, several: Mapping[str, str], as_declared: Coll
     """Return the model with balls for the joints in `several`, floating ones as three slides and a ball."""
     model = pin.Model()
     model.name = parsed.name
-    new = {0: 0}  # the new joint of each old one
-    axes = {0: pin.SE3.Identity()}  # the pose of each old joint in the new one: that of a ball turned round
+    new = {0: 0}  # the new joint of each parsed one
+    axes = {0: pin.SE3.Identity()}  # the pose of each parsed joint in the new one, whose axes may be turned
     for j in range(1, parsed.njoints):
         name, parent = str(parsed.names[j]), int(parsed.parents[j])
         placement = axes[parent] * parsed.jointPlacements[j]
@@ -67,9 +67,9 @@ def _with_balls(parsed: pin.Model, several: Mapping[str, str], as_declared: Coll
                 parent = _add_slides(model, parent, placement, name)
                 placement = pin.SE3.Identity()
             if name not in as_declared:
-                turned = pin.SE3(turning("z", _centre_direction(parsed, j)), np.zeros(3))
-                placement = placement * turned
-                axes[j] = turned.inverse()
+                to_centre = pin.SE3(turning("z", _centre_direction(parsed, j)), np.zeros(3))
+                placement = placement * to_centre
+                axes[j] = to_centre.inverse()
         new[j] = model.addJoint(parent, joint, placement, name)
         model.appendBodyToJoint(new[j], parsed.inertias[j], axes[j])
     for frame in list(parsed.frames)[1:]:  # not the universe
@@ -173,7 +173,7 @@ def link_axes(model: pin.Model, j: int) -> pin.SE3:
 
 
 class JointLimit(NamedTuple):
-    """The limits of one joint in a URDF; `coordinate` is its place in q."""
+    """The limits of one joint in a URDF; `coordinate` is its index in q."""
 
     joint: str
     coordinate: int
@@ -193,8 +193,8 @@ def joint_limits(urdf: ElementTree.Element, model: pin.Model) -> tuple[JointLimi
         if lower == upper:
             continue
         name = joint.get("name", "")
-        place = model.joints[model.getJointId(name)].idx_q
-        limits.append(JointLimit(name, place, lower, upper, "m" if kind == "prismatic" else "rad"))
+        coordinate = model.joints[model.getJointId(name)].idx_q
+        limits.append(JointLimit(name, coordinate, lower, upper, "m" if kind == "prismatic" else "rad"))
     return tuple(limits)
 
 
@@ -213,16 +213,17 @@ def positions_beyond_limits(limits: Sequence[JointLimit], q: Array) -> dict[str,
     exceeded = {}
     for joint, coordinate, lower, upper, unit in limits:
         least, largest = float(np.min(q[:, coordinate])), float(np.max(q[:, coordinate]))
-        beyond, slack = [], SAME_PLACE * max(abs(lower), abs(upper))
+        excesses, slack = [], SAME_PLACE * max(abs(lower), abs(upper))
         if least < lower - slack:
-            beyond.append(_excess_in_words(least, lower, unit))
+            excesses.append(_excess_in_words(least, lower, unit))
         if largest > upper + slack:
-            beyond.append(_excess_in_words(largest, upper, unit))
-        if beyond:
-            exceeded[joint] = "position " + " and ".join(beyond)
+            excesses.append(_excess_in_words(largest, upper, unit))
+        if excesses:
+            exceeded[joint] = "position " + " and ".join(excesses)
     return exceeded
 
 
 def _excess_in_words(position: float, limit: float, unit: str) -> str:
-    reached, allowed = format_distinct(position, limit, 6)
-    return f"{reached} {unit} of {allowed}"
+    """Return text such as `-4.27 rad of -3.2`."""
+    value, bound = format_distinct(position, limit, 6)
+    return f"{value} {unit} of {bound}"

@@ -58,7 +58,7 @@ def matrices_and_changes(
     dM = _dimensionless_jacobian(robot, changes)
     N, passive = _left_null_space(robot, M), robot.following
     dN = -N @ dM[:, :, passive] @ np.linalg.pinv(M[:, :, passive])
-    by_basis = _combine(robot, dN, M)  # dN M, and N dM: A is a part of N alone
+    by_basis = _combine(robot, dN, M)  # d(N M) = dN M + N dM; A is a part of N alone
     by_jacobian = _combine(robot, N, dM)
     rates = VelocityMatrices(by_basis.A, by_basis.B + by_jacobian.B, by_basis.C + by_jacobian.C)
     return _with_dimension(robot, _combine(robot, N, M)), _with_dimension(robot, rates)

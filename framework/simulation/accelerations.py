@@ -7,8 +7,8 @@ loops allow, Z has mass and Z_0 has none (`consistent.allowed_motions`, as at th
 
     a = a_0 + Z alpha,    J a_0 = -drift,    Z' M Z alpha = Z' (S' n tau + f - c - g - K (q - rest) - M a_0).
 
-Along Z_0 the springs must balance, or the state is none that the robot can be in; how they go on balancing is
-told by the rates of the torques alone: a has no component known along Z_0, and M a does not feel it.
+Along Z_0 the springs must balance, or the robot cannot be in this state. The component of a along Z_0 depends
+on the rates of the torques and is not determined; M a does not depend on that component.
 
 Sums run in the order of their index (`ordered_sums`): a state of a stack comes out as it does alone.
 """
@@ -33,7 +33,7 @@ class Accelerations(NamedTuple):
     """Joint accelerations of T states under given torques."""
 
     a: Array  # (T, nv) least along motions without mass, which no force feels
-    undetermined: BoolArray  # (T, nv) what such a motion moves: the torques of one instant do not tell
+    undetermined: BoolArray  # (T, nv) joints that such a motion moves: they depend on the torques' rates
 
 
 def accelerations(
@@ -52,17 +52,17 @@ def accelerations(
     robot = equations.robot
     tangent = equations.tangent(q, v, np.zeros(v.shape))
     Z, light, closing = allowed_motions(equations, tangent)  # (T, nv, d), (T, d), (T, nv, m)
-    free = equations.motor_forces(torque) + applied - tangent.force
+    force = equations.motor_forces(torque) + applied - tangent.force
     for k in map(int, np.flatnonzero(light.any(axis=1))):
         row = f", row {k}" if len(q) > 1 else ""
-        _check_balance(equations, tangent.state(k), Z[k], light[k], free[k], row)
+        _check_balance(equations, tangent.state(k), Z[k], light[k], force[k], row)
     drift = closure_drift(equations.rows, frame_motions(robot, tangent.frames, q, v))
     a = -matvec(closing, drift)
-    across = Z.swapaxes(1, 2)
-    unbalanced = np.where(light, 0.0, matvec(across, free - matvec(tangent.mass, a)))
+    Z_rows = Z.swapaxes(1, 2)
+    unbalanced = np.where(light, 0.0, matvec(Z_rows, force - matvec(tangent.mass, a)))
     # alpha is 0 along motions without mass: their rows and columns are those of the unit matrix
     is_light = light[:, None] | light[:, :, None]
-    inertia = np.where(is_light, np.eye(light.shape[1]), matmul(across, matmul(tangent.mass, Z)))
+    inertia = np.where(is_light, np.eye(light.shape[1]), matmul(Z_rows, matmul(tangent.mass, Z)))
     a += matvec(Z, np.linalg.solve(inertia, unbalanced[..., None])[..., 0])
     motion = np.abs(Z * light[:, None] / robot.column_scale[:, None]).max(axis=2, initial=0.0)
     return Accelerations(a, motion > RANK_ROUNDING)
@@ -74,11 +74,11 @@ def _check_balance(
     """Refuse a state (T = 1) whose springs of parts without mass do not balance the forces (nv,)."""
     robot, massless = equations.robot, basis[:, light]
     step = massless @ balancing_step(equations, tangent, basis[:, ~light], massless, -free)
-    off = np.abs(step / robot.column_scale)
-    worst = int(np.argmax(off))
-    if off[worst] > SPRINGS_BALANCED:
+    distances = np.abs(step / robot.column_scale)
+    worst = int(np.argmax(distances))
+    if distances[worst] > SPRINGS_BALANCED:
         raise InvalidInput(
             f"q{row}: {robot.coordinates.name_of(worst)} of {robot.name}, {robot.flexibility}, has no mass "
-            f"and is {off[worst]:.3g} rad or robot lengths from where its springs balance these torques: its "
-            f"acceleration would be infinite; `Stepper.start` gives the state next to this one"
+            f"and is {distances[worst]:.3g} rad or robot lengths from where its springs balance these "
+            f"torques: its acceleration would be infinite; `Stepper.start` gives the state next to this one"
         )

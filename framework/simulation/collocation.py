@@ -67,9 +67,9 @@ class Collocation(ReadOnlyArrays):
     def stages(self) -> int:
         return len(self.nodes)
 
-    def basis(self, places: Array, degree: int | None = None) -> Array:
-        """Compute Legendre polynomials (T, degree + 1), degree s by default, at points (T,) in [0, 1]."""
-        return np.asarray(legendre.legvander(2 * places - 1, self.stages if degree is None else degree))
+    def basis(self, c: Array, degree: int | None = None) -> Array:
+        """Compute Legendre polynomials (T, degree + 1), degree s by default, at points c (T,) in [0, 1]."""
+        return np.asarray(legendre.legvander(2 * c - 1, self.stages if degree is None else degree))
 
 
 @lru_cache(maxsize=32)
@@ -129,12 +129,14 @@ def solve_step(
 ) -> CollocationStep | str:
     """Solve a step by Newton's method from guesses of accelerations (s, nv) and multipliers (s, m).
 
-    The reason where no step is found.
+    Returns:
+        The step, its last correction below `accuracy` [rad, robot lengths]; or in words why there is none.
     """
     step = _StepEquations(equations, drive, table, time, length, q0, v0)
     a, multipliers = guess
     accuracy = accuracy + COORDINATE_ROUNDING * float(np.abs(q0).max())
-    matrix, last, slope = None, np.inf, np.zeros_like(a)
+    matrix = None  # to be factored anew
+    last_size, slope = np.inf, np.zeros_like(a)
     for iteration in range(1, MAX_ITERATIONS + 1):
         balance = step.balance(a, multipliers, slope)
         slope, residual = balance.slope, balance.tangent.residual
@@ -149,14 +151,15 @@ def solve_step(
         if not size < MAX_NEWTON_STEP:
             return "Newton steps too far"
         a, multipliers = a + a_change, multipliers + multiplier_change
-        rate = size / last if last > 0 else 0.0
+        rate = size / last_size if last_size > 0 else 0.0
+        # corrections that fall by `rate` each sum up to size rate / (1 - rate)
         if size <= accuracy or (iteration > 1 and rate < 0.5 and size * rate / (1 - rate) <= accuracy):
             return step.solution(a, multipliers, balance, iteration)
         if iteration > 2 and rate > DIVERGENCE_RATE and size > DIVERGENCE_STEP:
             return "Newton diverges"
         if rate > REFACTORING_RATE:
             matrix = None
-        last = size
+        last_size = size
     return "Newton does not converge"
 
 
@@ -166,7 +169,7 @@ class _Balance(NamedTuple):
     slope: Array  # (s, nv) see `CollocationStep`
     torque: Array  # (s, n_a)
     tangent: Tangent
-    force: Array  # (s, nv) what is missing from the balance of forces
+    force: Array  # (s, nv) residual of the balance of forces
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,7 +192,7 @@ class _StepEquations:
     @cached_property
     def torque(self) -> Array | None:
         """Torques (s, n_a) of time alone; None with feedback."""
-        return self.drive.of_time(self.times)
+        return self.drive.torques_without_feedback(self.times)
 
     def nodes(self, a: Array, slope: Array) -> tuple[Array, Array, Array]:
         """Compute q (s, nq), v (s, nv) and the slope (s, nv) for accelerations a (s, nv)."""
@@ -199,17 +202,21 @@ class _StepEquations:
         return integrate(self.equations.robot, self.q0, integral @ slope), v, slope
 
     def _slope(self, v: Array, guess: Array) -> Array:
-        """Compute the rate (s, nv) of the tangent offset from q0 for velocities v at the nodes."""
+        """Compute the rate (s, nv) of the tangent offset from q0 for velocities v at the nodes.
+
+        Only balls need iterations: there the rate depends on the offset, its own integral.
+        """
         model = self.equations.robot.model
         if model.nq == model.nv:
             return v
         slope = guess if guess.any() else v
         for _ in range(MAX_SLOPE_ITERATIONS):
             q = integrate(self.equations.robot, self.q0, self.length * self.table.once @ slope)
-            new = difference_rates(self.equations.robot, self.q0, q, v)
-            if np.abs(new - slope).max() <= COORDINATE_ROUNDING * max(np.abs(v).max(), LEAST_DIVISOR):
-                return new
-            slope = new
+            next_slope = difference_rates(self.equations.robot, self.q0, q, v)
+            change = np.abs(next_slope - slope).max()
+            slope = next_slope
+            if change <= COORDINATE_ROUNDING * max(np.abs(v).max(), LEAST_DIVISOR):
+                break
         return slope
 
     def balance(self, a: Array, multipliers: Array, slope: Array) -> _Balance:
@@ -222,7 +229,8 @@ class _StepEquations:
         if world.acts:
             force += world(equations.robot, self.times, q)
             tangent = tangent._replace(by_q=tangent.by_q - world.slope(equations.robot, self.times, q))
-        force = tangent.force - force - np.einsum("smi,sm->si", tangent.jacobian, multipliers)
+        loop_forces = np.einsum("smi,sm->si", tangent.jacobian, multipliers)  # J' lambda
+        force = tangent.force - force - loop_forces
         return _Balance(slope, torque, tangent, force)
 
     def newton_matrix(self, tangent: Tangent, multipliers: Array) -> NewtonMatrix | None:
@@ -266,7 +274,8 @@ class _StepEquations:
     def _unresolved_part(self, slope: Array) -> float:
         """Estimate the first Legendre coefficient that the step leaves out [rad, robot lengths].
 
-        Guessed from the fall of the last four, two by two, since a motion may be even or odd.
+        The last pair of coefficients is extrapolated by its ratio to the last but one; pairs, since a motion
+        may be even or odd.
         """
         series = np.abs(self.table.series @ slope) / self.equations.robot.column_scale
         last = float(series[-2:].max())
@@ -281,8 +290,8 @@ class NewtonMatrix:
     length: float
     rates: Array  # (s, s) inverse of the table's A
     by_motion: Array  # (s, nv, 3 nv) derivatives of the force by a, v and q
-    onto: Array  # (s, nv, m) a right inverse of J
-    free: Array  # (s, nv, nv - m) null space of J
+    right_inverse: Array  # (s, nv, m) of J: Q R'^-1
+    Z: Array  # (s, nv, nv - m) null space of J
     factors: tuple[Array, Array]
 
     @staticmethod
@@ -293,41 +302,45 @@ class NewtonMatrix:
         s, m, nv = jacobian.shape
         Q, R = np.linalg.qr(jacobian.transpose(0, 2, 1), mode="complete")
         try:
-            onto = Q[:, :, :m] @ np.linalg.inv(R[:, :m]).transpose(0, 2, 1)  # (s, nv, m)
+            right_inverse = Q[:, :, :m] @ np.linalg.inv(R[:, :m]).transpose(0, 2, 1)  # (s, nv, m)
         except np.linalg.LinAlgError:
             return None
-        free = Q[:, :, m:]  # (s, nv, f)
-        f = nv - m
-        by_a, by_v, by_q = np.split((free.transpose(0, 2, 1) @ by_motion).reshape(s * f, 3 * nv), 3, axis=1)
-        columns = free.transpose(1, 0, 2).reshape(nv, s * f)
-        # block (i, j): free_i' (M_i / h^2 (A^-1 A^-1)_ij + D_i / h A^-1_ij + K_i 1_ij) free_j, times h^2
-        matrix = (rates @ rates)[:, None, :, None] * (by_a @ columns).reshape(s, f, s, f)
-        matrix += (length * rates)[:, None, :, None] * (by_v @ columns).reshape(s, f, s, f)
-        matrix[range(s), :, range(s)] += length**2 * (by_q.reshape(s, f, nv) @ free)
+        Z, f = Q[:, :, m:], nv - m  # (s, nv, f)
+        # Z_i' M_i, Z_i' D_i and Z_i' K_i of all nodes i below one another, (s f, nv) each
+        by_a, by_v, by_q = np.split((Z.transpose(0, 2, 1) @ by_motion).reshape(s * f, 3 * nv), 3, axis=1)
+        all_Z = Z.transpose(1, 0, 2).reshape(nv, s * f)  # Z_j of all nodes j side by side
+        # block (i, j) of the matrix: Z_i' (M_i (A^-1 A^-1)_ij + h D_i (A^-1)_ij + h^2 K_i 1_ij) Z_j
+        matrix = (rates @ rates)[:, None, :, None] * (by_a @ all_Z).reshape(s, f, s, f)
+        matrix += (length * rates)[:, None, :, None] * (by_v @ all_Z).reshape(s, f, s, f)
+        matrix[range(s), :, range(s)] += length**2 * (by_q.reshape(s, f, nv) @ Z)
         *factors, singular = dgetrf(matrix.reshape(s * f, s * f))
         if singular:
             return None
-        return NewtonMatrix(length, rates, by_motion, onto, free, (factors[0], factors[1]))
+        return NewtonMatrix(length, rates, by_motion, right_inverse, Z, (factors[0], factors[1]))
 
     def solve(self, force: Array, residual: Array) -> tuple[Array, Array, Array]:
         """Return the changes of q (s, nv), accelerations (s, nv) and multipliers (s, m).
 
+        dq = -(right inverse of J) residual + Z z, with z from the balance of forces along Z; the multipliers
+        balance what remains across.
+
         Args:
-            force: what is missing from the balance of forces, (s, nv).
+            force: residual of the balance of forces, (s, nv).
             residual: the loop equations, (s, m).
         """
         from scipy.linalg.lapack import dgetrs
 
-        dq = -np.matvec(self.onto, residual)
-        missing = force + np.matvec(self.by_motion, self._motion(dq))
-        unbalanced = np.matvec(self.free.transpose(0, 2, 1), missing)
-        along = dgetrs(*self.factors, -(self.length**2) * unbalanced.ravel())[0]
-        dq += np.matvec(self.free, along.reshape(unbalanced.shape))
-        motion = self._motion(dq)
-        multipliers = np.matvec(self.onto.transpose(0, 2, 1), force + np.matvec(self.by_motion, motion))
+        dq = -np.matvec(self.right_inverse, residual)
+        unbalanced = force + np.matvec(self.by_motion, self._motion_change(dq))
+        along_Z = np.matvec(self.Z.transpose(0, 2, 1), unbalanced)
+        z = dgetrs(*self.factors, -(self.length**2) * along_Z.ravel())[0]
+        dq += np.matvec(self.Z, z.reshape(along_Z.shape))
+        motion = self._motion_change(dq)
+        unbalanced = force + np.matvec(self.by_motion, motion)
+        multipliers = np.matvec(self.right_inverse.transpose(0, 2, 1), unbalanced)
         return dq, motion[:, : dq.shape[1]], multipliers
 
-    def _motion(self, dq: Array) -> Array:
-        """Return the changes of a, v and q (s, 3 nv) for one of q (s, nv)."""
+    def _motion_change(self, dq: Array) -> Array:
+        """Return the changes of a, v and q (s, 3 nv) for a change of q (s, nv)."""
         rate = self.rates @ dq / self.length
         return np.concatenate([self.rates @ rate / self.length, rate, dq], axis=1)

@@ -1,4 +1,4 @@
-"""States that the loops and the coordinates without mass allow.
+"""States on which the loops close and the motions without mass are in balance.
 
 Motions that the loops allow but that move no mass, M Z = 0 and J Z = 0 (a rod's stretch next to the gear's
 twist, when the legs are massless), have no initial value of their own: gravity and inertia vanish along
@@ -31,11 +31,11 @@ class AllowedMotions(NamedTuple):
 
     basis: Array  # (T, nv, d) joint rates of motions that the loops allow, in the order of their inertia
     light: BoolArray  # (T, d) which of them move no mass; those come first
-    closing: Array  # (T, nv, m) the least motion at which each loop equation changes at unit rate
+    closing: Array  # (T, nv, m) pseudo-inverse of J: the least motion that changes one loop equation by 1
 
 
 def allowed_motions(equations: EquationsOfMotion, tangent: Tangent) -> AllowedMotions:
-    """Compute the motions that the loops allow, each state for itself to the last bit.
+    """Compute the motions that the loops allow, the same to the last bit in every stack.
 
     They are the null space Z of the loops' Jacobian J, turned to the eigenvectors of Z' M Z. Redundant rows
     are left out of J; what else loses rank is a singularity of the closures and no free motion.
@@ -43,22 +43,22 @@ def allowed_motions(equations: EquationsOfMotion, tangent: Tangent) -> AllowedMo
     robot, rows = equations.robot, tangent.jacobian.shape[1]
     scale = robot.column_scale[:, None]  # (nv, 1)
     J = scale_jacobian(robot, tangent.jacobian, equations.rows.rotation)  # (T, m, nv)
-    left, sizes, right = np.linalg.svd(J)
-    Z = right[:, rows:].swapaxes(1, 2)  # (T, nv, d)
+    U, sizes, V_rows = np.linalg.svd(J)
+    Z = V_rows[:, rows:].swapaxes(1, 2)  # (T, nv, d)
     mass = tangent.mass * scale * scale[:, 0]
     inertias, axes = np.linalg.eigh(matmul(Z.swapaxes(1, 2), matmul(mass, Z)))  # ascending
     diagonal = np.diagonal(mass, axis1=1, axis2=2)
     largest = np.maximum(inertias.max(axis=1, initial=0.0), diagonal.max(axis=1, initial=0.0))
     light = inertias <= EIGENVALUE_ROUNDING * largest[:, None]
-    closing = _pseudo_inverse(left, sizes, right) / robot.loop_lengths
+    closing = _pseudo_inverse(U, sizes, V_rows) / robot.loop_lengths
     return AllowedMotions(scale * matmul(Z, axes), light, scale * closing)
 
 
 def _pseudo_inverse(left: Array, sizes: Array, right: Array) -> Array:
     """Compute the pseudo-inverses (T, k, m) of matrices (T, m, k), m <= k, from their singular values."""
     rounding = np.finfo(float).eps * max(left.shape[1], right.shape[1])
-    sound = sizes > rounding * sizes.max(axis=1, initial=0.0)[:, None]
-    inverse = np.where(sound, 1.0 / np.where(sound, sizes, 1.0), 0.0)
+    is_nonzero = sizes > rounding * sizes.max(axis=1, initial=0.0)[:, None]
+    inverse = np.where(is_nonzero, 1.0 / np.where(is_nonzero, sizes, 1.0), 0.0)
     return matmul(right[:, : sizes.shape[1]].swapaxes(1, 2) * inverse[:, None], left.swapaxes(1, 2))
 
 
@@ -78,7 +78,7 @@ def consistent_state(
 ) -> tuple[Array, Array]:
     """Find the state next to (q, v) in which the loops close and massless parts are in balance.
 
-    Under motor torques (n_a,) [N m] and the forces of the world at t = 0.
+    Newton's method under motor torques (n_a,) [N m] and the forces of the world at t = 0.
 
     Raises:
         InvalidInput: a motion has neither mass nor stiffness nor damping; names its joints.
@@ -91,6 +91,7 @@ def consistent_state(
     for _ in range(MAX_PASSES):
         tangent = equations.tangent_at_rest(q)
         massive, light = free_motions(equations, tangent)
+        # the least step that closes the loops, and the step of massless motions towards balance
         loops = tangent.jacobian[0] * scale
         step = -np.linalg.lstsq(loops, tangent.residual[0], rcond=CLOSING_CUTOFF)[0] * scale
         unbalanced = tangent.force[0] + equations.damping * v - driven  # gravity and springs less the motors
@@ -126,12 +127,14 @@ def balancing_step(
 ) -> Array:
     """Compute the Newton step (k,) along the massless motions `light` (nv, k) towards the springs' balance.
 
-    The forces `unbalanced` (nv,) change by the springs less what the loops' forces make of their curvature.
-    Where damping alone acts there is no balance: the motion has an initial value, the one given.
+    -(light' (K - C) light)^-1 light' unbalanced, with `unbalanced` (nv,) the forces out of balance, K the
+    springs and C the curvature of the loops under their forces. Where damping alone acts there is no balance:
+    the motion has an initial value, the given one, and the step is zero.
 
     Raises:
         InvalidInput: a motion has neither mass nor stiffness nor damping.
     """
+    # forces of the loops that balance the others in the least squares
     multipliers = np.linalg.lstsq(tangent.jacobian[0].T, unbalanced, rcond=None)[0]
     curvature = loop_curvature(equations.robot, equations.rows, tangent.frames, multipliers[None])[0]
     springs = light.T @ np.diag(equations.stiffness) @ light  # (k, k)

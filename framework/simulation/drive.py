@@ -69,22 +69,26 @@ class Drive:
             raise InvalidInput(f"torque: not finite at t = {when:.9g} s")
         return torque
 
-    def of_time(self, t: Array) -> Array | None:
-        """Return the torques (T, n_a) of times alone; None with feedback."""
+    def edges(self, duration: float) -> list[float]:
+        """Return the ends [s] of the stretches of a motion on which the torque is smooth, from 0 on."""
+        return [0.0, *(t for t in self.breaks if 0 < t < duration), duration]
+
+    def torques_without_feedback(self, t: Array) -> Array | None:
+        """Return the torques (T, n_a) [N m] of times alone; None with feedback."""
         nothing = np.empty((len(t), 0))
         return None if self.feedback else self(t, nothing, nothing)
 
     def shift_breaks(self, t: Array) -> Array:
         """Move times (T,) on a break back by rounding, to the end of the step that began earlier."""
         for instant in self.breaks:
-            near = np.abs(t - instant) <= 4 * np.spacing(instant)
-            t = np.where(near, instant - 8 * np.spacing(instant), t)
+            is_break = np.abs(t - instant) <= 4 * np.spacing(instant)
+            t = np.where(is_break, instant - 8 * np.spacing(instant), t)
         return t
 
     def gains(self, t: float, q: Array, v: Array) -> Array | None:
-        """Compute the feedback's derivatives (2, n_a, nv) at one state by differences; None without feedback.
+        """Compute the torque's derivatives (2, n_a, nv) by q and by v at one state; None without feedback.
 
-        By the tangent of q, and by v.
+        They are central differences, those by q along its tangent.
         """
         if not self.feedback:
             return None
@@ -118,9 +122,9 @@ class Drive:
                 raise InvalidInput("torque: a Drive has its own breaks and wrenches; leave out both options")
             return source
         motion = planned_motion(source)
-        planned = getattr(motion, "wrenches", NO_WRENCHES)
-        entries = planned if wrenches is None else ExternalWrenches.of(wrenches)
-        world = WorldForces.of(robot, entries, getattr(motion, "law", None))
+        planned_wrenches = getattr(motion, "wrenches", NO_WRENCHES)
+        applied = planned_wrenches if wrenches is None else ExternalWrenches.of(wrenches)
+        world = WorldForces.of(robot, applied, getattr(motion, "law", None))
         if motion is not None:
             motors = np.shape(motion.torque(0.0))[-1]
             if motors != robot.n_a:
@@ -134,26 +138,26 @@ class Drive:
                 f"torque: needs a plan, a result of inverse_dynamics, torque(t) or torque(t, q, v), got "
                 f"{type(source).__name__}"
             )
-        count = _arguments(source)
+        count = _count_arguments(source)
         if count not in (1, 3):
             raise InvalidInput(f"torque: takes (t) or (t, q, v), this one asks for {count} arguments")
 
         def stack(t: Array, q: Array, v: Array) -> Array:
-            """Call the function at one instant after the other, with (t) or (t, q, v)."""
+            """Compute torques (T, n_a), calling the function at each instant with (t) or (t, q, v)."""
             torques = np.empty((len(t), robot.n_a))
             for k, instant in enumerate(map(float, t)):
-                answer = np.atleast_1d(source(*(instant, q[k], v[k])[:count]))
-                torques[k] = finite_numbers(f"torque: at t = {instant:.9g} s", answer, robot.n_a)
+                torque = np.atleast_1d(source(*(instant, q[k], v[k])[:count]))
+                torques[k] = finite_numbers(f"torque: at t = {instant:.9g} s", torque, robot.n_a)
             return torques
 
         return Drive(robot, stack, count == 3, tuple(sorted(map(float, breaks))), world)
 
 
-def _arguments(function: Callable[..., Any]) -> int:
+def _count_arguments(function: Callable[..., Any]) -> int:
     """Count the required arguments of a callable; 0 for a builtin without a signature."""
     try:
         parameters = signature(function).parameters.values()
     except ValueError:
         return 0
-    places = (Parameter.POSITIONAL_ONLY, Parameter.POSITIONAL_OR_KEYWORD)
-    return sum(p.kind in places and p.default is Parameter.empty for p in parameters)
+    positional = (Parameter.POSITIONAL_ONLY, Parameter.POSITIONAL_OR_KEYWORD)
+    return sum(p.kind in positional and p.default is Parameter.empty for p in parameters)

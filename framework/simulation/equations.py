@@ -101,8 +101,8 @@ class EquationsOfMotion:
         """Compute K (q - rest), (T, nv)."""
         if not self.stiffness.any():
             return np.zeros((len(q), self.robot.model.nv))
-        turned = difference(self.robot, self.robot.neutral, q)
-        springs = np.asarray(self.stiffness * (turned - self.robot.joint_rest), dtype=float)
+        offset = difference(self.robot, self.robot.neutral, q)
+        springs = np.asarray(self.stiffness * (offset - self.robot.joint_rest), dtype=float)
         return forces_on_joints(self.robot, self.robot.neutral, q, springs)
 
     def motor_forces(self, torque: Array) -> Array:
@@ -150,8 +150,8 @@ class EquationsOfMotion:
             pin.computeKineticEnergy(model, data, a, b) + pin.computePotentialEnergy(model, data, a)
             for a, b in zip(q, v, strict=True)
         ]
-        turned = difference(self.robot, self.robot.neutral, q) - self.robot.joint_rest
-        stored = 0.5 * (v**2 @ self.robot.rotors) + 0.5 * (turned**2 @ self.stiffness)
+        offset = difference(self.robot, self.robot.neutral, q) - self.robot.joint_rest
+        stored = 0.5 * (v**2 @ self.robot.rotors) + 0.5 * (offset**2 @ self.stiffness)
         return np.asarray(np.array(tree) + stored, dtype=float)
 
 

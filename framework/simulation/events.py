@@ -42,28 +42,30 @@ def occurrences(
     events: Sequence[Event],
     trajectory: Trajectory,
     edges: tuple[float, float],
-    looks: int,
+    samples: int,
     last_values: dict[Event, float],
 ) -> list[Occurrence]:
-    """Find events between two instants in order of time, up to the first terminal one.
+    """Find the events of a step in order of time, up to the first terminal one.
 
-    `last_values` are carried from one call to the next: rounding must not lose a zero between two steps.
-    The function is looked at `looks` times on the way: two zeros between neighbouring looks go unseen.
+    Each function is evaluated at `samples` instants after the first of the `edges` [s]; two zeros between
+    neighbouring instants go unseen. `last_values` are the values at the end of the last step, stored for the
+    next call: rounding must not lose a zero between two steps.
     """
     occurred: list[Occurrence] = []
-    times = np.linspace(*edges, looks + 1)
+    times = np.linspace(*edges, samples + 1)
     states = trajectory(times)
     for event in events:
-        values = [_number(event, float(t), q, v) for t, q, v in zip(times, *states, strict=True)]
-        first_values = [last_values.get(event, values[0]), *values[:-1]]  # at the beginnings of intervals
+        values = [_event_value(event, float(t), q, v) for t, q, v in zip(times, *states, strict=True)]
+        # at the beginnings of intervals, of which the first is empty: from the end of the last step
+        first_values = [last_values.get(event, values[0]), *values[:-1]]
         last_values[event] = values[-1]
         for first, second, begin, end in zip(first_values, values, [times[0], *times], times, strict=False):
-            # a zero on a look belongs to the interval that it ends
+            # a zero on an instant belongs to the interval that ends there
             if first == 0.0 or first * second > 0 or event.direction * (second - first) < 0:
                 continue
             t = float(end)
             if second != 0.0 and begin != end:
-                t = _zero_of(event, trajectory, begin, t)
+                t = _find_zero(event, trajectory, begin, t)
             q, v = trajectory(np.array([t]))
             occurred.append(Occurrence(event.name, t, q[0], v[0], event.terminal))
     occurred.sort(key=lambda occurrence: occurrence.time)
@@ -71,19 +73,19 @@ def occurrences(
     return occurred[: terminal.index(True) + 1] if any(terminal) else occurred
 
 
-def _zero_of(event: Event, trajectory: Trajectory, begin: float, end: float) -> float:
+def _find_zero(event: Event, trajectory: Trajectory, begin: float, end: float) -> float:
     """Find the instant [s] between two others of different sign at which an event's function is zero."""
     from scipy.optimize import brentq
 
     def value(t: float) -> float:
         q, v = trajectory(np.array([t]))
-        return _number(event, t, q[0], v[0])
+        return _event_value(event, t, q[0], v[0])
 
     return float(brentq(value, begin, end, xtol=EVENT_TIME_ROUNDING))
 
 
-def _number(event: Event, t: float, q: Array, v: Array) -> float:
-    """Return the value of an event's function, which has to be a number."""
+def _event_value(event: Event, t: float, q: Array, v: Array) -> float:
+    """Return the value of an event's function; refuse one that is no number."""
     value = event.function(t, q, v)
     try:
         number = float(value)

@@ -44,7 +44,7 @@ class MethodSettings(NamedTuple):
     stages: int = 0  # of collocation
     tolerance: float = 0.0  # what a step may leave unresolved [rad, robot lengths]
     step: float = 0.0  # fixed step, or the longest one [s]
-    looks: int = 1  # how often a step is looked at for events
+    event_samples: int = 1  # instants of a step at which events are evaluated
 
 
 class IntegrationTask(NamedTuple):
@@ -64,7 +64,7 @@ class Integration:
 
     trajectory: Trajectory
     supplied: Array  # (K + 1,) work of motors and world less that of damping, from the start [J]
-    exchanged: float  # all of it counted positive [J]
+    exchanged: float  # the same with the work of each step counted positive [J]
     occurrences: tuple[Occurrence, ...]
     unresolved: float
     iterations: int
@@ -75,19 +75,21 @@ class _Record:
     """The energy balance and the events of a run, step by step."""
 
     task: IntegrationTask
-    looks: int  # a step, for events
+    event_samples: int  # of each step
     supplied: list[float] = field(default_factory=lambda: [0.0])
     exchanged: float = 0.0
     occurred: list[Occurrence] = field(default_factory=list)
     last_values: dict[Event, float] = field(default_factory=dict)
 
     def add_step(self, step: Trajectory, work: float, exchange: float) -> bool:
-        """Add the work of a step [J], and the same counted positive; return whether an event ends the run."""
+        """Add a step with its work and exchanged energy [J]; return whether an event ends the run."""
         task, (start, end) = self.task, map(float, step.edges)
         self.supplied.append(self.supplied[-1] + work)
         self.exchanged += exchange
         if task.events:
-            self.occurred += occurrences(task.events, step, (start, end), self.looks, self.last_values)
+            self.occurred += occurrences(
+                task.events, step, (start, end), self.event_samples, self.last_values
+            )
             if self.occurred and self.occurred[-1].terminal:
                 return True
         if task.advanced is not None:
@@ -102,7 +104,7 @@ class _Record:
 
 def integrate_by_collocation(task: IntegrationTask, settings: MethodSettings) -> Integration:
     """Integrate by Radau IIA steps of variable length; see `collocate`."""
-    robot, record = task.equations.robot, _Record(task, settings.looks)
+    robot, record = task.equations.robot, _Record(task, settings.event_samples)
     steps = list[CollocationStep]()
     for step in collocate(
         task.equations,
@@ -127,7 +129,7 @@ def integrate_by_collocation(task: IntegrationTask, settings: MethodSettings) ->
 def integrate_by_fixed_steps(task: IntegrationTask, settings: MethodSettings) -> Integration:
     """Integrate by steps of one length with the torque of their middle; see `Stepper`."""
     robot = task.equations.robot
-    count = _count(task.duration, settings.step)
+    count = _count_steps(task.duration, settings.step)
     if count < MIN_FIXED_STEPS:
         raise InvalidInput(
             f"step: {settings.step:g} s is too long for {task.duration:g} s, which "
@@ -138,10 +140,10 @@ def integrate_by_fixed_steps(task: IntegrationTask, settings: MethodSettings) ->
     h = task.duration / count
     error = _fixed_step_error(robot, trajectory.v, h)
     if error > FIXED_STEP_ERROR:
-        enough = h * (0.1 * FIXED_STEP_ERROR / error) ** 0.5
+        advised = h * (0.1 * FIXED_STEP_ERROR / error) ** 0.5
         raise NotConverged(
             f"{robot.name}: steps of {h:.3g} s leave about {error:.2g} rad or robot lengths of this motion "
-            f"out; take steps of {enough:.1g} s, or method stiff",
+            f"out; take steps of {advised:.1g} s, or method stiff",
             residual=error,
         )
     return record.integration(trajectory, error, len(trajectory.q) - 1)
@@ -157,7 +159,7 @@ def _fixed_steps(task: IntegrationTask, edges: Array) -> Iterator[FixedStep]:
     stepper = Stepper.of(robot, damping=damping)
     h = task.duration / (len(edges) - 1)
     middles, (q, v) = edges[:-1] + 0.5 * h, task.start
-    torques = drive.of_time(middles)  # (K, n_a), None with feedback
+    torques = drive.torques_without_feedback(middles)  # (K, n_a)
     for k in range(len(middles)):
         torque = torques[k] if torques is not None else drive(edges[k : k + 1], q[None], v[None])[0]
         world = np.zeros_like(v)
@@ -172,10 +174,10 @@ def _fixed_steps(task: IntegrationTask, edges: Array) -> Iterator[FixedStep]:
 
 def integrate_by_explicit_steps(task: IntegrationTask, settings: MethodSettings) -> Integration:
     """Integrate by steps of one length, of order 8. Breaks of the torque end a step."""
-    edges = _edges(task, settings.step or task.duration / DEFAULT_EXPLICIT_STEPS)
+    edges = _step_edges(task, settings.step or task.duration / DEFAULT_EXPLICIT_STEPS)
     dynamics = ContactDynamics.of(task.equations, CLOSING_STEPS * float(np.diff(edges).max()))
     steps = explicit_steps(task.equations, dynamics, task.drive, task.start, edges)
-    record = _Record(task, settings.looks)
+    record = _Record(task, settings.event_samples)
     trajectory, error = _collect(record, steps, edges)
     return record.integration(trajectory, error, len(trajectory.q) - 1)
 
@@ -212,25 +214,25 @@ def _cubics(robot: ParallelRobot, edges: Array, states: list[State]) -> Cubics:
 def _fixed_step_error(robot: ParallelRobot, v: Array, h: float) -> float:
     """Estimate the error of fixed steps of order 2, all steps together [rad, robot lengths].
 
-    A step misses h^3 / 12 of the third derivative of q, which is the second difference of v over h^2. How far
-    the motion itself pulls neighbouring motions apart is not in it.
+    The truncation error of a step is h^3 / 12 times the third derivative of q, the second difference of v
+    over h^2. The instability of the motion itself, by which errors grow, is not included.
     """
-    bends = np.abs(np.diff(v / robot.column_scale, 2, axis=0))
-    return float(h / 12 * bends.sum(axis=0).max(initial=0.0))
+    second_differences = np.abs(np.diff(v / robot.column_scale, 2, axis=0))
+    return float(h / 12 * second_differences.sum(axis=0).max(initial=0.0))
 
 
-def _edges(task: IntegrationTask, step: float) -> Array:
+def _step_edges(task: IntegrationTask, step: float) -> Array:
     """Compute the ends of steps no longer than `step`, with one on every break."""
-    marks = [0.0, *(t for t in task.drive.breaks if 0 < t < task.duration), task.duration]
-    pieces = [np.linspace(a, b, _count(b - a, step) + 1) for a, b in pairwise(marks)]
-    return np.unique(np.concatenate(pieces))
+    stretches = pairwise(task.drive.edges(task.duration))
+    edges = [np.linspace(start, end, _count_steps(end - start, step) + 1) for start, end in stretches]
+    return np.unique(np.concatenate(edges))
 
 
-def _count(length: float, step: float) -> int:
+def _count_steps(length: float, step: float) -> int:
     """Count the steps no longer than `step` [s] that make `length` [s].
 
     Raises:
-        InvalidInput: more than can be kept.
+        InvalidInput: more than MAX_STEPS.
     """
     count = length / step
     if not count <= MAX_STEPS:
@@ -246,10 +248,12 @@ class Method(NamedTuple):
 
 
 METHODS: dict[str, Method] = {
-    "reference": Method(integrate_by_collocation, MethodSettings(stages=16, tolerance=1e-12, looks=32)),
+    "reference": Method(
+        integrate_by_collocation, MethodSettings(stages=16, tolerance=1e-12, event_samples=32)
+    ),
     "fast": Method(integrate_by_fixed_steps, MethodSettings(step=1e-3)),
-    "explicit": Method(integrate_by_explicit_steps, MethodSettings(looks=4)),
-    "stiff": Method(integrate_by_collocation, MethodSettings(stages=5, tolerance=1e-7, looks=10)),
+    "explicit": Method(integrate_by_explicit_steps, MethodSettings(event_samples=4)),
+    "stiff": Method(integrate_by_collocation, MethodSettings(stages=5, tolerance=1e-7, event_samples=10)),
 }
 
 
@@ -273,7 +277,7 @@ def explicit_steps(
 
     nv = len(start.v)
     times = edges[:-1, None] + np.diff(edges)[:, None] * DOP853.C  # (K, stages)
-    torques = drive.of_time(np.minimum(drive.shift_breaks(times).ravel(), edges[-1]))  # None: feedback
+    torques = drive.torques_without_feedback(np.minimum(drive.shift_breaks(times).ravel(), edges[-1]))
     motors = None if torques is None else equations.motor_forces(torques).reshape(*times.shape, nv)
     y, slopes = np.concatenate(start), np.empty((DOP853.n_stages, 2 * nv))
     for k, h in enumerate(np.diff(edges)):
@@ -287,8 +291,8 @@ def explicit_steps(
                 force = motors[k, i]
             if drive.world.acts:
                 force = force + drive.world(equations.robot, t, q[None])[0]
-            slopes[i, :nv], slopes[i, nv:] = v, dynamics.acceleration(q, v, force)
+            slopes[i] = np.concatenate([v, dynamics.acceleration(q, v, force)])
             power += DOP853.B[i] * float(force @ v - equations.damping @ v**2)
         y = y + h * (DOP853.B @ slopes)
-        missed = h * (DOP853.E5[: len(slopes)] @ slopes[:, :nv])
-        yield FixedStep(State(y[:nv], y[nv:]), power, float(np.abs(missed).max()))
+        error = h * (DOP853.E5[: len(slopes)] @ slopes[:, :nv])  # embedded method of order 5
+        yield FixedStep(State(y[:nv], y[nv:]), power, float(np.abs(error).max()))

@@ -1,4 +1,4 @@
-"""The result of `simulate`: the motion, and the numbers by which it proves itself."""
+"""The result of `simulate`: the motion and its errors."""
 
 from __future__ import annotations
 
@@ -98,10 +98,10 @@ class Simulation(ReadOnlyArrays):
 
     def __repr__(self) -> str:
         """Return robot, method, duration, number of steps and errors in one line."""
-        off = "" if self.tracking_error is None else f", tracking error {self.tracking_error:.1e}"
+        tracking = "" if self.tracking_error is None else f", tracking error {self.tracking_error:.1e}"
         return (
             f"Simulation({self.robot.name}, {self.robot.flexibility}, {self.method}: {self.duration:g} s in "
-            f"{self.steps} steps{off}, closure error {self.closure_error:.1e}, energy error "
+            f"{self.steps} steps{tracking}, closure error {self.closure_error:.1e}, energy error "
             f"{self.energy_error:.1e})"
         )
 
@@ -118,9 +118,9 @@ def simulation_result(
     """Return the result of a run: its states at the sampled instants, and its errors."""
     robot, trajectory = equations.robot, run.trajectory
     edges = trajectory.edges
-    ended = run.occurrences[-1].time if run.occurrences and run.occurrences[-1].terminal else edges[-1]
-    fixed = isinstance(trajectory, Cubics)
-    times = np.append(edges[edges < ended], ended) if fixed else np.linspace(edges[0], ended, samples)
+    end = run.occurrences[-1].time if run.occurrences and run.occurrences[-1].terminal else edges[-1]
+    has_fixed_steps = isinstance(trajectory, Cubics)
+    times = np.append(edges[edges < end], end) if has_fixed_steps else np.linspace(edges[0], end, samples)
     q, v = trajectory(times)
     edge_states = trajectory(edges)
     tracking, turning = (None, None) if planned is None else _path_errors(robot, planned, times, q)
@@ -144,9 +144,9 @@ def simulation_result(
 
 
 def _energy_error(equations: EquationsOfMotion, run: Integration, q: Array, v: Array) -> float:
-    """Compute the `energy_error` of a `Simulation` from the states q, v at the ends of all steps.
+    """Compute the `energy_error` of a `Simulation` from states q (K + 1, nq), v at the ends of all steps.
 
-    At rest all is rounding: of the work that lifts the robot by its length, or moves it that far meanwhile.
+    The scale is at least the rounding of the work that lifts or moves the robot by its length.
     """
     robot, edges = equations.robot, run.trajectory.edges
     energy = equations.energy(q, v)

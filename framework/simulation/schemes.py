@@ -40,9 +40,9 @@ class State(NamedTuple):
 
 
 def _solve(mass: Array, jacobian: Array, forces: Array, rates: Array) -> Array:
-    """Compute accelerations (R, nv), infinite where the equations are singular.
+    """Solve mass a + jacobian' (-lambda) = forces, jacobian a = rates for accelerations a (R, nv).
 
-    The equations are mass a + jacobian' (-lambda) = forces and jacobian a = rates.
+    They are infinite where the equations are singular.
     """
     runs, m, nv = jacobian.shape
     matrix = np.zeros((runs, nv + m, nv + m))
@@ -61,7 +61,7 @@ def _springs(stack: RobotStack, q: Array) -> Array:
 
 
 def _implicit(mass: Array, stack: RobotStack, by_spring: float, by_damping: float) -> Array:
-    """Add springs and damping, times factors, to mass matrices (R, nv, nv)."""
+    """Return mass matrices (R, nv, nv) plus springs and damping, each times a factor."""
     matrix = mass.copy()
     diagonal = range(mass.shape[1])
     matrix[:, diagonal, diagonal] += by_spring * stack.stiffness + by_damping * stack.damping

@@ -42,9 +42,10 @@ class StepSizeControl:
 
     length: float
     longest: float
-    usual: float = 0.0  # of the steps before
+    usual: float = 0.0  # length of the last accepted steps
     short: float = 0.0  # to go on with when stepping over does not help; 0: nothing is being stepped over
-    tried: int = 0  # how many of `BRIDGING_RATIOS`
+    tried: int = 0  # number of `BRIDGING_RATIOS` tried over the present singularity
+    accepted: int = 0  # number of steps
 
     @property
     def leniency(self) -> float:
@@ -52,14 +53,16 @@ class StepSizeControl:
         return BRIDGING_LENIENCY if self.short else 1.0
 
     def next_length(self, remaining: float) -> float:
-        """Return the next length such that the last step but one is not followed by a tiny one."""
+        """Return the next length; two equal steps end a stretch, instead of a long one and a tiny one."""
         count = max(1, int(np.ceil(remaining / self.length - COUNT_ROUNDING)))
         return remaining / count if count <= 2 else self.length
 
     def accept(self, length: float, factor: float) -> None:
         """Accept a step; the next may be longer by this factor."""
         self.length = min(self.longest, length * factor)
-        self.usual, self.short, self.tried = max(length, 0.5 * self.usual), 0.0, 0
+        self.usual = max(length, 0.5 * self.usual)
+        self.short, self.tried = 0.0, 0
+        self.accepted += 1
 
     def reject(self, length: float, factor: float, remaining: float) -> None:
         """Reject a step; the next is shorter by this factor, or steps over a singularity.
@@ -68,7 +71,8 @@ class StepSizeControl:
         the other. If none succeeds, `short` is the length to go on with.
         """
         shorter = self.short or length * min(factor, REFUSED_STEP_RATIO)
-        if self.tried < len(BRIDGING_RATIOS) and (self.short or shorter < self.usual / BRIDGED_SHORTENING):
+        meets_singularity = bool(self.short) or shorter < self.usual / BRIDGED_SHORTENING
+        if meets_singularity and self.tried < len(BRIDGING_RATIOS):
             self.length, self.short = min(BRIDGING_RATIOS[self.tried] * self.usual, remaining), shorter
             self.tried += 1
         else:
@@ -93,10 +97,9 @@ def collocate(
     Raises:
         NotConverged: no step, however short, can be solved or resolved.
     """
-    table, count = radau(stages), 0
+    table = radau(stages)
     control = StepSizeControl(min(longest, duration * FIRST_STEP_RATIO), longest)
-    edges = [0.0, *(t for t in drive.breaks if 0 < t < duration), duration]
-    for time, end in pairwise(edges):
+    for time, end in pairwise(drive.edges(duration)):
         previous = None
         while time < end:
             length = control.next_length(end - time)
@@ -115,17 +118,18 @@ def collocate(
                 previous, reason = None, step
                 control.reject(length, FAILED_STEP_RATIO, end - time)
             else:
-                moves = length * np.abs(step.slope / equations.robot.column_scale)
-                admissible = tolerance + MOVE_ROUNDING * float(moves.max(initial=0.0))
+                joint_motions = length * np.abs(step.slope / equations.robot.column_scale)
+                admissible = tolerance + MOVE_ROUNDING * float(joint_motions.max(initial=0.0))
                 factor = (admissible / max(step.unresolved, LEAST_DIVISOR)) ** (1 / (stages + 1))
                 factor = float(np.clip(STEP_SAFETY * factor, MIN_STEP_GROWTH, MAX_STEP_GROWTH))
                 if step.unresolved <= control.leniency * admissible:
                     yield step
                     q, v = end_state(equations, step)
                     time = end if length == end - time else time + length
-                    previous, count = step, count + 1
+                    previous = step
                     control.accept(length, factor)
-                    if count >= PROJECTED_AFTER and count * duration > MAX_STEPS * time:
+                    many = control.accepted >= PROJECTED_AFTER
+                    if many and control.accepted * duration > MAX_STEPS * time:
                         raise _refusal(equations, time, length, "they are too many")
                     continue
                 reason = "the motion is not resolved"

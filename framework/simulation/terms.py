@@ -67,13 +67,13 @@ class RobotStack:
         first = EquationsOfMotion.of(like)
         for robot in robots:
             _check_same_structure(like, robot)
-        idle = first.rotors - like.rotors  # of joints that nothing drives
+        idle_inertia = first.rotors - like.rotors  # that keeps massless idle joints still
         added = check_damping(damping, (len(robots), like.model.nv))
         return RobotStack(
             robots=robots,
             first=first,
             gear_ratio=np.array([robot.gear_ratio for robot in robots]),
-            rotors=np.array([robot.rotors for robot in robots]) + idle,
+            rotors=np.array([robot.rotors for robot in robots]) + idle_inertia,
             stiffness=np.array([robot.all_stiffness for robot in robots]),
             rest=np.array([robot.joint_rest for robot in robots]),
             damping=added + np.array([robot.joint_damping for robot in robots]),
@@ -136,8 +136,8 @@ class RobotStack:
         """Compute the second derivative (R, m) of the loop equations when joint accelerations are zero."""
         frames = terms.frames
         rates = frames.carried * v[:, None]  # (R, F, nv)
-        both = np.stack([frames.screws, terms.tree_rate.swapaxes(1, 2)])
-        motions = FrameMotions.of(frames.placements, *matmul(rates, both))
+        screws_and_rates = np.stack([frames.screws, terms.tree_rate.swapaxes(1, 2)])
+        motions = FrameMotions.of(frames.placements, *matmul(rates, screws_and_rates))
         return closure_drift(self.first.rows, motions)
 
 

@@ -30,16 +30,16 @@ class Polynomials:
 
         q is the integral of its stages' slopes from the start of the step; v interpolates stages and start.
         """
-        which, table = _step_index(self.edges, t), self.steps[0].table
+        index, table = _step_index(self.edges, t), self.steps[0].table
         times, lengths = np.array([(step.time, step.length) for step in self.steps]).T
-        basis = table.basis((t - times[which]) / lengths[which])
-        starts = np.array([step.start for step in self.steps])[which]
+        basis = table.basis((t - times[index]) / lengths[index])
+        starts = np.array([step.start for step in self.steps])[index]
         offset, v = np.empty((2, len(t), self.robot.model.nv))
-        for k in np.unique(which):
-            step, inside = self.steps[k], which == k
-            offset[inside] = basis[inside] @ (step.length * table.series_of_integral @ step.slope)
-            rates = np.vstack([step.start_velocity, step.v])
-            v[inside] = basis[inside] @ (table.series_with_start @ rates)
+        for k in np.unique(index):
+            step, is_inside = self.steps[k], index == k
+            offset[is_inside] = basis[is_inside] @ (step.length * table.series_of_integral @ step.slope)
+            velocities = np.vstack([step.start_velocity, step.v])
+            v[is_inside] = basis[is_inside] @ (table.series_with_start @ velocities)
         return integrate(self.robot, starts, offset), v
 
 

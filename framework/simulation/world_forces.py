@@ -75,7 +75,7 @@ class WorldForces:
         return force
 
     def slope(self, robot: ParallelRobot, t: Array, q: Array) -> Array:
-        """Compute their derivative (T, nv, nv) along the tangent of q."""
+        """Compute the derivative (T, nv, nv) of the forces along the tangent of q."""
         frames = frames_at(robot, q)
         wrenches = self.wrenches.evaluate(robot, frames, self._path_coordinates(t))
         slopes = (wrench_slope(robot, frames.screws, wrench) for wrench in wrenches)

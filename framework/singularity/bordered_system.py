@@ -39,11 +39,14 @@ class Border(NamedTuple):
 
     @staticmethod
     def of(matrix: Array, size: int = 1) -> Border:
-        """Return the border for matrices near this one (..., n, n); det G then has the determinant's sign."""
-        left, _, right = np.linalg.svd(matrix)
-        b, c = left[..., -size:].copy(), right[..., -size:, :].swapaxes(-1, -2)
-        # for the matrix itself G = -diag(sigma) with this border; det decides which sign it should have
-        orientation = (-1) ** size * np.linalg.det(left) * np.linalg.det(right)
+        """Return the border for matrices near M (..., n, n); det G then has the sign of det M.
+
+        With singular vectors G of the matrix itself is -diag(sigma), sigma its least singular values. So b is
+        turned over where (-1)^size and the sign of det M, det U det V of M = U S V', differ.
+        """
+        U, _, V_rows = np.linalg.svd(matrix)
+        b, c = U[..., -size:].copy(), V_rows[..., -size:, :].swapaxes(-1, -2)
+        orientation = (-1) ** size * np.linalg.det(U) * np.linalg.det(V_rows)
         b[..., -1] *= np.sign(orientation)[..., None]
         return Border(b, c)
 
@@ -102,25 +105,25 @@ class Root(NamedTuple):
     """The result of Newton's method."""
 
     place: float
-    depth: float  # what is left of g: 0 if the last step was small enough for the next one to be rounding
+    depth: float  # g at the last iterate; 0 if the last step was so small that the next one is rounding
     converged: bool
     slope: float  # dg/dp, by the last stencil
     bend: float  # d2g/dp2, likewise; 0 at an end of the interval
 
 
-def stencil(place: float, low: float = 0.0, high: float = 1.0) -> Array:
-    """Return the places (3,) about p for the slope; at an end of [low, high] on one side."""
+def stencil(p: float, low: float = 0.0, high: float = 1.0) -> Array:
+    """Return p and its neighbours (3,) for the slope; on one side at an end of [low, high]."""
     half = STENCIL_HALF_WIDTH * (high - low)
-    return np.clip([place - half, place, place + half], low, high)
+    return np.clip([p - half, p, p + half], low, high)
 
 
-def slope_of_g(matrices: Array, places: Array, size: int = 1) -> Slope:
-    """Compute g and dg/dp from matrices (3, n, n) at places (3,) of a `stencil`, the border `size` wide."""
+def slope_of_g(matrices: Array, p: Array, size: int = 1) -> Slope:
+    """Compute g and dg/dp from matrices (3, n, n) at p (3,) of a `stencil`, the border `size` wide."""
     g = bordered_solution(matrices, 1, size).g
     lower, middle, upper = map(float, g)
-    width = float(places[2] - places[0])
-    both_sides = places[0] < places[1] < places[2]
-    bend = 4.0 * (lower - 2.0 * middle + upper) / width**2 if both_sides else 0.0
+    width = float(p[2] - p[0])
+    has_both_sides = p[0] < p[1] < p[2]
+    bend = 4.0 * (lower - 2.0 * middle + upper) / width**2 if has_both_sides else 0.0
     return Slope(middle, (upper - lower) / width, upper, bend)
 
 
@@ -140,14 +143,14 @@ def root_of_g(
         size: width of the border; more than 1 where other singular values are small beside the one sought.
         longest: a Newton step beyond this leads away from the root sought, and none is found.
     """
-    place, depth, slope, bend = start, np.inf, 0.0, 0.0
+    p, g, slope, bend = start, np.inf, 0.0, 0.0
     for _ in range(MAX_ITERATIONS):
-        places = stencil(place, low, high)
-        depth, slope, _, bend = slope_of_g(matrices(places), places, size)
-        step = -depth / slope if slope else np.inf
+        points = stencil(p, low, high)
+        g, slope, _, bend = slope_of_g(matrices(points), points, size)
+        step = -g / slope if slope else np.inf
         if not abs(step) < longest:
             break
-        place = float(np.clip(place + step, low, high))
+        p = float(np.clip(p + step, low, high))
         if abs(step) < NEWTON_STEP * (high - low):
-            return Root(place, 0.0, True, slope, bend)
-    return Root(place, depth, False, slope, bend)
+            return Root(p, 0.0, True, slope, bend)
+    return Root(p, g, False, slope, bend)

@@ -44,8 +44,12 @@ class Points(NamedTuple):
     border: Border  # (S, m, 1) of P
 
     def reverse(self) -> Points:
-        """Return the same points of curves that are followed the other way."""
+        """Return the same points, in the same order, of curves that are followed the other way."""
         return self._replace(tangent=-self.tangent, orientation=-self.orientation)
+
+    def backwards(self) -> Points:
+        """Return the points of one curve that is followed the other way, the last point first."""
+        return select(self.reverse(), slice(None, None, -1))
 
     def single(self, k: int) -> Points:
         """Return the k-th of the points, S = 1."""
@@ -60,15 +64,15 @@ class Curve(NamedTuple):
 
 
 def solutions_near(equations: LocusEquations, q: Array) -> Array:
-    """Search solutions (s, nq), maybe none, by Newton's method with least, bounded steps from q (S, nq)."""
+    """Search solutions (s, nq), maybe none, by least-norm Newton steps of bounded size from q (S, nq)."""
     size = np.full(len(q), np.inf)
     for _ in range(MAX_SEARCH_STEPS):
         evaluated = equations.evaluate(q)
         inverse = np.linalg.pinv(evaluated.slopes, rcond=RANK_ROUNDING)
         change = -np.matvec(inverse, evaluated.values)
         size = np.abs(change).max(axis=1)
-        sound = np.isfinite(size)
-        q, change, size = q[sound], change[sound], size[sound]
+        is_finite = np.isfinite(size)
+        q, change, size = q[is_finite], change[is_finite], size[is_finite]
         q = equations.move(q, change / np.maximum(size / MAX_SEARCH_STEP, 1.0)[:, None])
         if not len(q) or size.max() < NEWTON_STEP:
             break
@@ -94,17 +98,17 @@ def whole_curves(
     """
     distance = np.linalg.norm(equations.offsets(starts.q[:, None], starts.q[None]), axis=2)
     starts = select(starts, ~np.tril(distance < MIN_START_DISTANCE, -1).any(axis=1))
-    pieces = _pieces(equations, starts, inside, min(longest, MAX_STEP))
+    pieces = _trace_pieces(equations, starts, inside, min(longest, MAX_STEP))
     curves, done = list[Curve](), set[int]()
     for first in range(len(starts.q)):
         if first in done:
             continue
-        along, end = _chain(pieces, first, done)
+        along, end = _chain_pieces(pieces, first, done)
         if end == "closed":
             curves.append(Curve(join(along), (end, end)))
             continue
-        against, begin = _chain(pieces, first + len(starts.q), done)
-        head = select(join(against), slice(None, 0, -1)).reverse()
+        against, begin = _chain_pieces(pieces, first + len(starts.q), done)
+        head = select(join(against).backwards(), slice(-1))  # without the start
         curves.append(Curve(join([head, *along]), (begin, end)))
     return curves
 
@@ -125,63 +129,73 @@ class _Fronts(NamedTuple):
     step: Array  # (F,) [rad, lengths] to be tried next
     piece: IntArray  # (F,) the start's number, plus their count against its tangent
 
-    def advance(self, ahead: Points, good: BoolArray, step: Array, longest: float) -> _Fronts:
-        """Return the fronts after steps (F,): the points ahead where good, else the same points."""
+    def advance(self, ahead: Points, accepted: BoolArray, step: Array, longest: float) -> _Fronts:
+        """Return the fronts after steps (F,): the points ahead where accepted, else the same points.
+
+        The next step aims at a share of the largest turn of the tangent.
+        """
         turning = (ahead.tangent - self.points.tangent) / step[:, None]
-        turn = np.linalg.norm(turning, axis=1) * step
+        turn = np.linalg.norm(turning, axis=1) * step  # [rad] in this step
         growth = np.clip(TURN_SHARE * MAX_TANGENT_TURN / np.maximum(turn, MIN_STEP), MIN_GROWTH, MAX_GROWTH)
         return _Fronts(
-            points=_replace_rows(self.points, np.flatnonzero(good), select(ahead, good)),
-            bend=np.where(good[:, None], turning, self.bend),
-            step=np.where(good, np.minimum(step * growth, longest), step),
+            points=_replace_rows(self.points, np.flatnonzero(accepted), select(ahead, accepted)),
+            bend=np.where(accepted[:, None], turning, self.bend),
+            step=np.where(accepted, np.minimum(step * growth, longest), step),
             piece=self.piece,
         )
 
 
-def _pieces(
+def _trace_pieces(
     equations: LocusEquations, starts: Points, inside: Callable[[Array], BoolArray], longest: float
 ) -> dict[int, _Piece]:
-    """Trace 2 S pieces from S starts: first along the tangents, then against."""
-    begins = join([starts, starts.reverse()])
-    step = np.full(len(begins.q), min(FIRST_STEP, longest))
-    fronts = _Fronts(begins, np.zeros_like(begins.tangent), step, np.arange(len(step)))
-    traced = [[begins.single(k)] for k in range(len(step))]
+    """Trace 2 S pieces from S starts: piece k along the tangent of start k, piece S + k against.
+
+    All pieces take a step together; a piece that has ended is left out of the `fronts`.
+    """
+    starts_both_ways = join([starts, starts.reverse()])
+    step = np.full(len(starts_both_ways.q), min(FIRST_STEP, longest))
+    fronts = _Fronts(starts_both_ways, np.zeros_like(starts_both_ways.tangent), step, np.arange(len(step)))
+    traced = [[starts_both_ways.single(k)] for k in range(len(step))]  # the points of each piece so far
     pieces: dict[int, _Piece] = {}
     while len(fronts.piece):
-        ahead, good = advance(equations, fronts.points, fronts.step, fronts.bend)
-        step = np.where(good, fronts.step, 0.5 * fronts.step)
-        stalled = ~good & (step < MIN_STEP)
+        ahead, accepted = advance(equations, fronts.points, fronts.step, fronts.bend)
+        step = np.where(accepted, fronts.step, 0.5 * fronts.step)
+        stalled = ~accepted & (step < MIN_STEP)
         following = _find_following(equations, fronts.points, ahead, step, starts)
-        met, left = following >= 0, ~inside(ahead.q)
-        ends = np.select([stalled, ~good, met, left], ["stalled", "", "met", "left"], "")
-        for k in np.flatnonzero(good | stalled).tolist():
+        conditions = [stalled, ~accepted, following >= 0, ~inside(ahead.q)]  # the first that holds decides
+        ends = np.select(conditions, ["stalled", "", "met", "left"], "")
+        for k in np.flatnonzero(accepted | stalled).tolist():
             piece = int(fronts.piece[k])
             if ends[k] == "met":
-                traced[piece].append(begins.single(int(following[k])))
-            elif good[k]:
+                traced[piece].append(starts_both_ways.single(int(following[k])))
+            elif accepted[k]:
                 traced[piece].append(ahead.single(k))
                 if not ends[k] and len(traced[piece]) == MAX_POINTS:
                     ends[k] = "long"
             if ends[k]:
                 pieces[piece] = _Piece(join(traced[piece]), str(ends[k]), int(following[k]))
-        fronts = select(fronts.advance(ahead, good, step, longest), ends == "")
+        fronts = select(fronts.advance(ahead, accepted, step, longest), ends == "")
     return pieces
 
 
 def _find_following(
     equations: LocusEquations, points: Points, ahead: Points, step: Array, starts: Points
 ) -> IntArray:
-    """Find the piece (F,) that leads on from the start which each front passes in a step, or -1."""
+    """Find the start that each front passes in a step; return the piece (F,) that leads on, or -1.
+
+    A start is passed if it lies between the planes normal to the tangents at both ends of the step, beside
+    the chord of the step, with a similar tangent.
+    """
     from_front = equations.offsets(points.q[:, None], starts.q[None])  # (F, S, k) to each start
     from_end = equations.offsets(ahead.q[:, None], starts.q[None])
     chord = from_front - from_end
     length = np.linalg.norm(chord, axis=2)
     distance = np.matvec(from_front, points.tangent)  # (F, S) along the tangents
     remaining = np.matvec(from_end, ahead.tangent)
-    aside = np.linalg.norm(chord_offsets(from_front, chord), axis=2)
+    chord_distance = np.linalg.norm(chord_offsets(from_front, chord), axis=2)
     cosine = ahead.tangent @ starts.tangent.T  # (F, S)
     passes = (distance > MIN_START_DISTANCE) & (remaining <= 0) & (length < 2 * step[:, None])
-    passes &= aside < MAX_CURVE_OFFSET * length + MIN_START_DISTANCE
+    passes &= chord_distance < MAX_CURVE_OFFSET * length + MIN_START_DISTANCE
     passes &= np.abs(cosine) > MIN_CURVE_COSINE
     first = np.argmin(np.where(passes, distance, np.inf), axis=1)  # (F,) the nearest start ahead
     is_against = np.take_along_axis(cosine, first[:, None], axis=1)[:, 0] <= 0
@@ -198,8 +212,11 @@ def chord_offsets(offset: Array, chord: Array) -> Array:
     return offset - share[..., None] * chord
 
 
-def _chain(pieces: dict[int, _Piece], first: int, done: set[int]) -> tuple[list[Points], str]:
-    """Collect a piece and its followers; return the end, `closed` at the first start."""
+def _chain_pieces(pieces: dict[int, _Piece], first: int, done: set[int]) -> tuple[list[Points], str]:
+    """Collect a piece and its followers; return the end too, `closed` at the first start.
+
+    Pieces are numbered as in `_trace_pieces`; the starts that are passed are added to `done`.
+    """
     count, parts, piece = len(pieces) // 2, list[Points](), pieces[first]
     done.add(first % count)
     while True:
@@ -215,37 +232,37 @@ def _chain(pieces: dict[int, _Piece], first: int, done: set[int]) -> tuple[list[
 
 
 def advance(equations: LocusEquations, points: Points, step: Array, bend: Array) -> tuple[Points, BoolArray]:
-    """Compute the points a step (S,) on, predicted with the tangents' rates `bend` (S, k), and which count.
+    """Compute the points a step (S,) ahead, and whether each step is accepted (S,).
 
-    A point whose step does not count is returned as it was: the step is too long.
+    The predictor uses the tangents' rates `bend` (S, k). A point whose step is too long stays as it was.
     """
     length = step[:, None]
     q = equations.move(points.q, length * points.tangent + 0.5 * length**2 * bend)
-    ahead, good = points, np.zeros(len(q), dtype=bool)
+    ahead, accepted = points, np.zeros(len(q), dtype=bool)
     live, correction = np.arange(len(q)), np.zeros(len(q))  # [rad, lengths] by all Newton steps so far
     for _ in range(MAX_CORRECTIONS):
         start = select(points, live)
         evaluated = equations.evaluate(q[live], start.border)
-        change, sound = _corrector(evaluated, start.tangent)
+        change, is_regular = _corrector(evaluated, start.tangent)
         size = np.abs(change).max(axis=1)
         correction[live] += size
         q[live] = equations.move(q[live], change)
-        sound &= correction[live] < MAX_CORRECTION_RATIO * step[live]
-        ready = sound & (size < NEWTON_STEP)
+        is_regular &= correction[live] < MAX_CORRECTION_RATIO * step[live]
+        ready = is_regular & (size < NEWTON_STEP)
         if ready.any():
             corrected = _points(equations, q[live[ready]], select(evaluated, ready), select(start, ready))
             turns = np.linalg.norm(corrected.tangent - start.tangent[ready], axis=1)
-            good[live[ready]] = turns < MAX_TANGENT_TURN
+            accepted[live[ready]] = turns < MAX_TANGENT_TURN
             ahead = _replace_rows(ahead, live[ready], corrected)
-        live = live[sound & ~ready]
+        live = live[is_regular & ~ready]
         if not len(live):
             break
-    return ahead, good
+    return ahead, accepted
 
 
 def _replace_rows(points: Points, rows: IntArray, new: Points) -> Points:
-    """Return the points with new ones in some rows."""
-    index = np.arange(len(points.q))
+    """Return a copy of the points with new ones in some rows."""
+    index = np.arange(len(points.q))  # into the points and the new ones
     index[rows] = len(index) + np.arange(len(rows))
     return select(join([points, new]), index)
 

@@ -54,15 +54,15 @@ def singularity_distances(robot: ParallelRobot, linearised: LinearisedLoops) -> 
     """Compute the distances of T assembled configurations of a robot whose platform determines its joints."""
     A, B, _ = dimensionless_matrices(robot, linearised)
     sigma_A = singular_values(A)[:, -1]
-    if robot.n_a > robot.n:  # least torques: of dq_a = B^+ A v
+    if robot.n_a > robot.n:  # least torques are those of dq_a = B^+ A v: A becomes B^+ A, B the unit matrix
         A = np.linalg.pinv(B) @ A
         B = np.broadcast_to(np.eye(robot.n_a), (len(A), robot.n_a, robot.n_a))
-    left, values, right = np.linalg.svd(A, full_matrices=False)
+    # v = J dq_a with J = A^-1 B by A = U S V': J = V S^-1 U' B, (T, n, n_a) without dimension
+    U, values, V_rows = np.linalg.svd(A, full_matrices=False)
     inverse = 1.0 / np.maximum(values, SINGULAR_VALUE_FLOOR)
-    felt = left.swapaxes(1, 2) @ B  # (T, n, n_a) what the motors feel of each singular direction
-    J = right.swapaxes(1, 2) @ (inverse[:, :, None] * felt)  # (T, n, n_a): v = J dq_a, no dimension
-    torque_norm, torque_largest = _worst_torques(robot, J, right, values, np.ones(robot.n_a))
-    motor_norm, motor_largest = _worst_torques(robot, J, right, values, robot.gear_ratio)
+    J = V_rows.swapaxes(1, 2) @ (inverse[:, :, None] * (U.swapaxes(1, 2) @ B))
+    torque_norm, torque_largest = _worst_torques(robot, J, V_rows, values, np.ones(robot.n_a))
+    motor_norm, motor_largest = _worst_torques(robot, J, V_rows, values, robot.gear_ratio)
     return Distances(
         g=singularity_measure(robot, linearised).g,
         sigma_A=sigma_A,
@@ -77,15 +77,18 @@ def singularity_distances(robot: ParallelRobot, linearised: LinearisedLoops) -> 
 def _worst_torques(
     robot: ParallelRobot, J: Array, right: Array, values: Array, gear: Array
 ) -> tuple[Array, Array]:
-    """Compute the largest 2-norm (T,) and single torque (T,) against a unit force, behind gears (n_a,)."""
-    sliding = robot.translations
-    if not sliding.any():
-        nothing = np.full(len(J), np.nan)
-        return nothing, nothing
-    # W' v = tau' dq_a: tau = J' W, back in metres and radians
-    units = robot.length / (robot.column_scale[robot.actuated] * gear)
-    torques = J[:, sliding] * units  # (T, translations, n_a)
-    moves_point = np.abs(right[:, :, sliding]).max(axis=2) > RANK_LOST
+    """Compute the largest 2-norm (T,) and single torque (T,) against a unit force, behind gears (n_a,).
+
+    By virtual work W' v = tau' dq_a the torques are tau = J' W. They are infinite where a singular direction
+    (rows of `right`) of a vanishing singular value moves the platform's point.
+    """
+    translations = robot.translations
+    if not translations.any():
+        undefined = np.full(len(J), np.nan)
+        return undefined, undefined
+    units = robot.length / (robot.column_scale[robot.actuated] * gear)  # back to metres and radians
+    torques = J[:, translations] * units  # (T, translations, n_a)
+    moves_point = np.abs(right[:, :, translations]).max(axis=2) > RANK_LOST
     is_lost = ((values < RANK_LOST) & moves_point).any(axis=1)
     norm = singular_values(torques)[:, 0]
     largest = np.linalg.norm(torques, axis=1).max(axis=1)
@@ -94,14 +97,14 @@ def _worst_torques(
 
 def _pressure_angles(robot: ParallelRobot, J: Array) -> Array:
     """Compute pressure angles (T, n_a): between each column of J and the normal of all others."""
-    one_unit = robot.translations.all() or not robot.translations.any()
-    if not one_unit or robot.n < 2 or robot.n_a != robot.n:
+    has_one_unit = robot.translations.all() or not robot.translations.any()
+    if not has_one_unit or robot.n < 2 or robot.n_a != robot.n:
         return np.full((len(J), robot.n_a), np.nan)
     size = np.linalg.norm(J, axis=1, keepdims=True)  # 0 where a motor does not move the platform: Type 1
     unit = J / np.where(size > 0, size, 1.0)  # (T, n, n_a) velocities of the platform, one motor each
-    left, values, right = np.linalg.svd(unit)
+    U, values, V_rows = np.linalg.svd(unit)
     inverse = 1.0 / np.maximum(values, SINGULAR_VALUE_FLOOR)
     # rows of the inverse: forces without power on the velocities of all other motors
-    forces = (right.swapaxes(1, 2) * inverse[:, None]) @ left.swapaxes(1, 2)
+    forces = (V_rows.swapaxes(1, 2) * inverse[:, None]) @ U.swapaxes(1, 2)
     angle = np.arccos(np.minimum(1.0 / np.linalg.norm(forces, axis=2), 1.0))
     return np.where(size[:, 0] > 0, angle, np.nan)

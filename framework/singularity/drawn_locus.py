@@ -1,4 +1,4 @@
-"""The singular locus as something to draw: traced curves, or a patch of surface, near where the robot moves.
+"""The singular locus to be drawn: traced curves, or a patch of surface, about a pose of the robot.
 
 A robot whose platform has two free translations gets curves over its workspace (all its other coordinates
 held), see `trace_locus`; one with three a patch of surface about a singular instant, as coarse as a picture
@@ -8,6 +8,7 @@ may be, with its points pulled onto the locus itself.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -64,41 +65,41 @@ def locus_curves(robot: ParallelRobot, q: Array, x: Array) -> LocusCurves | None
 
 
 def locus_patch(robot: ParallelRobot, q: Array, x: Array) -> Array | None:
-    """Compute the singular surface (m, m, 3), m = PATCH_POINTS, about a singular pose, orientation held.
+    """Compute the singular surface (m, m, 3) [m], m = PATCH_POINTS, about a singular pose q (nq,), x (n,).
 
-    None for a robot without exactly three translations, or where the surface cannot be followed.
+    A grid on the tangent plane, normal to the gradient of det P, is pulled along the normal onto det P = 0;
+    the platform keeps its orientation. None for a robot without exactly three translations, or where the
+    surface cannot be followed.
     """
-    straight = robot.platform.sliding.tolist()
-    if len(straight) != 3 or not has_signed_measure(robot):
+    translations = robot.platform.sliding
+    if len(translations) != 3 or not has_signed_measure(robot):
         return None
-
-    def measure(shift: Array) -> Array:
-        """Compute det P (T,) at shifts (T, 3) of x; NaN where the loops do not close.
-
-        It changes its sign where g does, and needs no border.
-        """
-        targets = np.repeat(x[None], len(shift), axis=0)
-        targets[:, straight] += shift
-        guess = np.repeat(q[None], len(shift), axis=0)
-        _, linearised, closed = close_each(
-            robot, targets, guess, iterations=NEWTON_STEPS, farthest=MAX_JOINT_STEP
-        )
-        return np.where(closed, np.linalg.det(type2_matrix(robot, linearised)), np.nan)
-
+    measure = partial(_shifted_determinants, robot, q, x)
     step = DIFFERENCE_STEP * robot.length
-    ahead, back = measure(step * np.eye(3)), measure(-step * np.eye(3))
-    slope = (ahead - back) / (2 * step)  # (3,) along the axes
+    slope = (measure(step * np.eye(3)) - measure(-step * np.eye(3))) / (2 * step)  # (3,) along the axes
     size = float(np.linalg.norm(slope))
     if not (np.isfinite(size) and size > 0):
         return None
     normal = slope / size
     span = np.linspace(-PATCH_SIZE, PATCH_SIZE, PATCH_POINTS) * robot.length
     grid = np.stack(np.meshgrid(span, span, indexing="ij"), axis=-1).reshape(-1, 2)
-    flat = grid @ np.linalg.svd(normal[None])[2][1:]  # (m m, 3) on the tangent plane
-    points = _pull_onto(measure, flat, normal, size, MAX_PATCH_HEIGHT * robot.length)
+    plane = grid @ np.linalg.svd(normal[None])[2][1:]  # (m m, 3) normal to the first singular vector
+    points = _pull_onto(measure, plane, normal, size, MAX_PATCH_HEIGHT * robot.length)
     if np.isnan(points).any():
         return None
-    return (points + x[straight]).reshape(PATCH_POINTS, PATCH_POINTS, 3)
+    return (points + x[translations]).reshape(PATCH_POINTS, PATCH_POINTS, 3)
+
+
+def _shifted_determinants(robot: ParallelRobot, q: Array, x: Array, shifts: Array) -> Array:
+    """Compute det P (T,) at shifts (T, 3) of the platform; NaN where the loops do not close.
+
+    The determinant changes its sign where g does, and needs no border.
+    """
+    targets = np.repeat(x[None], len(shifts), axis=0)
+    targets[:, robot.platform.sliding] += shifts
+    guess = np.repeat(q[None], len(shifts), axis=0)
+    stack = close_each(robot, targets, guess, iterations=NEWTON_STEPS, farthest=MAX_JOINT_STEP)
+    return np.where(stack.closed, np.linalg.det(type2_matrix(robot, stack.linearised)), np.nan)
 
 
 def _pull_onto(
@@ -106,7 +107,8 @@ def _pull_onto(
 ) -> Array:
     """Move points (T, k) along a normal (k,) to where the measure vanishes, by the secant method.
 
-    Not a number for a point that would have to go farther than `farthest`, or whose loops do not close.
+    `slope` is the measure's first slope along the normal. NaN for a point that would have to go farther than
+    `farthest`, or whose loops do not close.
     """
     height, value = np.zeros(len(start)), measure(start)
     rate = np.full(len(start), slope)  # of the measure along the normal
@@ -118,5 +120,5 @@ def _pull_onto(
         is_step = np.abs(step) > MIN_SECANT_STEP * farthest
         rate = np.where(is_step, (new_value - value) / np.where(is_step, step, 1.0), rate)
         value = new_value
-    good = np.isfinite(value) & (np.abs(height) < farthest)
-    return np.where(good[:, None], start + height[:, None] * normal, np.nan)
+    is_found = np.isfinite(value) & (np.abs(height) < farthest)
+    return np.where(is_found[:, None], start + height[:, None] * normal, np.nan)

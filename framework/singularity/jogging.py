@@ -1,8 +1,8 @@
-"""A robot moved by hand: one platform coordinate or one motor at a time, its loops closed all the way.
+"""Jogging: one platform coordinate or one motor moves at a time, the loops closed all along.
 
-The platform is led along a straight way (`tracking`), the motors turn (`forward_kinematics`), never past a
-place where the robot could go on in another working or assembly mode: it stops there and says why. The
-platform crosses Type 2 singularities without noticing; the motors end at them, as motors do.
+The platform follows a straight line (`tracking`), or a motor turns (`forward_kinematics`). The motion ends
+where the robot could go on in another working or assembly mode, with the reason in words. A platform crosses
+Type 2 singularities; motors end there.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ from framework.numerics.ordered_sums import singular_values
 from framework.singularity.type2 import singularity_measure, twist_norm, uncontrolled_motion
 
 NEAR_SINGULAR_RATIO, SINGULAR_RATIO = 0.3, 0.01  # least singular values over those at the reference
-LIMIT_BISECTIONS = 8  # of a way that ends at the limit of a joint: the last 0.4 % of it are not gone
-# How far the platform is moved along t_s to show that it can be [robot lengths], [rad].
+LIMIT_BISECTIONS = 8  # of a motion that ends at the limit of a joint: its last 0.4 % may be left out
+# Motion of the platform along t_s that shows an escaping motion [robot lengths], [rad].
 LOOSE_SHIFT, LOOSE_TURN = 0.03, 0.1
-# Where a motor stops before a Type 2 singularity [rad, robot lengths]: on it, no way leads back.
+# Distance of a motor from a Type 2 singularity at which it stops [rad, robot lengths].
 MOTOR_STOP_DISTANCE = 1e-8
 USUAL_SIZE_FLOOR = 0.01  # singular value: of a reference that is nearly singular itself
-MAX_RETREATS = 6  # each ten times as far before the end as the one before
+MAX_RETREATS = 6  # from a singularity, each ten times as far as the last
 MAX_LOOSE_STEP = 0.5  # [rad, robot lengths] of a joint in a Newton step along t_s
 LOOSE_SHARES = np.linspace(-1.0, 1.0, 9)  # of that motion along t_s
 
@@ -62,7 +62,7 @@ _MOTORS_END = (
 
 @dataclass(frozen=True, eq=False)
 class JoggedPose:
-    """The pose to which a robot was moved by hand, and its distance from a singularity."""
+    """A pose reached by jogging, and its distance from a singularity."""
 
     q: Array  # (nq,)
     x: Array  # (n,)
@@ -73,7 +73,7 @@ class JoggedPose:
     kind: str  # of that singularity: type_1, type_2, leg_passive, constraint, closure, or ""
     verdict: str  # the class, in words
     twist: Array  # (n,) least controlled, of unit size
-    stopped: str  # why it went no further, or ""
+    stopped: str  # the reason why the motion ended early, or ""
 
 
 def pose_at(robot: ParallelRobot, q: Array, stopped: str = "") -> JoggedPose:
@@ -85,24 +85,25 @@ def pose_at(robot: ParallelRobot, q: Array, stopped: str = "") -> JoggedPose:
     closed = assembled_at(robot, q)
     x, linearised = closed.x[0], closed.linearised
     motors = robot.actuated_coordinates(q[None])[0]
-    legs, smallest = _smallest(robot, linearised)
-    # at the reference, to judge others by
-    usual_legs, usual = np.maximum(_smallest(robot, linearised_at_reference(robot)), USUAL_SIZE_FLOOR)
+    legs, P_value = _least_singular_values(robot, linearised)
+    usual_legs, usual_P = np.maximum(
+        _least_singular_values(robot, linearised_at_reference(robot)), USUAL_SIZE_FLOOR
+    )
     level, kind = _level(legs / usual_legs), ""
     verdict = "regular: the motors hold the platform in every direction"
     if level != "regular":
         kind = "type_1"
         verdict = _TYPE_1[level].format(joint=weakest_leg(robot, linearised))
-    if not len(robot.following):
+    if not len(robot.following):  # every joint has a motor: no Type 2
         return JoggedPose(q, x, motors, None, None, level, kind, verdict, np.zeros(robot.n), stopped)
     measure = singularity_measure(robot, linearised)
     twist = linearised.platform[0] @ measure.motion[0]
     twist = twist / (twist_norm(robot, twist) or 1.0)
-    if _level(smallest / usual) != "regular":
-        level, kind = _level(smallest / usual), uncontrolled_motion(robot, linearised).kind
+    if _level(P_value / usual_P) != "regular":
+        level, kind = _level(P_value / usual_P), uncontrolled_motion(robot, linearised).kind
         name, meaning = CLASSES[kind]
         verdict = f"{name}: {meaning}" if level == "singular" else f"near a {name}"
-    return JoggedPose(q, x, motors, float(measure.g[0]), smallest, level, kind, verdict, twist, stopped)
+    return JoggedPose(q, x, motors, float(measure.g[0]), P_value, level, kind, verdict, twist, stopped)
 
 
 def _level(share: float) -> str:
@@ -113,26 +114,25 @@ def _level(share: float) -> str:
 
 
 class LooseMotion(NamedTuple):
-    """The platform moved along t_s, to either side of a singular pose, its loops closed."""
+    """A motion of the platform along t_s, to either side of a singular pose, its loops closed."""
 
     q: Array  # (9, nq) from one end to the other, the pose itself in the middle
-    shift: float  # [m] how far the platform's point goes to either side
-    turn: float  # [rad] how far the platform turns
-    motors: Array  # (n_a,) joint side [rad, m], the most that each motor moves: of second order on the locus
+    shift: float  # [m] of the platform's point to either side
+    turn: float  # [rad] of the platform to either side
+    motors: Array  # (n_a,) joint side [rad, m], largest motion of each motor: of second order on the locus
 
 
 def loose_motion(robot: ParallelRobot, pose: JoggedPose, *, shift: float = LOOSE_SHIFT) -> LooseMotion | None:
-    """Compute the motion along t_s that the motors hardly notice; None where the loops open.
+    """Compute the motion along t_s at which the motors move by second order; None where the loops open.
 
-    With the motors locked the loops allow it to first order. It is made with the loops closed exactly; then
-    the motors move, by the square of what the platform does. `shift`: how far the platform goes, in robot
-    lengths.
+    To first order the loops allow this motion with locked motors. With the loops closed exactly the motors
+    move by the square of the platform's motion. `shift` is that of the platform [robot lengths].
     """
     linear = float(np.linalg.norm(pose.twist[robot.translations]))
     angular = float(np.linalg.norm(pose.twist[~robot.translations]))
     largest_turn = LOOSE_TURN * shift / LOOSE_SHIFT
     size = max(linear / (shift * robot.length), angular / largest_turn)  # of t_s over what it may move
-    E = robot.platform.rate_matrix(pose.x[None])[0]  # v = E dx: axes of turns are none of the coordinates'
+    E = robot.platform.rate_matrix(pose.x[None])[0]  # v = E dx
     if size == 0 or np.linalg.matrix_rank(E) < robot.n:
         return None
     farthest = np.linalg.solve(E, pose.twist / size)  # (n,) change of the platform's coordinates
@@ -158,10 +158,10 @@ def move_platform(robot: ParallelRobot, q: Array, index: int, value: float) -> J
 
 
 def drag_platform(robot: ParallelRobot, q: Array, place: Array) -> JoggedPose:
-    """Bring the platform's origin towards a place (3,) of the base [m], as far as its coordinates allow.
+    """Bring the platform's origin towards a point (3,) of the base [m], as far as its coordinates allow.
 
     Raises:
-        InvalidInput: q is not assembled, the place is not finite, or the platform does not fix the joints.
+        InvalidInput: q is not assembled, the point is not finite, or the platform does not fix the joints.
     """
     if place.shape != (3,) or not np.all(np.isfinite(place)):
         raise InvalidInput("place: needs three finite numbers")
@@ -179,19 +179,24 @@ def lead_platform(robot: ParallelRobot, q: Array, target: Array) -> JoggedPose:
     require_square(robot)
     start = assembled_at(robot, q)
     x = start.x[0]
-    return _stop_at_limits(robot, start.q[0], lambda part: _lead(robot, start, x + part * (target - x)))
+    return _stop_at_limits(
+        robot, start.q[0], lambda share: _follow_line(robot, start, x + share * (target - x))
+    )
 
 
-def _stop_at_limits(robot: ParallelRobot, q: Array, reach: Callable[[float], JoggedPose]) -> JoggedPose:
-    """Return the last pose of `reach`, by shares of the way from q, with all joints within limits."""
-    pose = reach(1.0)
+def _stop_at_limits(robot: ParallelRobot, q: Array, pose_after: Callable[[float], JoggedPose]) -> JoggedPose:
+    """Bisect a motion from q (nq,) for the last pose with all joints within limits.
+
+    `pose_after` returns the pose after a share of the motion.
+    """
+    pose = pose_after(1.0)
     excesses = positions_beyond_limits(robot.limits, pose.q[None])
     if not excesses or positions_beyond_limits(robot.limits, q[None]):
         return pose
-    last, inside, outside = pose_at(robot, q), 0.0, 1.0  # shares of the way
+    last, inside, outside = pose_at(robot, q), 0.0, 1.0  # shares of the motion
     for _ in range(LIMIT_BISECTIONS):
         middle = 0.5 * (inside + outside)
-        pose = reach(middle)
+        pose = pose_after(middle)
         if positions_beyond_limits(robot.limits, pose.q[None]):
             outside = middle
         else:
@@ -200,17 +205,17 @@ def _stop_at_limits(robot: ParallelRobot, q: Array, reach: Callable[[float], Jog
     return replace(last, stopped=f"A joint stops at its limit in the URDF (asked for: {stops}).")
 
 
-def _lead(robot: ParallelRobot, start: ClosedStack, target: Array) -> JoggedPose:
-    """Lead the platform towards coordinates (n,) as far as the working mode goes."""
+def _follow_line(robot: ParallelRobot, start: ClosedStack, target: Array) -> JoggedPose:
+    """Move the platform straight to coordinates (n,), as far as the working mode goes."""
     q = start.q[0]
     if np.array_equal(target, start.x[0]):
         return pose_at(robot, q)
     try:
-        way = follow_path(robot, Line(start.x[0], target), q)
-        end, linearised = way.last.q[0], way.last.linearised
-        if way.complete:
+        followed = follow_path(robot, Line(start.x[0], target), q)
+        end, linearised = followed.last.q[0], followed.last.linearised
+        if followed.complete:
             return pose_at(robot, end)
-    except NotAssembled:  # on the very edge no way leads on
+    except NotAssembled:  # the start is singular
         end, linearised = q, start.linearised
     return pose_at(
         robot,
@@ -236,22 +241,22 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Jogg
         target[index] = motors[index] + angle
         return forward_kinematics(robot, target, near=q).q
 
-    def stop_before(free: float, side: float) -> Array:
-        """Return the joints just before the end of a free turn, or before a singularity met earlier."""
-        back = MOTOR_STOP_DISTANCE * robot.column_scale[robot.actuated[index]]
+    def stop_before(angle: float, sign: float) -> Array:
+        """Return the joints (nq,) just before a singularity after a turn of this size and sign."""
+        retreat = MOTOR_STOP_DISTANCE * robot.column_scale[robot.actuated[index]]
         for _ in range(MAX_RETREATS):
-            free, back = free - back, 10.0 * back
-            if free <= 0.0:
+            angle, retreat = angle - retreat, 10.0 * retreat
+            if angle <= 0.0:
                 break
             try:
-                return turn(side * free)
-            except Type2Singularity as nearer:
-                free *= nearer.share
+                return turn(sign * angle)
+            except Type2Singularity as earlier:
+                angle *= earlier.share
         return q
 
-    def reach(part: float) -> JoggedPose:
-        """Return the pose after a part of the turn, or just before a singularity on the way."""
-        angle = part * (value - motors[index])
+    def pose_after(share: float) -> JoggedPose:
+        """Return the pose after a share of the turn, or just before a singularity on the way."""
+        angle = share * (value - motors[index])
         try:
             return pose_at(robot, turn(angle))
         except Type2Singularity as end:
@@ -261,7 +266,7 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Jogg
         except NotAssembled as end:
             return pose_at(robot, end.q, str(end))
 
-    return _stop_at_limits(robot, q, reach)
+    return _stop_at_limits(robot, q, pose_after)
 
 
 def _check(index: int, count: int, value: float) -> None:
@@ -272,7 +277,7 @@ def _check(index: int, count: int, value: float) -> None:
         raise InvalidInput(f"value: needs a finite number, got {value!r}")
 
 
-def _smallest(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[float, float]:
-    """Compute the least singular values of the legs (Type 1) and of P (T = 1)."""
+def _least_singular_values(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[float, float]:
+    """Compute the least singular values of the legs (Type 1) and of P (Type 2), T = 1."""
     legs = singular_values(type1_matrix(robot, linearised)).min()
     return float(legs), float(clearance(robot, linearised)[0])

@@ -11,6 +11,7 @@ dg = -psi' dP eta (Govaerts 2000, section 3.3).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -36,7 +37,7 @@ class Evaluated(NamedTuple):
     values: Array  # (S, k - 1)
     slopes: Array  # (S, k - 1, k)
     P: Array  # (S, m, m)
-    eta: Array  # (S, m) the motion that locked motors hold least, c' eta = 1
+    eta: Array  # (S, m) passive rates nearest to an escaping motion, c' eta = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,19 +111,17 @@ class LocusEquations:
 
     def evaluate(self, q: Array, border: Border | None = None) -> Evaluated:
         """Evaluate the equations at q (S, nq); each with its own border by default."""
-        robot, units = self.robot, np.eye(self.size)
-        stencil = DIFFERENCE_STEP * np.concatenate([0.0 * units[:1], units, -units])
-        count = len(stencil)  # poses about each configuration, the configuration itself first
-        poses = self.move(np.repeat(q, count, axis=0), np.tile(stencil, (len(q), 1)))
+        robot, count = self.robot, len(self._stencil)
+        poses = self.move(np.repeat(q, count, axis=0), np.tile(self._stencil, (len(q), 1)))  # (S count, nq)
         linearised = linearised_at(robot, poses, None)
-        centres = linearised.select(slice(None, None, count))
+        centres = linearised.select(slice(None, None, count))  # at q itself
         loops = independent_loops_matrix(robot, centres)[:, :, robot.moving]  # (S, m, k)
         gaps = (centres.residual / equation_sizes(robot))[:, robot.n :]
-        passive = passive_matrix(robot, linearised).reshape(len(q), count, len(robot.following), -1)
-        P = passive[:, 0]  # (S, m, m)
+        all_P = passive_matrix(robot, linearised).reshape(len(q), count, len(robot.following), -1)
+        P = all_P[:, 0]  # (S, m, m)
         border = Border.of(P) if border is None else border
         eta, g = solve_bordered(P, border)  # (S, m, 1), (S, 1, 1)
-        dg = _measure_slopes(P, border, eta[:, :, 0], _differences(passive))  # (S, k)
+        dg = _measure_slopes(P, border, eta[:, :, 0], _differences(all_P))  # (S, k)
         offsets = self._fixed_offsets(poses, linearised.frames).reshape(len(q), count, len(self.fixed))
         return Evaluated(
             values=np.concatenate([gaps, offsets[:, 0], g[:, 0]], axis=1),
@@ -130,6 +129,12 @@ class LocusEquations:
             P=P,
             eta=eta[:, :, 0],
         )
+
+    @cached_property
+    def _stencil(self) -> Array:
+        """Steps (2 k + 1, k) [rad, lengths] of central differences: none, all ahead, all back."""
+        units = np.eye(self.size)
+        return DIFFERENCE_STEP * np.concatenate([0.0 * units[:1], units, -units])
 
     def _fixed_offsets(self, poses: Array, frames: FrameStack) -> Array:
         """Compute the offsets (T, n - 2) of the fixed freedoms at poses (T, nq), without dimension."""

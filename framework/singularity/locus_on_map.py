@@ -1,10 +1,10 @@
-"""The singular locus within a map: traced curves of the map's own branch, held against the map's signs of g.
+"""The singular locus on a map: traced curves on the map's branch, compared with the signs of g there.
 
 Starts of the tracing are the poses beside which g changes its sign, and those where |g| is least among its
 neighbours. A traced curve belongs to the map where a step of inverse kinematics from the nearest pose leads
-to the curve's own configuration. So each point is singular, and of the poses' own branch. That the locus is
-complete is not claimed: a curve may lie between the poses, so small that no sign of g tells. But each change
-of sign between neighbours that no curve explains is told.
+to the curve's own configuration. So each point is singular, and of the poses' own branch. Completeness is not
+claimed: a curve between the poses may be so small that g changes no sign on the grid. Changes of sign between
+neighbours that no curve explains are reported.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ MAX_TOUCHES = 16  # least |g| that it starts from: curves along which g keeps it
 STEPS_PER_REACH = 16.0  # of a curve along half an edge of the window, at least
 REGION_MARGIN = 1.05  # half the edge of the region followed, to the window's farthest side
 EXPLAINED_CELLS = 1.0  # between a change of sign and the curve that explains it
-AROUND = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)])  # cells about one, which is the one at 4
+AROUND = np.array([(i, j) for i in (0, -1, 1) for j in (0, -1, 1)])  # a cell, and those about it
 MAX_ANGLE_STEP = 3.0  # [rad] between neighbours: the angle has been counted on from pi to -pi
 
 
@@ -50,7 +50,7 @@ class MapPoses(NamedTuple):
     q: Array  # (I, J, nq)
     reached: BoolArray  # (I, J)
     g: Array  # (I, J) NaN where a pose is not reached
-    # q (T, nq) at x (T, n) led to other x: configurations there, and which of them are on the same branch
+    # from q (T, nq) at x (T, n) and other x: configurations there, and whether they are on the same branch
     lead: Callable[[Array, Array, Array], tuple[Array, BoolArray]]
 
 
@@ -91,39 +91,43 @@ def locus_on_map(robot: ParallelRobot, poses: MapPoses) -> MapLocus:
     started = time.perf_counter()
     first = tuple(np.argwhere(poses.reached)[0])
     try:
-        equations = LocusEquations.of(robot, poses.q[first], poses.x[first], _free(robot, poses))
+        equations = LocusEquations.of(robot, poses.q[first], poses.x[first], _free_axes(robot, poses))
     except InvalidInput as error:
         return MapLocus((), 0, np.zeros((0, 2)), str(error), 0.0)
     changes = _sign_changes(poses.g)
     curves, unexplained = _trace_modes(equations, poses, changes)
     seconds = time.perf_counter() - started
-    return MapLocus(tuple(curves), len(changes), _middles(poses, changes[unexplained]), "", seconds)
+    return MapLocus(tuple(curves), len(changes), _midpoints(poses, changes[unexplained]), "", seconds)
 
 
 def _trace_modes(
     equations: LocusEquations, poses: MapPoses, changes: IntArray
 ) -> tuple[list[MapCurve], BoolArray]:
-    """Trace the curves of all working modes; return which changes (e, 4) of sign none explains, (e,).
+    """Trace the curves of all working modes, modes with most starts first.
 
-    Modes with most starts come first.
+    Each mode is traced in rounds, from the minima of |g| and from changes of sign that no curve explains.
+
+    Returns:
+        The curves, and whether no curve explains each of the changes (e, 4) of sign, (e,).
     """
-    least = _least(poses.g)
+    minima = _find_minima(poses.g)  # (t, 2)
     curves, unexplained = list[MapCurve](), np.ones(len(changes), dtype=bool)
-    change_modes, least_modes = (_modes(equations.robot, poses, ij) for ij in (changes[:, :2], least))
-    modes, counts = np.unique(np.concatenate([change_modes, least_modes]), axis=0, return_counts=True)
+    change_modes = _modes(equations.robot, poses, changes[:, :2])
+    minimum_modes = _modes(equations.robot, poses, minima)
+    modes, counts = np.unique(np.concatenate([change_modes, minimum_modes]), axis=0, return_counts=True)
     for mode in modes[np.argsort(-counts, kind="stable")]:
         of_mode = (change_modes == mode).all(axis=1)
-        starts = [poses.q[tuple(ij)] for ij in least[(least_modes == mode).all(axis=1)]]
+        starts = [poses.q[tuple(ij)] for ij in minima[(minimum_modes == mode).all(axis=1)]]
         for _ in range(MAX_ROUNDS):
             todo = np.flatnonzero(unexplained & of_mode)
             starts += [poses.q[tuple(ij)] for ij in changes[_choose_evenly(todo), :2]]
             if not starts:
                 break
-            for curve in _trace_near(equations.robot, poses, starts):
-                for part in _parts(equations, poses, curve):
+            for curve in _trace_from(equations.robot, poses, starts):
+                for part in _parts_on_branch(equations, poses, curve):
                     if _is_apart(poses, part.x, curves, SAME_CURVE_CELLS).any():  # repeats no other
                         curves.append(part)
-            unexplained = _is_apart(poses, _middles(poses, changes), curves, EXPLAINED_CELLS)
+            unexplained = _is_apart(poses, _midpoints(poses, changes), curves, EXPLAINED_CELLS)
             if np.count_nonzero(unexplained & of_mode) in (0, len(todo)) or len(todo) <= STARTS_PER_ROUND:
                 break
             starts = []
@@ -136,19 +140,19 @@ def _choose_evenly(indices: IntArray) -> IntArray:
     return indices[np.linspace(0, len(indices) - 1, count).round().astype(np.intp)]
 
 
-def _free(robot: ParallelRobot, poses: MapPoses) -> tuple[str, str]:
+def _free_axes(robot: ParallelRobot, poses: MapPoses) -> tuple[str, str]:
     """Return the names of the map's axes."""
     return robot.axis_names[poses.axes[0]], robot.axis_names[poses.axes[1]]
 
 
-def _modes(robot: ParallelRobot, poses: MapPoses, places: IntArray) -> Array:
-    """Return the sign of each leg (e, legs) at some poses of the map."""
-    i, j = places.T
+def _modes(robot: ParallelRobot, poses: MapPoses, cells: IntArray) -> Array:
+    """Return the working mode, the sign of each leg (e, legs), at cells (e, 2) of the map."""
+    i, j = cells.T
     return leg_signs(robot, linearised_at(robot, poses.q[i, j], None))
 
 
-def _trace_near(robot: ParallelRobot, poses: MapPoses, starts: list[Array]) -> list[LocusCurve]:
-    """Trace the curves near starts, all in the mode of the first, as far as the map goes."""
+def _trace_from(robot: ParallelRobot, poses: MapPoses, starts: list[Array]) -> list[LocusCurve]:
+    """Trace the curves near starts (nq,), all in the mode of the first, as far as the map goes."""
     axes = list(poses.axes)
     centre = robot.platform.coordinates(frames_at(robot, starts[0][None]))[0, axes]
     lengths = robot.platform_scale[axes]
@@ -156,7 +160,7 @@ def _trace_near(robot: ParallelRobot, poses: MapPoses, starts: list[Array]) -> l
     traced = trace_locus(
         robot,
         starts[0],
-        free=_free(robot, poses),
+        free=_free_axes(robot, poses),
         reach=reach,
         starts=0,
         one_mode=True,
@@ -179,20 +183,20 @@ def _sign_changes(g: Array) -> IntArray:
     return np.concatenate(changes)
 
 
-def _least(g: Array) -> IntArray:
-    """Find the indices (t, 2) at which |g| is less than at all of eight neighbours."""
+def _find_minima(g: Array) -> IntArray:
+    """Find the cells (t, 2) at which |g| (I, J) is less than at all of eight neighbours."""
     from scipy.ndimage import minimum_filter
 
     size = np.where(np.isfinite(g), np.abs(g), np.inf)
-    around = np.ones((3, 3), dtype=bool)
-    around[1, 1] = False
-    neighbours = minimum_filter(size, footprint=around, mode="constant", cval=np.inf)
+    footprint = np.ones((3, 3), dtype=bool)
+    footprint[1, 1] = False
+    neighbours = minimum_filter(size, footprint=footprint, mode="constant", cval=np.inf)
     minima = np.argwhere(size < neighbours)
     return minima[np.argsort(size[tuple(minima.T)], kind="stable")[:MAX_TOUCHES]]
 
 
-def _middles(poses: MapPoses, changes: IntArray) -> Array:
-    """Return the middles (e, 2) of neighbours."""
+def _midpoints(poses: MapPoses, changes: IntArray) -> Array:
+    """Return the points (e, 2) halfway between the neighbours of changes (e, 4) of sign."""
     return poses.lower + 0.5 * (changes[:, :2] + changes[:, 2:]) * poses.cell
 
 
@@ -210,7 +214,7 @@ def _is_apart(poses: MapPoses, x: Array, curves: list[MapCurve], cells: float) -
 # ------------------------------------------------------------------ the curves
 
 
-def _parts(equations: LocusEquations, poses: MapPoses, curve: LocusCurve) -> list[MapCurve]:
+def _parts_on_branch(equations: LocusEquations, poses: MapPoses, curve: LocusCurve) -> list[MapCurve]:
     """Return the parts of a curve on the map's branch, cut where an angle jumps by a turn."""
     axes = list(poses.axes)
     x = curve.x[:, axes]
@@ -242,7 +246,7 @@ def _neighbours(poses: MapPoses, x: Array) -> _Neighbours:
 def _compare_branches(
     equations: LocusEquations, poses: MapPoses, curve: LocusCurve, x: Array
 ) -> tuple[BoolArray, BoolArray]:
-    """Return which points x (m, 2) of a curve surely are on the map's branch, and which surely are not.
+    """Whether points x (m, 2) of a curve surely are on the map's branch, and surely are not, (m,) each.
 
     A step of inverse kinematics from the nearest pose leads to the point's own configuration, or elsewhere.
     Where the inverse kinematics is singular too no step leads to a point: it then counts as on the branch if
@@ -250,19 +254,19 @@ def _compare_branches(
     of the reached poses may be neither.
     """
     is_on, is_off = np.zeros((2, len(x)), dtype=bool)
-    about = _neighbours(poses, x)
-    inside = np.flatnonzero(about.reached[:, 4])
+    neighbours = _neighbours(poses, x)
+    inside = np.flatnonzero(neighbours.reached[:, 0])
     if not len(inside):
         return is_on, is_off
-    about, q = select(about, inside), curve.q[inside]
-    own_q = about.q[:, 4]
-    own_x = poses.x[about.cells[:, 4, 0], about.cells[:, 4, 1]]
-    ends, arrives = poses.lead(own_q, own_x, curve.x[inside])
+    neighbours, q = select(neighbours, inside), curve.q[inside]
+    nearest_q = neighbours.q[:, 0]
+    rows, columns = neighbours.cells[:, 0].T
+    ends, arrives = poses.lead(nearest_q, poses.x[rows, columns], curve.x[inside])
     with np.errstate(invalid="ignore"):  # poses that are not reached
         gap = np.abs(equations.offsets(q, ends)).max(axis=1)
-        to_neighbours = np.abs(equations.offsets(own_q[:, None], about.q)).max(axis=2)
-        to_point = np.abs(equations.offsets(own_q, q)).max(axis=1)
-    is_among = to_point <= np.where(about.reached, to_neighbours, 0.0).max(axis=1)
+        to_neighbours = np.abs(equations.offsets(nearest_q[:, None], neighbours.q)).max(axis=2)
+        to_point = np.abs(equations.offsets(nearest_q, q)).max(axis=1)
+    is_among = to_point <= np.where(neighbours.reached, to_neighbours, 0.0).max(axis=1)
     is_on[inside] = np.where(arrives, gap < DISTINCT_SOLUTIONS, is_among)
-    is_off[inside] = ~is_on[inside] & (arrives | about.reached.all(axis=1))
+    is_off[inside] = ~is_on[inside] & (arrives | neighbours.reached.all(axis=1))
     return is_on, is_off

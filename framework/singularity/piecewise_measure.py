@@ -4,9 +4,8 @@ On a panel det G of `bordered_system` is a polynomial up to rounding, so its roo
 found as eigenvalues; none is stepped over.
 
 Where the path touches the locus, crosses it twice within a short stretch, or misses, g has an extremum near
-zero. It is polished on panels centred on it, and what rounding leaves of g there is measured by the same
-panel: the last coefficients of its series. Whether the path touches, crosses twice or misses is decided
-against that, and how far it can be decided is said in s.
+zero. The extremum is polished on panels centred on it. The rounding of g there is measured by the last
+coefficients of the panel's series. Against it is decided whether the path touches, crosses twice or misses.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ WIDER_BORDER_RATIO = 0.05  # singular values below are candidates for a wider bo
 
 
 class Measured(NamedTuple):
-    """A square matrix along a branch; `power` 2 says that its singular values are squares of lengths."""
+    """A square matrix along a branch; `power` is 2 for P'P, whose singular values are squares."""
 
     branch: Branch
     matrix: Callable[[LinearisedLoops], Array]  # (T, n, n) of linearised loops
@@ -52,13 +51,13 @@ class Measured(NamedTuple):
         return self.matrix(self.branch.close(s).linearised)
 
     def guess(self, s: Array) -> LinearisedLoops:
-        """Compute the equations at s (T,) where the loops may not close, at the branch's first guess."""
+        """Compute the equations at the branch's guesses for s (T,), where the loops may not close."""
         branch = self.branch
         return linearised_at(branch.robot, branch.guess(s), branch.path(s))
 
     @property
     def knots(self) -> Array:
-        """Places (k,) between which the matrix is smooth, both ends included."""
+        """Path coordinates (k,) between which the matrix is smooth, both ends included."""
         return np.concatenate(([0.0], self.branch.path.knots, [1.0]))
 
 
@@ -151,7 +150,7 @@ class Candidate(NamedTuple):
 def candidates(resolved: list[Panel]) -> list[Candidate]:
     """Return the minima of |g| and the roots of g on the panels that may be contacts."""
     deepest = CANDIDATE_DEPTH * MEASURE_TAIL * largest_on(resolved)
-    places: list[Candidate] = []
+    all_candidates: list[Candidate] = []
     for panel in resolved:
         constant, *others = np.abs(panel.series)
         if constant - sum(others) > deepest:  # g is nowhere near zero
@@ -159,9 +158,9 @@ def candidates(resolved: list[Panel]) -> list[Candidate]:
         is_deep = np.abs(chebyshev.chebval(panel.extrema, panel.series)) < deepest
         minima = panel.path_coordinates(panel.extrema[is_deep])
         roots = panel.path_coordinates(real_roots(panel.series))
-        places += [Candidate(panel, float(s), True) for s in minima]
-        places += [Candidate(panel, float(s), False) for s in roots]
-    return places
+        all_candidates += [Candidate(panel, float(s), True) for s in minima]
+        all_candidates += [Candidate(panel, float(s), False) for s in roots]
+    return all_candidates
 
 
 def largest_on(resolved: list[Panel]) -> float:
@@ -170,7 +169,7 @@ def largest_on(resolved: list[Panel]) -> float:
 
 
 def _resolve(samples: Samples, measured: Measured, start: float, end: float) -> Panel | None:
-    """Resolve g on one panel; None when the tail is too large or the border unfit."""
+    """Resolve g on one panel, by borders of growing width; None when the tail is too large for all."""
     try:
         matrices = measured.matrix(samples.loops(start, end))
     except NotAssembled:
@@ -187,9 +186,9 @@ def _resolve(samples: Samples, measured: Measured, start: float, end: float) -> 
                 f"{end:.6g}"
             )
         series = coefficients(g[:, None])
-        is_turned = np.linalg.norm(solution.eta, axis=1).max() > MAX_ETA_NORM
+        is_unfit = np.linalg.norm(solution.eta, axis=1).max() > MAX_ETA_NORM  # the border
         # the tail that rounding makes of a g that is small itself counts as resolved
-        if not is_turned and tail(series) <= max(MEASURE_TAIL, TAIL_ROUNDING / largest):
+        if not is_unfit and tail(series) <= max(MEASURE_TAIL, TAIL_ROUNDING / largest):
             return Panel(start, end, series[:, 0], matrices)
     return None
 
@@ -224,7 +223,7 @@ class Extremum(NamedTuple):
 
     def bracket(self, level: float) -> tuple[float, float]:
         """Return the nearest s on either side with |g| above a level, or the panel's ends."""
-        lower, upper = (self._bracket(side, lambda g: np.abs(g) > level) for side in (-1, 1))
+        lower, upper = (self._first_step(side, lambda g: np.abs(g) > level) for side in (-1, 1))
         return (
             self.start if lower is None else lower[1],
             self.end if upper is None else upper[1],
@@ -243,23 +242,25 @@ class Extremum(NamedTuple):
         """
         roots = []
         for side in (-1, 1):
-            bracket = self._bracket(side, lambda g: g * self.g < 0)
+            bracket = self._first_step(side, lambda g: g * self.g < 0)
             if bracket is not None:
                 inner, outer = bracket
                 while (middle := 0.5 * (inner + outer)) not in (inner, outer):
-                    same = self.evaluate(np.array([middle]))[0] * self.g > 0
-                    inner, outer = (middle, outer) if same else (inner, middle)
+                    if self.evaluate(np.array([middle]))[0] * self.g > 0:  # as at the extremum
+                        inner = middle
+                    else:
+                        outer = middle
                 roots.append(middle)
         return roots
 
-    def _bracket(self, side: int, test: Callable[[Array], BoolArray]) -> tuple[float, float] | None:
-        """Find the first step to one side after which g passes the test: inner and outer end."""
-        limit = self.end if side > 0 else self.start
-        count = int(np.ceil(np.log2(max(abs(limit - self.s) / FIRST_BRACKET_STEP, 1.0)))) + 1
+    def _first_step(self, side: int, test: Callable[[Array], BoolArray]) -> tuple[float, float] | None:
+        """Return the ends of the first of doubling steps to one side at whose outer end g passes a test."""
+        room = abs((self.end if side > 0 else self.start) - self.s)
+        count = int(np.ceil(np.log2(max(room / FIRST_BRACKET_STEP, 1.0)))) + 1
         distances = np.concatenate(([0.0], FIRST_BRACKET_STEP * 2.0 ** np.arange(count)))
-        s = self.s + side * np.minimum(distances, abs(limit - self.s))
-        k = np.flatnonzero(test(self.evaluate(s[1:])))
-        return (float(s[k[0]]), float(s[k[0] + 1])) if len(k) else None
+        s = self.s + side * np.minimum(distances, room)
+        passing = np.flatnonzero(test(self.evaluate(s[1:])))
+        return (float(s[passing[0]]), float(s[passing[0] + 1])) if len(passing) else None
 
 
 def extremum_near(
@@ -271,32 +272,30 @@ def extremum_near(
 ) -> Extremum:
     """Find the extremum nearest to s of a scalar (T,) of G (T, size, size).
 
-    On a panel without an extremum s itself is returned.
+    A panel about s gives the extremum of its series, on which the next panel is centred; then panels are
+    halved until their series ends in rounding. On a panel without an extremum s itself is returned.
 
     Args:
         matrices: the matrices (T, n, n) at s (T,), smooth between the `knots`, of which 0 and 1 are two.
     """
     k = int(np.clip(np.searchsorted(knots, s, side="right"), 1, len(knots) - 1))
-    width, narrowings, passes = PANEL_HALF_WIDTH, 0, 0
-    while True:
+    half_width = PANEL_HALF_WIDTH
+    for k_pass in range(1, CENTRING_PASSES + MAX_HALVINGS + 1):
         # not over a knot, where g is not smooth
-        start, end = max(knots[k - 1], s - width), min(knots[k], s + width)
-        local = start + 0.5 * (end - start) * (nodes(PANEL_NODES) + 1.0)
-        stack = matrices(np.append(local, s))
-        values = scalar(bordered_solution(stack, -1, size).G)
+        start, end = max(knots[k - 1], s - half_width), min(knots[k], s + half_width)
+        s_nodes = start + 0.5 * (end - start) * (nodes(PANEL_NODES) + 1.0)
+        values = scalar(bordered_solution(matrices(np.append(s_nodes, s)), -1, size).G)  # border of s
         series = coefficients(values[:-1, None])[:, 0]
-        # a resolved series ends in rounding; one that is not ends in what it lacks
+        # a resolved series ends in rounding, another one in its truncation error
         rounding = max(float(np.abs(series[-PANEL_NODES // 3 :]).sum()), MEASURE_ROUNDING)
-        turning = extrema(series)
-        if not len(turning):
+        local_extrema = extrema(series)  # in [-1, 1]
+        if not len(local_extrema):
             return Extremum(s, float(values[-1]), rounding, start, end, series)
-        centre = 2 * (s - start) / (end - start) - 1
-        best = float(turning[np.argmin(np.abs(turning - centre))])
-        s = start + 0.5 * (end - start) * (best + 1)
-        passes += 1
-        if passes < CENTRING_PASSES:
-            continue
-        if rounding > 10 * MEASURE_ROUNDING and narrowings < MAX_HALVINGS:
-            width, narrowings = 0.5 * width, narrowings + 1
-            continue
-        return Extremum(s, float(chebyshev.chebval(best, series)), rounding, start, end, series)
+        local = 2 * (s - start) / (end - start) - 1
+        nearest = float(local_extrema[np.argmin(np.abs(local_extrema - local))])
+        s = start + 0.5 * (end - start) * (nearest + 1)
+        if k_pass >= CENTRING_PASSES:
+            if rounding <= 10 * MEASURE_ROUNDING:
+                break
+            half_width *= 0.5
+    return Extremum(s, float(chebyshev.chebval(nearest, series)), rounding, start, end, series)

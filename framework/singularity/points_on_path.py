@@ -1,4 +1,4 @@
-"""The singular points of a path, classified; those of Type 1 are refused."""
+"""The singular points of a path and their kinds; paths through Type 1 are refused."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class SearchedPath(NamedTuple):
     near_misses: tuple[NearMiss, ...] = ()  # minima of |g|, at ends too, below a hundredth of its largest
 
     def under(self, wrenches: ExternalWrenches) -> SearchedPath:
-        """Return the same path under wrenches of the world, which move none of its singular points.
+        """Return the same path under wrenches of the world, on which singular points do not depend.
 
         Raises:
             InvalidInput: the robot has no such frame.
@@ -92,15 +92,15 @@ def search_path(robot: ParallelRobot, path: Path, *, branch: Branch | None = Non
     """
     branch = track_path(robot, path) if branch is None else branch
     check_of(robot, path, branch)
-    samples, mobile, mobile_panels = _continue_branch(branch)
-    _refuse_type_1(mobile, mobile_panels)
+    samples, type1, type1_panels = _continue_branch(branch)
+    _refuse_type_1(type1, type1_panels)
     if not len(robot.following):  # every joint has a motor: locked, nothing moves
         return SearchedPath(branch, ())
     power = 1 if len(robot.loops.names) == len(robot.following) else 2
     passive = Measured(samples.branch, partial(type2_matrix, robot), power)
     try:
         resolved = panels(samples, passive)
-        if samples.branch is branch:
+        if samples.branch is branch:  # without continuations: better guesses through the panels' nodes
             edges = np.array([resolved[0].start, *(panel.end for panel in resolved)])
             q = np.concatenate([samples.loops(panel.start, panel.end).frames.q for panel in resolved])
             branch = branch.through(edges, q)
@@ -139,30 +139,35 @@ def locate_singularities(
     return search_path(robot, path, branch=branch).points
 
 
-def _continue_branch(branch: Branch) -> tuple[Samples, Measured, list[Panel] | Unresolved]:
-    """Continue the branch wherever the inverse kinematics is singular and the branch yet smooth.
+class _ContinuedBranch(NamedTuple):
+    """A branch continued through the singularities of the inverse kinematics that leave the branch smooth."""
 
-    Returned with the matrix of the inverse kinematics and its panels, or where it cannot be resolved.
-    """
+    samples: Samples  # closed on panels
+    type1: Measured  # the matrix of the inverse kinematics
+    panels: list[Panel] | Unresolved  # of this matrix; or the error where one is not resolved
+
+
+def _continue_branch(branch: Branch) -> _ContinuedBranch:
+    """Continue the branch wherever the inverse kinematics is singular and the branch yet smooth."""
     for _ in range(MAX_CONTINUATIONS):
         samples = Samples(branch, {})
-        mobile = Measured(branch, partial(type1_matrix, branch.robot))
+        type1 = Measured(branch, partial(type1_matrix, branch.robot))
         resolved: list[Panel] | Unresolved
         try:
-            resolved = panels(samples, mobile)
-            places = [candidate.s for candidate in candidates(resolved)]
+            resolved = panels(samples, type1)
+            suspects = [candidate.s for candidate in candidates(resolved)]
         except Unresolved as unresolved:
-            resolved, places = unresolved, [unresolved.s]
-        continued = _continue_at_first(branch, places)
+            resolved, suspects = unresolved, [unresolved.s]
+        continued = _continue_at_first(branch, suspects)
         if continued is None:
             break
         branch = continued
-    return samples, mobile, resolved
+    return _ContinuedBranch(samples, type1, resolved)
 
 
-def _continue_at_first(branch: Branch, places: list[float]) -> Branch | None:
-    """Return the branch continued at the first of the places where that is possible; None if nowhere."""
-    for s in places:
+def _continue_at_first(branch: Branch, parameters: list[float]) -> Branch | None:
+    """Return the branch continued at the first possible of path coordinates; None if at none."""
+    for s in parameters:
         if not branch.is_continued(np.array([s]))[0]:
             continued = with_continuation(branch, s)
             if continued is not None:
@@ -170,17 +175,17 @@ def _continue_at_first(branch: Branch, places: list[float]) -> Branch | None:
     return None
 
 
-def _refuse_type_1(mobile: Measured, resolved: list[Panel] | Unresolved) -> None:
+def _refuse_type_1(type1: Measured, resolved: list[Panel] | Unresolved) -> None:
     """Raise Type1Singularity for the first s at which a leg is stretched or folded."""
     if isinstance(resolved, Unresolved):  # the branch has a kink, or another one meets it
-        lost = [_most_singular_s(mobile, resolved.s)]
+        singular = [_most_singular_s(type1, resolved.s)]
     else:
-        lost = [contact.s for contact in contacts(mobile, resolved) if _is_type_1(mobile, contact.s)]
-    if not lost:
+        singular = [contact.s for contact in contacts(type1, resolved) if _is_type_1(type1, contact.s)]
+    if not singular:
         return
-    s, branch, robot = lost[0], mobile.branch, mobile.branch.robot
+    s, branch, robot = singular[0], type1.branch, type1.branch.robot
     x = branch.path(s)
-    joint = weakest_leg(robot, mobile.guess(np.array([s])))
+    joint = weakest_leg(robot, type1.guess(np.array([s])))
     raise Type1Singularity(
         f"{robot.name}: the path meets a Type 1 singularity at s = {s:.6g}, "
         f"{', '.join(robot.axis_names)} = {point(x)}: the leg of {joint} is stretched or folded there",
@@ -190,18 +195,18 @@ def _refuse_type_1(mobile: Measured, resolved: list[Panel] | Unresolved) -> None
     )
 
 
-def _most_singular_s(mobile: Measured, s: float) -> float:
+def _most_singular_s(type1: Measured, s: float) -> float:
     """Find the path coordinate about s at which the least singular value of the matrix is smallest.
 
     Candidates are the knots of the branch about s, and s to three digits. A knot on the singularity itself
-    can have fallen on another branch. Guesses are then wrong up to the next knots, so that s may lie between.
+    may be on another branch; then guesses are wrong up to the next knots, between which the singularity lies.
     """
-    knots = mobile.branch.s
+    knots = type1.branch.s
     k = int(np.searchsorted(knots, s))
     close_knots = knots[np.abs(knots - s) < 10 * MIN_PANEL_WIDTH]
     neighbours = knots[max(k - 1, 0) : k + 1]
     candidates = np.concatenate([close_knots, neighbours, [round(s, 3)]])
-    least_values = singular_values(mobile.matrix(mobile.guess(candidates)))[:, -1]
+    least_values = singular_values(type1.matrix(type1.guess(candidates)))[:, -1]
     return float(candidates[np.argmin(least_values)])
 
 
@@ -243,20 +248,20 @@ def _check_dropped_rows(branch: Branch, s: float, linearised: LinearisedLoops) -
         )
 
 
-def _is_type_1(mobile: Measured, s: float) -> bool:
-    """Whether the platform stops following the joints at s.
+def _is_type_1(type1: Measured, s: float) -> bool:
+    """Whether joints with motors move at s while the platform rests.
 
-    Joints that move without the platform stop following it, which is no Type 1 singularity.
+    The matrix is singular too where passive joints alone move without the platform; that is not Type 1.
     """
-    robot, branch = mobile.branch.robot, mobile.branch
+    robot, branch = type1.branch.robot, type1.branch
     linearised = branch.close(s).linearised
     _check_dropped_rows(branch, s, linearised)
-    followed = float(singular_values(mobile.matrix(linearised)[0])[-1])
+    least = float(singular_values(type1.matrix(linearised)[0])[-1])
     values = singular_values(type2_matrix(robot, linearised)[0])
     smallest = values.min(initial=np.inf)
-    # where joints move without the platform, both matrices lose rank together
+    # where passive joints move without the platform, both matrices lose rank together
     return (
-        bool(smallest > max(RANK_LOST, 1e2 * followed))
+        bool(smallest > max(RANK_LOST, 1e2 * least))
         or uncontrolled_motion(robot, linearised).kind == "type_2"
     )
 
@@ -264,9 +269,9 @@ def _is_type_1(mobile: Measured, s: float) -> bool:
 def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
     """Compute the record of a singular point: uncontrolled twist along the path, dg/ds, pose."""
     branch, s = passive.branch, contact.s
-    robot, places = branch.robot, stencil(s)
-    closed = branch.close(places)
-    linearised = closed.linearised.select(1)
+    robot, points = branch.robot, stencil(s)
+    closed = branch.close(points)
+    linearised = closed.linearised.select(1)  # at s
     _check_dropped_rows(branch, s, linearised)
     uncontrolled = uncontrolled_motion(robot, linearised)
     along = sign_along(uncontrolled.twist, robot.platform.path_twist(branch.path, s))
@@ -275,9 +280,9 @@ def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
         slopes = block_slopes(passive.evaluate, s, uncontrolled.corank).slope
         slope = singular_values(slopes)[-1]
     else:
-        _, slope, upper, _ = slope_of_g(P, places)
-        # a border taken at the root knows no sign of det: give g the sign of det P above the root
-        slope *= np.sign(upper) * np.linalg.slogdet(P[2])[0] if places[2] > s else 1.0
+        _, slope, upper, _ = slope_of_g(P, points)
+        # a border at the root leaves the sign of g open: that of det P above the root decides
+        slope *= np.sign(upper) * np.linalg.slogdet(P[2])[0] if points[2] > s else 1.0
     return SingularPoint(
         s=s,
         kind=uncontrolled.kind,

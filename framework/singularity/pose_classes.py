@@ -121,17 +121,17 @@ def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = No
     require_square(robot)
     linearised = closed.linearised
     escaping = escaping_motions(robot, linearised)
-    rest = lost_directions(type1_matrix(robot, linearised)[0])  # motions of a locked platform
+    at_rest = lost_directions(type1_matrix(robot, linearised)[0])  # motions of a locked platform
     gained = max(escaping.freedoms - robot.n, 0)
     kinds = set(escaping.kinds)
-    is_type_1, legs = _type_1(robot, rest[:, : robot.n_a], gained)
+    is_type_1, legs = _type_1(robot, at_rest[:, : robot.n_a], gained)
     if is_type_1:
         kinds.add("type_1")
     if escaping.corank and _is_singular_everywhere(robot, closed.q[0]):
         kinds.add("architectural")
     contact = ""
     if along is not None and escaping.corank:
-        if len(rest):
+        if len(at_rest):
             raise InvalidInput(
                 f"along: the platform of {robot.name} does not determine its joints there (a Type 1 "
                 f"singularity, or of its loops), so no path is followed"
@@ -144,7 +144,7 @@ def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = No
         legs=legs,
         twists=_unit_twists(robot, twists) if "type_2" in kinds else np.zeros((0, robot.n)),
         corank=escaping.corank,
-        corank_inverse=len(rest),
+        corank_inverse=len(at_rest),
         gained=gained,
         contact=contact,
         length=robot.length,
@@ -194,7 +194,11 @@ def _unit_twists(robot: ParallelRobot, twists: Array) -> Array:
 
 
 def _contact(robot: ParallelRobot, closed: ClosedStack, along: ArrayLike, corank: int) -> str:
-    """Return transversal if all vanishing singular values change at first order along a direction."""
+    """Return the contact, transversal or tangential, of the direction dx with the locus.
+
+    Transversal: all vanishing singular values change at first order. With the border of the pose itself these
+    slopes are the singular values of dG along a unit motion of the joints.
+    """
     dx = finite_numbers(f"along ({', '.join(robot.axis_names)})", along, robot.n)
     twist = robot.platform.twist(closed.x, dx[None])[0]
     rates = joint_rates(robot, closed.linearised, twist, np.zeros((1, robot.n_e)))[0]

@@ -67,35 +67,39 @@ class NearMiss(NamedTuple):
 
 
 def contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
-    """Find all places where the matrix loses rank, ascending; `resolved` are its `panels`."""
-    together: list[Contact] = []  # where several singular values vanish at once
+    """Find all contacts, where the matrix loses rank, ascending in s; `resolved` are its `panels`.
+
+    Minima of |g| are polished before roots: a minimum near zero decides on the roots beside it, which then
+    need not be found again. Where several singular values vanish at once g is no measure, and the entries of
+    G are.
+    """
+    multiple: list[Contact] = []  # several singular values vanish at once
     single: list[Contact] = []
-    stretches: list[RootStretch] = []  # around extrema whose roots are known
+    stretches: list[RootStretch] = []  # about extrema whose roots are known
     residual = max(ROOT_RESIDUAL * largest_on(resolved), MEASURE_ROUNDING)
-    # minima first
     for candidate in sorted(candidates(resolved), key=lambda candidate: not candidate.is_minimum):
         size = _border_width(measured, candidate.panel.matrix(candidate.s))
         common = _common_contact(measured, candidate.s, size) if size > 1 else None
         if common is not None:
-            if _is_apart(common.s, together, DISTINCT_EXTREMA):
-                together.append(common)
+            if _is_apart(common.s, multiple, DISTINCT_EXTREMA):
+                multiple.append(common)
         elif candidate.is_minimum:
-            turning = extremum_near(measured.evaluate, measured.knots, candidate.s, size)
-            if all(abs(turning.s - stretch.middle) > DISTINCT_EXTREMA for stretch in stretches):
-                beside, stretch = _contacts_beside(measured, turning, size)
+            extremum = extremum_near(measured.evaluate, measured.knots, candidate.s, size)
+            if _is_apart(extremum.s, stretches, DISTINCT_EXTREMA):
+                beside, reach = _contacts_beside(measured, extremum, size)
                 single += [contact for contact in beside if _is_apart(contact.s, single, SAME_PLACE)]
-                stretches += [stretch] if beside else []
+                stretches += [RootStretch(extremum.s, reach)] if beside else []
         else:
             root = root_of_g(measured.evaluate, candidate.s, size=size, longest=STENCIL_HALF_WIDTH)
-            # the roots beside an extremum are known, and a root on the edge of two panels is found twice
+            # a root on the edge of two panels is found twice
             is_new = _is_apart(root.place, single, SAME_PLACE)
             is_new = is_new and not any(stretch.contains(root.place) for stretch in stretches)
             is_root = abs(root.place - candidate.s) < MAX_ROOT_SHIFT * candidate.panel.width
             is_root = is_root and abs(root.depth) < residual
             if is_new and is_root and _is_crossing(measured, root, size):
                 single.append(Contact(root.place, "transversal"))
-    together += [contact for contact in single if _is_apart(contact.s, together, MULTIPLE_ROOT_RADIUS)]
-    return sorted(together, key=lambda contact: contact.s)
+    multiple += [contact for contact in single if _is_apart(contact.s, multiple, MULTIPLE_ROOT_RADIUS)]
+    return sorted(multiple, key=lambda contact: contact.s)
 
 
 def find_near_misses(measured: Measured, resolved: list[Panel], known: list[Contact]) -> list[NearMiss]:
@@ -112,23 +116,23 @@ def find_near_misses(measured: Measured, resolved: list[Panel], known: list[Cont
             matrix = panel.matrix(start)
             if singular_values(matrix)[-1] < level:
                 size = _border_width(measured, matrix)
-                turning = extremum_near(measured.evaluate, measured.knots, start, size)
-                inside = abs(turning.s - start) < panel.width
-                if inside and _is_apart(turning.s, misses, DISTINCT_EXTREMA):
-                    misses += _miss_at_extremum(measured, turning, known, size)
+                extremum = extremum_near(measured.evaluate, measured.knots, start, size)
+                is_near = abs(extremum.s - start) < panel.width
+                if is_near and _is_apart(extremum.s, misses, DISTINCT_EXTREMA):
+                    misses += _miss_at_extremum(measured, extremum, known, size)
     return sorted(misses, key=lambda miss: miss.s)
 
 
 def _miss_at_extremum(
-    measured: Measured, turning: Extremum, known: list[Contact], size: int
+    measured: Measured, extremum: Extremum, known: list[Contact], size: int
 ) -> list[NearMiss]:
     """Return an extremum of g as a near miss, unless g vanishes at or beside the extremum."""
-    lower, upper = turning.bracket(2 * abs(turning.g))
-    if turning.is_touch or turning.roots() or any(lower <= contact.s <= upper for contact in known):
+    lower, upper = extremum.bracket(2 * abs(extremum.g))
+    if extremum.is_touch or extremum.roots() or any(lower <= contact.s <= upper for contact in known):
         return []
-    matrix = measured.evaluate(np.array([turning.s]))
+    matrix = measured.evaluate(np.array([extremum.s]))
     g = float(bordered_solution(matrix, 0).g[0])
-    return [NearMiss(turning.s, g, min(turning.s - lower, upper - turning.s), size)]
+    return [NearMiss(extremum.s, g, min(extremum.s - lower, upper - extremum.s), size)]
 
 
 def _miss_at_end(measured: Measured, panel: Panel, known: list[Contact], s: float) -> list[NearMiss]:
@@ -146,9 +150,9 @@ def _miss_at_end(measured: Measured, panel: Panel, known: list[Contact], s: floa
     return [NearMiss(s, g, width, _border_width(measured, matrix))]
 
 
-def _is_apart(s: float, places: Sequence[Contact | NearMiss], distance: float) -> bool:
-    """Whether s is farther than a distance from all places."""
-    return all(abs(s - place.s) > distance for place in places)
+def _is_apart(s: float, points: Sequence[Contact | NearMiss | RootStretch], distance: float) -> bool:
+    """Whether s is farther than a distance from all points of the path."""
+    return all(abs(s - point.s) > distance for point in points)
 
 
 def _border_width(measured: Measured, matrix: Array) -> int:
@@ -157,49 +161,43 @@ def _border_width(measured: Measured, matrix: Array) -> int:
 
 
 class RootStretch(NamedTuple):
-    """A stretch of s about an extremum of g, without another extremum."""
+    """A stretch of the path about an extremum of g, without another extremum."""
 
-    low: float
-    high: float
-
-    @property
-    def middle(self) -> float:
-        """The s in the middle, at the extremum."""
-        return sum(self) / 2
+    s: float  # of the extremum
+    reach: float  # in s, to either side
 
     def contains(self, s: float) -> bool:
         """Whether s lies in the stretch."""
-        return self.low <= s <= self.high
+        return abs(s - self.s) <= self.reach
 
 
-def _contacts_beside(measured: Measured, turning: Extremum, size: int) -> tuple[list[Contact], RootStretch]:
-    """Find the contacts at or beside an extremum, and the stretch of s without another one."""
-    s = turning.s
-    if turning.is_touch:
+def _contacts_beside(measured: Measured, extremum: Extremum, size: int) -> tuple[list[Contact], float]:
+    """Find the contacts at or beside an extremum; return the reach of their `RootStretch` too."""
+    s = extremum.s
+    if extremum.is_touch:
         if not _vanishes(measured, s, size):
-            return [], RootStretch(s, s)
-        lower, upper = turning.bracket(turning.rounding)
-        kind = "transversal" if turning.changes_sign else "tangential"
+            return [], 0.0
+        lower, upper = extremum.bracket(extremum.rounding)
+        kind = "transversal" if extremum.changes_sign else "tangential"
         contact = Contact(s, kind, upper - lower if kind == "tangential" else None)
-        reach = 2 * max(upper - s, s - lower, 0.5 * DISTINCT_EXTREMA)
-        return [contact], RootStretch(s - reach, s + reach)
-    roots = [root for root in _polish_roots(measured, turning, size) if _vanishes(measured, root, size)]
-    # half their distance more: a root beyond it has an extremum of its own between
+        return [contact], 2 * max(upper - s, s - lower, 0.5 * DISTINCT_EXTREMA)
+    roots = [root for root in _polish_roots(measured, extremum, size) if _vanishes(measured, root, size)]
+    # between these roots and one beyond half their distance more, g has another extremum
     reach = 1.5 * max((abs(root - s) for root in roots), default=0.0)
-    return [Contact(root, "transversal") for root in roots], RootStretch(s - reach, s + reach)
+    return [Contact(root, "transversal") for root in roots], reach
 
 
-def _polish_roots(measured: Measured, turning: Extremum, size: int) -> list[float]:
+def _polish_roots(measured: Measured, extremum: Extremum, size: int) -> list[float]:
     """Polish the roots beside an extremum with the border of the matrix at each root.
 
     A root from which Newton's method leads elsewhere stays as it is.
     """
     roots = []
-    for root in turning.roots():
-        radius = abs(root - turning.s) / 4
+    for root in extremum.roots():
+        radius = abs(root - extremum.s) / 4
         polished = root_of_g(measured.evaluate, root, size=size, longest=radius)
-        reached = polished.converged and abs(polished.place - root) < radius
-        roots.append(polished.place if reached else root)
+        is_same = polished.converged and abs(polished.place - root) < radius
+        roots.append(polished.place if is_same else root)
     return roots
 
 
@@ -214,8 +212,9 @@ def _is_crossing(measured: Measured, root: Root, size: int) -> bool:
         return False
     s = root.place
     h = DISTINCT_EXTREMA  # far more than the rounding of s; the roots beside a nearer extremum are known
-    steep = abs(root.slope) > abs(root.bend) * h + MEASURE_ROUNDING / h  # twice what bends it back
-    if not h < s < 1 - h or (root.converged and steep):
+    # g(s + h) = slope h + bend h^2 / 2 has the sign of the slope, with a margin
+    is_steep = abs(root.slope) > abs(root.bend) * h + MEASURE_ROUNDING / h
+    if not h < s < 1 - h or (root.converged and is_steep):
         return True
     matrices = measured.evaluate(np.array([s - h, s, s + h]))
     g = bordered_solution(matrices, 1, size).g
@@ -226,10 +225,10 @@ def _is_crossing(measured: Measured, root: Root, size: int) -> bool:
 
 
 def _common_contact(measured: Measured, start: float, size: int) -> Contact | None:
-    """Find the least |G| near start; None unless at least two singular values vanish.
+    """Find the contact near start where at least two singular values vanish; None without one.
 
-    Gauss-Newton on the entries of G, which vanish together; where they do so without a slope, the extremum
-    of what they have in common.
+    Gauss-Newton minimises |G|, whose entries all vanish there. If they vanish without a slope, the contact is
+    the extremum of their `_common_part`.
     """
     s, step = start, 1.0
     for _ in range(MAX_COMMON_STEPS):
@@ -239,22 +238,22 @@ def _common_contact(measured: Measured, start: float, size: int) -> Contact | No
         if abs(step) < CONVERGED_STEP or not abs(s + step - start) < SEARCH_RADIUS:
             break
         s = float(np.clip(s + step, 0.0, 1.0))
-    steepness = singular_values(slope) / max(float(np.abs(bend).max()), 1.0)
-    kind = "transversal" if steepness[-1] > TANGENTIAL_SLOPE else "tangential"
-    # where none has a slope the search comes nearer by halves
-    if steepness[0] < TANGENTIAL_SLOPE or abs(step) > NEWTON_STEP:
+    slopes = singular_values(slope) / max(float(np.abs(bend).max()), 1.0)
+    kind = "transversal" if slopes[-1] > TANGENTIAL_SLOPE else "tangential"
+    # without any slope Gauss-Newton converges only linearly
+    if slopes[0] < TANGENTIAL_SLOPE or abs(step) > NEWTON_STEP:
         s = extremum_near(measured.evaluate, measured.knots, s, size, _common_part).s
         kind = "tangential"
     vanished = count_below(measured.evaluate(np.array([s]))[0], RANK_LOST**measured.power)
-    if abs(s - start) > SEARCH_RADIUS or vanished < 2:  # others may be small and stay so
+    if abs(s - start) > SEARCH_RADIUS or vanished < 2:  # the others may be small and not vanish
         return None
     return Contact(s, kind)
 
 
 def _common_part(G: Array) -> Array:
-    """Project G (T, size, size) on the sum of its first value and its last but one, (T,).
+    """Project G (T, size, size) at ascending s on the sum of its values at both ends, (T,).
 
-    The last of the T matrices is that of the border, where G is nearly zero.
+    The last of the T matrices is that of the border, at the contact, and not one of the ascending ones.
     """
     direction = G[0] + G[-2]
     return np.sum(G * direction, axis=(1, 2))

@@ -31,14 +31,14 @@ def spring_shift(branch: Branch, point: SingularPoint) -> Array:
     if not robot.n_e or point.corank > 1 or point.contact != "transversal":
         return np.full(robot.n_e, np.nan)
     steps = DIFFERENCE_STEP * robot.column_scale[robot.elastic]
-    before, after = np.clip([point.s - DIFFERENCE_STEP, point.s + DIFFERENCE_STEP], 0.0, 1.0)
-    # each spring stretched one way, then the other; then the springs at rest on either side of the point
+    s_back, s_ahead = np.clip([point.s - DIFFERENCE_STEP, point.s + DIFFERENCE_STEP], 0.0, 1.0)
+    # at the point, each spring stretched one way, then the other; then springs at rest ahead and back
     deflections = np.vstack([np.diag(steps), -np.diag(steps), np.zeros((2, robot.n_e))])
-    s = np.append(np.full(2 * robot.n_e, point.s), [after, before])
+    s = np.append(np.full(2 * robot.n_e, point.s), [s_ahead, s_back])
     guess = integrate_columns(robot, branch.guess(s), robot.elastic, deflections)
     matrices = type2_matrix(robot, close_loops(robot, path(s), guess).linearised)
     g = bordered_solution(matrices, -1).g
     by_deflection = (g[: robot.n_e] - g[robot.n_e : -2]) / (2 * steps)  # dg/dq_e, (n_e,)
-    by_path = (g[-2] - g[-1]) / (after - before)  # dg/ds
+    by_path = (g[-2] - g[-1]) / (s_ahead - s_back)  # dg/ds
     shift = -by_deflection / by_path
     return np.where(np.abs(shift * steps) < SHIFT_ROUNDING, 0.0, shift)

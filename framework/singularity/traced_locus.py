@@ -3,8 +3,8 @@
 Robots of two freedoms are traced as they are; of others a slice is: the platform's other coordinates held
 (a 3-RPR at one orientation, a Gough-Stewart platform at one orientation and height, or at one position and
 turn), or the other motors (the sections of the joint space in which cusps are drawn). Curves are found from
-starts that are given or drawn at random in joint space, always alike, and from the branch points of curves
-already traced. A curve that no start and no branch leads to is missed: completeness is not claimed.
+starts that the caller states or that are drawn in joint space from a fixed seed, and from the branch points
+of curves already traced. A curve that no start and no branch leads to is missed: completeness is not claimed.
 
 Curves are followed in a `Region` about a pose, in one working mode or all. A cusp is where a measure along
 the curve vanishes. Where det [dF/du ; t'] changes its sign between two points another curve crosses. The
@@ -176,9 +176,9 @@ def _crossings(equations: LocusEquations, curve: Curve) -> list[Points]:
     """
     points = curve.points
     changes = np.flatnonzero(points.orientation[1:] * points.orientation[:-1] < 0)
-    before = _least_slope(equations, select(points, changes))
-    after = _least_slope(equations, select(points, changes + 1))
-    regular = changes[np.maximum(before, after) > RANK_LOST]
+    first_slopes = _least_slope(equations, select(points, changes))
+    second_slopes = _least_slope(equations, select(points, changes + 1))
+    regular = changes[np.maximum(first_slopes, second_slopes) > RANK_LOST]
     return [branch_point(equations, points.single(k), points.single(k + 1)) for k in regular.tolist()]
 
 
@@ -196,7 +196,7 @@ def _passes(equations: LocusEquations, curve: Curve, point: Points) -> bool:
     chord = np.diff(offsets, axis=0)
     length = np.linalg.norm(chord, axis=1)
     distance = np.linalg.norm(chord_offsets(-offsets[:-1], chord), axis=1)
-    is_step = length < 2 * MAX_STEP  # longer ones jump where a hinge has turned once round
+    is_step = length < 2 * MAX_STEP  # longer chords are jumps of a hinge by a turn
     return bool(((distance < MAX_CURVE_OFFSET * length) & is_step).any())
 
 
@@ -263,30 +263,30 @@ def root_between(
 ) -> Points | None:
     """Find the point between two neighbours (S = 1) at which a measure of opposite signs vanishes.
 
-    False position (the Illinois variant) on the share of the way, until the measure is `small`. Where the
-    corrector fails, as near a branch point, the last point it led to; None if to none.
+    False position (the Illinois variant) on the share of the chord, until the measure is `small`. Where the
+    corrector fails, as near a branch point, the last point of the search is returned; None if there is none.
     """
     chord = float(np.linalg.norm(equations.offsets(first.q[0], second.q[0])))
     bend = (second.tangent - first.tangent) / chord
-    low, at_low = 0.0, measure(first)
-    high, at_high = 1.0, measure(second)
+    low, value_low = 0.0, measure(first)
+    high, value_high = 1.0, measure(second)
     root = None
-    side = 0  # of the end that was replaced last
+    replaced = 0  # the end that was replaced last: -1 low, 1 high
     for _ in range(MAX_ROOT_STEPS):
-        share = (low * at_high - high * at_low) / (at_high - at_low)
-        point, good = advance(equations, first, np.array([share * chord]), bend)
-        if not good[0]:
+        share = (low * value_high - high * value_low) / (value_high - value_low)
+        point, accepted = advance(equations, first, np.array([share * chord]), bend)
+        if not accepted[0]:
             return root
         root, value = point, measure(point)
         if abs(value) < small or high - low < ROOT_SIZE:
             break
-        # an end that stays twice counts half, or it would stay for ever
-        if value * at_low > 0:
-            at_high *= 0.5 if side == -1 else 1.0
-            low, at_low, side = share, value, -1
+        # Illinois: the value at an end that stays twice is halved, or the end would stay for ever
+        if value * value_low > 0:
+            value_high *= 0.5 if replaced == -1 else 1.0
+            low, value_low, replaced = share, value, -1
         else:
-            at_low *= 0.5 if side == 1 else 1.0
-            high, at_high, side = share, value, 1
+            value_low *= 0.5 if replaced == 1 else 1.0
+            high, value_high, replaced = share, value, 1
     return root
 
 
@@ -309,8 +309,8 @@ def branches_at(equations: LocusEquations, crossing: Points) -> list[Points]:
     points = []
     for direction in () if tangent is None else (tangent, -tangent):
         start = crossing._replace(tangent=direction[None])
-        point, good = advance(equations, start, np.array([BRANCH_STEP]), np.zeros_like(start.tangent))
-        points += [point] if good[0] else []
+        point, accepted = advance(equations, start, np.array([BRANCH_STEP]), np.zeros_like(start.tangent))
+        points += [point] if accepted[0] else []
     return points
 
 
@@ -322,10 +322,10 @@ def _second_tangent(equations: LocusEquations, crossing: Points) -> Array | None
     is the curve itself.
     """
     evaluated = equations.evaluate(crossing.q, crossing.border)
-    left, _, right = np.linalg.svd(evaluated.slopes[0])
+    U, _, V_rows = np.linalg.svd(evaluated.slopes[0])
     tangent = crossing.tangent[0]
-    shares = right[-2:] @ tangent
-    normal = shares[0] * right[-1] - shares[1] * right[-2]  # orthogonal to the tangent in the null space
+    shares = V_rows[-2:] @ tangent
+    normal = shares[0] * V_rows[-1] - shares[1] * V_rows[-2]  # orthogonal to the tangent in the null space
     normal /= np.linalg.norm(normal)
     border = select(crossing.border, np.zeros(2, dtype=np.intp))
 
@@ -333,7 +333,7 @@ def _second_tangent(equations: LocusEquations, crossing: Points) -> Array | None
         """Compute y . F"(w, w) by a central difference along w (k,)."""
         ends = equations.move(np.repeat(crossing.q, 2, axis=0), DIFFERENCE_STEP * np.stack([w, -w]))
         ahead, back = equations.evaluate(ends, border).values
-        return float(left[:, -1] @ (ahead + back - 2 * evaluated.values[0]) / DIFFERENCE_STEP**2)
+        return float(U[:, -1] @ (ahead + back - 2 * evaluated.values[0]) / DIFFERENCE_STEP**2)
 
     along, across = second_derivative(tangent), second_derivative(normal)
     mixed = 0.25 * (second_derivative(tangent + normal) - second_derivative(tangent - normal))
@@ -379,22 +379,23 @@ class Region(NamedTuple):
 
     def clip(self, curve: Curve) -> Curve:
         """Return the part of a curve in the working mode, which ends next to a Type 1 singularity."""
-        points = curve.points
-        if self.mode is None or len(points.q) < 2:
+        if self.mode is None or len(curve.points.q) < 2:
             return curve
-        clear = self.clearance(points.q)
-        if curve.ends[0] == "left" and clear[0] < 0 < clear[1]:
-            # the region is entered: seen from its inside, the other way round
-            inside, outside = points.single(1).reverse(), points.single(0).reverse()
-            edge = self._edge(inside, outside, CUT_CLEARANCE_RATIO * float(clear[1]))
-            points = select(points, slice(1, None))
-            points = points if edge is None else join([edge.reverse(), points])
-        if curve.ends[1] == "left" and clear[-1] < 0 < clear[-2]:
-            inside, outside = curve.points.single(-2), curve.points.single(-1)
-            edge = self._edge(inside, outside, CUT_CLEARANCE_RATIO * float(clear[-2]))
-            points = select(points, slice(None, -1))
-            points = points if edge is None else join([points, edge])
+        points = curve.points
+        if curve.ends[0] == "left":
+            points = self._clip_end(points.backwards()).backwards()
+        if curve.ends[1] == "left":
+            points = self._clip_end(points)
         return Curve(points, curve.ends)
+
+    def _clip_end(self, points: Points) -> Points:
+        """Replace the last point, if beyond the working mode, by a point next to the mode's edge."""
+        last_inside, outside = self.clearance(points.q[-2:]).tolist()
+        if not outside < 0 < last_inside:
+            return points
+        edge = self._edge(points.single(-2), points.single(-1), CUT_CLEARANCE_RATIO * last_inside)
+        points = select(points, slice(None, -1))
+        return points if edge is None else join([points, edge])
 
     def _edge(self, inside: Points, outside: Points, margin: float) -> Points | None:
         """Find the point between two neighbours at which the clearance is a margin."""
@@ -419,9 +420,9 @@ def draw_in_mode(region: Region, count: int, seed: int) -> Array:
     q = np.repeat(region.q[None], count, axis=0)
     for k in range(1, WAY_STEPS + 1):
         x = start + k / WAY_STEPS * whole_way
-        reached, _, closed = close_each(robot, x, q, iterations=NEWTON_STEPS, farthest=MAX_JOINT_STEP)
-        closed[closed] &= region.contains(reached[closed])
-        q = np.where(closed[:, None], reached, q)
+        next_q, _, closed = close_each(robot, x, q, iterations=NEWTON_STEPS, farthest=MAX_JOINT_STEP)
+        closed[closed] &= region.contains(next_q[closed])
+        q = np.where(closed[:, None], next_q, q)
     return q
 
 

@@ -57,7 +57,7 @@ def uncontrolled_motion(robot: ParallelRobot, linearised: LinearisedLoops) -> Un
     motion, twist = escaping.motions[-1], twists[-1]
     if kind != "type_2":
         return Uncontrolled(kind, 0 * twist, motion, escaping.corank)
-    if _rank(twists[-1:]) == 0:  # it moves no platform, another one does
+    if _rank(twists[-1:]) == 0:  # this motion rests the platform, another one moves it
         strongest = int(np.argmax(np.linalg.norm(twists, axis=1)))
         motion, twist = escaping.motions[strongest], twists[strongest]
     scale = twist_norm(robot, twist)
@@ -67,7 +67,7 @@ def uncontrolled_motion(robot: ParallelRobot, linearised: LinearisedLoops) -> Un
 def least_held(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array, Array]:
     """Compute the unit twist (n,) and the joint rates (nv,) that the motors hold least, at one configuration.
 
-    On a Type 2 singularity where one motion of the platform escapes this is it, see `uncontrolled_motion`.
+    On a Type 2 singularity of corank 1 they are those of `uncontrolled_motion`.
     """
     P = passive_matrix(robot, linearised)[0]
     motion = passive_motion(robot, np.linalg.svd(P)[2][-1])
@@ -103,18 +103,19 @@ def escaping_motions(
     freedoms = instantaneous_motions(robot, linearised)  # (moving, f) of the loops, motors free
     gained = freedoms.shape[1] - (len(robot.moving) - len(robot.loops.names))
     twists = _platform_twists(robot, linearised)  # (nv, 6)
+    # independent escaping motions of the platform: in all directions, and along its axes
     rank = _rank(motions @ twists)
-    on_axes = _rank(motions @ (linearised.platform[0] / robot.platform_scale[:, None]).T)
+    rank_on_axes = _rank(motions @ (linearised.platform[0] / robot.platform_scale[:, None]).T)
     kinds = set()
-    if gained > 0:
+    if gained > 0:  # the loops have lost rank
         moves_platform = _rank(freedoms.T @ twists[robot.moving]) > robot.n
         kinds.add("constraint" if moves_platform else "closure")
-    elif rank > on_axes:
+    elif rank > rank_on_axes:  # the platform leaves its axes
         kinds.add("constraint")
-    if len(lost) > gained:  # beyond what the loops have lost
-        if on_axes > (0 if "closure" in kinds else gained):
+    if len(lost) > gained:  # motions escape beyond those of loops that lost rank
+        if rank_on_axes > (0 if "closure" in kinds else gained):
             kinds.add("type_2")
-        if len(lost) > max(rank, gained):
+        if len(lost) > max(rank, gained):  # some motions rest the platform
             kinds.add("leg_passive")
     return EscapingMotions(frozenset(kinds), motions, len(lost), freedoms.shape[1])
 
@@ -165,17 +166,17 @@ def has_signed_measure(robot: ParallelRobot) -> bool:
 
 
 class SingularityMeasure(NamedTuple):
-    """The measure g, t_s and t_s . W_p of a motion, at T instants."""
+    """The measure g and the least controlled motion, at T instants."""
 
     g: Array  # (T,) the smallest singular value of P with the sign of det P
     motion: Array  # (T, nv) the joint rates nearest to an uncontrolled motion, of unit size
 
 
 def singularity_measure(robot: ParallelRobot, linearised: LinearisedLoops) -> SingularityMeasure:
-    """Compute g and the least controlled motion along a motion, to look at.
+    """Compute g and the least controlled motion along a motion, for figures and first looks.
 
-    This g is continuous, with a bend where two singular values change places; the motion is continued
-    but for such places. Roots are found on the smooth measures of `bordered_system`.
+    This g is continuous, with a kink where the two least singular values are equal. The sign of the motion is
+    continuous except there. Roots are found on the smooth measures of `bordered_system`.
     """
     P = type2_matrix(robot, linearised)
     if not P.shape[2]:  # every joint has a motor: det P = 1, nothing escapes

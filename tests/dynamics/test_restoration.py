@@ -63,11 +63,11 @@ def test_slopes_of_the_balance_are_those_of_central_differences():
     series = known.series / equations.units
     step = 1e-5 * np.abs(series).max() * rng.normal(size=series.shape)
     step /= np.arange(1.0, series.shape[1] + 1)[:, None] ** 4
-    state, pace = equations.at(series, np.zeros(1)), np.array([1e-5])
+    state, pace = equations.evaluate(series, np.zeros(1)), np.array([1e-5])
     near = state.balance.motion.q
-    ahead = equations.at(series + step, pace, near=near).balance.F
-    behind = equations.at(series - step, -pace, near=near).balance.F
-    matrix = equations._matrix(state, equations.slopes(state))
+    ahead = equations.evaluate(series + step, pace, near=near).balance.F
+    behind = equations.evaluate(series - step, -pace, near=near).balance.F
+    matrix = equations._balance_matrix(state, equations.slopes(state))
     foreseen = (matrix @ np.concatenate([step.ravel(), pace])).reshape(ahead.shape)
     change = 0.5 * (ahead - behind)
     assert np.abs(change - foreseen).max() <= 1e-6 * np.abs(change).max()
@@ -81,6 +81,6 @@ def test_one_step_squares_a_small_error():
     series = known.series / equations.units
     falling = (1.0 + np.arange(series.shape[1])[:, None]) ** -4.0
     off = 1e-3 * np.abs(series).max() * falling * np.random.default_rng(0).normal(size=series.shape)
-    state = equations.at(series + off, np.zeros(0))
-    step = equations.linearised(state, equations.slopes(state)).step(state)
-    assert equations.at(state.series + step.series, np.zeros(0)).misfit <= 1e-3 * state.misfit
+    state = equations.evaluate(series + off, np.zeros(0))
+    step = equations.linearise(state, equations.slopes(state)).step(state)
+    assert equations.evaluate(state.series + step.series, np.zeros(0)).misfit <= 1e-3 * state.misfit

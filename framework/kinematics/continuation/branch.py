@@ -70,7 +70,7 @@ class Branch(ReadOnlyArrays):
     s: Array  # (K,)
     u: Array  # (K, nv) offset from origin
     du: Array  # (K, nv) derivative with respect to s
-    continuations: tuple[Continuation, ...] = ()  # a later one goes before an earlier one
+    continuations: tuple[Continuation, ...] = ()  # where two overlap the later one holds
     wrenches: ExternalWrenches = NO_WRENCHES
     series: TimeFunction | None = None  # of u in s: better guesses, see `through`
 
@@ -93,7 +93,7 @@ class Branch(ReadOnlyArrays):
     def through(self, edges: Array, q: Array) -> Branch:
         """Return the same branch with guesses through its configurations on Chebyshev nodes.
 
-        A series that misses a knot by more than a correction does not resolve all joints and is not used.
+        A series whose error at a knot is more than a correction does not resolve all joints and is not used.
 
         Args:
             edges: (panels + 1,) of s, from 0 to 1.
@@ -120,17 +120,16 @@ class Branch(ReadOnlyArrays):
     def _series_offsets(series: TimeFunction, s: Array) -> Array:
         """Compute offsets (T, nv) from the origin by the series, extrapolated beyond the path's ends."""
         u = series(np.clip(s, 0.0, 1.0))
-        for panel, beyond in ((0, s < 0.0), (-1, s > 1.0)):
-            if beyond.any():
+        for panel, is_outside in ((0, s < 0.0), (-1, s > 1.0)):
+            if is_outside.any():
                 start, end = series.edges[:-1][panel], series.edges[1:][panel]
-                u[beyond] = _chebyshev_values(series.coefficients[panel], start, end, s[beyond])
+                u[is_outside] = _chebyshev_values(series.coefficients[panel], start, end, s[is_outside])
         return u
 
     def _cubic_offsets(self, s: Array) -> Array:
         """Compute offsets (T, nv) from the origin by Hermite's cubics between the knots."""
-        k = np.clip(
-            np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2
-        )  # the knot before each s
+        # k: the last knot not beyond each s
+        k = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2)
         step = (self.s[k + 1] - self.s[k])[:, None]
         t = (s - self.s[k])[:, None] / step  # (T, 1) from 0 to 1 between the knots
         start = (1 + 2 * t) * (1 - t) ** 2 * self.u[k] + t * (1 - t) ** 2 * step * self.du[k]
@@ -174,7 +173,7 @@ def with_continuation(branch: Branch, s: float) -> Branch | None:
     for half_width in HALF_WIDTHS:
         start = float(max(s - half_width, edges[piece]))
         end = float(min(s + half_width, edges[piece + 1]))
-        continuation, error = _span(guessed, s, start, end)
+        continuation, error = _fit_continuation(guessed, s, start, end)
         if continuation is None:
             continue
         continued = replace(branch, continuations=(*branch.continuations, continuation))
@@ -184,8 +183,15 @@ def with_continuation(branch: Branch, s: float) -> Branch | None:
     return None
 
 
-def _span(branch: Branch, s: float, start: float, end: float) -> tuple[Continuation | None, float]:
-    """Compute a continuation over s between start and end, and a bound on its distance from the branch."""
+def _fit_continuation(
+    branch: Branch, s: float, start: float, end: float
+) -> tuple[Continuation | None, float]:
+    """Fit a continuation about s between start and end; return the error of the fit too.
+
+    The series is fitted to closed configurations at sound nodes, first those far from the singularity, then
+    with its values as guesses those nearer. Its error [rad, lengths] is the largest of misfit, residual and
+    truncation error.
+    """
     robot, lengths = branch.robot, branch.robot.column_scale
     parameters = start + 0.5 * (end - start) * (nodes(CONTINUATION_NODES) + 1.0)
     basis = chebyshev.chebvander(nodes(CONTINUATION_NODES), CONTINUATION_DEGREE)
@@ -224,7 +230,7 @@ def _sound_offsets(branch: Branch, guess: Array, x: Array, share: float) -> tupl
 
 
 def _core(parameters: Array, sound: IntArray, s: float) -> tuple[float, float]:
-    """Return the least interval between sound nodes that contains s and all unsound nodes."""
+    """Return the least interval between sound nodes that contains s and all other nodes."""
     to_cover = np.append(np.delete(parameters, sound), s)
     sound_nodes = parameters[sound]  # ascending
     below = sound_nodes[sound_nodes < to_cover.min()]

@@ -122,15 +122,15 @@ def motors_are_free(robot: ParallelRobot) -> bool:
 def end_error(
     robot: ParallelRobot, end: MotorCurves, linearised: LinearisedLoops, q_a: Array
 ) -> NotAssembled:
-    """Return the error for a curve (T = 1) from the start to q_a (n_a,) that ends before.
+    """Return the error for a curve (T = 1) from the start to q_a (n_a,) that ends early.
 
     Where the clearance has become small beside its usual size the curve ends at a Type 2 singularity.
     """
-    usual = max(end.largest[0], clearance(robot, linearised_at_reference(robot))[0])
+    usual_clearance = max(end.largest[0], clearance(robot, linearised_at_reference(robot))[0])
     residual = float(np.abs(linearised.residual[:, robot.n :]).max(initial=0.0))
     share, x = float(end.share[0]), end.x[0]
     place = _place_in_words(robot, share, x, q_a)
-    if end.clearance[0] > TYPE_2_END_RATIO * usual:
+    if end.clearance[0] > TYPE_2_END_RATIO * usual_clearance:
         return NotAssembled(
             f"{robot.name}: the loops cannot be followed {place}", q=end.q[0], residual=residual
         )

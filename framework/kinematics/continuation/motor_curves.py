@@ -1,9 +1,9 @@
 """Curves of poses: the motors turn from one pose to prescribed angles, many targets at once.
 
-The motors turn all at once and in proportion, and the loops move the passive joints: P dq_p = -J_a dq_a, with
+All motors turn together and in proportion, and the loops move the passive joints: P dq_p = -J_a dq_a, with
 P and J_a the passive and the actuated columns of the loop equations. Every target has a curve of its own,
 with its own steps: along the tangent dq/ds, s the share of the turn, and back to closed loops by Newton's
-method. A step counts by the measures of `predictor_corrector` if det P keeps its sign; else it is halved.
+method. A step is accepted by the measures of `predictor_corrector` if det P keeps its sign, else halved.
 Where P loses rank assembly modes meet and the curve ends: at a turning point, which is found by a direct
 root, or where branches cross, next to which steps become ever shorter.
 """
@@ -58,7 +58,7 @@ class MotorCurves(NamedTuple):
 
 
 class _Steps(NamedTuple):
-    """The ends of S of T steps, the others being left open by Newton's method."""
+    """The ends of S of T steps; Newton's method does not close the loops of the others."""
 
     rows: IntArray  # (S,) of the T steps
     ends: MotorCurves  # (S, ...)
@@ -70,7 +70,7 @@ def curves_at(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> Mo
     """Return T curves that begin at assembled poses, the platform's turns counted on from x (T, n)."""
     frames = linearised.frames
     count = len(frames.q)
-    clear = clearance(robot, linearised)
+    least_value = clearance(robot, linearised)
     sign, size = passive_determinants(linearised)
     return MotorCurves(
         q=frames.q.copy(),
@@ -78,9 +78,9 @@ def curves_at(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> Mo
         rate=np.zeros((count, robot.model.nv)),
         share=np.zeros(count),
         steps=np.zeros(count, dtype=np.intp),
-        clearance=clear,
-        least=clear.copy(),
-        largest=clear.copy(),
+        clearance=least_value,
+        least=least_value.copy(),
+        largest=least_value.copy(),
         sign=sign,
         size=size,
     )
@@ -99,20 +99,21 @@ def follow_curves(
     curves = _begin_curves(robot, start, linearised, turn)
     is_short = largest_motion(robot, curves.rate) < MAX_SINGLE_STEP
     step = np.where(is_short, 1.0, FIRST_STEP_RATIO)
-    approaching, ended = np.zeros((2, len(turn)), dtype=bool)  # another assembly mode
+    # a curve that approaches a meeting of assembly modes ends where its clearance would grow again
+    approaching, ended = np.zeros((2, len(turn)), dtype=bool)
     live = np.flatnonzero(curves.clearance >= RANK_LOST)
     while len(live):
-        before = select(curves, live)
-        step[live] = cut_to_predictor(robot, before.rate, step[live])
-        taken = _take_steps(robot, start.q[0], turn[live], before, step[live])
-        rows = live[taken.rows]
-        nearer = taken.ends.clearance < before.clearance[taken.rows]
-        approaching[rows] |= taken.on_branch & nearer & (taken.ends.clearance < BRANCHES_MEET)
-        past_meeting = taken.on_branch & approaching[rows] & ~nearer  # the curve ends before this step
+        current = select(curves, live)
+        step[live] = cut_to_predictor(robot, current.rate, step[live])
+        steps = _take_steps(robot, start.q[0], turn[live], current, step[live])
+        rows = live[steps.rows]
+        is_nearer = steps.ends.clearance < current.clearance[steps.rows]
+        approaching[rows] |= steps.on_branch & is_nearer & (steps.ends.clearance < BRANCHES_MEET)
+        past_meeting = steps.on_branch & approaching[rows] & ~is_nearer
         ended[rows[past_meeting]] = True
-        accepted = taken.on_branch & ~past_meeting
-        assign(curves, rows[accepted], select(taken.ends, accepted))
-        grows = rows[accepted & (taken.correction < BRANCH_GROWTH)]
+        accepted = steps.on_branch & ~past_meeting
+        assign(curves, rows[accepted], select(steps.ends, accepted))
+        grows = rows[accepted & (steps.correction < BRANCH_GROWTH)]
         step[grows] = np.maximum(step[grows], np.minimum(2.0 * step[grows], MAX_STEP_RATIO))
         refused = np.setdiff1d(live[~ended[live]], rows[accepted])
         step[refused] *= 0.5
@@ -143,39 +144,39 @@ def _begin_curves(
     )
 
 
-def _take_steps(robot: ParallelRobot, start: Array, turn: Array, before: MotorCurves, step: Array) -> _Steps:
+def _take_steps(robot: ParallelRobot, start: Array, turn: Array, current: MotorCurves, step: Array) -> _Steps:
     """Take steps (T,) of the share along tangents, and measure whether their ends are on the branches.
 
     `turn` (T, nv) is the whole turn of the motors from the start (nq,).
     """
-    share = before.share + step
+    share = current.share + step
     share = np.where(share > 1.0 - END_ROUNDING, 1.0, share)
-    length = (share - before.share)[:, None]
-    predicted = integrate(robot, before.q, length * before.rate)
+    length = (share - current.share)[:, None]
+    predicted = integrate(robot, current.q, length * current.rate)
     closing = close_at_motors(robot, start, share[:, None] * turn, predicted)
     rows, linearised = np.flatnonzero(closing.closed), closing.linearised
     if len(rows) < len(step):
         linearised = linearised.select(rows)
-    before, length = select(before, rows), length[rows]
+    current, length = select(current, rows), length[rows]
     rate = motor_driven_rates(robot, linearised, turn[rows])
-    ends = curves_at(robot, linearised, before.x)._replace(
-        rate=turn[rows] if rate is None else rate, share=share[rows], steps=before.steps + 1
+    ends = curves_at(robot, linearised, current.x)._replace(
+        rate=turn[rows] if rate is None else rate, share=share[rows], steps=current.steps + 1
     )
     ends = ends._replace(
-        least=np.minimum(before.least, ends.clearance), largest=np.maximum(before.largest, ends.clearance)
+        least=np.minimum(current.least, ends.clearance), largest=np.maximum(current.largest, ends.clearance)
     )
     corrections = difference(robot, predicted[rows], ends.q)
-    measured = measure(robot, corrections, length * before.rate, length * ends.rate)
-    apart = measured.straight | (ends.clearance > BRANCHES_CROSS)  # from branches that cross
-    same_mode = keeps_sign((before.sign, before.size), (ends.sign, ends.size))
-    return _Steps(rows, ends, measured.correction, measured.small & apart & same_mode)
+    measured = measure(robot, corrections, length * current.rate, length * ends.rate)
+    on_branch = measured.small & (measured.straight | (ends.clearance > BRANCHES_CROSS))
+    on_branch &= keeps_sign((current.sign, current.size), (ends.sign, ends.size))  # of det P
+    return _Steps(rows, ends, measured.correction, on_branch)
 
 
 def close_at_motors(robot: ParallelRobot, start: Array, turn: Array, guess: Array) -> NewtonResult:
     """Close the loops near guesses (T, nq), with the motors turned by `turn` (T, nv) from start (nq,)."""
-    rounding = np.zeros_like(turn)  # of the motors' angles, after many steps
-    rounding[:, robot.actuated] = (turn - difference(robot, start, guess))[:, robot.actuated]
-    guess = integrate(robot, guess, rounding)
+    missing = np.zeros_like(turn)  # of the motors' angles, by rounding of many steps
+    missing[:, robot.actuated] = (turn - difference(robot, start, guess))[:, robot.actuated]
+    guess = integrate(robot, guess, missing)
     if not len(robot.following):
         return NewtonResult(guess, linearised_at(robot, guess, None), np.ones(len(guess), dtype=bool))
     return close_each(robot, None, guess, iterations=MAX_STEP_ITERATIONS)
@@ -200,15 +201,15 @@ def _end_at_turning_points(
     if not len(rows) or not len(robot.following):
         return rows[:0]
     ahead = _motors_turning_points(robot, curves.q[rows], curves.share[rows], turn[rows])
-    found = np.flatnonzero(ahead.found)
-    ends = curves_at(robot, ahead.linearised.select(found), curves.x[rows[found]])
+    ending = np.flatnonzero(ahead.found)
+    ends = curves_at(robot, ahead.linearised.select(ending), curves.x[rows[ending]])
     ends = ends._replace(
-        share=ahead.share[found],
-        steps=curves.steps[rows[found]] + 1,
-        largest=np.maximum(curves.largest[rows[found]], ends.clearance),
+        share=ahead.share[ending],
+        steps=curves.steps[rows[ending]] + 1,
+        largest=np.maximum(curves.largest[rows[ending]], ends.clearance),
     )
-    assign(curves, rows[found], ends)
-    return rows[found]
+    assign(curves, rows[ending], ends)
+    return rows[ending]
 
 
 def _motors_turning_points(robot: ParallelRobot, q: Array, share: Array, turn: Array) -> TurningPoints:

@@ -1,6 +1,6 @@
 """Poses for many sets of motor angles at once, and for a stream of motor angles.
 
-A stack follows the motors from its start on all ways together (`motor_curves`).
+All curves of a stack are followed together from one start (`motor_curves`).
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def follow_motors(
     near: ArrayLike | Configuration | None = None,
     single_turn: bool = False,
 ) -> Iterator[ForwardPose]:
-    """Yield the pose of each sample of the motors' joints, starting from the pose of the sample before.
+    """Yield the pose of each sample of the motors' joints, starting from the pose of the last sample.
 
     The platform's turns are counted on through the whole stream.
 
@@ -81,11 +81,11 @@ def follow_motors(
         samples: motor joints (n_a,), joint side of the gears [rad, m], such as encoders give.
         near: an assembled configuration (nq,) to begin with, the reference by default.
         single_turn: hinges are measured modulo a turn, and each sample is moved to the turn nearest to the
-            sample before; else full turns count.
+            last sample; else full turns count.
 
     Raises:
         InvalidInput, Type2Singularity, NotAssembled: of a sample, see `forward_kinematics`. The stream ends
-            with it; the pose before was the last one yielded.
+            there, after the pose of the sample before.
     """
     expect_robot(robot)
     turning = ~robot.sliding[robot.actuated]

@@ -32,10 +32,10 @@ class StepMeasure(NamedTuple):
     straight: BoolArray  # (T,) whether the tangent has turned no more than one branch allows
 
 
-def measure(robot: Mechanism, correction: Array, along: Array, beyond: Array) -> StepMeasure:
-    """Measure steps by their corrections and by the tangents' steps before and after, each (T, nv)."""
-    corrected, advance = largest_motion(robot, correction), largest_motion(robot, along)
-    straight = is_straight(largest_motion(robot, beyond - along), corrected, advance)
+def measure(robot: Mechanism, correction: Array, predicted: Array, at_end: Array) -> StepMeasure:
+    """Measure steps by their corrections, and by steps along the tangents at start and end, each (T, nv)."""
+    corrected, advance = largest_motion(robot, correction), largest_motion(robot, predicted)
+    straight = is_straight(largest_motion(robot, at_end - predicted), corrected, advance)
     return StepMeasure(corrected, is_small(corrected, advance), straight)
 
 

@@ -1,8 +1,8 @@
 """Follow a path from the reference without jumping to another working or assembly branch.
 
 The start is reached along the straight segment from the reference's platform coordinates, then the path is
-followed. A step along the tangent counts by the measures of `predictor_corrector` and within one working
-mode; otherwise it is halved.
+followed. A step along the tangent is accepted by the measures of `predictor_corrector` and if its end is in
+the same working mode; otherwise it is halved.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from framework.kinematics.frames import (
 )
 from framework.kinematics.inverse_kinematics import close_each, close_loops, require_square
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
-from framework.kinematics.loop_matrices import equation_sizes, lost_equations, type1_matrix
+from framework.kinematics.loop_matrices import count_lost_ranks, equation_sizes, type1_matrix
 from framework.kinematics.mistaken_units import remark_on_reach
 from framework.kinematics.modes import keeps_working_mode
 from framework.kinematics.motion_rates import joint_rates
@@ -162,22 +162,22 @@ def follow_path(
 
     The poses stay in one working mode and pass Type 2 singularities. Springs keep the deflections of q. Poses
     are closed to this `last_step` of `close_each`. A branch that ends early does so just before a Type 1
-    singularity; or on it, `to_the_end`, if it is found.
+    singularity, or with `to_the_end` on the singularity itself where that is found.
     """
-    s, at_start = 0.0, np.zeros(1)
-    pose = _poses_at(robot, path, at_start, q[None], linearised_at(robot, q[None], path(at_start)))
-    parameters, stretches = [at_start], [pose]
+    s, first = 0.0, np.zeros(1)
+    pose = _poses_at(robot, path, first, q[None], linearised_at(robot, q[None], path(first)))
+    parameters, stretches = [first], [pose]
     is_short = np.abs(path(1.0) - path(0.0)).max() < SHORT_PATH * robot.length
     step = 1.0 if is_short else FIRST_STEP_RATIO
     while s < 1.0:
         step = float(cut_to_predictor(robot, pose.rate, np.array([min(step, 1.0 - s)]))[0])
         if step < MIN_STEP_RATIO:
             break
-        ahead = _parameters_ahead(robot, pose, s, step)
-        accepted = _take_steps(robot, path, pose, s, ahead, last_step)
+        s_ahead = _parameters_ahead(robot, pose, s, step)
+        accepted = _take_steps(robot, path, pose, s, s_ahead, last_step)
         if accepted is not None:
             poses, correction = accepted
-            parameters.append(ahead[: len(poses.q)])
+            parameters.append(s_ahead[: len(poses.q)])
             stretches.append(poses)
             s, pose = float(parameters[-1][-1]), poses.last
             if correction < BRANCH_GROWTH and step < MAX_STEP_RATIO:
@@ -193,38 +193,40 @@ def follow_path(
 
 
 def _take_steps(
-    robot: ParallelRobot, path: Path, start: BranchPoses, s: float, ahead: Array, last_step: float
+    robot: ParallelRobot, path: Path, start: BranchPoses, s: float, s_ahead: Array, last_step: float
 ) -> tuple[BranchPoses, float] | None:
     """Take steps from a pose (K = 1) at s to path coordinates ahead (T,), all along its tangent.
 
+    A step leads from the previous pose to the next. It is accepted if the loops close, the correction is
+    small, and its end is in the same working mode; if the tangent turns much, also away from other branches.
+
     Returns:
         The poses of accepted steps, up to the first refused, and the correction of the last step; None if
-        the first is refused. A step is one from the pose before it. It counts if the loops close, the
-        correction is small, and its end is in the same working mode, and clear of other branches if bent.
+        the first step is refused.
     """
-    lengths = (ahead - s)[:, None]
-    arrived = _close_ahead(robot, path, ahead, integrate(robot, start.q, lengths * start.rate), last_step)
-    if arrived is None:
+    lengths = (s_ahead - s)[:, None]
+    ends = _close_ahead(robot, path, s_ahead, integrate(robot, start.q, lengths * start.rate), last_step)
+    if ends is None:
         return None
-    steps = np.diff(lengths[: len(arrived.q)], axis=0, prepend=0.0)
-    q, rate = np.concatenate([start.q, arrived.q[:-1]]), np.concatenate([start.rate, arrived.rate[:-1]])
-    along = steps * rate
-    corrections = difference(robot, integrate(robot, q, along), arrived.q)
-    correction, small, straight = measure(robot, corrections, along, steps * arrived.rate)
-    if not small[0]:
+    steps = np.diff(lengths[: len(ends.q)], axis=0, prepend=0.0)
+    q, rate = np.concatenate([start.q, ends.q[:-1]]), np.concatenate([start.rate, ends.rate[:-1]])
+    predicted = steps * rate
+    corrections = difference(robot, integrate(robot, q, predicted), ends.q)
+    correction, is_small, is_straight = measure(robot, corrections, predicted, steps * ends.rate)
+    if not is_small[0]:
         return None
-    close = arrived.first(_count_leading(small))
-    keep = keeps_working_mode(robot, start.linearised, close.linearised)
-    bent = np.flatnonzero(keep & ~straight[: len(keep)])
-    keep[bent] = lost_equations(robot, close.linearised.select(bent), BRANCHES_CROSS) == 0
-    count = _count_leading(keep)
-    return (close.first(count), float(correction[count - 1])) if count else None
+    ends = ends.first(_count_leading(is_small))
+    accepted = keeps_working_mode(robot, start.linearised, ends.linearised)
+    bent = np.flatnonzero(accepted & ~is_straight[: len(accepted)])
+    accepted[bent] = count_lost_ranks(robot, ends.linearised.select(bent), BRANCHES_CROSS) == 0
+    count = _count_leading(accepted)
+    return (ends.first(count), float(correction[count - 1])) if count else None
 
 
 def _close_ahead(
     robot: ParallelRobot, path: Path, s: Array, predicted: Array, last_step: float
 ) -> BranchPoses | None:
-    """Close poses predicted at s (T,) up to the first one that does not close; None if that is the first."""
+    """Close the poses predicted at s (T,), up to the first that does not close; None if none closes."""
     q, linearised, closed = close_each(
         robot, path(s), predicted, last_step=last_step, farthest=MAX_NEWTON_STEP
     )
@@ -242,18 +244,19 @@ def _close_ahead(
 def _poses_at(
     robot: ParallelRobot, path: Path, s: Array, q: Array, linearised: LinearisedLoops
 ) -> BranchPoses:
-    """Return the poses at s (K,) and q (K, nq) with their tangents."""
-    return BranchPoses(q, linearised, _rates(robot, path, s, linearised))
+    """Return the poses at s (K,) and q (K, nq) with their tangents dq/ds, springs at rest."""
+    twist, _ = robot.platform.twist(path(s), path(s, 1))
+    return BranchPoses(q, linearised, joint_rates(robot, linearised, twist, np.zeros((len(s), robot.n_e))))
 
 
 def _parameters_ahead(robot: ParallelRobot, pose: BranchPoses, s: float, step: float) -> Array:
     """Return up to POSES_AT_ONCE path coordinates one step apart, as far as the predictor may lead."""
     lengths = step * np.arange(1, POSES_AT_ONCE + 1)
     speed = largest_motion(robot, pose.rate)[0]
-    near = (s + lengths < 1.0 + 0.5 * MIN_STEP_RATIO) & (lengths * speed < MAX_PREDICTOR_MOVE)
-    near[0] = True
-    ahead = s + lengths[near]
-    return np.where(ahead > 1.0 - END_ROUNDING, 1.0, ahead)
+    allowed = (s + lengths < 1.0 + 0.5 * MIN_STEP_RATIO) & (lengths * speed < MAX_PREDICTOR_MOVE)
+    allowed[0] = True  # at least one step
+    s_ahead = s + lengths[allowed]
+    return np.where(s_ahead > 1.0 - END_ROUNDING, 1.0, s_ahead)
 
 
 def _count_leading(true: BoolArray) -> int:
@@ -262,9 +265,9 @@ def _count_leading(true: BoolArray) -> int:
 
 
 def _type1_end(
-    robot: ParallelRobot, path: Path, s: float, before: BranchPoses
+    robot: ParallelRobot, path: Path, s: float, pose: BranchPoses
 ) -> tuple[float, BranchPoses] | None:
-    """Find the Type 1 singularity on a path ahead of a pose at s: path coordinate and pose."""
+    """Find the Type 1 singularity on a path ahead of a pose at s; return its path coordinate and pose."""
     sizes, still = equation_sizes(robot), np.zeros((1, robot.model.nv))
 
     def evaluate(q: Array, share: Array) -> CurveEquations:
@@ -277,7 +280,7 @@ def _type1_end(
         matrix = type1_matrix(robot, linearised)
         return CurveEquations(matrix, drive / sizes, linearised.residual / sizes, linearised)
 
-    ahead = turning_points(Curves(robot, robot.moving, still, evaluate), before.q, np.array([s]))
+    ahead = turning_points(Curves(robot, robot.moving, still, evaluate), pose.q, np.array([s]))
     if not ahead.found[0]:
         return None
     return float(ahead.share[0]), BranchPoses(ahead.q, ahead.linearised, still)
@@ -294,18 +297,12 @@ def _follow_branch(robot: ParallelRobot, path: Path, q: Array, what: str) -> Bra
     return Branch(robot, path, q, followed.at, offset, rate)
 
 
-def _rates(robot: ParallelRobot, path: Path, s: Array, linearised: LinearisedLoops) -> Array:
-    """Compute joint rates (T, nv) with respect to s (T,), springs at rest."""
-    twist, _ = robot.platform.twist(path(s), path(s, 1))
-    return joint_rates(robot, linearised, twist, np.zeros((len(s), robot.n_e)))
-
-
 def _end_of_reach(
     robot: ParallelRobot, path: Path, s: float, q: Array, linearised: LinearisedLoops, what: str
 ) -> OutOfReach | Type1Singularity | UncontrolledMotions:
     """Return the error for the end of a branch: a stretched or folded leg, or loops that lose their rank."""
     x = path(s)
-    count = int(lost_equations(robot, linearised, TYPE_1_END_RATIO)[0])
+    count = int(count_lost_ranks(robot, linearised, TYPE_1_END_RATIO)[0])
     if count:
         return escape_error(robot, s, x, count, f"{what} runs into {LOOP_SINGULARITY}")
     joint = weakest_leg(robot, linearised)
@@ -340,7 +337,7 @@ def weakest_leg(robot: ParallelRobot, linearised: LinearisedLoops) -> str:
 def _reachable_beyond(robot: ParallelRobot, path: Path, s: float, q: Array) -> bool:
     """Whether the loops close again a little further along the path, on any branch.
 
-    Newton's method starts from q (nq,), all joints nudged one way and the other.
+    Newton's method starts from q (nq,) with all joints moved a little, in both directions.
     """
     ahead = s + np.array(LOOK_AHEAD)
     ahead = np.repeat(ahead[ahead <= 1.0], 2)

@@ -1,9 +1,9 @@
 """The turning point in which a branch ends at a singularity, by a direct root.
 
 While the motors turn, or the platform follows its path, the loop equations F(y, s) = 0 define a curve in the
-joints y that follow and the share s of the way. It is smooth where M = dF/dy loses rank if the way drives the
-escaping motion: only s turns back. So the curve is followed by t = c . y, c along its tangent at the start,
-and
+joints y that follow and the share s of the prescribed motion. The curve is smooth where M = dF/dy loses rank
+if the prescribed motion drives the escaping one: only s turns back. So the curve is followed by t = c . y, c
+along its tangent at the start, and
 
     [M  b] [dy/dt]   [0]
     [c' 0] [ds/dt] = [1],    b = dF/ds,
@@ -35,7 +35,7 @@ MAX_SECANTS = 12
 
 
 class CurveEquations(NamedTuple):
-    """F and its derivatives at T places, without dimension (radians, lengths of the robot)."""
+    """F and its derivatives at T points, without dimension (radians, lengths of the robot)."""
 
     matrix: Array  # (T, k, k) M
     drive: Array  # (T, k) b
@@ -44,21 +44,21 @@ class CurveEquations(NamedTuple):
 
 
 class TurningPoints(NamedTuple):
-    """The turning points of T ways; the other values of a way without one mean nothing."""
+    """The turning points of T curves; where none is found the other values mean nothing."""
 
     found: BoolArray  # (T,)
-    share: Array  # (T,) of the way
+    share: Array  # (T,) of the prescribed motion
     q: Array  # (T, nq)
     linearised: LinearisedLoops  # the equations there
 
 
 @dataclass(frozen=True, eq=False)
 class Curves:
-    """The curves F(y, s) = 0 of T ways, with the tangents c at their starts."""
+    """T curves F(y, s) = 0."""
 
     robot: ParallelRobot
     columns: IntArray  # (k,) of the joints that follow
-    turn: Array  # (T, nv) of the other joints on the whole way
+    turn: Array  # (T, nv) prescribed motion of the other joints, s = 0 to 1
     evaluate: Callable[[Array, Array], CurveEquations]
 
     def joint_motions(self, step: Array) -> Array:
@@ -68,40 +68,40 @@ class Curves:
         return motion
 
     def follow_to_turn(self, q: Array, share: Array) -> _CurveEnd:
-        """Follow the curves from q (T, nq) after shares (T,) by secants to where the slope of s is zero.
+        """Follow the curves from q (T, nq) after shares (T,) by secants to where ds/dt is zero.
 
-        t is the length along c that each curve has gone. A curve that is at its end, or that has gone too
-        far, rests while the others go on.
+        t is the length of each curve so far. A curve that has converged, or has become too long, rests while
+        the others go on.
         """
         equations = self.evaluate(q, share)
-        border = solve(equations.matrix, -equations.drive)  # dy/ds at the start
-        border = border / np.linalg.norm(border, axis=1, keepdims=True)  # c
-        correction, tangent = _steps(equations, border)
+        c = solve(equations.matrix, -equations.drive)  # along dy/ds at the start
+        c = c / np.linalg.norm(c, axis=1, keepdims=True)
+        correction, tangent = _newton_step_and_tangent(equations, c)
         first_tangent = tangent
-        t, step = np.zeros(len(q)), np.full(len(q), FIRST_SECANT_LENGTH)
-        closed = np.zeros(len(q), dtype=bool)
+        t, dt = np.zeros(len(q)), np.full(len(q), FIRST_SECANT_LENGTH)
+        converged = np.zeros(len(q), dtype=bool)
         for _ in range(MAX_SECANTS):
-            move = correction + step[:, None] * tangent  # (T, k + 1) back to the curve, and along
-            lost = ~((np.abs(t + step) < MAX_ARC_LENGTH) & np.isfinite(move).all(axis=1))
-            rests = closed | lost
-            move = np.where(rests[:, None], 0.0, move)
-            q = integrate(self.robot, q, self.joint_motions(move))
-            share = share + move[:, -1]
-            t = t + np.where(rests, 0.0, step)
-            closed |= ~lost & (np.abs(move).max(axis=1) < NEWTON_STEP)
-            slope = tangent[:, -1]  # ds/dt before the move
+            step = correction + dt[:, None] * tangent  # (T, k + 1) back to the curve, and along
+            diverges = ~((np.abs(t + dt) < MAX_ARC_LENGTH) & np.isfinite(step).all(axis=1))
+            rests = converged | diverges
+            step = np.where(rests[:, None], 0.0, step)
+            q = integrate(self.robot, q, self.joint_motions(step))
+            share = share + step[:, -1]
+            t = t + np.where(rests, 0.0, dt)
+            converged |= ~diverges & (np.abs(step).max(axis=1) < NEWTON_STEP)
+            last_slope = tangent[:, -1]  # ds/dt
             equations = self.evaluate(q, share)
-            correction, tangent = _steps(equations, border)
-            if (closed | lost).all():
+            correction, tangent = _newton_step_and_tangent(equations, c)
+            if (converged | diverges).all():
                 break
-            step = -step * tangent[:, -1] / (tangent[:, -1] - slope)  # the secant's zero of ds/dt
-        return _CurveEnd(closed & (t > 0), q, share, t, first_tangent, tangent, equations.linearised)
+            dt = -dt * tangent[:, -1] / (tangent[:, -1] - last_slope)  # the secant's zero of ds/dt
+        return _CurveEnd(converged & (t > 0), q, share, t, first_tangent, tangent, equations.linearised)
 
 
 class _CurveEnd(NamedTuple):
     """The ends of T curves."""
 
-    closed: BoolArray  # (T,) whether it was found ahead of the start
+    found: BoolArray  # (T,) whether ds/dt vanishes there, ahead of the start
     q: Array  # (T, nq)
     share: Array  # (T,)
     t: Array  # (T,) length along the curve [rad, lengths]
@@ -110,33 +110,36 @@ class _CurveEnd(NamedTuple):
     linearised: LinearisedLoops
 
 
-def _steps(equations: CurveEquations, border: Array) -> tuple[Array, Array]:
-    """Compute Newton's step back to the curve, across c, and the tangent by t, each (T, k + 1)."""
-    count, size = border.shape
+def _newton_step_and_tangent(equations: CurveEquations, c: Array) -> tuple[Array, Array]:
+    """Compute Newton's step back to the curve and the tangent d(y, s)/dt, each (T, k + 1).
+
+    They solve [M b; c' 0] with the right sides [-F; 0], so that the step is normal to c, and [0; 1].
+    """
+    count, size = c.shape
     bordered = np.zeros((count, size + 1, size + 1))
     bordered[:, :-1, :-1] = equations.matrix
     bordered[:, :-1, -1] = equations.drive
-    bordered[:, -1, :-1] = border
-    newton, along = np.zeros((2, count, size + 1))
-    newton[:, :-1] = -equations.residual
-    along[:, -1] = 1.0
-    return solve(bordered, newton), solve(bordered, along)
+    bordered[:, -1, :-1] = c
+    newton_right, tangent_right = np.zeros((2, count, size + 1))
+    newton_right[:, :-1] = -equations.residual
+    tangent_right[:, -1] = 1.0
+    return solve(bordered, newton_right), solve(bordered, tangent_right)
 
 
 def turning_points(curves: Curves, q: Array, share: Array) -> TurningPoints:
-    """Find the turning points ahead of configurations q (T, nq), each after a `share` (T,) of its way.
+    """Find the turning points ahead of configurations q (T, nq), each after a `share` (T,) of its motion.
 
-    A turning point is found only if the curve from q to it is nearly a parabola, which turns there alone.
+    A turning point is found only if the curve from q to the point is nearly a parabola in t: its chord is t
+    times the mean of both end tangents, and its share gains t/2 times the first slope ds/dt.
     """
     robot = curves.robot
     with np.errstate(all="ignore"):  # a curve without a turning point ahead diverges, and is not found
         end = curves.follow_to_turn(q, share)
-        first = end.t[:, None] * curves.joint_motions(end.first)  # (T, nv) what the tangents predict
+        first = end.t[:, None] * curves.joint_motions(end.first)  # (T, nv)
         last = end.t[:, None] * curves.joint_motions(end.last)
-        # a parabola goes half of each, and its share gains half of what the first tangent says
-        bend = difference(robot, q, end.q) - 0.5 * (first + last)
-        bend_size, length = largest_motion(robot, bend), largest_motion(robot, first)
+        deviation = difference(robot, q, end.q) - 0.5 * (first + last)
+        bend, length = largest_motion(robot, deviation), largest_motion(robot, first)
         gain = 0.5 * end.t * end.first[:, -1]
-        found = end.closed & (end.share < 1.0) & (bend_size <= MAX_BEND * length)
-        found &= np.abs(end.share - share - gain) <= MAX_SKEW * gain
-    return TurningPoints(found, end.share, end.q, end.linearised)
+        is_turning = end.found & (end.share < 1.0) & (bend <= MAX_BEND * length)
+        is_turning &= np.abs(end.share - share - gain) <= MAX_SKEW * gain
+    return TurningPoints(is_turning, end.share, end.q, end.linearised)

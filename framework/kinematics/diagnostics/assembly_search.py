@@ -62,7 +62,7 @@ def find_closed_pose(mechanism: Mechanism) -> ClosedPose:
     """
     lower, upper = _ranges(mechanism)
     u = np.zeros(mechanism.model.nv)
-    for group in _groups(mechanism, mechanism.q_near, lower, upper):
+    for group in _groups(mechanism, lower, upper):
         u[group.columns] = _nearest_closing(group)
     farthest, step = int(np.argmax(np.abs(u))), u * mechanism.column_scale
     distance = f"{abs(step[farthest]):.3g} {'m' if mechanism.sliding[farthest] else 'rad'}"
@@ -72,13 +72,12 @@ def find_closed_pose(mechanism: Mechanism) -> ClosedPose:
 
 @dataclass(frozen=True, eq=False)
 class _Group:
-    """m loop equations as functions of offsets u (k,) of their joints.
+    """m loop equations as functions of offsets u (k,) of their joints from the reference.
 
-    Offsets are from a configuration, in radians and lengths of the robot.
+    Offsets are in radians and lengths of the robot.
     """
 
     mechanism: Mechanism
-    origin: Array  # (nq,)
     rows: LoopRows
     directions: LockedDirections  # which the rows alone do not keep from turning over
     columns: IntArray  # (k,)
@@ -150,33 +149,34 @@ class _Group:
         """Return the configuration (nq,) at offsets u (k,)."""
         step = np.zeros(self.mechanism.model.nv)
         step[self.columns] = u * self.mechanism.column_scale[self.columns]
-        return integrate(self.mechanism, self.origin, step)
+        return integrate(self.mechanism, self.mechanism.q_near, step)
 
     def _frames(self, u: Array) -> FrameStack:
         return frames_at(self.mechanism, self.configuration(u)[None])
 
 
-def _groups(mechanism: Mechanism, origin: Array, lower: Array, upper: Array) -> list[_Group]:
-    """Return the loops of a robot in groups that share no joint; springs are at rest."""
+def _groups(mechanism: Mechanism, lower: Array, upper: Array) -> list[_Group]:
+    """Return the loops of a robot in groups that share no joint; springs are at rest.
+
+    Rows of one group are a connected component of the graph of rows that share joints.
+    """
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
 
-    frames = frames_at(mechanism, origin[None])
-    feels = carried_between(mechanism.rows, frames) != 0.0  # (m, nv) whether a row changes with a joint
-    feels |= mechanism.rows.coupling_jacobian(feels.shape[1]) != 0.0
-    feels[:, mechanism.elastic] = False
-    pattern = csr_array(feels.astype(float))
+    frames = frames_at(mechanism, mechanism.q_near[None])
+    depends = carried_between(mechanism.rows, frames) != 0.0  # (m, nv) whether a row changes with a joint
+    depends |= mechanism.rows.coupling_jacobian(depends.shape[1]) != 0.0
+    depends[:, mechanism.elastic] = False
+    pattern = csr_array(depends.astype(float))
     label = connected_components(pattern @ pattern.T, directed=False)[1]  # (m,) rows that share joints
     groups, directions = [], mechanism.directions
     for k in range(int(label.max()) + 1):
         rows = np.flatnonzero(label == k)
-        columns = np.flatnonzero(feels[rows].any(axis=0))
+        columns = np.flatnonzero(depends[rows].any(axis=0))
         table = mechanism.rows.take(rows)
         names = {name.rpartition(".")[0] for name in table.names}
         leg_directions = directions.take(np.flatnonzero([name in names for name in directions.closures]))
-        groups.append(
-            _Group(mechanism, origin, table, leg_directions, columns, lower[columns], upper[columns])
-        )
+        groups.append(_Group(mechanism, table, leg_directions, columns, lower[columns], upper[columns]))
     return groups
 
 
@@ -196,7 +196,10 @@ def _ranges(mechanism: Mechanism) -> tuple[Array, Array]:
 
 
 def _nearest_closing(group: _Group) -> Array:
-    """Find offsets (k,) that close a group's loops: the smallest found from several starts."""
+    """Find the smallest offsets (k,) that close a group's loops from several starts.
+
+    The first start is the reference; others are drawn around it, within limits or half a turn or a length.
+    """
     turning = ~group.mechanism.sliding[group.columns]
     limited = np.isfinite(group.lower)
     reach = np.where(turning, np.pi, 1.0)
@@ -226,8 +229,8 @@ def _still_open_error(group: _Group, u: Array) -> NotAssembled:
     gap, mechanism = np.abs(group.equations(u)), group.mechanism
     row, q = np.argmax(gap), group.configuration(u)
     turning = bool(group.rows.rotation[row])
-    left = float(gap[row]) * (1.0 if turning else mechanism.length)
-    best = f"{group.rows.names[row]} stays {left:.3g} {'rad' if turning else 'm'} apart"
+    residual = float(gap[row]) * (1.0 if turning else mechanism.length)
+    best = f"{group.rows.names[row]} stays {residual:.3g} {'rad' if turning else 'm'} apart"
     if gap[row] < LOOP_GAP:
         best = f"{find_turned_over(mechanism, frames_at(mechanism, q[None]))} is turned over"
     return NotAssembled(
@@ -235,5 +238,5 @@ def _still_open_error(group: _Group, u: Array) -> NotAssembled:
         f"leads to a closed pose; in the best {best}; check the link lengths and the closures, or give a "
         f"reference near to an assembled configuration",
         q=q,
-        residual=left,
+        residual=residual,
     )

@@ -289,9 +289,9 @@ def _advice_on_reference(robot: ParallelRobot, modes: _Modes) -> list[str]:
             f"the loops close beside the reference that is given, {robot.coordinates.name_of(farthest)} by "
             f"{offset[farthest]:+.3g} {unit}"
         )
-    beyond = positions_beyond_limits(robot.limits, robot.reference.q[None])
-    if beyond:
-        listed = "; ".join(f"{joint}: {position}" for joint, position in beyond.items())
+    excesses = positions_beyond_limits(robot.limits, robot.reference.q[None])
+    if excesses:
+        listed = "; ".join(f"{joint}: {position}" for joint, position in excesses.items())
         advice.append(f"the reference leaves the URDF's limits ({listed}): change the pose or the limits")
     if modes.smallest_singular_value is not None and modes.smallest_singular_value < BRANCHES_MEET:
         advice.append("the reference is itself singular: give one away from the locus")
@@ -327,8 +327,8 @@ def _bodies(robot: ParallelRobot) -> dict[str, _Body]:
         inertia = model.inertias[j]
         largest = max(float(np.linalg.eigvalsh(inertia.inertia)[-1]), 0.0)
         gyration = np.sqrt(largest / inertia.mass) if inertia.mass > 0.0 else 0.0
-        places = [inertia.lever, *(f.placement.translation for f in model.frames if f.parentJoint == j)]
-        places += [model.jointPlacements[k].translation for k in model.children[j]]
-        size = max(float(np.linalg.norm(place)) for place in places)
+        points = [inertia.lever, *(f.placement.translation for f in model.frames if f.parentJoint == j)]
+        points += [model.jointPlacements[k].translation for k in model.children[j]]
+        size = max(float(np.linalg.norm(point)) for point in points)
         bodies[str(model.names[j])] = _Body(float(inertia.mass), float(gyration), size)
     return bodies

@@ -48,7 +48,7 @@ class Mobility(NamedTuple):
 
 
 class PlatformAxes(NamedTuple):
-    """Along which of its axes the platform can move; "x, rz" or "x and rz independently of each other"."""
+    """The platform's axes without motion, as "x, rz" or "x and rz independently of each other"."""
 
     stuck: str  # axes stuck at the reference and at nearby poses; empty if there are none
     stuck_here: str  # axes stuck at the reference
@@ -59,10 +59,10 @@ class PlatformAxes(NamedTuple):
 def mobility_of(robot: ParallelRobot) -> Mobility:
     """Count the freedoms at the assembled reference."""
     q = robot.reference.q
-    hidden = _hidden_motions(robot, q)  # (nv, k)
-    moving, resting = split_space(centres_of_mass(robot, q) @ hidden, NEARLY_AT_REST)
-    idle = _pivots(hidden @ resting)
-    loose = _pivots(hidden @ moving, excluded=idle)
+    undriven = _hidden_motions(robot, q)  # (nv, k)
+    with_mass, without_mass = split_space(centres_of_mass(robot, q) @ undriven, NEARLY_AT_REST)
+    idle = _pivots(undriven @ without_mass)
+    loose = _pivots(undriven @ with_mass, excluded=idle)
     return Mobility(
         freedoms=_motions(robot, q).shape[1],
         idle=tuple(map(robot.coordinates.name_of, idle)),
@@ -71,7 +71,7 @@ def mobility_of(robot: ParallelRobot) -> Mobility:
 
 
 def platform_axes_of(robot: ParallelRobot, freedoms: int) -> PlatformAxes:
-    """Examine the platform's axes near the assembled reference; as many as `freedoms` are needed."""
+    """Examine the platform's axes at the assembled reference and nearby, for `freedoms` axes."""
     q = robot.reference.q
     stuck_here = _stuck(robot, q)
     if not stuck_here.shape[1] and robot.n == freedoms:

@@ -155,7 +155,7 @@ def _complete(known: Known, *, by_joints: bool) -> Known:
 
 
 def _complete_at_pose(known: Known, motions: _Motions, *, by_joints: bool) -> Known:
-    """Complete the description at a closed pose."""
+    """Complete the description at a closed pose: motors, then the first proposed platform that is driven."""
     if not motions.freedoms:
         raise _no_freedom(motions, known)
     known = _choose_motors(motions, known)
@@ -168,15 +168,15 @@ def _complete_at_pose(known: Known, motions: _Motions, *, by_joints: bool) -> Kn
             remark = f"platform: {', '.join(platform.names)} of {platform.frame} (proposed)"
             return known.with_platform(platform, remark)
     part = _part_option(description, tree)
-    by_joint = list(_joint_platforms(motions, description, tree)) if by_joints else []
-    for platform in by_joint:
+    joint_platforms = list(_joint_platforms(motions, description, tree)) if by_joints else []
+    for platform in joint_platforms:
         if _is_driven(description, platform):
             why = f"no body is moved by all of the motors{'; or ' * bool(part)}{part.removesuffix(', ')}"
             remark = f"platform: the joints {', '.join(platform.names)} (proposed: {why})"
             return known.with_platform(platform, remark)
-    if by_joint:  # what stops this is the more precise reason
-        ParallelRobot.from_description(replace(description, platform=by_joint[-1]))
-    idle = motions.basis @ null_space(motions.working.T @ motions.basis)  # (nv, k) or nearly
+    if joint_platforms:  # raises the more precise error, if there is one
+        ParallelRobot.from_description(replace(description, platform=joint_platforms[-1]))
+    idle = motions.basis @ null_space(motions.working.T @ motions.basis)  # (nv, k)
     holding = _holding_joints(motions, idle, description, tree)
     remedy = f"hold joints (such as --lock {' '.join(holding)})" if holding else "give --platform and --axes"
     raise RobotFileError(
@@ -217,21 +217,29 @@ def _no_freedom(motions: _Motions, known: Known) -> RobotFileError:
 
 
 def _part_option(description: RobotDescription, tree: UrdfTree) -> str:
-    """Return the option that selects one of several parts with loops of their own, such as a leg, if any."""
-    motors = [tree.path_to_base(tree.joints[name].child) for name in description.motor_joints]
-    loops = [
+    """Return the advice, if any, that selects one of several parts with loops of their own, such as a leg.
+
+    A part is what a joint carries if that includes several motors, not all, and whole loops only. Without
+    such a joint, the advice is to lock all loops but those that share joints with the first.
+    """
+    motor_paths = [tree.path_to_base(tree.joints[name].child) for name in description.motor_joints]
+    loop_paths = [
         [tree.path_to_base(tree.link_of(frame)) for frame in closure.frames]
         for closure in description.closures
     ]
     for joint in sorted(tree.joints.values(), key=lambda joint: len(tree.path_to_base(joint.child))):
-        ends_behind = {sum(joint in path for path in ends) for ends in loops}
-        motors_behind = sum(joint in path for path in motors)
-        if 1 < motors_behind < len(motors) and ends_behind == {0, 2}:
+        carried_ends = {
+            sum(joint in path for path in paths) for paths in loop_paths
+        }  # of each loop 0, 1 or 2
+        carried_motors = sum(joint in path for path in motor_paths)
+        if 1 < carried_motors < len(motor_paths) and carried_ends == {0, 2}:
             return f"take a part of the robot (such as --base {joint.child}), "
     first, *others = merge_sharing(_loop_joints(tree, closure) for closure in description.closures) or [[]]
-    beside = [name for joints in others for name in joints]
-    held = [name for name in beside if name in description.motor_joints] or beside
-    return f"hold the loops beside those of {first[0]} (such as --lock {' '.join(held)}), " if held else ""
+    other_joints = [name for joints in others for name in joints]
+    to_lock = [name for name in other_joints if name in description.motor_joints] or other_joints
+    if not to_lock:
+        return ""
+    return f"hold the loops beside those of {first[0]} (such as --lock {' '.join(to_lock)}), "
 
 
 def _loop_joints(tree: UrdfTree, closure: Closure) -> list[str]:
@@ -299,14 +307,14 @@ def _working_motions(mechanism: Mechanism, q: Array, basis: Array) -> Array:
     Joints of couplings count as motors, such as a thread, unless nothing has mass.
     """
     description = mechanism.description
-    moves = centres_of_mass(mechanism, q) @ basis
-    moving, resting = split_space(moves, NEARLY_AT_REST)
-    idle = basis @ resting
-    turned = list(description.motor_joints)
-    if moves.any():
-        turned += [name for coupling in description.couplings for name in (coupling.joint, coupling.of)]
-    turning = split_space(idle[columns_of(mechanism.model, turned)], NEARLY_AT_REST)[0]
-    return np.concatenate([basis @ moving, idle @ turning], axis=1)
+    velocities = centres_of_mass(mechanism, q) @ basis
+    with_mass, without_mass = split_space(velocities, NEARLY_AT_REST)
+    idle = basis @ without_mass
+    motors = list(description.motor_joints)
+    if velocities.any():
+        motors += [name for coupling in description.couplings for name in (coupling.joint, coupling.of)]
+    with_motor = split_space(idle[columns_of(mechanism.model, motors)], NEARLY_AT_REST)[0]
+    return np.concatenate([basis @ with_mass, idle @ with_motor], axis=1)
 
 
 def _rank(mechanism: Mechanism, q: Array) -> int:
@@ -347,18 +355,18 @@ def _best_motors(motions: _Motions, description: RobotDescription) -> list[str]:
 
 
 def _holding_joints(
-    motions: _Motions, left: Array, description: RobotDescription, tree: UrdfTree
+    motions: _Motions, undriven: Array, description: RobotDescription, tree: UrdfTree
 ) -> list[str]:
-    """Return joints that hold all of motions (nv, k): with springs first, else far from the base."""
-    springs = [name for name, acting in description.joints.items() if acting.stiffness]
+    """Choose joints to lock that stop all of motions (nv, k): with springs first, else far from the base."""
+    springs = [name for name, joint in description.joints.items() if joint.stiffness]
     names = dict.fromkeys([*springs, *reversed(tree.movable)])
-    free = [name for name in names if name in tree.movable and name not in description.motor_joints]
-    held = motions.independent(left, free)
-    if len(held) == left.shape[1]:
-        return held
+    passive = [name for name in names if name in tree.movable and name not in description.motor_joints]
+    to_lock = motions.independent(undriven, passive)
+    if len(to_lock) == undriven.shape[1]:
+        return to_lock
     serial = _serial(Known(tree, description))
     freedoms = [name for joint in serial for name in tree.joints[joint].coordinates]
-    return serial if len(freedoms) == left.shape[1] else []
+    return serial if len(freedoms) == undriven.shape[1] else []
 
 
 def _check_driven(motions: _Motions, description: RobotDescription, tree: UrdfTree) -> None:
@@ -370,7 +378,7 @@ def _check_driven(motions: _Motions, description: RobotDescription, tree: UrdfTr
         RobotFileError: no joints can be held so.
     """
     motors = description.motor_joints
-    undriven = motions.working @ null_space(motions.rates(motors))  # (nv, k)
+    undriven = motions.working @ null_space(motions.rates(motors))  # (nv, k) motions with motors at rest
     if not undriven.shape[1]:
         return
     if not motors:
@@ -387,14 +395,14 @@ def _check_driven(motions: _Motions, description: RobotDescription, tree: UrdfTr
         )
     driven = motions.working @ np.linalg.pinv(motions.rates(motors))  # (nv, n_a)
     for _, twists in _frame_twists(motions, tree) if to_hold else ():
-        by_motor = np.linalg.norm(twists @ driven, axis=0)
-        without_motor = twists @ undriven
-        if np.all(by_motor > FILE_ROUNDING) and np.abs(without_motor).max() < FILE_ROUNDING:
+        speeds = np.linalg.norm(twists @ driven, axis=0)  # (n_a,) of the frame by each motor
+        undriven_twists = twists @ undriven
+        if np.all(speeds > FILE_ROUNDING) and np.abs(undriven_twists).max() < FILE_ROUNDING:
             why = (
                 "no motor drives them, and what all motors move stands still when they turn; --motors says "
                 "otherwise"
             )
-            raise _Undriven(message, motions, to_hold, why)
+            raise _Undriven(message, motions, to_hold, why)  # the frame may be the platform
     raise RobotFileError(message)
 
 
@@ -402,20 +410,20 @@ def _check_driven(motions: _Motions, description: RobotDescription, tree: UrdfTr
 
 
 def _platforms(motions: _Motions, description: RobotDescription, tree: UrdfTree) -> list[Platform]:
-    """Return platforms to try, the likeliest first."""
+    """Return platforms to try, the likeliest first: frames that every motor moves, first of all tools."""
     count, motors = motions.freedoms, description.motor_joints
-    rates = np.linalg.pinv(motions.rates(motors))
-    entries: list[tuple[float, Platform]] = []
-    for number, (frame, of_joints) in enumerate(_frame_twists(motions, tree)):
-        twists = of_joints @ motions.working  # (6, w)
-        by_motor = np.linalg.norm(twists @ rates, axis=0)
-        if not np.all(by_motor > FILE_ROUNDING):
+    motions_by_motor = np.linalg.pinv(motions.rates(motors))  # (w, n_a)
+    scored: list[tuple[float, Platform]] = []
+    for number, (frame, joint_twists) in enumerate(_frame_twists(motions, tree)):
+        twists = joint_twists @ motions.working  # (6, w)
+        speeds = np.linalg.norm(twists @ motions_by_motor, axis=0)  # (n_a,)
+        if not np.all(speeds > FILE_ROUNDING):
             continue
-        liking = -0.001 * number + any(tool in frame.lower() for tool in NAMES_OF_TOOLS)
-        for well, platform in _frame_platforms(twists, frame, count, tree, motors):
-            entries.append((well + liking, platform))
-    entries.sort(key=lambda entry: -entry[0])
-    return [platform for _, platform in entries[:MAX_TRIED]]
+        frame_score = -0.001 * number + any(tool in frame.lower() for tool in NAMES_OF_TOOLS)
+        for axes_score, platform in _frame_platforms(twists, frame, count, tree, motors):
+            scored.append((axes_score + frame_score, platform))
+    scored.sort(key=lambda entry: -entry[0])
+    return [platform for _, platform in scored[:MAX_TRIED]]
 
 
 def _joint_platforms(motions: _Motions, description: RobotDescription, tree: UrdfTree) -> Iterator[Platform]:
@@ -435,7 +443,11 @@ def _joint_platforms(motions: _Motions, description: RobotDescription, tree: Urd
 def _frame_platforms(
     twists: Array, frame: str, count: int, tree: UrdfTree, motors: Sequence[str]
 ) -> Iterator[tuple[float, Platform]]:
-    """Yield platforms on one frame, each with a score, larger for likelier ones."""
+    """Yield platforms on one frame with twists (6, w), each with a score, larger for likelier ones.
+
+    First the joints that carry the frame, if passive; then axes, whose score is their least singular value,
+    and more for translations.
+    """
     path = [joint for joint in reversed(tree.path_to_base(tree.link_of(frame))) if joint.moves]
     names = tuple(joint.name for joint in path)
     if len(path) == count and set(names) <= set(tree.movable) and not set(names) & set(motors):
@@ -443,12 +455,12 @@ def _frame_platforms(
     turns_about_a_point = _turns_about_a_point(twists)
     for axes in combinations(range(6), count):
         least = np.linalg.svd(twists[list(axes)], compute_uv=False)[-1]
-        turning = sum(axis >= 3 for axis in axes)
-        if least > FILE_ROUNDING and not (turns_about_a_point and turning < count):
-            sides = tuple(AXES[axis] for axis in axes)
-            orders = [sides, sides[::-1]] if turning == count == 2 else [sides]
+        turns = sum(axis >= 3 for axis in axes)
+        if least > FILE_ROUNDING and not (turns_about_a_point and turns < count):
+            axis_names = tuple(AXES[axis] for axis in axes)
+            orders = [axis_names, axis_names[::-1]] if turns == count == 2 else [axis_names]
             for order in orders:
-                yield min(least, 1.0) + 2.0 * (count - turning) / count, Platform(frame, order)
+                yield min(least, 1.0) + 2.0 * (count - turns) / count, Platform(frame, order)
 
 
 def _turns_about_a_point(twists: Array) -> bool:
@@ -456,12 +468,12 @@ def _turns_about_a_point(twists: Array) -> bool:
     linear, angular = twists[:3], twists[3:]
     if twists.shape[1] < 2:
         return False
-    # one p with v + w x p = 0 for all columns: (3 w, 3) p = v
-    rows = np.concatenate([pin.skew(np.ascontiguousarray(w)) for w in angular.T])
-    gaps = linear.T.ravel()
-    p = np.linalg.lstsq(rows, -gaps, rcond=None)[0]
-    meets = np.abs(rows @ p + gaps).max() < NEARLY_AT_REST
-    return bool(meets and np.linalg.matrix_rank(angular, tol=PROPOSED_AXES_CLEARANCE) > 1)
+    # the point p rests in all motions: v + w x p = 0 for all columns
+    cross_matrices = np.concatenate([pin.skew(np.ascontiguousarray(w)) for w in angular.T])  # (3 w, 3)
+    v = linear.T.ravel()
+    p = np.linalg.lstsq(cross_matrices, -v, rcond=None)[0]
+    rests = np.abs(cross_matrices @ p + v).max() < NEARLY_AT_REST
+    return bool(rests and np.linalg.matrix_rank(angular, tol=PROPOSED_AXES_CLEARANCE) > 1)
 
 
 def _frame_twists(motions: _Motions, tree: UrdfTree) -> Iterator[tuple[str, Array]]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from framework.dynamics.known_deflections import KnownDeflections
-from framework.dynamics.restoration import coefficients_for, restored
+from framework.dynamics.restoration import first_coefficient_count, solve_balance
 from framework.errors import InvalidInput, NotConverged
 from framework.laws.clock import OnParameter
 from framework.laws.exact_duration import SpeedSpace
@@ -54,11 +54,11 @@ def in_balance(
         return OnParameter(changed, task.branch.knots)
 
     sizes = np.linalg.norm(equalities.matrix.toarray() * law.coefficients, axis=1)[: len(places)]
-    found = restored(
+    found = solve_balance(
         task.branch,
         family,
         SCALAR_STEP * np.where(sizes > 0.0, sizes, 1.0),
-        coefficients_for(law.degree),
+        first_coefficient_count(law.degree),
         before,
     )
     return family(found.scalars).law, found.deflections

@@ -9,7 +9,7 @@ from framework.dynamics.elasticity import solve_deflections
 from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.refusals import unresolved_error, unsettled_error
 from framework.dynamics.residuals import check_idle_joints, measure_residuals
-from framework.dynamics.restoration import restored
+from framework.dynamics.restoration import solve_balance
 from framework.dynamics.singularity_crossings import (
     check_bounded,
     check_crossings,
@@ -107,8 +107,8 @@ MOTION = (  # under either law, or one of the user's own
     _reason(
         "no deflections cause the forces that hold them", NotConverged, solve_deflections, unsettled_error
     ),
-    _reason("no law near this one has deflections in balance", NotConverged, restored, in_balance),
-    _reason("even springs much stiffer would give beyond all sense", SpringsTooSoft, restored),
+    _reason("no law near this one has deflections in balance", NotConverged, solve_balance, in_balance),
+    _reason("even springs much stiffer would give beyond all sense", SpringsTooSoft, solve_balance),
     _reason("springs tear the loops open", NotConverged, resolve),
     _reason("torques, deflections or a near miss are not resolved", NotConverged, unresolved_error),
     _reason("the deflected robot meets a singularity of its own", NoLaw, check_crossings),
