@@ -88,8 +88,8 @@ def find_least_limits(problem: LawProblem) -> LeastLimits:
 def _find_multiples(problem: LawProblem, goal: str) -> tuple[float | None, float | None]:
     """Return the multiples of torque and speed limits that the law of least peaks needs; None without one."""
     limit = problem.specification.torque_limit  # infinite of motors whose torque does not count
-    weighed = problem._replace(weighing=limit)
-    least = find_least_cost(weighed.with_goal(goal), torque_limits=goal != "peak_torque")
+    relative = problem._replace(chosen_reference=limit).with_goal(goal)
+    least = find_least_cost(relative, torque_limits=goal != "peak_torque")
     return (None, None) if isinstance(least, NoneFound) else (least.speed.peak, least.speed.peak_speed)
 
 
