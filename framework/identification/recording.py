@@ -164,7 +164,8 @@ def _is_in_degrees(angles: Array, start: Array) -> bool:
     Yes if the first angles are more than half a turn off, conversion brings them nearer than subtraction of
     whole turns does, and all converted angles are within half a turn of the reference.
     """
-    distance, converted_distance = angles[0] - start, np.radians(angles) - start
+    distance = angles[0] - start
+    converted_distance = np.radians(angles) - start
     distance_without_turns = np.abs(distance - whole_turns(distance)).max()
     return bool(
         np.abs(distance).max() > np.pi

@@ -53,8 +53,10 @@ class OnParameter:
         law = self.law
         sigma = law.stretch.inverse(p)
         s = [law.evaluate_at(sigma, order) for order in range(3)]
-        z, u = law.squared_speed(sigma), 0.5 * law.squared_speed(sigma, 1)
-        dxi, ddxi = law.stretch(sigma, 1), law.stretch(sigma, 2)
+        z = law.squared_speed(sigma)
+        u = 0.5 * law.squared_speed(sigma, 1)
+        dxi = law.stretch(sigma, 1)
+        ddxi = law.stretch(sigma, 2)
         return s, np.asarray(dxi * np.sqrt(z)), np.asarray(ddxi * z + dxi * u)
 
     def parameter(self, t: Array) -> Array:

@@ -42,7 +42,9 @@ class SpeedSpace(NamedTuple):
         It is slow + share (quick - slow), with a duration between those of both. Duration is convex along the
         blend, so Newton's method from the slow end never leaves the interval.
         """
-        y, direction, share = slow, quick - slow, 0.0
+        y = slow
+        direction = quick - slow
+        share = 0.0
         for _ in range(MAX_BLEND_STEPS):
             values, weights = self._quadrature(y)
             z = values @ y
@@ -87,7 +89,8 @@ class SpeedSpace(NamedTuple):
 
         T = integral of z^(-1/2), so that dT/dy = -1/2 integral of z^(-3/2) dz/dy.
         """
-        slopes, values = np.asarray(equalities.matrix @ np.eye(len(y))), equalities(y)
+        slopes = np.asarray(equalities.matrix @ np.eye(len(y)))
+        values = equalities(y)
         if duration is None:
             return slopes, values
         basis_values, weights = self._quadrature(y)

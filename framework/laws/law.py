@@ -242,7 +242,8 @@ def advances_and_peaks(duration: float, smoothness: int, times: Array, values: A
     Returns:
         The advance is negative infinity where conditions repeat or contradict each other.
     """
-    count, scale = len(times), 2.0 / duration
+    count = len(times)
+    scale = 2.0 / duration
     end = np.ones((count, 1))  # both x and s at the end
     x = np.append(np.repeat(times * scale - 1.0, 3, axis=1), end, axis=1)  # (m, c), c = 3 k + 1
     orders = np.append(np.tile(np.arange(3), times.shape[1]), 0)  # (c,)
@@ -252,7 +253,8 @@ def advances_and_peaks(duration: float, smoothness: int, times: Array, values: A
     series = np.linalg.solve(rows[is_regular], targets[is_regular][..., None])[..., 0]  # of p
     p, accelerations = np.split(series @ _search_samples(smoothness, len(orders)), 2, axis=1)
     mean = np.abs(series @ _interior_values(len(orders)).T).mean(axis=1)
-    advances, peaks = np.full(count, -np.inf), np.full(count, np.inf)
+    advances = np.full(count, -np.inf)
+    peaks = np.full(count, np.inf)
     advances[is_regular] = p.min(axis=1) / mean
     peaks[is_regular] = np.abs(accelerations).max(axis=1) * scale**2
     return advances, peaks

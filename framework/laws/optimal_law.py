@@ -104,7 +104,8 @@ class Stretch:
         identity = sigma if order == 0 else np.full(sigma.shape, float(order == 1))
         if not self.at:
             return identity
-        w, d = STRETCH_WIDTH, sigma[..., None] - np.array(self.at)
+        w = STRETCH_WIDTH
+        d = sigma[..., None] - np.array(self.at)
         denominator = w**2 + d**2
         if order == 0:
             arctangents = np.arctan(d / w)
@@ -208,7 +209,8 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         instants = np.concatenate(([0.0], np.cumsum(series.sum(axis=1)[:, 0])))
         if abs(instants[-1] - self.duration) <= DURATION_MISMATCH * self.duration:
             correction = self.duration / instants[-1]
-            series, instants = series * correction, instants * correction
+            series = series * correction
+            instants = instants * correction
         return TimeFunction(slowness.edges, series), read_only(instants)
 
     def squared_speed(self, sigma: ArrayLike, order: int = 0) -> Array:
@@ -217,7 +219,8 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         With primes for d/d sigma and z_k for derivatives of z in xi, the chain rule gives z' = z_1 xi',
         z" = z_2 xi'^2 + z_1 xi" and z'" = z_3 xi'^3 + 3 z_2 xi' xi" + z_1 xi'".
         """
-        xi, cells = self.stretch(sigma), np.array(self.cells)
+        xi = self.stretch(sigma)
+        cells = np.array(self.cells)
         if order == 0:
             return evaluate_on_cells(cells, self.series, xi)
         z = {k: evaluate_on_cells(cells, self.series, xi, k) for k in range(1, order + 1)}
@@ -333,7 +336,8 @@ def _invert_time(law: OptimalLaw, instants: bytes) -> Array:
     t = np.frombuffer(instants)
     time_in_panel, panel_starts = law._time
     panel = np.clip(np.searchsorted(panel_starts, t, side="right") - 1, 0, len(panel_starts) - 2)
-    start, width = time_in_panel.edges[panel], np.diff(time_in_panel.edges)[panel]
+    start = time_in_panel.edges[panel]
+    width = np.diff(time_in_panel.edges)[panel]
     time = t - panel_starts[panel]  # since the start of the panel
     series = time_in_panel.coefficients[panel, :, 0]  # (T, PANEL_NODES + 1)
     x = np.clip(2.0 * time / np.diff(panel_starts)[panel] - 1.0, -1.0, 1.0)
@@ -349,7 +353,8 @@ def _invert_time(law: OptimalLaw, instants: bytes) -> Array:
 
 def _check_cells(law: OptimalLaw) -> None:
     """Raise InvalidInput unless cells and coefficients of a law fit each other."""
-    cells, count = np.array(law.cells), len(law.coefficients)
+    cells = np.array(law.cells)
+    count = len(law.coefficients)
     if len(cells) < 2 or (cells[0], cells[-1]) != ONE_CELL or not np.all(np.diff(cells) > 0):
         raise InvalidInput("law: cells must ascend from -1 to 1")
     if not count or (len(cells) > 2 and count != len(cells) - 1 + SPLINE_DEGREE):
@@ -393,7 +398,8 @@ def slowness_on_panels(cells: Array, series: Array, stretch: Stretch) -> TimeFun
     edges = stretch.inverse(cells if len(cells) > 2 else nodes(5))
     edges[[0, -1]] = 0.0, 1.0
     while len(edges) <= MAX_PANELS:
-        grid, widths = TimeGrid(edges, PANEL_NODES), np.diff(edges)
+        grid = TimeGrid(edges, PANEL_NODES)
+        widths = np.diff(edges)
         z = evaluate_on_cells(cells, series, stretch(grid.times))
         if not z.min() > 0:
             break
@@ -432,11 +438,14 @@ def _least_extremum(series: Array) -> float:
 
 def count_reversals(speed: Array) -> int:
     """Count changes between rising and falling of samples (T,), without swings below 1e-3 of the largest."""
-    reversals, sign, extreme = 0, 1.0, speed[0]  # sign of the current swing: 1 if rising; its extreme value
+    reversals = 0
+    sign = 1.0  # of the current swing: 1 if rising
+    extreme = speed[0]  # largest value of a rising swing, least of a falling one
     for value in speed:
         if (value - extreme) * sign > 0:
             extreme = value
         elif abs(value - extreme) > MIN_SWING * speed.max():
             reversals += 1
-            sign, extreme = -sign, value
+            sign = -sign
+            extreme = value
     return reversals

@@ -162,7 +162,8 @@ class Arc(PointPath):
         start, via, end = points
         center = _circle_center(points)
         radius = float(np.linalg.norm(start - center))
-        u, chord = (start - center) / radius, via - start
+        u = (start - center) / radius
+        chord = via - start
         across = chord - (chord @ u) * u
         spokes = np.array([u, across / np.linalg.norm(across)])
         along_u, along_w = spokes @ (points[1:] - center).T  # (2,) of via and end
@@ -304,7 +305,8 @@ class Polyline(PointPath):
         segments that meet there, w the distance from it over b, and the blend f of `_blend_value`. A
         derivative by s is one by w times the power of dw/ds = total / b, with the total length.
         """
-        total, corners = self._arc_lengths[-1], self._arc_lengths[1:-1]
+        total = self._arc_lengths[-1]
+        corners = self._arc_lengths[1:-1]
         corner = np.abs(s[:, None] * total - corners).argmin(axis=1)  # (T,) the nearest
         w = (s * total - corners[corner]) / self.blend
         first = (-1.0) ** (order + 1) * _blend_value(-w, order)  # the derivative of -f(-w)
@@ -315,8 +317,9 @@ class Polyline(PointPath):
 
 
 def _blend_value(w: Array, order: int) -> Array:
-    """Compute f(w) or its derivative: 0 for w <= -1, the blend of a corner between, w for w >= 1."""
-    blend, line = _BLEND.deriv(order), Polynomial([0.0, 1.0]).deriv(order)
+    """Compute f(w), 0 for w <= -1 and w for w >= 1 with the blend between, or a derivative."""
+    blend = _BLEND.deriv(order)
+    line = Polynomial([0.0, 1.0]).deriv(order)
     return np.where(w <= -1.0, 0.0, np.where(w >= 1.0, line(w), blend(w)))
 
 
@@ -394,7 +397,8 @@ def _check_derivative(path: Path, order: int, starts: Array, lengths: Array) -> 
 
 def _check_continuous(path: Path, order: int) -> None:
     """Refuse a derivative whose largest change is not halved where the grid is refined about the change."""
-    s, changes = np.linspace(0.0, 1.0, JUMP_INTERVALS + 1)[1:-1], []
+    s = np.linspace(0.0, 1.0, JUMP_INTERVALS + 1)[1:-1]
+    changes = []
     for _ in range(JUMP_GRIDS):
         values = _values(path, s, order)
         change = np.abs(np.diff(values, axis=0)).max(axis=1)

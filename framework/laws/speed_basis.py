@@ -72,7 +72,8 @@ class SpeedBasis(ReadOnlyArrays):
 
         if not len(xi):  # `design_matrix` refuses an empty array
             return sparse.csr_array((0, self.size))
-        knots, to_derivative = self.knots, sparse.identity(self.size, format="csr")
+        knots = self.knots
+        to_derivative = sparse.identity(self.size, format="csr")
         for degree in range(SPLINE_DEGREE, SPLINE_DEGREE - order, -1):
             factor = degree / (knots[degree + 1 : -1] - knots[1 : -degree - 1])  # p / (t_(i+p+1) - t_(i+1))
             shape = len(factor), len(factor) + 1

@@ -63,7 +63,8 @@ class ConeProgram:
     @cached_property
     def columns(self) -> dict[str, slice]:
         """Positions of the unknowns of each name in the vector x (n,) of all unknowns."""
-        columns, first = {}, 0
+        columns = {}
+        first = 0
         for name, size in self.sizes.items():
             columns[name] = slice(first, first + size)
             first += size
@@ -102,7 +103,8 @@ def solve_cone_program(program: ConeProgram) -> Mapping[str, Array] | Unsolved:
     import clarabel
 
     check_time()
-    objective, constraints = _objective(program), _constraints(program)
+    objective = _objective(program)
+    constraints = _constraints(program)
     for regularization, refinements in REGULARIZATIONS:
         settings = _cone_settings(regularization, refinements)
         solution = clarabel.DefaultSolver(*objective, *constraints, settings).solve()
@@ -159,7 +161,9 @@ def _interleave(program: ConeProgram, groups: Sequence[Sequence[AffineRows]]) ->
     """
     from scipy import sparse
 
-    entries, offsets, group_start = [], [], 0
+    entries = []
+    offsets = []
+    group_start = 0
     for members in groups:
         offsets.append(np.stack([rows.offset for rows in members], axis=1).ravel())
         for k, rows in enumerate(members):

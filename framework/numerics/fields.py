@@ -1,7 +1,8 @@
 """Typed values out of the mappings of a document: a table for each mapping, from its keys to readers.
 
-A reader is called with the place of a value, such as `actuators[0].joint`, and the value given; it returns
-the value read, or raises an InvalidInput that names the place, the value given and valid ones.
+A reader is called with the place `where` a value stands, such as `actuators[0].joint`, and the value `given`
+there. It returns the value read, or raises an InvalidInput that names the place, the value given and valid
+ones.
 """
 
 from __future__ import annotations
@@ -43,11 +44,7 @@ def below(where: str, key: object) -> str:
 
 
 def mapping(where: str, given: Any) -> dict[Any, Any]:
-    """Read a mapping of any keys.
-
-    Raises:
-        InvalidInput: it is none.
-    """
+    """Read a mapping of any keys."""
     if not isinstance(given, dict):
         raise InvalidInput(f"{where or 'the file'}: needs a mapping of keys, got {str(given)[:60]!r}")
     return given
@@ -61,7 +58,8 @@ def read_table(
     Raises:
         InvalidInput: a key is missing or unknown, or its reader refuses the value.
     """
-    content, values = mapping(where, given), {}
+    content = mapping(where, given)
+    values = {}
     for key, field in table.items():
         if key in content:
             values[key] = field.read(below(where, key), content[key])
@@ -82,18 +80,17 @@ def read_table(
 def record(
     table: Table, make: Callable[[str, dict[str, Any]], Any] = lambda _, values: values
 ) -> Reader[Any]:
-    """Return a reader of a mapping by a table; `make` converts its place and values."""
+    """Return a reader of a mapping by a table; `make` converts place and values into the object read."""
     return lambda where, given: make(where, read_table(where, given, table))
 
 
 def table_of(kind: type[Any], readers: Mapping[str, Reader[Any]]) -> Table:
     """Return the table of a dataclass: a reader for each field, by its annotated type."""
-    return {
-        one.name: required(readers[str(one.type)])
-        if one.default is MISSING
-        else optional(readers[str(one.type)], one.default)
-        for one in fields(kind)
-    }
+    table = {}
+    for field in fields(kind):
+        read = readers[str(field.type)]
+        table[field.name] = required(read) if field.default is MISSING else optional(read, field.default)
+    return table
 
 
 def mapping_of(read: Reader[T], read_name: Reader[str] | None = None) -> Reader[dict[str, T]]:
@@ -193,7 +190,7 @@ def text(where: str, given: Any) -> str:
 
 
 def one_of(what: str, valid: Collection[str]) -> Reader[str]:
-    """Return a reader of one of some valid names."""
+    """Return a reader of a name out of the valid ones."""
 
     def read_name(where: str, given: Any) -> str:
         """Return the name; refuse others, with the nearest valid ones."""

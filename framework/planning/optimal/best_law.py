@@ -52,7 +52,8 @@ class Best(NamedTuple):
     @property
     def gap(self) -> float:
         """The cost over the least that the program found, of laws however restless, less 1."""
-        goal, least = self.search.goal, self.search.least
+        goal = self.search.goal
+        least = self.search.least
         least_cost = least.value if goal == "time" else cost_of(goal, least)
         return max(self.cost / least_cost - 1.0, 0.0)
 
@@ -125,7 +126,8 @@ def _search_smooth(search: SmoothSearch, similar: Speed | None = None) -> Best |
             else:
                 smooth = search.find_lasting(duration, similar)
             if isinstance(smooth, Speed):
-                best, similar = _make_best(search, smooth), smooth
+                best = _make_best(search, smooth)
+                similar = smooth
                 exceeded = find_exceeded_places(search.program, smooth, search.bounds)
                 if not len(exceeded):
                     return best
@@ -137,7 +139,8 @@ def _search_smooth(search: SmoothSearch, similar: Speed | None = None) -> Best |
             if isinstance(least, NoneFound):
                 return best or smooth
             search = search._replace(least=least.speed, units=least.units).limit_duration()
-            similar, program_solved_again = None, search.program
+            similar = None
+            program_solved_again = search.program
     except SearchEnded:
         if best is None:
             raise
@@ -153,7 +156,8 @@ def _make_best(search: SmoothSearch, speed: Speed) -> Best:
     Raises:
         InvalidInput: the speed comes too near to zero.
     """
-    program, specification = search.program, search.program.problem.specification
+    program = search.program
+    specification = search.program.problem.specification
     y = speed.y
     if specification.duration is not None:
         y = program.space.adjust(y, program.conditions, specification.duration)

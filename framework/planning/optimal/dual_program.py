@@ -103,7 +103,8 @@ class DualProgram:
         width = self.series.width
         # (k, 2) at both ends of each cell
         least_factor = multipliers.minorant + self._bound_distance(multipliers)[:, None]
-        terms, norm = self._bound_terms(multipliers, least_factor), self._bound_norm(multipliers.x)
+        terms = self._bound_terms(multipliers, least_factor)
+        norm = self._bound_norm(multipliers.x)
         total_norm = float(width @ norm)  # the integral of |nu|_1
         rounding = SUM_ROUNDING * float((np.abs(terms) @ width).sum() + total_norm)
         total = float((terms @ width).sum()) - rounding
@@ -121,7 +122,8 @@ class DualProgram:
         Args:
             least_factor: of the line at both ends (k, 2).
         """
-        x, series = multipliers.x, self.series
+        x = multipliers.x
+        series = self.series
         least_damping, _ = _bound_sum(series.damping, x)
         end_costs = _least_cost(np.maximum(least_factor, 0.0), least_damping[:, None], multipliers.lam)
         _, mean_constant = _bound_sum(series.constant, x)
@@ -139,7 +141,9 @@ class DualProgram:
 
         factor = nu . cz - p' + mu . k, each as SIZE coefficients on a cell.
         """
-        series, x, mu = self.series, multipliers.x, multipliers.mu
+        series = self.series
+        x = multipliers.x
+        mu = multipliers.mu
         p_slope = MULTIPLIER_DEGREE * np.diff(x[..., 0], axis=1) / series.width[:, None]
         distance = multiply(series.per_z.coefficients, x).sum(axis=2) - p_slope @ _ELEVATED_SLOPE.T
         speed_terms = (mu[:, None] * series.squared_speed.coefficients).sum(axis=2)
@@ -195,7 +199,8 @@ class DualProgram:
         A bound of the peak is per integral of |nu|_1, so that this is at most 1. For a bound of the duration
         it is part of the cost. On a cell p' has the coefficients MULTIPLIER_DEGREE (p_(i+1) - p_i) / width.
         """
-        series, m = self.series, self.series.v.error.shape[2]
+        series = self.series
+        m = self.series.v.error.shape[2]
         count = len(series.width) * SIZE  # coefficients of a function on all cells
         draft.sizes |= {"x": int(self._x_columns[-1][-1, -1]) + 1, "t": count * m}
         # the cost -nu . c: the mean of a function on a cell is the mean of its coefficients
@@ -221,7 +226,8 @@ class DualProgram:
 
     def _add_speed_limits(self, draft: _Draft) -> None:
         """Add mu >= 0 of each motor with a speed limit, and mu . k to the factor."""
-        width, squared_speed = self.series.width, self.series.squared_speed.coefficients
+        width = self.series.width
+        squared_speed = self.series.squared_speed.coefficients
         count, _, n = squared_speed.shape
         terms = (_ELEVATED_SERIES @ squared_speed) * self._mu_unit * width[:, None, None]  # (k, SIZE, n)
         columns = np.arange(count)[:, None]
@@ -239,7 +245,8 @@ class DualProgram:
         is at least -loss. `_add_duration` makes use of drag.
         """
         width = self.series.width
-        count, one = len(width), sparse.identity(len(width), format="csr")
+        count = len(width)
+        one = sparse.identity(len(width), format="csr")
         on_cells = sparse.kron(one, np.ones((SIZE, 1)), format="csr")
         draft.sizes |= {"omega": count, "drag": count, "phi": count, "loss": count}
         draft.cost["loss"] = width
@@ -259,8 +266,10 @@ class DualProgram:
         root^2 <= 2 minorant slow. With drag, each cell gives a share of lambda for `dragged`, at most the
         least 2 (drag share)^(1/2) of drag z^(1/2) + share z^(-1/2).
         """
-        width, count = self.series.width, 2 * len(self.series.width)
-        ends, one = np.arange(count).reshape(-1, 2), sparse.identity(count, format="csr")
+        width = self.series.width
+        count = 2 * len(self.series.width)
+        ends = np.arange(count).reshape(-1, 2)
+        one = sparse.identity(count, format="csr")
         lines = -self.p_unit * _ELEVATED_LINE * (width[:, None] * self._slowness**3)[:, None]
         draft.factor["minorant"] = _block_rows(lines, ends, count)
         draft.sizes |= {"lam": 1, "minorant": count, "slow": count, "root": count}
@@ -275,7 +284,8 @@ class DualProgram:
             dragged = AffineRows({"dragged": cell}, np.zeros(len(width)))
             draft.cones.append(product_cone({"drag": cell}, {"share": cell}, [dragged]))
         zero = np.zeros(count)
-        root, slow = AffineRows({"root": one}, zero), AffineRows({"slow": one}, zero)
+        root = AffineRows({"root": one}, zero)
+        slow = AffineRows({"slow": one}, zero)
         draft.cones.append(product_cone({"minorant": one}, {"slow": 0.5 * one}, [root]))
         draft.cones.append(product_cone({"root": 0.5 * one}, half_lambda, [slow]))
         if self.timed:  # multipliers have no size of their own: lambda is 1
@@ -316,7 +326,8 @@ class DualProgram:
 
         That of a law with s' proportional to (s (1 - s))^(1/2).
         """
-        low, high = self.series.edges[:-1, None], self.series.edges[1:, None]
+        low = self.series.edges[:-1, None]
+        high = self.series.edges[1:, None]
         s = low + (high - low) * np.array([0.25, 0.75])
         return 1.0 / (np.pi * np.sqrt(s * (1.0 - s)))
 
@@ -326,9 +337,11 @@ class DualProgram:
 
         x_0 is continuous: neighbouring cells share the coefficient of their common edge.
         """
-        count, each = len(self.series.width), MULTIPLIER_DEGREE + 1
+        count = len(self.series.width)
+        each = MULTIPLIER_DEGREE + 1
         continuous = MULTIPLIER_DEGREE * np.arange(count)[:, None] + np.arange(each)  # edges are shared
-        columns, first = [continuous], continuous[-1, -1] + 1
+        columns = [continuous]
+        first = continuous[-1, -1] + 1
         for _ in range(self.series.v.error.shape[2] - 1):
             columns.append(first + np.arange(count * each).reshape(count, each))
             first += count * each
@@ -359,7 +372,8 @@ def _least_cost(factor: Array, damping: Array, lam: float) -> Array:
     With w > 0, a share of lambda gives w z^(1/2) + share z^(-1/2) >= 2 (w share)^(1/2).
     For what remains, F z + lambda z^(-1/2) >= 1.5 (2 F lambda^2)^(1/3).
     """
-    positive, negative = np.maximum(damping, 0.0), np.minimum(damping, 0.0)
+    positive = np.maximum(damping, 0.0)
+    negative = np.minimum(damping, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         y = np.cbrt(0.5 * lam / factor) - negative / (2.0 * factor)
         for _ in range(MAX_NEWTON_STEPS):

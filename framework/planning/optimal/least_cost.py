@@ -69,7 +69,8 @@ def first_cells(problem: LawProblem) -> Array:
     to its edges than 0.35 widths, are left out.
     """
     count = FIRST_CELLS if problem.degree is None else problem.degree
-    edges, width = np.linspace(-1.0, 1.0, count + 1), 2.0 / count
+    edges = np.linspace(-1.0, 1.0, count + 1)
+    width = 2.0 / count
     for xi in np.unique(problem.crossing_xi):
         half_width = min(0.5 * width, 0.7 * (1.0 - abs(xi)))
         is_end = np.abs(edges) == 1.0
@@ -86,7 +87,8 @@ def find_least_cost(
     The least peak is sought without torque limits first. If all motors have one, no law keeps the limits
     where this peak exceeds them; else the peak may be that of a motor without a limit.
     """
-    goal, limited = problem.specification.goal, problem.specification.limited
+    goal = problem.specification.goal
+    limited = problem.specification.limited
     cells = first_cells(problem) if cells is None else cells
     if goal == "peak_torque" and limited and torque_limits:
         unlimited = find_least_cost(problem, cells, torque_limits=False)
@@ -187,7 +189,8 @@ def _first_units(program: SpeedProgram) -> Units:
     the reference torque allow: limit rows . z <= 1. The torque is the limit; without limits that of
     weight, and without weight that of inertia at this time.
     """
-    problem, specification = program.problem, program.problem.specification
+    problem = program.problem
+    specification = program.problem.specification
     constant, per_z, per_u, _ = np.abs(problem.conditions.T)
     with np.errstate(divide="ignore", invalid="ignore"):
         condition_times = np.sqrt(np.maximum(per_z, per_u) / constant)  # infinite or NaN without a constant
@@ -222,7 +225,8 @@ def _cells_to_cut(program: SpeedProgram, y: Array) -> BoolArray:
     triples = np.lib.stride_tricks.sliding_window_view(np.maximum(y, lowest), 3)
     second_difference = np.abs(triples @ [1.0, -2.0, 1.0])
     first_of_bend = np.flatnonzero(second_difference > MAX_BEND * triples.min(axis=1))
-    knots, degree = basis.knots, basis.degree
+    knots = basis.knots
+    degree = basis.degree
     start = np.concatenate([knots[low], knots[first_of_bend + 3]])
     end = np.concatenate([knots[low + degree + 1], knots[first_of_bend + degree]])
     is_covered = (basis.cells[:-1, None] >= start) & (basis.cells[1:, None] <= end)  # (k, coefficients)
@@ -231,9 +235,11 @@ def _cells_to_cut(program: SpeedProgram, y: Array) -> BoolArray:
 
 def _cut_cells(problem: LawProblem, cells: Array, cut: BoolArray) -> Array:
     """Halve the cells of a mask (k,), or cut in three about a crossing; return the new edges."""
-    low, high = cells[:-1][cut], cells[1:][cut]
+    low = cells[:-1][cut]
+    high = cells[1:][cut]
     in_three = cells_about(cells, problem.crossing_xi)[cut]
     in_two = ~in_three
-    middle, third = 0.5 * (low + high), (high - low) / 3.0
+    middle = 0.5 * (low + high)
+    third = (high - low) / 3.0
     edges = [cells, middle[in_two], (low + third)[in_three], (high - third)[in_three]]
     return np.unique(np.concatenate(edges))

@@ -145,7 +145,9 @@ def _intersect_edges(edges: Array, bound: Array) -> list[Array]:
     def eliminate_u(coefficient: Array) -> Array:
         return np.asarray(coefficient[:, 0] * per_u[:, 1] - coefficient[:, 1] * per_u[:, 0])
 
-    a, b, c = eliminate_u(per_z), eliminate_u(per_speed), eliminate_u(bound)
+    a = eliminate_u(per_z)
+    b = eliminate_u(per_speed)
+    c = eliminate_u(bound)
     steeper = np.arange(len(bound)), np.where(np.abs(per_u[:, 0]) > np.abs(per_u[:, 1]), 0, 1)
     corners = []
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -47,7 +47,7 @@ ELASTIC_SHARES, LOW_DEGREE, HIGH_DEGREE = (4e-3, 2e-2, 8e-2, 0.3, 1.0), 40, 80
 
 
 class OptimalMotion(NamedTuple):
-    """The certified motion with the law that was found best, and the search that it comes from."""
+    """The certified motion of the best law, with the search that found the law."""
 
     dynamics: InverseDynamics
     law: OptimalLaw
@@ -162,7 +162,9 @@ class _ElasticSearch:
         best = self._find_law()
         if self.best_motion is not None and not self._improves(best.cost):
             return self.best_motion
-        law, known, robot = best.law, None, self.task.branch.robot
+        law = best.law
+        known = None
+        robot = self.task.branch.robot
         if self.task.geometry == "deformed" and robot.n_a == robot.n:
             law, known = find_law_in_balance(self.task, law, self.known)
         dynamics = _resolve_law(self.task, law, known)
@@ -200,7 +202,8 @@ class _ElasticSearch:
         if self.stage == len(ELASTIC_SHARES):
             raise self.first_failure or failure from None
         if self.next_task.specification.smoothness < HIGHEST_SMOOTHNESS:
-            self._change_specification(replace(self.next_task.specification, smoothness=HIGHEST_SMOOTHNESS))
+            smoother = replace(self.next_task.specification, smoothness=HIGHEST_SMOOTHNESS)
+            self.next_task = self.next_task._replace(specification=smoother)
 
     def _prepare_next(self, motion: OptimalMotion, excess: float) -> None:
         """Take over the deflections of a motion, and limits scaled by its excess.
@@ -210,15 +213,11 @@ class _ElasticSearch:
         if self.deflections is None and excess > 1.0:  # a smoother law shakes the springs less
             self.stage = max(self.stage, 1)
         if self.deflections is not None and (excess > 1.0 or self.task.specification.goal == "time"):
-            factor = (1.0 - LIMIT_TIGHTENING) / excess
-            self._change_specification(self.next_task.specification.scale_limits(factor))
+            scaled = self.next_task.specification.scale_limits((1.0 - LIMIT_TIGHTENING) / excess)
+            self.next_task = self.next_task._replace(specification=scaled)
         self.deflections = DeflectionsOnPath(motion.law, motion.dynamics.deflections)
         self.found = None
         self.points = find_crossing_points(self.task, self.deflections, self.points)
-
-    def _change_specification(self, specification: Specification) -> None:
-        """Seek the next law with another smoothness or other limits."""
-        self.next_task = self.next_task._replace(specification=specification)
 
 
 def _cost(task: Task, motion: OptimalMotion) -> float:
@@ -226,7 +225,8 @@ def _cost(task: Task, motion: OptimalMotion) -> float:
 
     The duration [s], the peak torque over the reference, or the integral of (torque / reference)^2 [s].
     """
-    goal, reference = task.specification.goal, motion.best.reference
+    goal = task.specification.goal
+    reference = motion.best.reference
     if goal == "time":
         return motion.dynamics.duration
     if goal == "peak_torque":

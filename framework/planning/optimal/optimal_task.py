@@ -22,7 +22,7 @@ from framework.tolerances import NO_HOLD
 
 
 class Task(NamedTuple):
-    """The crossing points of a law, its request, and the goal and limits that it is optimised for."""
+    """The crossing points of a law, its request, and the goal and limits of its optimisation."""
 
     to_cross: PathToCross
     request: Request
@@ -98,7 +98,8 @@ def conditions_at(
         z0: the squared speed about which viscous damping is linearised.
     """
     acting_deflections = deflections if task.geometry == "deformed" else None
-    sigmas, rows = list[float](), list[Array]()
+    sigmas = list[float]()
+    rows = list[Array]()
     for point in points:
         conditions = crossing_rows(task.branch, task.phi, point, acting_deflections, z0)
         rows += list(conditions.rows)

@@ -50,7 +50,9 @@ def uniform_cells(task: Task, count: int) -> Array:
     Knots of the path and of wrenches are edges. The cell about a crossing reaches a third of the way to the
     next edge or crossing.
     """
-    branch, phi, crossings = task.branch, Smoothstep(END_ORDER), _crossings(task)
+    branch = task.branch
+    phi = Smoothstep(END_ORDER)
+    crossings = _crossings(task)
     stretch = Stretch(tuple(map(float, phi.inverse(crossings))))
     xi = np.linspace(-1.0, 1.0, count + 1)
     edges = np.clip(phi(stretch.inverse(xi)), 0.0, 1.0)
@@ -139,7 +141,8 @@ class _Samples(NamedTuple):
 
 def _sample_cells(task: Task, reference: Array, edges: Array) -> _Samples:
     """Sample torques and speeds at the nodes of each cell."""
-    specification, counts = task.specification, np.isfinite(reference)
+    specification = task.specification
+    counts = np.isfinite(reference)
     s = (edges[:-1, None] + np.diff(edges)[:, None] * cell_nodes()).ravel()
     required = demand(task.branch, Smoothstep(0), s, None, task.geometry)
     friction, friction_error = _mean_friction(required, specification.friction)
@@ -168,7 +171,7 @@ def _mean_friction(required: Demand, size: Array) -> tuple[Array, Array]:
 
 
 def _multiplier_basis(per_u: Array) -> tuple[Array, Array]:
-    """Compute e (k, m - 1, m) and v (k, NODES, m, m) for torques per u (k, NODES, m), here cu.
+    """Compute e (k, m - 1, m) and v (k, NODES, m, m) for torques per u (k, NODES, m).
 
     v_0 = 2 cu / |cu|^2 and v_i = e_i - cu (cu . e_i) / |cu|^2. The e_i are orthogonal to cu at a node beside
     the middle of the cell.

@@ -111,7 +111,7 @@ class _Proof(NamedTuple):
 
 
 def _bound_of(proof: _Proof, reference: Array, at_rest: float) -> PeakBound:
-    """Return the bound of a proof, with p = x_0 and `across` the sum of x_i e_i over i > 0."""
+    """Return the bound of a proof, with p = x_0 and across = sum of x_i e_i, i > 0."""
     series, (x, mu, _, lam) = proof.series, proof.multipliers
     return PeakBound(
         proof.evidence.value,
@@ -156,7 +156,8 @@ def _find_proof(task: Task, reference: Array, *, timed: bool) -> _Proof | None:
 
 def _has_bound(task: Task, reference: Array) -> bool:
     """Whether bounds hold: a rigid robot, as many motors as axes, all crossings transversal and single."""
-    robot, points = task.branch.robot, task.to_cross.points
+    robot = task.branch.robot
+    points = task.to_cross.points
     are_crossed = all(point.corank == 1 and point.contact != "tangential" for point in points)
     return not robot.n_e and robot.n_a == robot.n and are_crossed and bool(np.isfinite(reference).any())
 

@@ -124,7 +124,8 @@ def demand(
     As in `resolve`: with geometry "rigid" forces are those of the undeformed robot, and the deflections only
     move the motors.
     """
-    robot, count = branch.robot, len(sigma)
+    robot = branch.robot
+    count = len(sigma)
     motor_motion = _three_motions(branch, phi, sigma, deflections)
     force_motion = motor_motion
     if geometry == "rigid" and deflections is not None:
@@ -148,7 +149,7 @@ def demand(
 
 def _rates_per_root_z(three: Motion) -> Array:
     """Return the rates (M, nv) of all joints at z = 1, of the motions of `_three_motions`."""
-    return three.v[len(three.v) // 3 : 2 * len(three.v) // 3]
+    return np.split(three.v, 3)[1]
 
 
 def _motor_direction(branch: Branch, s: Array, three: Motion) -> Array | None:
@@ -159,7 +160,8 @@ def _motor_direction(branch: Branch, s: Array, three: Motion) -> Array | None:
     robot = branch.robot
     if not robot.joint_friction[robot.actuated].any():
         return None
-    q, x = three.q[: len(s)], branch.path(s)
+    q = three.q[: len(s)]
+    x = branch.path(s)
     closed = ClosedStack(q, x, linearised_at(robot, q, x))
     motion = motion_at(robot, closed, branch.path(s, 1), 0.0 * x)
     return robot.gear_ratio * motion.v[:, robot.actuated]
@@ -176,7 +178,8 @@ def _linearised_forces(
     Args:
         sigma, s: (M,) of the points.
     """
-    robot, at_rest = branch.robot, slice(len(sigma))
+    robot = branch.robot
+    at_rest = slice(len(sigma))
     forces = inertial_forces(robot, three).reshape(3, len(sigma), -1)
     wrenches = branch.wrenches.evaluate(robot, three.linearised.frames.select(at_rest), s)
     forces[0] = static_forces(robot, three.q[at_rest], wrenches)
@@ -255,7 +258,8 @@ def _conditions_at_points(
     Args:
         sigma: (M,), the last one at the singular pose.
     """
-    robot, s = branch.robot, phi(sigma)
+    robot = branch.robot
+    s = phi(sigma)
     closed = close_loops(robot, branch.path(s), branch.guess(s))
     matrices = type2_matrix(robot, closed.linearised)
     eta = solve_bordered(matrices, Border.of(matrices[-1], corank)).eta
@@ -285,8 +289,11 @@ def _wrench_row(
     z0: SquaredSpeed | None,
 ) -> Array:
     """Compute t_s . W_p (3,) at a crossing: constant, per z and per u."""
-    robot, s = branch.robot, np.array([crossing.s])
-    sigma, q, x = phi.inverse(s), crossing.q[None], branch.path(s)
+    robot = branch.robot
+    s = np.array([crossing.s])
+    sigma = phi.inverse(s)
+    q = crossing.q[None]
+    x = branch.path(s)
     closed = ClosedStack(q, x, linearised_at(robot, q, x))
     three = _three_motions(branch, phi, sigma, deflections, closed)
     terms = _linearised_forces(branch, three, sigma, s, z0)[:, 0] * crossing.motion  # (3, nv)
@@ -318,11 +325,12 @@ def _three_motions(
     deflections: Deflections | None,
     closed: ClosedStack | None = None,
 ) -> Motion:
-    """Compute the motions (3 M,) of all joints at sigma (M,), stacked for (z, u) = (0, 0), (1, 0), (0, 1).
+    """Compute the motions (3 M,) of all joints for (z, u) = (0, 0), (1, 0) and (0, 1), stacked.
 
     The platform's derivatives in sigma are x' phi' and x' phi" + x" phi'^2, with those of x in s.
     """
-    robot, s = branch.robot, phi(sigma)
+    robot = branch.robot
+    s = phi(sigma)
     if closed is None:
         closed = _close_deflected(branch, sigma, s, deflections)
     dphi, ddphi = (phi(sigma, order)[:, None] for order in (1, 2))
@@ -330,13 +338,15 @@ def _three_motions(
     rates = _three_rates(dx * dphi, dx * ddphi + ddx * dphi**2)
     if deflections is not None and robot.n_e:
         rates += _three_rates(deflections(sigma, 1), deflections(sigma, 2))
-    q, x = np.tile(closed.q, (3, 1)), np.tile(closed.x, (3, 1))
+    q = np.tile(closed.q, (3, 1))
+    x = np.tile(closed.x, (3, 1))
     return motion_at(robot, ClosedStack(q, x, linearised_at(robot, q, x)), *rates)
 
 
 def _close_deflected(branch: Branch, sigma: Array, s: Array, deflections: Deflections | None) -> ClosedStack:
     """Close the loops of the deflected robot at sigma and s (M,), from the poses of the branch."""
-    robot, guess = branch.robot, branch.guess(s)
+    robot = branch.robot
+    guess = branch.guess(s)
     if deflections is not None:
         step = np.zeros((len(sigma), robot.model.nv))
         step[:, robot.elastic] = deflections(sigma)

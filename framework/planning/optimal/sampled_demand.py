@@ -37,7 +37,9 @@ class SampledDemand(NamedTuple):
 
     def evaluate(self, phi: Smoothstep, sigma: Array) -> Demand:
         """Compute the demand at sigma (M,), with s'^2 = phi'^2 z and s" = phi' u + phi" z."""
-        s, dphi, ddphi = phi(sigma), phi(sigma, 1)[:, None], phi(sigma, 2)[:, None]
+        s = phi(sigma)
+        dphi = phi(sigma, 1)[:, None]
+        ddphi = phi(sigma, 2)[:, None]
         pole_product = _pole_product(s, self.poles)
         *torques, speed = np.split(self.series(s), 5, axis=1)
         constant, per_z, per_u, damping = (torque / pole_product for torque in torques)
@@ -87,6 +89,7 @@ def _find_unresolved(series: TimeFunction, motors: int) -> Array:
     by_quantity = np.abs(series.coefficients).reshape(panels, size, 5, motors).max(axis=3)
     at_rest, per_z, per_u, damping, speed = np.moveaxis(by_quantity, 2, 0)
     sizes = np.stack([at_rest, np.maximum(per_z, per_u), damping, speed], axis=2)
-    tail, largest = sizes[:, -2:].max(axis=1), sizes.max(axis=1)
+    tail = sizes[:, -2:].max(axis=1)
+    largest = sizes.max(axis=1)
     resolved = tail <= SERIES_TAIL * largest  # not a number compares false
     return np.asarray(~resolved.all(axis=1))

@@ -54,7 +54,8 @@ class SmoothSearch(NamedTuple):
     def bounds(self) -> Bounds:
         """The limits, and the least cost with the share that smoothness may take."""
         specification = self.program.problem.specification
-        cost_factor, limit_share = 1.0 + self.share, self.limit_share * (1.0 - LIMIT_MARGIN)
+        cost_factor = 1.0 + self.share
+        limit_share = self.limit_share * (1.0 - LIMIT_MARGIN)
         longest = specification.max_duration
         if self.goal == "time":
             return Bounds(min(cost_factor * self.least.value, longest or np.inf), share=limit_share)
@@ -190,7 +191,8 @@ class SmoothSearch(NamedTuple):
         quick, floor = self._solve_above_floor(limits._replace(longest=duration), "energy", similar)
         if isinstance(quick, NoneFound):
             return quick
-        law, least_duration = similar or quick, duration * (1.0 - SAME_DURATION)
+        law = similar or quick
+        least_duration = duration * (1.0 - SAME_DURATION)
         if law.duration < least_duration:
             starts = list(self._find_starts(quick, duration, floor))
             if not starts:
@@ -250,7 +252,8 @@ class SmoothSearch(NamedTuple):
 
         Holding costs the sum of (torque at rest over the reference)^2. Inside, its local minima count.
         """
-        program, sigma = self.program, self._positive_sigma
+        program = self.program
+        sigma = self._positive_sigma
         points = program.problem.task.stretch.inverse(program.xi)
         torque_at_rest = [torque.offset[: len(points)] for torque in program.rows.torque]
         ratio = np.stack(torque_at_rest, axis=1) / program.problem.reference
@@ -284,7 +287,8 @@ def find_exceeded_places(program: SpeedProgram, speed: Speed, bounds: Bounds) ->
     If any is, further ones where a limit is nearly reached are added: the next law would exceed it there. Of
     neighbouring ones only the local maxima are returned.
     """
-    limit, reference = program.problem.specification.torque_limit, program.problem.reference
+    limit = program.problem.specification.torque_limit
+    reference = program.problem.reference
     peak_bound = np.inf if bounds.peak is None else bounds.peak * (1.0 + LIMIT_MARGIN) * reference
     allowed = np.minimum(limit, peak_bound)
     used = program.rows.used_share(speed.y, allowed)[: len(program.xi)]  # at the points

@@ -101,7 +101,8 @@ class SpeedProgram:
     @staticmethod
     def on_cells(problem: LawProblem, cells: Array) -> SpeedProgram:
         """Return the program with points on cells (k + 1,) of xi, each crossing in the middle of one."""
-        basis, crossings = problem.basis_on(cells), np.unique(problem.crossing_xi)
+        basis = problem.basis_on(cells)
+        crossings = np.unique(problem.crossing_xi)
         counts = np.where(cells_about(cells, crossings), POINTS_ABOUT, POINTS)
         counts[[0, -1]] = POINTS_ABOUT
         xi, xi_weights = _gauss_points(cells, counts)
@@ -121,6 +122,11 @@ class SpeedProgram:
     def _integrated(self) -> slice:
         """The points with a weight: all but the ends."""
         return slice(1, len(self.xi) - 1)
+
+    @property
+    def _inner_weights(self) -> Array:
+        """Weights (P,) of the points with a weight."""
+        return self.weights[self._integrated]
 
     @cached_property
     def z(self) -> Any:
@@ -143,14 +149,15 @@ class SpeedProgram:
 
         d2z/dsigma2 = xi'^2 d2z/dxi2 + xi" dz/dxi at the points, times the root of their weights.
         """
-        stretch, inside = self.problem.task.stretch, self._integrated
+        stretch = self.problem.task.stretch
+        inside = self._integrated
         sigma = self.problem.sigma(self.xi)[inside]
         first, second = (self.basis.matrix(self.xi[inside], order) for order in (1, 2))
         curvature = (
             sparse.diags_array(stretch(sigma, 1) ** 2) @ second
             + sparse.diags_array(stretch(sigma, 2)) @ first
         )
-        rows = sparse.diags_array(np.sqrt(self.weights[inside])) @ curvature
+        rows = sparse.diags_array(np.sqrt(self._inner_weights)) @ curvature
         size = np.sqrt(np.mean(np.square(rows.data)) * rows.shape[0])
         return AffineRows({"y": rows / size}, np.zeros(rows.shape[0]))
 
@@ -180,7 +187,7 @@ class SpeedProgram:
         torque = np.stack([row(y) for row in self.rows.torque], axis=1) / self.problem.reference
         slowness = np.maximum(self.z @ y, np.finfo(float).tiny) ** -0.5  # dt/d sigma
         power = (torque[self._integrated] ** 2).sum(axis=1) * slowness
-        energy = float(self.weights[self._integrated] @ power)
+        energy = float(self._inner_weights @ power)
         peak = float(np.abs(torque).max(initial=0.0))
         squared_speeds = [float((rows @ y).max()) for rows in self.rows.squared_speed]
         peak_speed = float(np.sqrt(max([0.0, *squared_speeds])))
@@ -240,7 +247,7 @@ class SpeedProgram:
         if isinstance(optimum, Unsolved):
             return optimum
         y = self.meet_conditions(optimum["y"] / scale)
-        duration = float(self.weights[self._integrated] @ optimum["v"]) if goal == "time" else np.nan
+        duration = float(self._inner_weights @ optimum["v"]) if goal == "time" else np.nan
         return self.speed(y, duration * units.time)._replace(floor=floor)
 
     def _sizes(self, *, timed: bool, powered: bool) -> dict[str, int]:
@@ -254,22 +261,21 @@ class SpeedProgram:
 
     def _linear_cost(self, goal: str, weights: Array | None) -> dict[str, Array]:
         """Return the cost of each unknown by a goal; none for "curvature", whose cost is quadratic."""
-        inside = self.weights[self._integrated]
         match goal:
             case "time":
-                return {"v": inside}
+                return {"v": self._inner_weights}
             case "energy":
-                return {"e": inside}
+                return {"e": self._inner_weights}
             case "slowness":
                 assert weights is not None
-                return {"y": (inside * weights) @ self.z}
+                return {"y": (self._inner_weights * weights) @ self.z}
             case "curvature":
                 return {}
         return {"peak": np.ones(1)}
 
     def _bound_integrals(self, bounds: Bounds, units: Units) -> list[AffineRows]:
         """Return the bounds of duration and energy less the integrals of v and e, rows not negative."""
-        weights = sparse.csr_array(-self.weights[self._integrated][None])
+        weights = sparse.csr_array(-self._inner_weights[None])
         rows = []
         if bounds.longest is not None:
             rows.append(AffineRows({"v": weights}, np.array([bounds.longest / units.time])))
@@ -283,10 +289,10 @@ class SpeedProgram:
 
         T = integral of z^(-1/2), so that T_lin(z) = integral of 1.5 z_0^(-1/2) - 0.5 z_0^(-3/2) z.
         """
-        inside = self.weights[self._integrated]
+        weights = self._inner_weights
         z = self.z @ y * units.time**2
-        slope = sparse.csr_array((-0.5 * inside * z**-1.5)[None]) @ self.z
-        return AffineRows({"y": slope}, np.array([1.5 * inside @ z**-0.5 - duration / units.time]))
+        slope = sparse.csr_array((-0.5 * weights * z**-1.5)[None]) @ self.z
+        return AffineRows({"y": slope}, np.array([1.5 * weights @ z**-0.5 - duration / units.time]))
 
     def _limit_rows(self, goal: str, bounds: Bounds, units: Units) -> list[AffineRows]:
         """Return bounds of torques and squared speeds as rows that may not be negative.
@@ -294,7 +300,8 @@ class SpeedProgram:
         `peak` bounds the torques for the goal "peak_torque", the squared speeds for "peak_speed", and the
         limited torques and the squared speeds for "limits", as a multiple of their limits.
         """
-        rows, scale = list[AffineRows](), units.time**2
+        rows = list[AffineRows]()
+        scale = units.time**2
         for motor, (matrix, offset) in enumerate(self.rows.torque):
             unit = self.problem.reference[motor] * units.torque
             torque = AffineRows({"y": matrix / (unit * scale)}, offset / unit)
@@ -307,7 +314,8 @@ class SpeedProgram:
             if np.isfinite(largest):
                 rows += _bound_size(torque, largest)
         for matrix in self.rows.squared_speed:
-            parts, largest = {"y": -(matrix / scale)}, bounds.share**2
+            parts = {"y": -(matrix / scale)}
+            largest = bounds.share**2
             if goal in ("peak_speed", "limits"):
                 parts["peak"], largest = _column(matrix, 1.0), 0.0
             rows.append(_limit_entries(AffineRows(parts, np.full(matrix.shape[0], largest))))
@@ -339,7 +347,8 @@ class SpeedProgram:
         if timed:
             cones.append(product_cone({"v": one}, {"r": one}, [AffineRows({}, np.full(count, 2.0))]))
         if powered:
-            inside, scale = self._integrated, units.time**2
+            inside = self._integrated
+            scale = units.time**2
             unit = self.problem.reference * units.torque
             twice_torque = [
                 AffineRows({"y": 2.0 * matrix[inside] / (unit[j] * scale)}, 2.0 * offset[inside] / unit[j])
@@ -369,7 +378,8 @@ def _weigh_limits(xi: Array, cells: Array, counts: Array, crossings: Array) -> l
 
 def _gauss_points(cells: Array, counts: Array) -> tuple[Array, Array]:
     """Return Gauss points (M,) of the cells, with -1 and 1, and weights (M,), zero at -1 and 1."""
-    xi, weights = [np.array([-1.0])], [np.zeros(1)]
+    xi = [np.array([-1.0])]
+    weights = [np.zeros(1)]
     for low, high, count in zip(cells[:-1], cells[1:], counts, strict=True):
         points, point_weights = _gauss_legendre(int(count))
         xi.append(0.5 * (low + high) + 0.5 * (high - low) * points)

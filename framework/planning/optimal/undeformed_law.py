@@ -156,7 +156,8 @@ def _meet_conditions(problem: LawProblem, points: Sequence[CrossingPoint], law: 
     for _ in range(MAX_CONDITION_STEPS):
         problem = _linearise_damping(problem, points, law.squared_speed)
         try:
-            space, rows = SpeedSpace(law.basis, law.stretch), condition_rows(problem, law.basis)
+            space = SpeedSpace(law.basis, law.stretch)
+            rows = condition_rows(problem, law.basis)
             law = replace(law, coefficients=space.adjust(law.coefficients, rows, law.duration))
         except InvalidInput as reason:
             raise NotConverged(
