@@ -150,7 +150,8 @@ def _random_poses(robot: ParallelRobot, count: int, random: np.random.Generator)
         closed = close_each(robot, target, q, farthest=MAX_NEWTON_STEP)
         accepted = closed.closed & ~is_done  # (count,)
         accepted[accepted] = clearance(robot, linearised_at(robot, closed.q[accepted], None)) > BRANCHES_MEET
-        q[accepted], x[accepted] = closed.q[accepted], target[accepted]
+        q[accepted] = closed.q[accepted]
+        x[accepted] = target[accepted]
         has_moved |= accepted
     if has_moved.all():
         return q, x

@@ -36,9 +36,9 @@ class Measurements(ReadOnlyArrays):
     axes: IntArray  # of the platform's coordinates
     others: IntArray  # of 0..2: positions of the frame's origin that are no coordinates of the platform
 
-    def rows(self, which: BoolArray) -> Measurements:
-        """Return the measurements at the instants marked in `which` (T,)."""
-        return replace(self, values=self.values[which])
+    def rows(self, instants: BoolArray) -> Measurements:
+        """Return the measurements at the instants of a mask (T,)."""
+        return replace(self, values=self.values[instants])
 
 
 def measurements_of(geometry: Geometry, data: Recording, noise: dict[str, float]) -> Measurements:

@@ -98,8 +98,9 @@ class Identification(ReadOnlyArrays):
         change = np.abs(self.values - self.base.values)
         return self._base_names(change > SIGNIFICANT_DEVIATIONS * self.deviations)
 
-    def _base_names(self, which: BoolArray) -> tuple[str, ...]:
-        return tuple(self.base.names[k] for k in np.flatnonzero(which))
+    def _base_names(self, mask: BoolArray) -> tuple[str, ...]:
+        """Return the names of the base parameters in a mask (rank,)."""
+        return tuple(self.base.names[k] for k in np.flatnonzero(mask))
 
     @property
     def _description(self) -> RobotDescription:

@@ -46,7 +46,7 @@ class Sensors:
 def record_sensors(
     simulation: Simulation, torque: Callable[[Array], Array], sensors: Sensors | None = None
 ) -> Recording:
-    """Sample a simulated motion as sensors do.
+    """Sample a simulated motion as sensors do: motor angles, motor torques and platform, with their errors.
 
     Args:
         torque: motor torques (T, n_a) of the motion, motor side, at t (T,), such as `plan.torque`.

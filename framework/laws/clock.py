@@ -1,7 +1,7 @@
-"""The parameter in which the functions that follow from a law are smooth, and its rate in time.
+"""The parameter p of Chebyshev series of functions along a law, such as deflections, and its rate in time.
 
-With a polynomial in time that is time itself; with an optimal law s = phi(sigma(t)) it is xi(sigma), in which
-the squared speed is a Chebyshev series.
+Of a polynomial law p is time itself; of an optimal law s = phi(sigma(t)) it is xi(sigma), in which the
+squared speed is a Chebyshev series. In p such functions are smooth.
 """
 
 from __future__ import annotations

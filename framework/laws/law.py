@@ -54,7 +54,7 @@ class MotionLaw(Protocol):
 
 
 class ExactLaw(ABC):
-    """A motion law of this package: its derivatives are exact, and need no check."""
+    """A motion law of this package, whose derivatives are exact and need no check."""
 
     @property
     def edges(self) -> Array:
@@ -222,8 +222,9 @@ class Law(ReadOnlyArrays, PlannedLaw):
     def advance(self, smoothness: int) -> float:
         """Return the least p(x) on [-1, 1] over the mean of |p|, where s' = (1 - x^2)^smoothness p(x).
 
-        Positive for a monotone law. x = 2 t / T - 1 is the normalised time. The zeros that rest at the ends
-        forces on s' are divided out, so that rounding does not decide the sign near the ends.
+        Positive for a monotone law. x = 2 t / T - 1 is the normalised time. At rest at the ends s' has the
+        zeros of (1 - x^2)^smoothness; these are divided out, so that rounding does not decide the sign near
+        the ends.
         """
         return _least_over_mean(_divide_out_ends(self.degree, smoothness) @ self.coefficients)
 

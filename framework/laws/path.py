@@ -87,9 +87,9 @@ class PointPath(ReadOnlyArrays):
     def __call__(self, s: ArrayLike, order: int = 0) -> Array:
         """Compute x(s) or its derivative by s of this order: s of any shape (...) gives (..., n)."""
         check_order(order)
-        places = np.asarray(s, dtype=float)
-        values = self._evaluate(places.reshape(-1), order)
-        return values.reshape(*places.shape, values.shape[1])
+        s_values = np.asarray(s, dtype=float)
+        values = self._evaluate(s_values.reshape(-1), order)
+        return values.reshape(*s_values.shape, values.shape[1])
 
     def _evaluate(self, s: Array, order: int) -> Array:
         """Compute x(s) or its derivative at s (T,), (T, n)."""

@@ -42,7 +42,8 @@ def gmres(product: Callable[[Array], Array], right: Array, *, left: float, most:
     for k in range(min(most, len(right))):
         components, remainder = _orthogonalise(product(basis[k]), np.array(basis))
         length = float(np.linalg.norm(remainder))
-        H[: k + 1, k], H[k + 1, k] = components, length
+        H[: k + 1, k] = components
+        H[k + 1, k] = length
         H_k = H[: k + 2, : k + 1]
         target_k = target[: k + 2]
         weights = np.linalg.lstsq(H_k, target_k, rcond=weak)[0]

@@ -152,8 +152,10 @@ def path_ends(family: QuadricFamily, coefficients: Array, seed: int = 0) -> Path
     endgame = _endgame(family, start, target, first.z[again], rng)
     is_missing = ~arrived[again]
     missing = again[is_missing]
-    ends.z[missing], ends.arrived[missing] = endgame.z[is_missing], endgame.arrived[is_missing]
-    ends.infinite[again], ends.last[again] = endgame.infinite, endgame.last
+    ends.z[missing] = endgame.z[is_missing]
+    ends.arrived[missing] = endgame.arrived[is_missing]
+    ends.infinite[again] = endgame.infinite
+    ends.last[again] = endgame.last
     ends.multiple[again] = endgame.multiple & is_missing
     return ends
 

@@ -71,7 +71,8 @@ def contract(equations: LinearEnclosure, radii: Array, mixers: Array) -> Contrac
     lower = np.maximum((root - half_width).max(axis=1), -radii)
     upper = np.minimum((root + half_width).min(axis=1), radii)
     is_impossible = (np.abs(values) > ROUND_UP * totals).any(axis=1)
-    lower[is_impossible], upper[is_impossible] = 1.0, -1.0
+    lower[is_impossible] = 1.0
+    upper[is_impossible] = -1.0
     return Contracted(lower, upper)
 
 

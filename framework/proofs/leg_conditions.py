@@ -173,7 +173,8 @@ class _Sampler(NamedTuple):
                 pose = pose * (step if edge.forward else step.inverse())
             pose = pose * frame.placement
             displacement = pose * self.reference.inverse()
-            R[k], p[k] = displacement.rotation, displacement.translation / self.robot.length
+            R[k] = displacement.rotation
+            p[k] = displacement.translation / self.robot.length
             if self.of_point:
                 p[k] = (pose.translation - self.reference.translation) / self.robot.length
         return R, p
@@ -181,7 +182,9 @@ class _Sampler(NamedTuple):
     def _draw_closure_pose(self, closure: Closure, rng: np.random.Generator) -> pin.SE3 | None:
         """Draw a pose of the second frame's body against the first one's that the closure allows.
 
-        None if its motions are no group: with two free turns, or several distances.
+        Offsets along locked axes are zero, turns about free axes random; a closure with a length keeps it. In
+        a plane a closure with all turns free turns about the normal alone. None if the motions are no group:
+        with two free turns, or several distances.
         """
         model = self.robot.model
         ends = [model.getFrameId(name) for name in closure.frames]

@@ -106,8 +106,8 @@ class LegEquations:
     def of(robot: ParallelRobot, own: IntArray, fixed: BoolArray, q: Array, x: Array | None) -> LegEquations:
         """Collect the equations whose joints are the leg's, or fixed.
 
-        The platform's coordinates x count where no free joint moves them. They determine the attitude of its
-        frame if they have all turns: three, in a plane one.
+        A loop row counts if a joint of the leg moves it and no free joint does; the platform's coordinates x
+        alike. They determine the attitude of its frame if they have all turns: three, in a plane one.
         """
         carried = scratch_of(robot).carried
         rows = robot.rows
@@ -158,7 +158,8 @@ class LegEquations:
     def _loops(self, frames: FrameStack, bounds: list[ChainBounds]) -> LinearEnclosure:
         """Enclose loop equations: residual and slopes at the middle, bounds of second-order terms.
 
-        Those of a square are ChainBounds.square, of a rotation .attitude, of a translation .position.
+        The bounds are `ChainBounds.square` for the row of a square, `attitude` for one of a rotation, and
+        `position` for one of a translation.
         """
         rows = self.robot.rows
         loops = self.loops
@@ -225,8 +226,8 @@ class LegEquations:
     def farthest_slide(self) -> float | None:
         """Bound the leg's slide [robot lengths] at which a chain can close; None without a bound.
 
-        The translations of a chain change by one unit with its slide, whatever its hinges do (at random
-        joints). So the slide is no longer than the rest of the chain, stretched out.
+        Where the translations of a chain change by one unit with its slide, whatever its hinges do (tested at
+        random joints), the slide is no longer than the other links of the chain, stretched out.
         """
         robot = self.robot
         n = len(self.own)

@@ -76,8 +76,8 @@ def close_all_loops(
 ) -> tuple[Array, BoolArray]:
     """Close the loops by Newton's method from q (T, nq); return configurations (T, nq), and which are closed.
 
-    Redundant equations count as well, so a step is one of least squares. After all are closed one step more
-    is taken, to rounding.
+    Redundant equations count as well, so steps are of least squares, cut to MAX_SEARCH_STEP. One more step is
+    taken after all are closed, to reach rounding.
 
     Args:
         columns: the joints that move; the passive ones by default.

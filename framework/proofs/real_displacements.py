@@ -98,13 +98,15 @@ def real_solutions(
         attempts.append(_prove_path_ends(group, rows, slack, seed))
         if attempts[-1].status != "at least":
             break
-    best = min(  # of equal ones the last
-        reversed(attempts),
-        key=lambda attempt: (attempt.status == "at least", attempt.count.lost, attempt.count.multiple),
-    )
+    best = min(reversed(attempts), key=_doubts)  # of equal ones the last
     if pave and best.status != "proved" and best.proved.all() and are_all_real(group, rows, slack, best.z):
         return replace(best, status="proved")
     return best
+
+
+def _doubts(attempt: RealSolutions) -> tuple[bool, int, int]:
+    """Return the doubts that an attempt leaves: of its status, lost paths, multiple solutions."""
+    return attempt.status == "at least", attempt.count.lost, attempt.count.multiple
 
 
 def _prove_path_ends(group: Displacements, coefficients: Array, slack: Array, seed: int) -> RealSolutions:

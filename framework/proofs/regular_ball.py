@@ -111,16 +111,16 @@ class _Cubes(NamedTuple):
     """S cubes of a grid, each with its cell; an untested one with its parent's."""
 
     level: IntArray  # (S,) how often the first cube was halved
-    places: IntArray  # (S, n) numbers of the cube along each axis, among those of its level
+    numbers: IntArray  # (S, n) numbers of the cube along each axis, among those of its level
     cells: Cells
 
     def parts(self) -> _Cubes:
         """Return the 2^n cubes of half the width in each."""
-        S, n = self.places.shape
+        S, n = self.numbers.shape
         corners = np.indices((2,) * n).reshape(n, -1).T  # (2^n, n) of 0 and 1
         parent = np.repeat(np.arange(S), len(corners))
-        places = 2 * self.places[parent] + np.tile(corners, (S, 1))
-        return _Cubes(self.level[parent] + 1, places, select(self.cells, parent))
+        numbers = 2 * self.numbers[parent] + np.tile(corners, (S, 1))
+        return _Cubes(self.level[parent] + 1, numbers, select(self.cells, parent))
 
 
 class _Grid(NamedTuple):
@@ -130,12 +130,12 @@ class _Grid(NamedTuple):
 
     def middles(self, cubes: _Cubes) -> Array:
         """Compute the middles (S, n) of cubes off the pose."""
-        return self.width * ((cubes.places + 0.5) * 0.5 ** cubes.level[:, None] - OFF_CENTRE)
+        return self.width * ((cubes.numbers + 0.5) * 0.5 ** cubes.level[:, None] - OFF_CENTRE)
 
     def nearest(self, cubes: _Cubes) -> Array:
         """Compute the points (S, n) of cubes that are nearest to the pose."""
         size = 0.5 ** cubes.level[:, None]
-        lower, upper = ((cubes.places + side) * size - OFF_CENTRE for side in (0, 1))
+        lower, upper = ((cubes.numbers + side) * size - OFF_CENTRE for side in (0, 1))
         return self.width * np.clip(0.0, lower, upper)
 
     def distances(self, cubes: _Cubes) -> Array:
@@ -149,7 +149,7 @@ class _Grid(NamedTuple):
         """
         pose = int(np.floor(OFF_CENTRE * 2**MAX_CUTS))  # the smallest cube about the pose
         size = 2 ** (MAX_CUTS - cubes.level[:, None])
-        return np.clip(pose, cubes.places * size - 1, (cubes.places + 1) * size)
+        return np.clip(pose, cubes.numbers * size - 1, (cubes.numbers + 1) * size)
 
 
 def _many_cells(test: CellTest, q: Array, within: float, max_cells: int) -> RegularBall:
@@ -224,13 +224,13 @@ def _contain(test: CellTest, cells: Cells, q: Array, radii: Array | float) -> Bo
 
 def _inward_neighbours(grid: _Grid, cubes: _Cubes) -> IntArray:
     """Find the cubes (S,) next to the nearest points, on the side of the pose; -1 for none."""
-    keys = np.column_stack([cubes.level, cubes.places]).tolist()
+    keys = np.column_stack([cubes.level, cubes.numbers]).tolist()
     index_of = {tuple(key): index for index, key in enumerate(keys)}
     inward = grid.inward(cubes).astype(np.intp)  # smallest cubes, each within one cube of every level
     neighbour = np.full(len(keys), -1)
     for level in np.unique(cubes.level).tolist():
-        for k, places in enumerate((inward >> (MAX_CUTS - level)).tolist()):
-            neighbour[k] = index_of.get((level, *places), neighbour[k])
+        for k, numbers in enumerate((inward >> (MAX_CUTS - level)).tolist()):
+            neighbour[k] = index_of.get((level, *numbers), neighbour[k])
     return neighbour
 
 

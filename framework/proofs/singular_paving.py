@@ -147,8 +147,8 @@ def pave_singularities(
     start = time.perf_counter()
     bounds = DerivativeBounds.of(robot, reach=reach)
     sets = tuple(
-        _pave(SingularBoxTest(bounds, which, region, resolution), reach, max_boxes)
-        for which in singular_sets(robot)
+        _pave(SingularBoxTest(bounds, block, region, resolution), reach, max_boxes)
+        for block in singular_sets(robot)
     )
     return SingularPaving(robot, sets, region, resolution, reach, time.perf_counter() - start)
 
@@ -178,7 +178,7 @@ def _pave(test: SingularBoxTest, reach: float, max_boxes: int) -> PavedSet:
     left = join([partition.undecided, partition.ahead])
     derivatives = bounds.evaluate(bounds.configurations(left.middle))
     return PavedSet(
-        name=test.which.name,
+        name=test.block.name,
         x=arcs.x,
         x_radii=arcs.x_radii,
         q=bounds.configurations(arcs.boxes.middle),
@@ -237,10 +237,10 @@ class MeasureBounds(NamedTuple):
     slope_changes: Array  # (S, k) within the box
 
 
-def measure_bounds(which: SingularSet, derivatives: Derivatives, remainders: Remainders) -> MeasureBounds:
+def measure_bounds(block: SingularSet, derivatives: Derivatives, remainders: Remainders) -> MeasureBounds:
     """Enclose the bordered scalar g of a block P, dg = -psi' dP eta (Govaerts 2000), over boxes."""
-    rows = which.rows[:, None]
-    columns = which.columns
+    rows = block.rows[:, None]
+    columns = block.columns
     rounding = derivatives.bounds.rounding
     P = derivatives.slopes[:, rows, columns]  # (S, s, s)
     right, left = bordered_bounds(P, remainders.slopes[:, rows, columns], rounding)
@@ -304,7 +304,7 @@ class SingularBoxTest:
     """The test for one set of singular poses."""
 
     bounds: DerivativeBounds
-    which: SingularSet
+    block: SingularSet
     window: Array | None  # (2, n) least and largest platform coordinates
     resolution: float  # [m, robot lengths]
 
@@ -317,14 +317,15 @@ class SingularBoxTest:
         wider = TESTED_BOX_RATIO * boxes.radii
         wider += WIDENING_CURVATURE * boxes.radii.max(axis=1, keepdims=True, initial=0.0) ** 2
         remainders = derivatives.remainders(wider)
-        g = measure_bounds(self.which, derivatives, remainders)
+        g = measure_bounds(self.block, derivatives, remainders)
         equations = self._equations(derivatives, remainders, loops, g, boxes.radii)
         decision = self._decide(select(boxes, g.valid), wider[g.valid], select(equations, g.valid))
 
         lower[g.valid], upper[g.valid] = decision.remaining
         axis = np.full(boxes.size, NO_AXIS)
         is_arc = np.zeros(boxes.size, dtype=bool)
-        axis[g.valid], is_arc[g.valid] = decision.axis, decision.is_arc
+        axis[g.valid] = decision.axis
+        is_arc[g.valid] = decision.is_arc
         is_open = (lower <= upper).all(axis=1) & ~is_arc
         narrow = select(boxes.clip(lower, upper), is_open)
         boxes = select(boxes, is_open)

@@ -164,7 +164,7 @@ class Displacements:
 
     family: QuadricFamily
     chosen: IntArray  # (M,) which of the 17 functions are the members of the family
-    places: IntArray  # (N,) which of the 8 coordinates of a dual quaternion z are
+    coordinates: IntArray  # (N,) which of the 8 coordinates of a dual quaternion z are
 
     def eliminate_square(self, coefficients: Array) -> tuple[Array, Array]:
         """Return equivalent conditions (K, M), |p|^2 in the first alone, and bounds (K, M) on their terms.
@@ -192,7 +192,7 @@ class Displacements:
     def to_displacements(self, z: Array) -> tuple[Array, Array]:
         """Compute the turns R (T, 3, 3) and shifts p (T, 3) that real solutions z (T, N) stand for."""
         coordinates = np.zeros((len(z), 8))
-        coordinates[:, self.places] = z
+        coordinates[:, self.coordinates] = z
         if self.family.name == "translations":  # z = (1, p) stands for 1 + eps p / 2
             coordinates[:, 5:] *= 0.5
         return displacements(coordinates)

@@ -85,7 +85,7 @@ class Evidence(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class DualProgram:
-    """The search for multipliers on the cells of a series.
+    """The search for multipliers of the best bound, a cone program on the cells of a series.
 
     longest: the duration [s] that a bound of the peak may count on.
     timed: whether the bound is of the duration, with peaks of at most 1, instead.
@@ -235,29 +235,28 @@ class DualProgram:
         draft.factor["mu"] = sparse.hstack(parts, format="csr")
         draft.sizes["mu"] = n * count
         draft.cost["mu"] = np.outer(self._mu_unit, width).ravel()
-        one = sparse.identity(n * count, format="csr")
-        draft.nonnegative.append(AffineRows({"mu": one}, np.zeros(n * count)))
+        identity = sparse.identity(n * count, format="csr")
+        draft.nonnegative.append(AffineRows({"mu": identity}, np.zeros(n * count)))
 
     def _add_damping(self, draft: _Draft) -> None:
-        """Add bounds of (nu . d) sqrt(z) by drag, omega, phi and loss >= 0, each constant on a cell.
+        """Add bounds of the damping term (nu . d) sqrt(z) by drag, omega, phi, loss >= 0, constant on cells.
 
         nu . d >= drag - omega. The factor gives phi away, so that phi z - omega sqrt(z) >= -omega^2 / (4 phi)
         is at least -loss. `_add_duration` makes use of drag.
         """
         width = self.series.width
         count = len(width)
-        one = sparse.identity(len(width), format="csr")
-        on_cells = sparse.kron(one, np.ones((SIZE, 1)), format="csr")
+        identity = sparse.identity(len(width), format="csr")
+        on_cells = sparse.kron(identity, np.ones((SIZE, 1)), format="csr")
         draft.sizes |= {"omega": count, "drag": count, "phi": count, "loss": count}
         draft.cost["loss"] = width
         draft.factor["phi"] = -self.p_unit * on_cells @ sparse.diags_array(width)
         in_unit = np.sqrt(self.p_unit) * on_cells
         damping = {"x": self._x_rows(self.series.damping.coefficients), "omega": in_unit, "drag": -in_unit}
         draft.nonnegative.append(AffineRows(damping, np.zeros(count * SIZE)))
-        draft.nonnegative += [AffineRows({name: one}, np.zeros(count)) for name in ("omega", "drag")]
-        draft.cones.append(
-            product_cone({"loss": one}, {"phi": one}, [AffineRows({"omega": one}, np.zeros(count))])
-        )
+        draft.nonnegative += [AffineRows({name: identity}, np.zeros(count)) for name in ("omega", "drag")]
+        omega = AffineRows({"omega": identity}, np.zeros(count))
+        draft.cones.append(product_cone({"loss": identity}, {"phi": identity}, [omega]))
 
     def _add_duration(self, draft: _Draft) -> None:
         """Add lambda, the minorant, and `slow` <= (2 minorant lambda^2)^(1/3) at both ends of each cell.
@@ -269,7 +268,7 @@ class DualProgram:
         width = self.series.width
         count = 2 * len(self.series.width)
         ends = np.arange(count).reshape(-1, 2)
-        one = sparse.identity(count, format="csr")
+        identity = sparse.identity(count, format="csr")
         lines = -self.p_unit * _ELEVATED_LINE * (width[:, None] * self._slowness**3)[:, None]
         draft.factor["minorant"] = _block_rows(lines, ends, count)
         draft.sizes |= {"lam": 1, "minorant": count, "slow": count, "root": count}
@@ -284,10 +283,10 @@ class DualProgram:
             dragged = AffineRows({"dragged": cell}, np.zeros(len(width)))
             draft.cones.append(product_cone({"drag": cell}, {"share": cell}, [dragged]))
         zero = np.zeros(count)
-        root = AffineRows({"root": one}, zero)
-        slow = AffineRows({"slow": one}, zero)
-        draft.cones.append(product_cone({"minorant": one}, {"slow": 0.5 * one}, [root]))
-        draft.cones.append(product_cone({"root": 0.5 * one}, half_lambda, [slow]))
+        root = AffineRows({"root": identity}, zero)
+        slow = AffineRows({"slow": identity}, zero)
+        draft.cones.append(product_cone({"minorant": identity}, {"slow": 0.5 * identity}, [root]))
+        draft.cones.append(product_cone({"root": 0.5 * identity}, half_lambda, [slow]))
         if self.timed:  # multipliers have no size of their own: lambda is 1
             draft.equal.append(AffineRows({"lam": sparse.csr_array(np.ones((1, 1)))}, -np.ones(1)))
         else:
@@ -396,7 +395,7 @@ def _bound_sum(functions: Bernstein, x: Array) -> tuple[Array, Array]:
 
 @dataclass
 class _Draft:
-    """A cone program in the making.
+    """The parts of a cone program while they are collected.
 
     factor: by unknowns, rows (k SIZE, ...) of the coefficients of (factor - minorant) times the width.
     """

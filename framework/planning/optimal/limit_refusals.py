@@ -117,9 +117,9 @@ def _overloaded_at_rest(problem: LawProblem) -> HoldingTorque | None:
     limit = problem.specification.torque_limit
     ends = np.array([0.0, 1.0])
     weight = demand(task.branch, task.phi, ends, problem.deflections, task.geometry).torque.constant
-    over = np.argwhere(np.abs(weight) > limit)
-    if not len(over):
+    overloaded = np.argwhere(np.abs(weight) > limit)
+    if not len(overloaded):
         return None
-    end, motor = map(int, over[0])
+    end, motor = map(int, overloaded[0])
     joint = task.branch.robot.actuator_names[motor]
     return HoldingTorque(joint, float(end), float(abs(weight[end, motor])), float(limit[motor]))

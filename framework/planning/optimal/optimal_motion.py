@@ -116,7 +116,7 @@ class _ElasticSearch:
     next_task: the task with the limits and the smoothness of the next law.
     points: the crossing points with the deflections of the last motion.
     stage: of `ELASTIC_SHARES`, the smoothness of the next law.
-    found: the law found last with these deflections.
+    last_law: the law found last with these deflections.
     best_motion: the best certified motion within the limits.
     """
 
@@ -125,7 +125,7 @@ class _ElasticSearch:
     points: Sequence[CrossingPoint]
     stage: int = 0
     high_degree: int | None = HIGH_DEGREE
-    found: Best | None = None
+    last_law: Best | None = None
     deflections: DeflectionsOnPath | None = None
     known: KnownDeflections | None = None
     best_motion: OptimalMotion | None = None
@@ -176,15 +176,15 @@ class _ElasticSearch:
         """Find the law of this stage, from the law found before if only the share has changed since."""
         share = ELASTIC_SHARES[self.stage]
         degree = LOW_DEGREE if self.stage < 2 else self.high_degree
-        if self.found is not None:
-            problem = self.found.program.problem
+        if self.last_law is not None:
+            problem = self.last_law.program.problem
             if problem.task is self.next_task and problem.degree == degree:
-                self.found = adapt_found_law(self.next_task, self.points, self.found, share=share)
-                return self.found
-        self.found = find_law(
+                self.last_law = adapt_found_law(self.next_task, self.points, self.last_law, share=share)
+                return self.last_law
+        self.last_law = find_law(
             self.next_task, self.points, deflections=self.deflections, share=share, degree=degree
         )
-        return self.found
+        return self.last_law
 
     def _improves(self, cost: float) -> bool:
         """Whether a cost is below that of the best motion by more than the error of peaks."""
@@ -197,7 +197,7 @@ class _ElasticSearch:
             raise failure
         self.first_failure = self.first_failure or failure
         self.stage += 1
-        if self.stage == 2 and self.found is None:  # no series twice: one is fitted to splines
+        if self.stage == 2 and self.last_law is None:  # no series twice: one is fitted to splines
             self.high_degree = self.first_failure = None
         if self.stage == len(ELASTIC_SHARES):
             raise self.first_failure or failure from None
@@ -216,7 +216,7 @@ class _ElasticSearch:
             scaled = self.next_task.specification.scale_limits((1.0 - LIMIT_TIGHTENING) / excess)
             self.next_task = self.next_task._replace(specification=scaled)
         self.deflections = DeflectionsOnPath(motion.law, motion.dynamics.deflections)
-        self.found = None
+        self.last_law = None
         self.points = find_crossing_points(self.task, self.deflections, self.points)
 
 

@@ -112,7 +112,8 @@ class _Proof(NamedTuple):
 
 def _bound_of(proof: _Proof, reference: Array, at_rest: float) -> PeakBound:
     """Return the bound of a proof, with p = x_0 and across = sum of x_i e_i, i > 0."""
-    series, (x, mu, _, lam) = proof.series, proof.multipliers
+    series = proof.series
+    (x, mu, _, lam) = proof.multipliers
     return PeakBound(
         proof.evidence.value,
         at_rest,

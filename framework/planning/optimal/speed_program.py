@@ -317,7 +317,8 @@ class SpeedProgram:
             parts = {"y": -(matrix / scale)}
             largest = bounds.share**2
             if goal in ("peak_speed", "limits"):
-                parts["peak"], largest = _column(matrix, 1.0), 0.0
+                parts["peak"] = _column(matrix, 1.0)
+                largest = 0.0
             rows.append(_limit_entries(AffineRows(parts, np.full(matrix.shape[0], largest))))
         return rows
 
@@ -336,16 +337,20 @@ class SpeedProgram:
         return min(largest, allowed / (self.problem.reference[motor] * units.torque))
 
     def _cones(self, units: Units, *, timed: bool, powered: bool) -> list[list[AffineRows]]:
-        """Return r^2 <= z, v r >= 1 and e r >= |torque|^2 at the points with a weight."""
+        """Return r^2 <= z, v r >= 1 and e r >= |torque|^2 at the points with a weight.
+
+        The first is 4 z >= (2 r)^2, that is z + 1 >= |(z - 1, 2 r)|.
+        """
         count = self.z.shape[0]
         cones: list[list[AffineRows]] = []
         if timed or powered:
             z_plus_and_minus_1 = [AffineRows({"y": self.z}, np.full(count, offset)) for offset in (1.0, -1.0)]
             twice_r = AffineRows({"r": 2.0 * sparse.identity(count, format="csr")}, np.zeros(count))
             cones.append([*z_plus_and_minus_1, twice_r])
-        one = sparse.identity(count, format="csr")
+        identity = sparse.identity(count, format="csr")
         if timed:
-            cones.append(product_cone({"v": one}, {"r": one}, [AffineRows({}, np.full(count, 2.0))]))
+            two = AffineRows({}, np.full(count, 2.0))
+            cones.append(product_cone({"v": identity}, {"r": identity}, [two]))
         if powered:
             inside = self._integrated
             scale = units.time**2
@@ -354,7 +359,7 @@ class SpeedProgram:
                 AffineRows({"y": 2.0 * matrix[inside] / (unit[j] * scale)}, 2.0 * offset[inside] / unit[j])
                 for j, (matrix, offset) in enumerate(self.rows.torque)
             ]
-            cones.append(product_cone({"e": one}, {"r": one}, twice_torque))
+            cones.append(product_cone({"e": identity}, {"r": identity}, twice_torque))
         return cones
 
 
